@@ -1,0 +1,10 @@
+"""Differentiable contact of two elastic bodies with Coulomb friction, in JAX.
+
+Lengths are in mm, forces in N, stresses in MPa, angles in rad (degrees only where a name ends in
+`_deg`). Rotations are counter-clockwise positive, seen from the object looking at the elastomer
+(the +z axis points out of the elastomer). The source paper measures the object's angle clockwise;
+functions that state one of its numbered equations keep its sign, everything else does not.
+
+The library never touches `jax.config`; use double precision:
+`jax.config.update("jax_enable_x64", True)`.
+"""

@@ -1,0 +1,1 @@
+"""Estimators: from the fields of one frame to the object's angle."""

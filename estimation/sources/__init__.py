@@ -1,0 +1,1 @@
+"""Readers: what sensors and archives write, as a `Recording`."""

@@ -1,0 +1,1 @@
+"""Virtual recordings with exact truth."""

@@ -1,0 +1,1 @@
+"""Published results regenerated, and studies of our own."""
