@@ -1,10 +1,17 @@
 """What a sensor has seen: marker positions over time, and how the markers are laid out."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import Delaunay, QhullError
+
+
+def _expect_shape(name: str, array: np.ndarray, *shape: int) -> None:
+    """Raise a ValueError unless `array` is as large as the rest of its object says it must be."""
+    if array.shape != shape:
+        raise ValueError(f"`{name}` has shape {array.shape}; it must be {shape} to fit the rest")
 
 
 @dataclass(frozen=True)
@@ -13,14 +20,135 @@ class MarkerLayout:
 
     Attributes:
         reference: unloaded positions [mm].
-        neighbours: indices of each marker's neighbours, filled up with −1.
+        neighbours: indices of each marker's neighbours, −1 where there is none.
         grid_shape: rows and columns where the markers form a regular grid (marker
             `row * columns + column`), else None.
+
+    Raises:
+        ValueError: the arrays do not fit each other, a reference position is not finite, or a
+            neighbour is not a marker.
     """
 
     reference: Float[np.ndarray, "n d"]
     neighbours: Int[np.ndarray, "n k"]
     grid_shape: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit."""
+        if self.reference.ndim != 2 or self.reference.shape[1] not in (2, 3):
+            raise ValueError(
+                f"`reference` has shape {self.reference.shape}; it must be (markers, 2) or "
+                "(markers, 3)"
+            )
+        if not np.isfinite(self.reference).all():
+            raise ValueError(
+                "`reference` has positions that are not finite: leave those markers out"
+            )
+        markers = len(self.reference)
+        if self.neighbours.ndim != 2 or len(self.neighbours) != markers:
+            raise ValueError(
+                f"`neighbours` has shape {self.neighbours.shape}; it must have a row for each of "
+                f"the {markers} markers"
+            )
+        if (
+            self.neighbours.size
+            and not -1 <= self.neighbours.min() <= self.neighbours.max() < markers
+        ):
+            raise ValueError(f"`neighbours` must be −1 or the index of one of {markers} markers")
+        if self.grid_shape is not None and np.prod(self.grid_shape) != markers:
+            raise ValueError(f"{self.grid_shape} rows and columns do not hold {markers} markers")
+
+
+def grid_neighbours(shape: tuple[int, int]) -> Int[np.ndarray, "n 4"]:
+    """The four neighbours of each marker of a regular grid.
+
+    Args:
+        shape: rows and columns.
+
+    Returns:
+        For marker `row * columns + column` the ones in the row before, the row after, the column
+        before and the column after; −1 beyond the rim.
+    """
+    rows, columns = shape
+    index = np.pad(np.arange(rows * columns).reshape(shape), 1, constant_values=-1)
+    around = (index[:-2, 1:-1], index[2:, 1:-1], index[1:-1, :-2], index[1:-1, 2:])
+    return np.stack(around, axis=-1).reshape(-1, 4)
+
+
+def delaunay_neighbours(
+    reference: Float[np.ndarray, "n d"], longest: float = 1.8
+) -> Int[np.ndarray, "n k"]:
+    """The neighbours of each marker in the Delaunay triangulation of x and y.
+
+    Args:
+        reference: unloaded positions [mm].
+        longest: edges longer than this multiple of the median edge are left out: they span gaps
+            and the hollows of the hull. The diagonal of a square cell, √2, stays.
+
+    Returns:
+        Indices in ascending order, filled up with −1.
+
+    Raises:
+        ValueError: fewer than three markers, or all on one line.
+    """
+    try:
+        simplices = Delaunay(reference[:, :2]).simplices
+    except QhullError as error:
+        raise ValueError(
+            f"{len(reference)} markers give no triangulation: at least three are needed, not all "
+            "on one line"
+        ) from error
+    edges = np.concatenate([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]])
+    edges = np.unique(np.sort(edges, axis=1), axis=0)
+    length = np.linalg.norm(np.diff(reference[edges, :2], axis=1)[:, 0], axis=-1)
+    edges = edges[length <= longest * np.median(length)]
+    edges = np.concatenate([edges, edges[:, ::-1]])
+    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
+    count = np.bincount(edges[:, 0], minlength=len(reference))
+    slot = np.arange(len(edges)) - np.repeat(np.cumsum(count) - count, count)
+    neighbours = np.full((len(reference), count.max(initial=0)), -1)
+    neighbours[edges[:, 0], slot] = edges[:, 1]
+    return neighbours
+
+
+def find_grid(reference: Float[np.ndarray, "n d"]) -> tuple[int, int] | None:
+    """Rows and columns of markers that lie row by row on a regular grid, else None.
+
+    The grid may be turned, mirrored and distorted: every step along a row, and every step along a
+    column, must be within 0.35 of the mean step (published pads reach 0.08), and the two mean steps
+    must be neither nearly parallel nor of very different length.
+    """
+    points = reference[:, :2]
+    for rows in range(2, len(points) // 2 + 1):
+        columns, rest = divmod(len(points), rows)
+        if rest:
+            continue
+        lattice = points.reshape(rows, columns, 2)
+        means, regular = [], True
+        for step in (np.diff(lattice, axis=0), np.diff(lattice, axis=1)):
+            mean = step.mean(axis=(0, 1))
+            regular &= bool(
+                (np.linalg.norm(step - mean, axis=-1) < 0.35 * np.linalg.norm(mean)).all()
+            )
+            means.append(mean)
+        (ax, ay), (bx, by) = means
+        area = abs(ax * by - ay * bx)
+        if regular and area > 0.5 * max(ax**2 + ay**2, bx**2 + by**2):
+            return rows, columns
+    return None
+
+
+def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
+    """The layout of markers at `reference` [mm]: a regular grid where there is one, else Delaunay.
+
+    Raises:
+        ValueError: a position is not finite, or the markers span no plane.
+    """
+    if not np.isfinite(reference).all():
+        raise ValueError("`reference` has positions that are not finite: leave those markers out")
+    shape = find_grid(reference)
+    neighbours = delaunay_neighbours(reference) if shape is None else grid_neighbours(shape)
+    return MarkerLayout(reference, neighbours, shape)
 
 
 @dataclass(frozen=True)
@@ -34,6 +162,9 @@ class Frame:
         source_index: number the source gave the frame.
         moment: moment about the contact normal [N·mm], NaN where unknown.
         flaw: why the frame cannot be used, empty where it can.
+
+    Raises:
+        ValueError: the arrays do not fit each other.
     """
 
     positions: Float[np.ndarray, "n d"]
@@ -42,6 +173,10 @@ class Frame:
     source_index: int
     moment: float = float("nan")
     flaw: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit."""
+        _expect_shape("valid", self.valid, *self.positions.shape[:1])
 
 
 @dataclass(frozen=True)
@@ -63,7 +198,11 @@ class Recording:
         flaws: per frame, why it cannot be used; empty where it can.
         name: short name, used for folders and titles.
         source: where the recording came from.
-        convention: how the source's axes lie, where they differ from the sensor frame.
+        convention: how the source's axes lie, and what was turned to get to the sensor frame.
+        notes: what a reader or user of the recording should know, in sentences.
+
+    Raises:
+        ValueError: the arrays do not fit each other, or a valid marker has no position.
     """
 
     layout: MarkerLayout
@@ -78,7 +217,30 @@ class Recording:
     name: str = "recording"
     source: str = ""
     convention: str = "z out of the elastomer towards the object"
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit."""
+        if self.positions.ndim != 3 or len(self.positions) == 0:
+            raise ValueError(
+                f"`positions` has shape {self.positions.shape}; it must be (frames, markers, 2) or "
+                "(frames, markers, 3) with at least one frame"
+            )
+        frames = len(self.positions)
+        _expect_shape("positions", self.positions, frames, *self.layout.reference.shape)
+        _expect_shape("valid", self.valid, *self.positions.shape[:2])
+        _expect_shape("time", self.time, frames)
+        _expect_shape("source_index", self.source_index, frames)
+        if self.force is not None:
+            _expect_shape("force", self.force, frames, 3)
+        if self.moment is not None:
+            _expect_shape("moment", self.moment, frames, 3)
+        if self.forces is not None:
+            _expect_shape("forces", self.forces, *self.positions.shape)
+        if self.flaws and len(self.flaws) != frames:
+            raise ValueError(f"{len(self.flaws)} `flaws` for {frames} frames: give one for each")
+        if not np.isfinite(self.positions[self.valid]).all():
+            raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
 
     def __len__(self) -> int:
         """Number of frames."""
