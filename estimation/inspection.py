@@ -1,0 +1,128 @@
+"""What is wrong with a recording, told frame by frame and marker by marker.
+
+Nothing is dropped: a frame that cannot be used keeps its row and gets a reason (`flaws`), a
+marker that cannot be used is marked (`valid`), and what was found is counted in `notes`.
+"""
+
+from bisect import bisect_left
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.recording import Recording
+
+FROZEN_STEPS = 5
+"""Steps in a row without any change after which a marker counts as frozen.
+
+One or two do happen to good markers whose coordinates are rounded."""
+
+
+def inspect_recording(recording: Recording) -> Recording:
+    """The recording with its flaws found: `flaws`, `valid` and `notes` filled in.
+
+    A frame is flawed when its time stamp is missing or out of order, when it shows no marker, or
+    when all its positions are exactly zero. A marker is not valid where it has no position and
+    where it is frozen (`frozen_markers`). Frames missing at the source are counted in the notes.
+    Displacements play no part: sensors that report exact zeros while unloaded are not at fault.
+    Inspecting twice changes nothing, and flaws that a reader has set stay.
+    """
+    seen = np.all(np.isfinite(recording.positions), axis=-1)
+    frozen = frozen_markers(recording.positions, seen)
+    valid = recording.valid & seen & ~frozen
+    zero = (recording.positions == 0).all(axis=-1)
+    blank = seen.any(axis=1) & (zero | ~seen).all(axis=1)
+    reasons = {
+        "no time stamp": ~np.isfinite(recording.time),
+        "time stamp not after an earlier frame's": disordered_times(recording.time),
+        "all marker positions are zero": blank,
+        "no marker was seen": ~seen.any(axis=1),
+        "no marker can be used": ~valid.any(axis=1),
+    }
+    flaws = list(recording.flaws or ("",) * len(recording))
+    for reason, where in reasons.items():
+        for frame in np.flatnonzero(where):
+            flaws[frame] = flaws[frame] or reason
+    found = [
+        *_index_notes(recording),
+        *_count("a marker was not seen", ~seen),
+        *_count("a marker was frozen while the others moved", frozen),
+        *_flaw_notes(flaws),
+    ]
+    notes = recording.notes + tuple(note for note in found if note not in recording.notes)
+    return replace(recording, valid=valid & ~blank[:, None], flaws=tuple(flaws), notes=notes)
+
+
+def frozen_markers(
+    positions: Float[np.ndarray, "frames n d"], seen: Bool[np.ndarray, "frames n"]
+) -> Bool[np.ndarray, "frames n"]:
+    """Markers that stay exactly where they are while more than half of the others move.
+
+    Only steps in which the others move count, and only `FROZEN_STEPS` of them in a row. All frames
+    of such a run are marked, its first included: the last frame in which the tracker was right
+    cannot be told from the first in which it was not.
+
+    Args:
+        positions: marker positions [mm].
+        seen: which of them are known.
+    """
+    frozen = np.zeros(seen.shape, dtype=bool)
+    both = seen[1:] & seen[:-1]
+    still = both & (positions[1:] == positions[:-1]).all(axis=-1)
+    moving = np.flatnonzero(2 * (both & ~still).sum(axis=1) > both.sum(axis=1))
+    for marker in np.flatnonzero(still[moving].sum(axis=0) >= FROZEN_STEPS):
+        edges = np.diff(still[moving, marker].astype(int), prepend=0, append=0)
+        for start, stop in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+            if stop - start >= FROZEN_STEPS:
+                frozen[moving[start] : moving[stop - 1] + 2, marker] = True
+    return frozen & seen
+
+
+def disordered_times(time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
+    """Frames whose time stamp is out of order: as few as possible, so that the others increase.
+
+    One stamp far in the future therefore spoils one frame, not all that follow. Of equal stamps
+    the first is kept. Missing stamps (NaN) are not out of order.
+    """
+    last: list[int] = []  # last[k] ends the increasing run of k + 1 frames that ends earliest
+    before: dict[int, int] = {}
+    for frame in np.flatnonzero(np.isfinite(time)).tolist():
+        place = bisect_left(last, time[frame], key=lambda i: time[i])
+        if place < len(last) and time[last[place]] == time[frame]:
+            continue
+        before[frame] = last[place - 1] if place else -1
+        last[place : place + 1] = [frame]
+    disordered = np.isfinite(time)
+    frame = last[-1] if last else -1
+    while frame >= 0:
+        disordered[frame] = False
+        frame = before[frame]
+    return disordered
+
+
+def _index_notes(recording: Recording) -> list[str]:
+    """What the source's frame numbers say."""
+    steps = np.diff(recording.source_index)
+    notes = []
+    if (steps > 1).any():
+        missing, gaps = int((steps[steps > 1] - 1).sum()), int((steps > 1).sum())
+        notes.append(
+            f"{missing} frames were dropped at the source ({gaps} gaps in the frame numbers, the "
+            f"largest step {steps.max()})"
+        )
+    if (steps < 1).any():
+        notes.append(f"the frame numbers do not increase in {int((steps < 1).sum())} places")
+    return notes
+
+
+def _count(what: str, where: Bool[np.ndarray, "frames n"]) -> list[str]:
+    """In how many frames and for how many markers something holds."""
+    if not where.any():
+        return []
+    frames, markers = int(where.any(axis=1).sum()), int(where.any(axis=0).sum())
+    return [f"{what}: {markers} markers, in {frames} frames"]
+
+
+def _flaw_notes(flaws: list[str]) -> list[str]:
+    """How many frames have each flaw."""
+    return [f"{flaws.count(flaw)} frames: {flaw}" for flaw in dict.fromkeys(flaws) if flaw]
