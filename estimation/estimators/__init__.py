@@ -1,1 +1,30 @@
-"""Estimators: from the fields of one frame to the object's angle."""
+"""Estimators: from the fields of one frame to the rotation of the elastomer where it sticks."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Protocol
+
+from estimation.estimators.measurement import Measurement
+from estimation.estimators.paper import STRICT_THRESHOLD, Paper
+from estimation.estimators.rigid import Rigid
+from estimation.fields import Fields
+
+__all__ = ["DEFAULT_METHOD", "METHODS", "Estimator", "Measurement", "Paper", "Rigid"]
+
+
+class Estimator(Protocol):
+    """Takes the fields of one frame after the other and says how far the elastomer has turned."""
+
+    def update(self, fields: Fields) -> Measurement:
+        """Rotation of the elastomer where it sticks, from the fields of the next frame."""
+        ...
+
+
+METHODS: dict[str, Callable[..., Estimator]] = {
+    "rigid": Rigid,
+    "paper": Paper,
+    "paper_strict": partial(Paper, threshold=STRICT_THRESHOLD),
+}
+"""Estimators by name; each is made from the layout's stencils, the noise and its constants."""
+
+DEFAULT_METHOD = "rigid"

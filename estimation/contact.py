@@ -1,0 +1,83 @@
+"""Where the object touches the pad: the contact region and the stick centre.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting", Section IV-B.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.stencils import Stencils
+
+ONSET_MM = 0.1
+SHARE = 0.5
+
+
+def find_contact(
+    stencils: Stencils,
+    displacement: Float[np.ndarray, "n 3"],
+    indentation: Float[np.ndarray, " n"],
+    has_rotation: Bool[np.ndarray, " n"],
+    onset_mm: float,
+    share: float,
+) -> tuple[Bool[np.ndarray, " n"], int]:
+    """Markers of the contact region, and the stick centre among them ([Li2024] IV-B).
+
+    The region holds the markers that are pressed in by at least a share of the largest normal
+    displacement. There is contact once the stick centre has moved by the onset. A recording in
+    two dimensions has no normal displacement: every marker counts, once one of them has moved by
+    the onset.
+
+    Args:
+        stencils: of the layout.
+        displacement: displacements [mm]; NaN where a marker was not seen.
+        indentation: displacement into the elastomer [mm].
+        has_rotation: markers whose rotation is known; the centre is one of them.
+        onset_mm: displacement from which there is contact [mm].
+        share: share of the largest normal displacement [-].
+
+    Returns:
+        The region, empty without contact, and the centre, −1 without contact.
+    """
+    seen = np.isfinite(indentation)
+    region = seen & has_rotation
+    moved = np.sqrt(np.einsum("ni,ni->n", displacement, displacement))
+    if not stencils.flat:
+        deepest = indentation[seen].max(initial=0.0)
+        region &= (indentation >= share * deepest) & (deepest > 0.0)
+    if region.any():
+        centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
+        if (moved[region].max() if stencils.flat else moved[centre]) >= onset_mm:
+            return region, centre
+    return np.zeros_like(region), -1
+
+
+def find_stick_centre(
+    reference: Float[np.ndarray, "n 3"],
+    displacement: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    contact: Bool[np.ndarray, " n"],
+) -> int:
+    """Marker near the contact region's centre whose tangential motion is near the mean.
+
+    The paper names both conditions and no weights: here both distances are measured in their
+    root mean square over the region, and the marker with the least sum of squares is taken.
+
+    Args:
+        reference: unloaded positions [mm].
+        displacement: displacements [mm].
+        normals: unit normals of the unloaded surface.
+        contact: the contact region, at least one marker.
+    """
+    markers = np.nonzero(contact)[0]
+    motion = displacement[markers]
+    across = normals[markers]
+    motion = motion - np.sum(motion * across, axis=1, keepdims=True) * across
+    return int(markers[np.argmin(_spread(reference[markers]) + _spread(motion))])
+
+
+def _spread(vectors: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
+    """Squared distance of each vector from the mean, over the mean of the squared distances."""
+    squared = np.sum((vectors - vectors.mean(axis=0)) ** 2, axis=1)
+    mean = squared.mean()
+    return squared / mean if mean > 0.0 else squared

@@ -1,0 +1,30 @@
+"""What an estimator says of one frame, before softness is corrected for."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool
+
+Z95 = 1.959964
+"""Half-width of a 95 % interval in standard errors."""
+
+
+class Measurement(NamedTuple):
+    """Rotation of the elastomer's surface where it sticks.
+
+    Attributes:
+        angle: φ [rad], NaN where nothing sticks.
+        low: lower end of the 95 % interval [rad].
+        high: upper end of the 95 % interval [rad].
+        stick: the markers that stick.
+    """
+
+    angle: float
+    low: float
+    high: float
+    stick: Bool[np.ndarray, " n"]
+
+    @classmethod
+    def none(cls, stick: Bool[np.ndarray, " n"]) -> "Measurement":
+        """Too few markers stick for an angle."""
+        return cls(np.nan, np.nan, np.nan, stick)

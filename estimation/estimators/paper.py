@@ -1,0 +1,97 @@
+"""The paper's own estimator: the mean of φ over the region that Eq. (15) grows.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting", Sections IV-B and V-B.
+
+Eq. (15)'s threshold is printed as "0.4°" although the quantity it bounds has no unit. Both
+readings are offered: 0.4, and 0.4° in radians, which is 0.007 (`paper_strict`).
+"""
+
+from collections import deque
+
+import numpy as np
+
+from estimation.estimators.measurement import Z95, Measurement
+from estimation.fields import Fields, rotation_sensitivity
+from estimation.noise import Noise
+from estimation.stencils import Stencils
+from estimation.stick import MIN_STICK_MARKERS, grow_stick_region
+
+STRICT_THRESHOLD = float(np.radians(0.4))
+
+
+class Paper:
+    """Mean rotation of the stick region, over a trailing window of frames."""
+
+    def __init__(
+        self,
+        stencils: Stencils,
+        noise: Noise | None,
+        *,
+        threshold: float = 0.4,
+        angle_floor_deg: float = 0.5,
+        window: int = 5,
+    ) -> None:
+        """Make the estimator.
+
+        Args:
+            stencils: of the marker layout.
+            noise: of the markers; without it the scatter of φ over the region takes its place.
+            threshold: Δφ_th of Eq. (15) [-].
+            angle_floor_deg: least denominator of Eq. (15) [deg].
+            window: frames of the trailing mean [-]; begun anew with every contact and slip.
+        """
+        if window < 1:
+            raise ValueError(f"window is {window}; it must be at least one frame")
+        self.stencils = stencils
+        self.noise = noise
+        self.threshold = threshold
+        self.floor = float(np.radians(angle_floor_deg))
+        self._recent: deque[tuple[float, float]] = deque(maxlen=window)
+        self._drift = np.zeros(len(stencils.reference))
+        self._unloaded = 0
+
+    def update(self, fields: Fields) -> Measurement:
+        """Rotation of the elastomer where it sticks, from the fields of the next frame.
+
+        Frames without contact tell each marker's zero drift: the mean of their φ is taken off.
+        """
+        if not fields.contact.any():
+            self._recent.clear()
+            self._learn_drift(fields)
+            return Measurement.none(fields.contact)
+        fields = fields._replace(rotation=fields.rotation - self._drift)
+        stick = grow_stick_region(
+            fields, self.stencils.neighbours, threshold=self.threshold, floor=self.floor
+        )
+        if stick.sum() < MIN_STICK_MARKERS:
+            self._recent.clear()
+            return Measurement.none(stick)
+        rotation = fields.rotation[stick]
+        self._recent.append((float(rotation.mean()), self._standard_error(fields, stick)))
+        angle = float(np.mean([mean for mean, _ in self._recent]))
+        half = Z95 * self._windowed_error()
+        return Measurement(angle, angle - half, angle + half, stick)
+
+    def _learn_drift(self, fields: Fields) -> None:
+        seen = np.isfinite(fields.rotation)
+        self._unloaded += 1
+        self._drift[seen] += (fields.rotation[seen] - self._drift[seen]) / self._unloaded
+
+    def _standard_error(self, fields: Fields, stick: np.ndarray) -> float:
+        """Of the mean φ of one frame, from the marker noise [rad]."""
+        if self.noise is None:
+            return float(fields.rotation[stick].std(ddof=1) / np.sqrt(stick.sum()))
+        seen = np.isfinite(fields.positions[:, 0])
+        return self.noise.in_plane * float(
+            np.linalg.norm(rotation_sensitivity(self.stencils, stick, seen))
+        )
+
+    def _windowed_error(self) -> float:
+        """Of the mean over the window, frames correlated as their noise is [rad]."""
+        errors = np.array([error for _, error in self._recent])
+        correlation = (1.0,) if self.noise is None else (1.0, *self.noise.correlation)
+        lag = np.abs(np.subtract.outer(np.arange(len(errors)), np.arange(len(errors))))
+        known = np.nan_to_num(np.array([*correlation, 0.0]), nan=1.0)
+        shared = known[np.minimum(lag, len(correlation))]
+        return float(np.sqrt(errors @ shared @ errors) / len(errors))

@@ -1,0 +1,193 @@
+"""Pictures of recordings and results; each function returns a Matplotlib figure."""
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from contactmodel.rotation import slip_curl_difference
+from estimation.recording import Recording
+from estimation.result import Result, State
+
+STATE_COLOURS = {
+    State.NO_CONTACT: "#e6e6e6",
+    State.STICK: "#d4ecd0",
+    State.INCIPIENT: "#fbeebf",
+    State.MACRO_SLIP: "#f6cfc9",
+    State.UNKNOWN: "#c9c9e8",
+}
+
+
+def plot_angles(
+    results: Mapping[str, Result],
+    method: str,
+    references: Mapping[str, Float[np.ndarray, " frames"]] | None = None,
+) -> Figure:
+    """Angle, markers that stick and moment over time; the state as coloured background.
+
+    Args:
+        results: by method.
+        method: the one drawn with its interval and state.
+        references: other angles over the same frames, by label [rad].
+    """
+    main = results[method]
+    time = main.time - main.time[0]
+    has_moment = bool(np.isfinite(main.moment).any())
+    rows = 3 if has_moment else 2
+    figure, axes = plt.subplots(
+        rows, 1, sharex=True, figsize=(9, 3.2 + 1.7 * (rows - 1)), height_ratios=[2.4, 1, 1][:rows],
+        layout="constrained",
+    )
+    for axis in axes:
+        _shade_states(axis, time, main.state)
+    top = axes[0]
+    for label, angle in (references or {}).items():
+        top.plot(time, np.degrees(angle), "k--", lw=1.0, label=label)
+    for name, result in results.items():
+        if name != method:
+            top.plot(time, np.degrees(result.angle), lw=0.9, alpha=0.8, label=name)
+    line = top.plot(time, np.degrees(main.angle), lw=1.8, color="#08306b", label=method)[0]
+    top.fill_between(
+        time, np.degrees(main.low), np.degrees(main.high), color=line.get_color(), alpha=0.3, lw=0
+    )
+    top.set_ylabel("object's angle [°]")
+    _frame_angles(top, np.degrees(main.angle), references)
+    handles, labels = top.get_legend_handles_labels()
+    present = [state for state in STATE_COLOURS if state in main.state]
+    handles += [plt.Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
+    labels += [str(state) for state in present]
+    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    axes[1].plot(time, main.contact.sum(axis=1), color="0.5", lw=1, label="in contact")
+    axes[1].plot(time, main.stick.sum(axis=1), color="#08306b", lw=1.3, label="sticking")
+    axes[1].set_ylabel("markers")
+    axes[1].legend(fontsize=8, frameon=False)
+    if has_moment:
+        axes[2].plot(time, main.moment, color="#7f2704", lw=1.2)
+        axes[2].set_ylabel("moment [N·mm]")
+    axes[-1].set_xlabel("time since the first frame [s]")
+    return figure
+
+
+def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain: float) -> Figure:
+    """Rotation, stick and slip, and curl of the slip at chosen frames, seen from the object.
+
+    Args:
+        recording: the recording.
+        result: of one method.
+        frames: rows of the recording.
+        gain: 1 + k of [Li2024] Eq. (11) [-].
+    """
+    figure, axes = plt.subplots(
+        3, len(frames), figsize=(2.5 * len(frames) + 1.0, 7.6), squeeze=False, layout="constrained"
+    )
+    shown = result.contact[frames]
+    rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
+    rotation_limit = _limit(rotation)
+    curl = np.full_like(rotation, np.nan)
+    for row, i in enumerate(frames):
+        if result.stick[i].sum() >= 3:
+            stick = float(np.nanmean(result.rotation[i][result.stick[i]]))
+            curl[row] = slip_curl_difference(result.rotation[i], stick, gain - 1.0)
+    curl[~shown] = np.nan
+    curl_limit = _limit(curl)
+    x, y = recording.layout.reference[:, 0], recording.layout.reference[:, 1]
+    for column, i in enumerate(frames):
+        top, middle, bottom = axes[:, column]
+        top.set_title(f"{result.time[i] - result.time[0]:.2f} s\n{result.state[i]}", fontsize=9)
+        colours = np.where(result.stick[i], "#1b7837", np.where(result.contact[i], "#d6604d", "0.85"))
+        middle.scatter(x, y, c=colours, s=14)
+        first = _scatter(top, x, y, rotation[column], rotation_limit)
+        last = _scatter(bottom, x, y, curl[column], curl_limit)
+        for axis in (top, middle, bottom):
+            axis.set_aspect("equal")
+            axis.tick_params(labelsize=7)
+    figure.colorbar(first, ax=axes[0, :], label="φ [°]", shrink=0.9)
+    figure.colorbar(last, ax=axes[2, :], label="rot(slip), Eq. 11 [rad]", shrink=0.9)
+    handles = [
+        plt.Line2D([], [], marker="o", ls="", color=colour, label=label)
+        for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
+    ]
+    axes[1, -1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.02, 0.5), fontsize=8)
+    axes[2, 0].set_xlabel("x [mm]")
+    axes[2, 0].set_ylabel("y [mm]")
+    return figure
+
+
+def plot_overview(
+    results: Mapping[str, Result], outlines: Mapping[str, Float[np.ndarray, " frames"]]
+) -> Figure:
+    """Angles of several recordings and of their contact outlines, each on its own clock.
+
+    An outline has no zero of its own: its curve starts on that of the markers.
+
+    Args:
+        results: by recording.
+        outlines: directions of the outlines' long axes, by recording [rad].
+    """
+    figure, axis = plt.subplots(figsize=(9, 4.5), layout="constrained")
+    for number, (name, result) in enumerate(results.items()):
+        time = result.time - result.time[0]
+        colour = f"C{number}"
+        axis.plot(time, np.degrees(result.angle), color=colour, lw=1.6, label=f"{name}: markers")
+        axis.fill_between(
+            time, np.degrees(result.low), np.degrees(result.high), color=colour, alpha=0.3, lw=0
+        )
+        outline = outlines[name]
+        both = np.nonzero(result.answered & np.isfinite(outline))[0]
+        if len(both):
+            outline = outline - outline[both[0]] + result.angle[both[0]]
+            axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: outline")
+        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        level = np.full(len(time), np.nan)
+        level[slip] = 0.0
+        axis.plot(time, level, color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
+    axis.axhline(0.0, color="0.7", lw=0.6)
+    axis.set_xlabel("time since the recording's first frame [s]")
+    axis.set_ylabel("object's angle [°]")
+    axis.set_title("thick bars on the zero line: macro slip by the markers", fontsize=9)
+    axis.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def choose_frames(result: Result, count: int = 5) -> list[int]:
+    """Frames to draw maps of: evenly spread over those with contact, or over all."""
+    touching = np.nonzero(result.contact.any(axis=1))[0]
+    candidates = touching if len(touching) else np.arange(len(result.time))
+    return sorted({int(candidates[i]) for i in np.linspace(0, len(candidates) - 1, count).astype(int)})
+
+
+def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:
+    """Colour the background between frames after the state of the frame before."""
+    starts = [i for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
+    for start, stop in zip(starts, [*starts[1:], len(states) - 1], strict=True):
+        axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
+
+
+def _frame_angles(
+    axis: Axes,
+    angle: Float[np.ndarray, " frames"],
+    references: Mapping[str, Float[np.ndarray, " frames"]] | None,
+) -> None:
+    """Limit the axis to the main curve and the references; wild rivals run out of the picture."""
+    values = np.concatenate([angle, *(np.degrees(r) for r in (references or {}).values())])
+    values = values[np.isfinite(values)]
+    if len(values):
+        margin = 0.08 * max(float(np.ptp(values)), 1.0)
+        axis.set_ylim(values.min() - margin, values.max() + margin)
+
+
+def _scatter(axis: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, limit: float):
+    known = np.isfinite(values)
+    axis.scatter(x[~known], y[~known], s=4, color="0.85")
+    return axis.scatter(
+        x[known], y[known], c=values[known], s=18, cmap="RdBu_r", vmin=-limit, vmax=limit
+    )
+
+
+def _limit(values: np.ndarray) -> float:
+    """Symmetric colour limit that a few outliers do not stretch."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.percentile(known, 98)) if len(known) else 1.0

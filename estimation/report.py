@@ -1,0 +1,212 @@
+"""What a run writes: tables, a summary and a self-contained report."""
+
+import base64
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from estimation.files import write_whole
+from estimation.plots import choose_frames, plot_angles, plot_maps, plot_overview
+from estimation.recording import Recording
+from estimation.result import Result, State
+
+COLUMNS = (
+    "time_s",
+    "frame",
+    "source_index",
+    "state",
+    "reason",
+    "angle_deg",
+    "angle_low_deg",
+    "angle_high_deg",
+    "stick_markers",
+    "contact_markers",
+    "moment_Nmm",
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recording and what was found in it.
+
+    Attributes:
+        recording: the recording.
+        results: by method, all over the same frames.
+        method: the chosen method.
+        outline: direction of the contact's long axis [rad].
+        settings: what the run was told, for the summary.
+        notes: what a reader of the angles should know, in sentences.
+        truth: the object's true angle where it is known [rad].
+    """
+
+    recording: Recording
+    results: Mapping[str, Result]
+    method: str
+    outline: Float[np.ndarray, " frames"]
+    settings: Mapping[str, Any]
+    notes: Sequence[str] = ()
+    truth: Float[np.ndarray, " frames"] | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+def write_run(run: Run, folder: Path) -> None:
+    """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and the pictures.
+
+    Raises:
+        OSError: a file cannot be written; those that are there are whole.
+    """
+    main = run.results[run.method]
+    write_whole(folder / "angles.csv", _table([main]))
+    write_whole(folder / "angles_all.csv", _table(run.results.values(), name_method=True))
+    summary = summarise(run)
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    references = {"contact outline (from the first angle)": _outline_from(run.outline, main)}
+    if run.truth is not None:
+        references["truth"] = run.truth
+    pictures = {
+        "angles.png": plot_angles(run.results, run.method, references),
+        "maps.png": plot_maps(
+            run.recording, main, choose_frames(main), 1.0 + run.settings["stiffness_ratio"]
+        ),
+    }
+    images = {name: _png(figure) for name, figure in pictures.items()}
+    for name, image in images.items():
+        write_whole(folder / name, image)
+    write_whole(folder / "report.html", _page("report.html", images, run=run, summary=summary))
+
+
+def write_overview(runs: Sequence[Run], folder: Path) -> None:
+    """Write `overview.png` and `report.html`, the angles of several recordings side by side.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    figure = plot_overview(
+        {run.recording.name: run.results[run.method] for run in runs},
+        {run.recording.name: run.outline for run in runs},
+    )
+    image = _png(figure)
+    write_whole(folder / "overview.png", image)
+    page = _page("overview.html", {"overview.png": image}, runs=[summarise(run) for run in runs])
+    write_whole(folder / "report.html", page)
+
+
+def summarise(run: Run) -> dict[str, Any]:
+    """The figures of a run, ready for JSON: None where there is no number."""
+    recording = run.recording
+    return {
+        "version": version("contactmodel"),
+        "recording": recording.name,
+        "source": recording.source,
+        "convention": recording.convention,
+        "sha256": hash_recording(recording),
+        "settings": dict(run.settings),
+        "method": run.method,
+        "frames": len(run.results[run.method].time),
+        "duration_s": _number(np.ptp(recording.time)),
+        "dropped_frames": int(np.clip(np.diff(recording.source_index) - 1, 0, None).sum()),
+        "methods": {name: _figures(result, run.truth) for name, result in run.results.items()},
+        "notes": [*recording.notes, *run.notes],
+        **run.extra,
+    }
+
+
+def hash_recording(recording: Recording) -> str:
+    """SHA-256 of what the angles are computed from: reference, positions, validity, time."""
+    digest = hashlib.sha256()
+    arrays = (recording.layout.reference, recording.positions, recording.valid, recording.time)
+    for array in arrays:
+        digest.update(repr((array.shape, array.dtype.str)).encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _figures(result: Result, truth: Float[np.ndarray, " frames"] | None) -> dict[str, Any]:
+    """Figures of one method."""
+    answered = result.answered
+    angle = np.degrees(result.angle[answered])
+    half_width = np.degrees(result.high - result.low)[answered] / 2.0
+    figures = {
+        "answered": int(answered.sum()),
+        "states": {str(state): result.state.count(state) for state in State},
+        "angle_min_deg": _number(angle.min(initial=np.inf)),
+        "angle_max_deg": _number(angle.max(initial=-np.inf)),
+        "half_width_median_deg": _number(np.median(half_width) if len(half_width) else np.nan),
+    }
+    if truth is not None:
+        error = np.degrees(result.angle - truth)[answered]
+        inside = ((result.low <= truth) & (truth <= result.high))[answered]
+        figures["mean_absolute_error_deg"] = _number(np.abs(error).mean() if len(error) else np.nan)
+        figures["interval_holds_truth"] = _number(inside.mean() if len(inside) else np.nan)
+    return figures
+
+
+def _number(value: Any) -> float | None:
+    """A number that JSON knows."""
+    return round(float(value), 6) if np.isfinite(value) else None
+
+
+def _table(results: Any, *, name_method: bool = False) -> str:
+    """Results as CSV, one row per frame and method."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("method", *COLUMNS) if name_method else COLUMNS)
+    for result in results:
+        degrees = np.degrees(np.stack([result.angle, result.low, result.high], axis=1))
+        for i, state in enumerate(result.state):
+            row = (
+                f"{result.time[i]:.6f}",
+                i,
+                result.source_index[i],
+                state,
+                result.reason[i],
+                *(f"{value:.6f}" for value in degrees[i]),
+                result.stick[i].sum(),
+                result.contact[i].sum(),
+                f"{result.moment[i]:.6f}",
+            )
+            writer.writerow((result.method, *row) if name_method else row)
+    return text.getvalue()
+
+
+def _outline_from(
+    outline: Float[np.ndarray, " frames"], result: Result
+) -> Float[np.ndarray, " frames"]:
+    """The outline's direction, counted from the first angle that both have."""
+    both = np.nonzero(result.answered & np.isfinite(outline))[0]
+    return outline - outline[both[0]] + result.angle[both[0]] if len(both) else outline
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130)
+    plt.close(figure)
+    return buffer.getvalue()
+
+
+def _page(template: str, images: Mapping[str, bytes], **content: Any) -> str:
+    """A page with its pictures inside."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("estimation"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    inline = {
+        name: "data:image/png;base64," + base64.b64encode(image).decode()
+        for name, image in images.items()
+    }
+    return environment.get_template(template).render(images=inline, **content)

@@ -1,0 +1,100 @@
+"""What an estimator found: per frame the state of the contact and the object's angle."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+
+class State(StrEnum):
+    """State of the contact in a frame.
+
+    `no_contact`: the stick centre has moved by less than the onset. `stick`: at least the share
+    `stick_share` of the contact region's markers stick. `incipient`: fewer, but at least three.
+    `macro_slip`: fewer than three. `unknown`: the frame cannot be used, its reason says why.
+    """
+
+    NO_CONTACT = "no_contact"
+    STICK = "stick"
+    INCIPIENT = "incipient"
+    MACRO_SLIP = "macro_slip"
+    UNKNOWN = "unknown"
+
+
+class Estimate(NamedTuple):
+    """What is known after a frame.
+
+    Attributes:
+        time: time stamp [s].
+        source_index: number the source gave the frame.
+        state: state of the contact.
+        reason: why there is no angle; empty where there is one.
+        angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
+        low: lower end of its 95 % interval [rad].
+        high: upper end of its 95 % interval [rad].
+        moment: moment about the contact normal [N·mm]; NaN where unknown.
+        rotation: φ of each marker [rad]; NaN where unknown.
+        contact: markers of the contact region.
+        stick: markers that stick.
+    """
+
+    time: float
+    source_index: int
+    state: State
+    reason: str
+    angle: float
+    low: float
+    high: float
+    moment: float
+    rotation: Float[np.ndarray, " n"]
+    contact: Bool[np.ndarray, " n"]
+    stick: Bool[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Result:
+    """Estimates of a recording, one per frame.
+
+    Attributes:
+        method: name of the estimator.
+        time: time stamps [s].
+        source_index: number the source gave each frame.
+        state: state of the contact.
+        reason: why there is no angle; empty where there is one.
+        angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
+        low: lower ends of the 95 % intervals [rad].
+        high: upper ends of the 95 % intervals [rad].
+        moment: moment about the contact normal [N·mm]; NaN where unknown.
+        rotation: φ of each marker [rad]; NaN where unknown.
+        contact: markers of the contact region.
+        stick: markers that stick.
+    """
+
+    method: str
+    time: Float[np.ndarray, " frames"]
+    source_index: Int[np.ndarray, " frames"]
+    state: tuple[State, ...]
+    reason: tuple[str, ...]
+    angle: Float[np.ndarray, " frames"]
+    low: Float[np.ndarray, " frames"]
+    high: Float[np.ndarray, " frames"]
+    moment: Float[np.ndarray, " frames"]
+    rotation: Float[np.ndarray, "frames n"]
+    contact: Bool[np.ndarray, "frames n"]
+    stick: Bool[np.ndarray, "frames n"]
+
+    @classmethod
+    def gather(cls, method: str, estimates: Sequence[Estimate]) -> "Result":
+        """Put together the estimates of one recording, at least one."""
+        columns = dict(zip(Estimate._fields, zip(*estimates, strict=True), strict=True))
+        names = {name: columns.pop(name) for name in ("state", "reason")}
+        arrays = {name: np.array(column) for name, column in columns.items()}
+        return cls(method=method, **names, **arrays)
+
+    @property
+    def answered(self) -> Bool[np.ndarray, " frames"]:
+        """Frames that have an angle."""
+        return np.isfinite(self.angle)

@@ -1,0 +1,70 @@
+"""Which markers stick: the stick region and its growth.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) and Section IV-B.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from estimation.fields import Fields
+
+MIN_STICK_MARKERS = 3
+
+
+def normalized_difference(rotation: float, mean: float, floor: float) -> float:
+    """|φ_i − φ̄| / sqrt(φ_i φ̄), [Li2024] Eq. (15) [-].
+
+    As printed it has no value where φ_i and φ̄ differ in sign or one of them vanishes, and before
+    any twist that is everywhere. Here the denominator is never less than `floor`: rotations that
+    are small beside it are compared with it, whatever their signs.
+
+    Args:
+        rotation: φ_i [rad].
+        mean: φ̄ [rad].
+        floor: least denominator, above 0 [rad].
+    """
+    product = rotation * mean
+    return abs(rotation - mean) / (max(math.sqrt(product), floor) if product > 0.0 else floor)
+
+
+def grow_stick_region(
+    fields: Fields, neighbours: Int[np.ndarray, "n k"], *, threshold: float, floor: float
+) -> Bool[np.ndarray, " n"]:
+    """Grow the stick region from the stick centre over neighbours, by [Li2024] Eq. (15).
+
+    Breadth-first, ring by ring: the candidates of a ring are all markers of the contact region
+    that adjoin the stick region and do not belong to it yet. They are tried in the order of their
+    distance in φ from the region's mean, and the mean is updated after each marker that is taken,
+    so that the result does not depend on how the markers are numbered. Growth ends when a whole
+    ring has been refused.
+
+    Args:
+        fields: of a frame with contact.
+        neighbours: indices of neighbours, filled up with −1.
+        threshold: Δφ_th [-].
+        floor: least denominator of Eq. (15) [rad].
+    """
+    phi = fields.rotation.tolist()
+    free = fields.contact.tolist()
+    adjacent = neighbours.tolist()
+    free[fields.centre] = False
+    members, newest = [fields.centre], [fields.centre]
+    total = phi[fields.centre]
+    refused: set[int] = set()
+    while newest:
+        ring = refused | {j for i in newest for j in adjacent[i] if j >= 0 and free[j]}
+        mean = total / len(members)
+        newest = []
+        for j in sorted(ring, key=lambda j, mean=mean: abs(phi[j] - mean)):
+            if normalized_difference(phi[j], total / len(members), floor) < threshold:
+                free[j] = False
+                members.append(j)
+                newest.append(j)
+                total += phi[j]
+        refused = {j for j in ring if free[j]}
+    stick = np.zeros_like(fields.contact)
+    stick[members] = True
+    return stick

@@ -1,0 +1,149 @@
+"""Run an estimator over frames, one at a time or a whole recording."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from estimation.contact import ONSET_MM, SHARE
+from estimation.estimators import DEFAULT_METHOD, METHODS, Measurement
+from estimation.fields import Fields, measure_fields
+from estimation.noise import Noise, estimate_noise
+from estimation.recording import Frame, MarkerLayout, Recording
+from estimation.result import Estimate, Result, State
+from estimation.softness import ScalarSoftness
+from estimation.stencils import make_stencils
+from estimation.stick import MIN_STICK_MARKERS
+
+RIGID_OBJECT = ScalarSoftness()
+
+
+class Tracker:
+    """Follows the object's angle frame by frame, knowing only the past.
+
+    Over the frames of a recording it gives the numbers that `estimate_angles` gives when told the
+    same noise.
+    """
+
+    def __init__(
+        self,
+        layout: MarkerLayout,
+        method: str = DEFAULT_METHOD,
+        *,
+        noise: Noise | None = None,
+        softness: ScalarSoftness = RIGID_OBJECT,
+        onset_mm: float = ONSET_MM,
+        contact_share: float = SHARE,
+        stick_share: float = 0.9,
+        **constants: Any,
+    ) -> None:
+        """Make a tracker.
+
+        Args:
+            layout: the markers of the sensor.
+            method: one of `METHODS`.
+            noise: of the markers; without it intervals come from the misfit within each frame.
+            softness: correction by Eq. (13).
+            onset_mm: displacement of the stick centre from which there is contact [mm].
+            contact_share: share of the largest normal displacement that bounds the contact [-].
+            stick_share: share of the contact's markers from which the state is `stick` [-].
+            **constants: of the method.
+
+        Raises:
+            ValueError: no such method, or too few markers.
+        """
+        if method not in METHODS:
+            raise ValueError(f"no method {method!r}; there are {', '.join(METHODS)}")
+        if len(layout.reference) < MIN_STICK_MARKERS:
+            raise ValueError(
+                f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
+            )
+        self.stencils = make_stencils(layout)
+        self.estimator = METHODS[method](self.stencils, noise, **constants)
+        self.softness = softness
+        self.onset_mm = onset_mm
+        self.contact_share = contact_share
+        self.stick_share = stick_share
+
+    def update(self, frame: Frame) -> Estimate:
+        """What is known after the next frame. A frame that cannot be used is labelled."""
+        if frame.positions.shape[0] != len(self.stencils.reference):
+            raise ValueError(
+                f"the frame has {frame.positions.shape[0]} markers, the layout "
+                f"{len(self.stencils.reference)}"
+            )
+        if frame.flaw:
+            return self._label(frame, State.UNKNOWN, frame.flaw)
+        if frame.valid.sum() < MIN_STICK_MARKERS:
+            return self._label(frame, State.UNKNOWN, f"{frame.valid.sum()} usable markers")
+        fields = measure_fields(
+            self.stencils, frame, onset_mm=self.onset_mm, share=self.contact_share
+        )
+        gel = self.estimator.update(fields)
+        state, reason = self._judge(fields, gel)
+        angle, low, high = self.softness.correct(gel)
+        return Estimate(
+            time=frame.time,
+            source_index=frame.source_index,
+            state=state,
+            reason=reason,
+            angle=angle,
+            low=low,
+            high=high,
+            moment=frame.moment,
+            rotation=fields.rotation,
+            contact=fields.contact,
+            stick=gel.stick,
+        )
+
+    def _judge(self, fields: Fields, gel: Measurement) -> tuple[State, str]:
+        """State of the contact, and why there is no angle."""
+        if not fields.contact.any():
+            return State.NO_CONTACT, f"no contact: moved by less than {self.onset_mm:g} mm"
+        if not np.isfinite(gel.angle):
+            return State.MACRO_SLIP, f"fewer than {MIN_STICK_MARKERS} markers stick"
+        if gel.stick.sum() >= self.stick_share * fields.contact.sum():
+            return State.STICK, ""
+        return State.INCIPIENT, ""
+
+    def _label(self, frame: Frame, state: State, reason: str) -> Estimate:
+        """An estimate that only says why there is none."""
+        none = np.zeros(len(self.stencils.reference), dtype=bool)
+        return Estimate(
+            time=frame.time,
+            source_index=frame.source_index,
+            state=state,
+            reason=reason,
+            angle=np.nan,
+            low=np.nan,
+            high=np.nan,
+            moment=frame.moment,
+            rotation=np.full(len(none), np.nan),
+            contact=none,
+            stick=none,
+        )
+
+
+def estimate_angles(
+    recording: Recording,
+    method: str = DEFAULT_METHOD,
+    *,
+    noise: Noise | None = None,
+    frames: Iterable[Frame] | None = None,
+    **settings: Any,
+) -> Result:
+    """The object's angle in every frame of a recording.
+
+    Args:
+        recording: the recording.
+        method: one of `METHODS`.
+        noise: of the markers; estimated from the recording unless given.
+        frames: its frames, where they come through something that watches them go by.
+        **settings: of the `Tracker`.
+
+    Raises:
+        ValueError: a wrong setting, or a recording too short to tell its noise.
+    """
+    noise = estimate_noise(recording) if noise is None else noise
+    tracker = Tracker(recording.layout, method, noise=noise, **settings)
+    return Result.gather(method, [tracker.update(frame) for frame in frames or recording])
