@@ -3,4 +3,4 @@
 import jax
 import numpy as np
 
-AnyArray = jax.Array | np.ndarray
+AnyArray = jax.Array | np.ndarray | np.generic

@@ -27,7 +27,7 @@ class Fields(NamedTuple):
         displacement: positions minus reference [mm].
         indentation: displacement into the elastomer, along the reference normal [mm].
         normals: unit normals of the surface as it is now.
-        rotation: φ, the mean rotation of the marker's two grid lines [rad]. Without a grid no pair
+        rotation: φ, the mean rotation of two orthogonal lines, those nearest the grid's [rad]. Without a grid no pair
             of lines is singled out; φ is then the mean over all pairs, the polar rotation.
         polar_rotation: rotation of the polar decomposition [rad].
         contact: markers of the contact region; none where there is no contact.

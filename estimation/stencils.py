@@ -16,7 +16,8 @@ class Stencils:
         reference: unloaded positions [mm]; two-dimensional layouts have z = 0.
         neighbours: indices of neighbours, filled up with −1.
         normals: unit normals of the unloaded surface, towards +z.
-        tangents: two orthonormal tangents each, the first along the grid's rows, as columns.
+        tangents: two orthonormal tangents each, as columns; on a grid the two that lie closest to
+            its rows and columns.
         offsets: reference offsets to the neighbours in those tangents [mm]; 0 where none.
         flat: whether the recording has no z, hence no indentation.
         gridded: whether the markers form a regular grid.
@@ -43,8 +44,13 @@ def make_stencils(layout: MarkerLayout) -> Stencils:
     there = neighbours >= 0
     edges = np.where(there[..., None], reference[neighbours] - reference[:, None], 0.0)
     normals = _plane_normals(edges)
-    first = edges[:, 0] if layout.grid_shape is None else _row_directions(reference, layout)
-    first = unit(first - np.sum(first * normals, axis=-1, keepdims=True) * normals)
+    first = _tangent(edges[:, 0], normals)
+    if layout.grid_shape is not None:
+        grid = reference.reshape(*layout.grid_shape, 3)
+        columns, rows = (
+            _tangent(line.reshape(-1, 3), normals) for line in np.gradient(grid, axis=(0, 1))
+        )
+        first = unit(unit(rows + columns) + unit(rows - columns))
     tangents = np.stack([first, np.cross(normals, first)], axis=-1)
     return Stencils(
         reference=reference,
@@ -64,13 +70,11 @@ def _plane_normals(edges: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "n 3"
     return np.where(normals[:, 2:] < 0, -normals, normals)
 
 
-def _row_directions(
-    reference: Float[np.ndarray, "n 3"], layout: MarkerLayout
+def _tangent(
+    vectors: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Direction of the grid's rows at each marker, one-sided at the ends."""
-    rows, columns = layout.grid_shape or (0, 0)
-    grid = reference.reshape(rows, columns, 3)
-    return np.gradient(grid, axis=1).reshape(-1, 3)
+    """Unit vectors in the planes across the normals."""
+    return unit(vectors - np.sum(vectors * normals, axis=-1, keepdims=True) * normals)
 
 
 def in_space(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 3"]:

@@ -1,6 +1,5 @@
 """Run an estimator over frames, one at a time or a whole recording."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from estimation.stencils import make_stencils
 from estimation.stick import MIN_STICK_MARKERS
 
 RIGID_OBJECT = ScalarSoftness()
+STICK_SHARE = 0.9
 
 
 class Tracker:
@@ -34,7 +34,7 @@ class Tracker:
         softness: ScalarSoftness = RIGID_OBJECT,
         onset_mm: float = ONSET_MM,
         contact_share: float = SHARE,
-        stick_share: float = 0.9,
+        stick_share: float = STICK_SHARE,
         **constants: Any,
     ) -> None:
         """Make a tracker.
@@ -129,7 +129,6 @@ def estimate_angles(
     method: str = DEFAULT_METHOD,
     *,
     noise: Noise | None = None,
-    frames: Iterable[Frame] | None = None,
     **settings: Any,
 ) -> Result:
     """The object's angle in every frame of a recording.
@@ -138,7 +137,6 @@ def estimate_angles(
         recording: the recording.
         method: one of `METHODS`.
         noise: of the markers; estimated from the recording unless given.
-        frames: its frames, where they come through something that watches them go by.
         **settings: of the `Tracker`.
 
     Raises:
@@ -146,4 +144,4 @@ def estimate_angles(
     """
     noise = estimate_noise(recording) if noise is None else noise
     tracker = Tracker(recording.layout, method, noise=noise, **settings)
-    return Result.gather(method, [tracker.update(frame) for frame in frames or recording])
+    return Result.gather(method, [tracker.update(frame) for frame in recording])

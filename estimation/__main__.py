@@ -1,0 +1,111 @@
+"""Command line: `python -m estimation run|fetch`."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import jax
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from estimation import datasets
+from estimation.contact import ONSET_MM, SHARE
+from estimation.estimators import DEFAULT_METHOD, METHODS
+from estimation.noise import Noise
+from estimation.run import Settings, gather_recordings, run_all
+from estimation.softness import read_softness
+from estimation.tracker import RIGID_OBJECT, STICK_SHARE
+
+app = typer.Typer(
+    help="From frames of a tactile sensor to the angle of the object it holds.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+console = Console(stderr=True)
+
+
+@app.command()
+def run(
+    recordings: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[RECORDING|DATASET]...",
+            help="Tac3D folders, .npz recordings or data set names; the virtual pivot if none.",
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    method: Annotated[
+        str, typer.Option(help=f"Method of angles.csv: {', '.join(METHODS)}.")
+    ] = DEFAULT_METHOD,
+    softness: Annotated[
+        Path | None, typer.Option(help="TOML file with the softness correction k, L.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the virtual pivot.")] = 0,
+    noise_um: Annotated[
+        float | None,
+        typer.Option(help="Marker noise per in-plane coordinate [µm]; else from the recording."),
+    ] = None,
+    threshold: Annotated[
+        float | None, typer.Option(help="Eq. 15's threshold of the method [-].")
+    ] = None,
+    angle_floor_deg: Annotated[
+        float | None, typer.Option(help="Least denominator of Eq. 15 [°].")
+    ] = None,
+    window: Annotated[
+        int | None, typer.Option(help="Trailing mean of the paper's methods [frames].")
+    ] = None,
+    onset_mm: Annotated[
+        float, typer.Option(help="Displacement from which there is contact [mm].")
+    ] = ONSET_MM,
+    contact_share: Annotated[
+        float, typer.Option(help="Share of the largest indentation that bounds the contact [-].")
+    ] = SHARE,
+    stick_share: Annotated[
+        float, typer.Option(help="Share of the contact that sticks in state `stick` [-].")
+    ] = STICK_SHARE,
+) -> None:
+    """Estimate the object's angle in recordings and write tables, a summary and a report."""
+    constants = {"threshold": threshold, "angle_floor_deg": angle_floor_deg, "window": window}
+    settings = Settings(
+        method=method,
+        softness=RIGID_OBJECT if softness is None else read_softness(softness),
+        noise=None if noise_um is None else Noise.given(noise_um * 1e-3),
+        seed=seed,
+        onset_mm=onset_mm,
+        contact_share=contact_share,
+        stick_share=stick_share,
+        constants={name: value for name, value in constants.items() if value is not None},
+    )
+    inputs = gather_recordings(recordings or [], settings, say=console.print)
+    with Progress(console=console) as progress:
+        outcome = run_all(inputs, out, settings, progress)
+    for line in outcome.lines:
+        print(line)
+    raise typer.Exit(130 if outcome.interrupted else 0)
+
+
+@app.command()
+def fetch(
+    names: Annotated[
+        list[str], typer.Argument(metavar="DATASET...", help=f"{', '.join(datasets.NAMES)}")
+    ],
+) -> None:
+    """Bring published data sets into the cache, unless they are there and intact."""
+    for name in names:
+        print(datasets.fetch(name, say=console.print))
+
+
+def main() -> None:
+    """Run the command line; what is wrong with the input goes to stderr, exit status 2."""
+    jax.config.update("jax_enable_x64", True)
+    try:
+        app()
+    except (ValueError, OSError) as error:
+        console.print(f"[red]error:[/red] {error}", highlight=False)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,246 @@
+"""Run the estimators over recordings and write what they find, so that nothing done is lost."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from rich.progress import Progress
+
+from estimation import datasets
+from estimation.contact import ONSET_MM, SHARE
+from estimation.estimators import DEFAULT_METHOD, METHODS
+from estimation.files import check_writable
+from estimation.inspection import inspect_recording
+from estimation.noise import Noise, estimate_noise
+from estimation.outline import follow_outline
+from estimation.recording import Recording
+from estimation.report import Run, write_overview, write_run
+from estimation.result import Estimate, Result, State
+from estimation.softness import ScalarSoftness
+from estimation.sources import find_recordings, read_recording
+from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
+from estimation.virtual.recording import simulate_pivot
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a run is told.
+
+    Attributes:
+        method: the method of `angles.csv`; the others stand beside it in `angles_all.csv`.
+        softness: correction by Eq. (13), for every method.
+        noise: of the markers; estimated from each recording unless given.
+        seed: of the virtual pivot.
+        onset_mm: displacement of the stick centre from which there is contact [mm].
+        contact_share: share of the largest normal displacement that bounds the contact [-].
+        stick_share: share of the contact's markers from which the state is `stick` [-].
+        constants: of the chosen method.
+    """
+
+    method: str = DEFAULT_METHOD
+    softness: ScalarSoftness = RIGID_OBJECT
+    noise: Noise | None = None
+    seed: int = 0
+    onset_mm: float = ONSET_MM
+    contact_share: float = SHARE
+    stick_share: float = STICK_SHARE
+    constants: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Input(NamedTuple):
+    """A recording to run, with the true angle where it is known [rad]."""
+
+    recording: Recording
+    truth: Float[np.ndarray, " frames"] | None = None
+
+
+class Outcome(NamedTuple):
+    """What to tell the user, and whether the run was interrupted."""
+
+    lines: list[str]
+    interrupted: bool
+
+
+def gather_recordings(
+    names: Sequence[str], settings: Settings, say: Callable[[str], None]
+) -> list[Input]:
+    """Read every recording that was asked for, before anything is computed.
+
+    Args:
+        names: paths of recordings or names of data sets; none for the virtual pivot.
+        settings: for the virtual pivot's seed.
+        say: told what a data set's fetching has to say.
+
+    Raises:
+        ValueError: what is there is no recording, or a data set cannot be fetched.
+        OSError: a file cannot be read.
+    """
+    if not names:
+        recording, truth = simulate_pivot(seed=settings.seed)
+        return [Input(recording, truth.angle)]
+    paths: list[Path] = []
+    for name in names:
+        is_dataset = name in datasets.NAMES and not Path(name).exists()
+        paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
+    return [Input(inspect_recording(read_recording(path))) for path in paths]
+
+
+def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Progress) -> Outcome:
+    """Run every method over every recording and write what was found.
+
+    One recording is written to `out` itself, several to a folder each, named after the recording.
+    Ctrl-C ends the run early: what was computed is written, and so labelled.
+
+    Raises:
+        ValueError: a wrong setting.
+        OSError: something cannot be written; what was written before stays.
+    """
+    check_writable(out)
+    prepared = [_prepare(recording, settings) for recording, _ in inputs]
+    names = _folder_names([recording.name for recording, _ in inputs])
+    lines: list[str] = []
+    runs: list[Run] = []
+    interrupted = False
+    for i, (recording, truth) in enumerate(inputs):
+        estimates, interrupted = _estimate(recording, prepared[i].trackers, progress)
+        if estimates:
+            run = _put_together(recording, truth, settings, prepared[i], estimates)
+            folder = out / names[i] if len(inputs) > 1 else out
+            write_run(run, folder)
+            runs.append(run)
+            lines += _tell(run, folder)
+        if interrupted:
+            lines.append("interrupted: the frames done so far are written")
+            break
+    if len(runs) > 1:
+        write_overview(runs, out)
+        lines.append(f"side by side: {out / 'report.html'}")
+    return Outcome(lines, interrupted)
+
+
+class _Prepared(NamedTuple):
+    """Trackers of a recording by method, the noise they were told, and what to note about it."""
+
+    trackers: dict[str, Tracker]
+    noise: Noise | None
+    notes: tuple[str, ...]
+
+
+def _prepare(recording: Recording, settings: Settings) -> _Prepared:
+    noise, notes = settings.noise, ()
+    if noise is None:
+        try:
+            noise = estimate_noise(recording)
+        except ValueError as error:
+            notes = (f"{error}. The intervals come from the misfit within each frame instead.",)
+    trackers = {
+        method: Tracker(
+            recording.layout,
+            method,
+            noise=noise,
+            softness=settings.softness,
+            onset_mm=settings.onset_mm,
+            contact_share=settings.contact_share,
+            stick_share=settings.stick_share,
+            **(settings.constants if method == settings.method else {}),
+        )
+        for method in dict.fromkeys((settings.method, *METHODS))
+    }
+    return _Prepared(trackers, noise, notes)
+
+
+def _estimate(
+    recording: Recording, trackers: Mapping[str, Tracker], progress: Progress
+) -> tuple[list[list[Estimate]], bool]:
+    """Per frame the estimates of all methods, and whether Ctrl-C came before the last frame."""
+    estimates: list[list[Estimate]] = []
+    try:
+        for frame in progress.track(recording, len(recording), description=recording.name):
+            estimates.append([tracker.update(frame) for tracker in trackers.values()])
+    except KeyboardInterrupt:
+        return estimates, True
+    return estimates, False
+
+
+def _put_together(
+    recording: Recording,
+    truth: Float[np.ndarray, " frames"] | None,
+    settings: Settings,
+    prepared: _Prepared,
+    estimates: list[list[Estimate]],
+) -> Run:
+    done = len(estimates)
+    notes = prepared.notes
+    if done < len(recording):
+        notes += (f"Interrupted: {done} of {len(recording)} frames were done.",)
+        recording = recording.head(done)
+        truth = None if truth is None else truth[:done]
+    columns = zip(prepared.trackers, zip(*estimates, strict=True), strict=True)
+    results = {method: Result.gather(method, column) for method, column in columns}
+    notes += _reference_notes(results[settings.method])
+    noise = prepared.noise
+    return Run(
+        recording=recording,
+        results=results,
+        method=settings.method,
+        outline=follow_outline(recording).angle,
+        settings={
+            "seed": settings.seed if truth is not None else None,
+            "noise_in_plane_um": None if noise is None else round(1e3 * noise.in_plane, 4),
+            "noise_from": "given" if settings.noise else "recording" if noise else "misfit",
+            "stiffness_ratio": settings.softness.stiffness_ratio,
+            "load_term_rad": settings.softness.load_term,
+            "softness_covariance": [list(row) for row in settings.softness.covariance],
+            "onset_mm": settings.onset_mm,
+            "contact_share": settings.contact_share,
+            "stick_share": settings.stick_share,
+            **settings.constants,
+        },
+        notes=notes,
+        truth=truth,
+    )
+
+
+def _reference_notes(result: Result) -> tuple[str, ...]:
+    """What the angles are relative to, where that is not plain."""
+    states = [state for state in result.state if state != State.UNKNOWN]
+    if not states:
+        return ("No frame of this recording can be used.",)
+    if all(state == State.NO_CONTACT for state in states):
+        return ("There is no contact in this recording.",)
+    if states[0] != State.NO_CONTACT:
+        return (
+            "There is contact from the first usable frame on: angles are relative to the unloaded "
+            "reference shape that came with the recording, not to the first frame, and what the "
+            "object turned before it stuck is not in them.",
+        )
+    return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
+
+
+def _folder_names(names: Sequence[str]) -> list[str]:
+    """The names, numbered where two are the same."""
+    return [
+        name if names.count(name) == 1 else f"{name}-{names[: i + 1].count(name)}"
+        for i, name in enumerate(names)
+    ]
+
+
+def _tell(run: Run, folder: Path) -> list[str]:
+    """Lines for the terminal."""
+    main = run.results[run.method]
+    lines = [
+        f"{run.recording.name}: {main.answered.sum()} of {len(main.time)} frames answered, "
+        f"{main.state.count(State.MACRO_SLIP)} in macro slip; see {folder / 'report.html'}"
+    ]
+    if run.truth is not None:
+        for name, result in run.results.items():
+            error = np.abs(np.degrees(result.angle - run.truth))[result.answered]
+            if len(error):
+                lines.append(
+                    f"  {name}: mean absolute error {error.mean():.4f}° against the truth over "
+                    f"{len(error)} frames, largest {error.max():.4f}°"
+                )
+    return lines

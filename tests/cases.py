@@ -1,0 +1,61 @@
+"""Problems with known answers."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.recording import Frame, MarkerLayout, grid_neighbours
+from estimation.stencils import Stencils, make_stencils
+
+
+def domed_pad(
+    shape: tuple[int, int] = (20, 20), pitch: float = 1.0, radius: float = 30.0
+) -> MarkerLayout:
+    """Markers of a regular grid on a spherical cap [mm]."""
+    rows, columns = shape
+    y, x = np.meshgrid(
+        pitch * (np.arange(rows) - (rows - 1) / 2),
+        pitch * (np.arange(columns) - (columns - 1) / 2),
+        indexing="ij",
+    )
+    z = np.sqrt(radius**2 - x**2 - y**2) - radius
+    return MarkerLayout(np.stack([x, y, z], -1).reshape(-1, 3), grid_neighbours(shape), shape)
+
+
+def frame_of(positions: Float[np.ndarray, "n d"], **others) -> Frame:
+    """A frame in which every marker is seen."""
+    settings = {"time": 0.0, "source_index": 0, **others}
+    return Frame(positions, np.ones(len(positions), dtype=bool), **settings)
+
+
+def twisted_pad(
+    layout: MarkerLayout,
+    angle: float,
+    stick_radius: float = 4.0,
+    contact_radius: float = 6.0,
+    centre: tuple[float, float] = (0.17, -0.08),
+) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
+    """A pad pressed in and turned: rigidly inside the stick radius, less and less outside.
+
+    Returns:
+        Positions [mm] and the markers that stick.
+    """
+    points = layout.reference[:, :2] - centre
+    r = np.hypot(points[:, 0], points[:, 1])
+    turned = angle * np.exp(-(np.clip(r - stick_radius, 0.0, None) / 2.0) ** 1.5)
+    c, s = np.cos(turned), np.sin(turned)
+    x = c * points[:, 0] - s * points[:, 1] + centre[0]
+    y = s * points[:, 0] + c * points[:, 1] + centre[1]
+    depth = 0.8 * np.exp(-np.log(2.0) * (r / contact_radius) ** 2)
+    return np.stack([x, y, layout.reference[:, 2] - depth], -1), r < stick_radius
+
+
+def pad_stencils() -> tuple[MarkerLayout, Stencils]:
+    """The domed pad and its stencils."""
+    layout = domed_pad()
+    return layout, make_stencils(layout)
+
+
+def turn_about_z(points: Float[np.ndarray, "*batch 3"], angle: float) -> np.ndarray:
+    """Points turned counter-clockwise about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
