@@ -27,8 +27,9 @@ class Fields(NamedTuple):
         displacement: positions minus reference [mm].
         indentation: displacement into the elastomer, along the reference normal [mm].
         normals: unit normals of the surface as it is now.
-        rotation: φ, the mean rotation of two orthogonal lines, those nearest the grid's [rad]. Without a grid no pair
-            of lines is singled out; φ is then the mean over all pairs, the polar rotation.
+        rotation: φ, the mean rotation of two orthogonal lines, those nearest the grid's [rad].
+            Without a grid no pair of lines is singled out; φ is then the mean over all pairs, the
+            polar rotation.
         polar_rotation: rotation of the polar decomposition [rad].
         contact: markers of the contact region; none where there is no contact.
         centre: the stick centre, a marker of the contact region; −1 where there is no contact.
@@ -63,8 +64,8 @@ def measure_fields(
     displacement = positions - stencils.reference
     indentation = -np.einsum("ni,ni->n", displacement, stencils.normals)
     normals, gradient = _surface_gradient(stencils, positions)
-    polar = polar_rotation(gradient)
-    rotation = mean_line_rotation(gradient) if stencils.gridded else polar
+    polar = np.asarray(polar_rotation(gradient))
+    rotation = np.asarray(mean_line_rotation(gradient)) if stencils.gridded else polar
     contact, centre = find_contact(
         stencils, displacement, indentation, np.isfinite(rotation), onset_mm, share
     )

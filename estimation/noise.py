@@ -46,6 +46,18 @@ class Noise:
     correlation: tuple[float, float]
     frames: int
 
+    @classmethod
+    def given(cls, in_plane: float) -> "Noise":
+        """Noise of which only the standard deviation in the plane is known [mm].
+
+        Raises:
+            ValueError: it is not above 0.
+        """
+        if not 0.0 < in_plane < float("inf"):
+            raise ValueError(f"the noise is {in_plane} mm; it must be a number above 0")
+        unknown = float("nan")
+        return cls(in_plane, normal=unknown, correlation=(unknown, unknown), frames=0)
+
 
 def estimate_noise(recording: Recording) -> Noise:
     """Estimate the noise of a recording in which the markers may move.

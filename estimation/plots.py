@@ -6,7 +6,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from contactmodel.rotation import slip_curl_difference
 from estimation.recording import Recording
@@ -38,7 +42,11 @@ def plot_angles(
     has_moment = bool(np.isfinite(main.moment).any())
     rows = 3 if has_moment else 2
     figure, axes = plt.subplots(
-        rows, 1, sharex=True, figsize=(9, 3.2 + 1.7 * (rows - 1)), height_ratios=[2.4, 1, 1][:rows],
+        rows,
+        1,
+        sharex=True,
+        figsize=(9, 3.2 + 1.7 * (rows - 1)),
+        height_ratios=[2.4, 1, 1][:rows],
         layout="constrained",
     )
     for axis in axes:
@@ -57,7 +65,7 @@ def plot_angles(
     _frame_angles(top, np.degrees(main.angle), references)
     handles, labels = top.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in main.state]
-    handles += [plt.Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
+    handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
     labels += [str(state) for state in present]
     figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
     axes[1].plot(time, main.contact.sum(axis=1), color="0.5", lw=1, label="in contact")
@@ -85,29 +93,31 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain:
     )
     shown = result.contact[frames]
     rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
-    rotation_limit = _limit(rotation)
+    rotation_scale = _colour_scale(rotation)
     curl = np.full_like(rotation, np.nan)
     for row, i in enumerate(frames):
         if result.stick[i].sum() >= 3:
             stick = float(np.nanmean(result.rotation[i][result.stick[i]]))
             curl[row] = slip_curl_difference(result.rotation[i], stick, gain - 1.0)
     curl[~shown] = np.nan
-    curl_limit = _limit(curl)
+    curl_scale = _colour_scale(curl)
     x, y = recording.layout.reference[:, 0], recording.layout.reference[:, 1]
     for column, i in enumerate(frames):
         top, middle, bottom = axes[:, column]
         top.set_title(f"{result.time[i] - result.time[0]:.2f} s\n{result.state[i]}", fontsize=9)
-        colours = np.where(result.stick[i], "#1b7837", np.where(result.contact[i], "#d6604d", "0.85"))
+        colours = np.where(
+            result.stick[i], "#1b7837", np.where(result.contact[i], "#d6604d", "0.85")
+        )
         middle.scatter(x, y, c=colours, s=14)
-        first = _scatter(top, x, y, rotation[column], rotation_limit)
-        last = _scatter(bottom, x, y, curl[column], curl_limit)
+        _scatter(top, x, y, rotation[column], rotation_scale)
+        _scatter(bottom, x, y, curl[column], curl_scale)
         for axis in (top, middle, bottom):
             axis.set_aspect("equal")
             axis.tick_params(labelsize=7)
-    figure.colorbar(first, ax=axes[0, :], label="φ [°]", shrink=0.9)
-    figure.colorbar(last, ax=axes[2, :], label="rot(slip), Eq. 11 [rad]", shrink=0.9)
+    figure.colorbar(rotation_scale, ax=axes[0, :], label="φ [°]", shrink=0.9)
+    figure.colorbar(curl_scale, ax=axes[2, :], label="rot(slip), Eq. 11 [rad]", shrink=0.9)
     handles = [
-        plt.Line2D([], [], marker="o", ls="", color=colour, label=label)
+        Line2D([], [], marker="o", ls="", color=colour, label=label)
         for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
     ]
     axes[1, -1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.02, 0.5), fontsize=8)
@@ -156,7 +166,9 @@ def choose_frames(result: Result, count: int = 5) -> list[int]:
     """Frames to draw maps of: evenly spread over those with contact, or over all."""
     touching = np.nonzero(result.contact.any(axis=1))[0]
     candidates = touching if len(touching) else np.arange(len(result.time))
-    return sorted({int(candidates[i]) for i in np.linspace(0, len(candidates) - 1, count).astype(int)})
+    return sorted(
+        {int(candidates[i]) for i in np.linspace(0, len(candidates) - 1, count).astype(int)}
+    )
 
 
 def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:
@@ -179,15 +191,17 @@ def _frame_angles(
         axis.set_ylim(values.min() - margin, values.max() + margin)
 
 
-def _scatter(axis: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, limit: float):
+def _scatter(
+    axis: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, scale: ScalarMappable
+) -> None:
+    """Coloured dots where there is a value, small grey ones elsewhere."""
     known = np.isfinite(values)
     axis.scatter(x[~known], y[~known], s=4, color="0.85")
-    return axis.scatter(
-        x[known], y[known], c=values[known], s=18, cmap="RdBu_r", vmin=-limit, vmax=limit
-    )
+    axis.scatter(x[known], y[known], c=scale.to_rgba(values[known]), s=18)
 
 
-def _limit(values: np.ndarray) -> float:
-    """Symmetric colour limit that a few outliers do not stretch."""
+def _colour_scale(values: np.ndarray) -> ScalarMappable:
+    """A scale symmetric about 0 that a few outliers do not stretch."""
     known = np.abs(values[np.isfinite(values)])
-    return float(np.percentile(known, 98)) if len(known) else 1.0
+    limit = float(np.percentile(known, 98)) if len(known) else 1.0
+    return ScalarMappable(Normalize(-limit or -1.0, limit or 1.0), "RdBu_r")

@@ -1,7 +1,7 @@
 """What a sensor has seen: marker positions over time, and how the markers are laid out."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -245,6 +245,16 @@ class Recording:
     def __len__(self) -> int:
         """Number of frames."""
         return len(self.time)
+
+    def head(self, frames: int) -> "Recording":
+        """The recording's first frames."""
+        per_frame = ("positions", "valid", "time", "source_index", "force", "moment", "forces")
+        cut = {
+            name: value[:frames]
+            for name in (*per_frame, "flaws")
+            if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **cut)
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order, as `Tracker.update` takes them."""

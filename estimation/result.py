@@ -89,10 +89,16 @@ class Result:
     @classmethod
     def gather(cls, method: str, estimates: Sequence[Estimate]) -> "Result":
         """Put together the estimates of one recording, at least one."""
-        columns = dict(zip(Estimate._fields, zip(*estimates, strict=True), strict=True))
-        names = {name: columns.pop(name) for name in ("state", "reason")}
-        arrays = {name: np.array(column) for name, column in columns.items()}
-        return cls(method=method, **names, **arrays)
+        return cls(
+            method=method,
+            state=tuple(estimate.state for estimate in estimates),
+            reason=tuple(estimate.reason for estimate in estimates),
+            **{
+                name: np.array([getattr(estimate, name) for estimate in estimates])
+                for name in Estimate._fields
+                if name not in ("state", "reason")
+            },
+        )
 
     @property
     def answered(self) -> Bool[np.ndarray, " frames"]:

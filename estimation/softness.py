@@ -81,7 +81,9 @@ def read_softness(path: Path) -> ScalarSoftness:
         raise ValueError(f"{path} is not a TOML file: {error}") from error
     version = content.pop("format_version", None)
     if version != FORMAT_VERSION:
-        raise ValueError(f"{path}: format_version is {version}; this version reads {FORMAT_VERSION}")
+        raise ValueError(
+            f"{path}: format_version is {version}; this version reads {FORMAT_VERSION}"
+        )
     known = {"stiffness_ratio", "load_term_rad", "covariance"}
     if unknown := sorted(set(content) - known):
         raise ValueError(f"{path}: unknown key {unknown[0]!r}; known are {sorted(known)}")

@@ -41,7 +41,7 @@ def twisted_pad(
     """
     points = layout.reference[:, :2] - centre
     r = np.hypot(points[:, 0], points[:, 1])
-    turned = angle * np.exp(-(np.clip(r - stick_radius, 0.0, None) / 2.0) ** 1.5)
+    turned = angle * np.exp(-((np.clip(r - stick_radius, 0.0, None) / 2.0) ** 1.5))
     c, s = np.cos(turned), np.sin(turned)
     x = c * points[:, 0] - s * points[:, 1] + centre[0]
     y = s * points[:, 0] + c * points[:, 1] + centre[1]

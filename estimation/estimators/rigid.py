@@ -187,7 +187,9 @@ def _in_contact_plane(
     basis = np.stack([along, np.cross(normal, along)])
     basis_now = tilt(basis, normal, _mean_direction(fields.normals[segment]))
     to_complex = np.array([1.0, 1.0j])
-    return (stencils.reference @ basis.T) @ to_complex, (fields.positions @ basis_now.T) @ to_complex
+    return (stencils.reference @ basis.T) @ to_complex, (
+        fields.positions @ basis_now.T
+    ) @ to_complex
 
 
 def _mean_direction(vectors: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " 3"]:
@@ -219,7 +221,7 @@ def _undetected_slip(
     inner, outer = inner[beyond], outer[beyond]
     arm = motion.turn * (before[outer] - motion.origin)
     behind = motion.residual(before[outer], after[outer])
-    lead = (np.conj(arm) * behind).imag / np.abs(arm)
+    lead = np.imag(np.conj(arm) * behind) / np.abs(arm)
     side = -np.sign(lead.sum())
     slipped = np.clip(-side * lead / scale, 1e-9, None)
     hidden = np.minimum(0.21 * slipped, 1.84 * slipped ** (-2.0 / 3.0)) * scale

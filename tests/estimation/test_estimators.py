@@ -38,7 +38,7 @@ def test_translation_is_not_rotation(method):
     layout, stencils = pad_stencils()
     positions, _ = noisy(layout, np.radians(8.0))
     fields = measure_fields(stencils, frame_of(positions))
-    moved = measure_fields(stencils, frame_of(positions + [0.4, -0.3, 0.0]))
+    moved = measure_fields(stencils, frame_of(positions + np.array([0.4, -0.3, 0.0])))
     here, there = (METHODS[method](stencils, MICRON).update(f) for f in (fields, moved))
     # the contact region is the same; a shift across the dome changes nothing else
     assert there.angle == pytest.approx(here.angle, abs=np.radians(0.02))
@@ -119,7 +119,7 @@ def test_without_known_noise_the_misfit_sets_the_interval():
 
 def test_misfit_beyond_the_noise_widens_the_interval():
     layout, stencils = pad_stencils()
-    positions, stick = twisted_pad(layout, 0.2)
+    positions, _ = twisted_pad(layout, 0.2)
     rough = positions + 0.02 * np.random.default_rng(0).normal(size=positions.shape)
     told_too_little = Rigid(stencils, MICRON).update(measure_fields(stencils, frame_of(rough)))
     # twenty times the noise that it was told: half-width at least ten times 0.003° · 1.96
@@ -133,9 +133,7 @@ def test_paper_takes_the_mean_and_its_interval_comes_from_the_noise():
     for seed in range(300):
         positions, _ = noisy(layout, 0.1, seed, stick_radius=9.0, contact_radius=4.0)
         readings.append(
-            Paper(stencils, MICRON, window=1).update(
-                measure_fields(stencils, frame_of(positions))
-            )
+            Paper(stencils, MICRON, window=1).update(measure_fields(stencils, frame_of(positions)))
         )
     angles = np.array([reading.angle for reading in readings])
     half = np.array([reading.high - reading.low for reading in readings]) / 2

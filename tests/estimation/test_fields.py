@@ -119,8 +119,9 @@ def test_noise_of_one_markers_rotation():
     rng = np.random.default_rng(3)
     marker = 190
     readings = [
-        measure_fields(stencils, frame_of(layout.reference + 1e-3 * rng.normal(size=(400, 3))))
-        .rotation[marker]
+        measure_fields(
+            stencils, frame_of(layout.reference + 1e-3 * rng.normal(size=(400, 3)))
+        ).rotation[marker]
         for _ in range(600)
     ]
     # 600 draws: the spread is known to 3 %
