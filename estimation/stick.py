@@ -14,6 +14,17 @@ from estimation.fields import Fields
 MIN_STICK_MARKERS = 3
 
 
+def check_positive(name: str, value: float) -> float:
+    """The value, if it is a number above 0.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{name} is {value}; it must be a number above 0")
+    return value
+
+
 def normalized_difference(rotation: float, mean: float, floor: float) -> float:
     """|φ_i − φ̄| / sqrt(φ_i φ̄), [Li2024] Eq. (15) [-].
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from estimation.recording import Frame, MarkerLayout, grid_neighbours
+from estimation.recording import Frame, MarkerLayout, Recording, grid_neighbours
 from estimation.stencils import Stencils, make_stencils
 
 
@@ -59,3 +59,31 @@ def turn_about_z(points: Float[np.ndarray, "*batch 3"], angle: float) -> np.ndar
     """Points turned counter-clockwise about z."""
     c, s = np.cos(angle), np.sin(angle)
     return points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def lift(
+    angles: Float[np.ndarray, " frames"],
+    *,
+    unloaded: int = 5,
+    noise_mm: float = 1e-3,
+    layout: MarkerLayout | None = None,
+    name: str = "lift",
+    seed: int = 0,
+) -> Recording:
+    """A pad that is first unloaded, then pressed and turned by the angles [rad]."""
+    layout = layout or domed_pad()
+    rng = np.random.default_rng(seed)
+    shapes = [layout.reference] * unloaded + [twisted_pad(layout, a)[0] for a in angles]
+    positions = np.stack(shapes) + rng.normal(size=(len(shapes), *layout.reference.shape)) * (
+        noise_mm * np.array([1.0, 1.0, 3.0])
+    )
+    frames = len(positions)
+    return Recording(
+        layout=layout,
+        positions=positions,
+        valid=np.ones(positions.shape[:2], dtype=bool),
+        time=100.0 + np.arange(frames) / 30.0,
+        source_index=np.arange(frames),
+        moment=np.outer(np.arange(frames), [0.0, 0.0, 1.0]),
+        name=name,
+    )

@@ -15,7 +15,7 @@ from estimation.estimators.measurement import Z95, Measurement
 from estimation.fields import Fields, rotation_sensitivity
 from estimation.noise import Noise
 from estimation.stencils import Stencils
-from estimation.stick import MIN_STICK_MARKERS, grow_stick_region
+from estimation.stick import MIN_STICK_MARKERS, check_positive, grow_stick_region
 
 STRICT_THRESHOLD = float(np.radians(0.4))
 
@@ -45,8 +45,8 @@ class Paper:
             raise ValueError(f"window is {window}; it must be at least one frame")
         self.stencils = stencils
         self.noise = noise
-        self.threshold = threshold
-        self.floor = float(np.radians(angle_floor_deg))
+        self.threshold = check_positive("threshold", threshold)
+        self.floor = float(np.radians(check_positive("angle_floor_deg", angle_floor_deg)))
         self._recent: deque[tuple[float, float]] = deque(maxlen=window)
         self._drift = np.zeros(len(stencils.reference))
         self._unloaded = 0

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.fields import Fields, Stencils, tilt
 from estimation.noise import Noise
-from estimation.stick import MIN_STICK_MARKERS, grow_stick_region
+from estimation.stick import MIN_STICK_MARKERS, check_positive, grow_stick_region
 
 CORE_MARKERS = 9
 BIWEIGHT_CUT = 5.0
@@ -52,9 +52,9 @@ class Rigid:
         """
         self.stencils = stencils
         self.noise_mm = 0.0 if noise is None else noise.in_plane
-        self.threshold = threshold
+        self.threshold = check_positive("threshold", threshold)
         noise_floor = 3.0 * stencils.rotation_noise(self.noise_mm) / threshold
-        self.floor = max(float(np.radians(angle_floor_deg)), noise_floor)
+        self.floor = max(float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor)
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame."""

@@ -1,0 +1,161 @@
+import csv
+import errno
+import json
+import os
+import re
+
+import numpy as np
+import pytest
+from rich.progress import Progress
+
+from estimation.noise import Noise
+from estimation.report import COLUMNS
+from estimation.run import Input, Settings, run_all
+from estimation.tracker import Tracker, estimate_angles
+from tests.cases import domed_pad, lift
+
+ANGLES = np.radians(np.linspace(0.0, 10.0, 20))
+FILES = {"angles.csv", "angles_all.csv", "summary.json", "report.html", "angles.png", "maps.png"}
+
+
+@pytest.fixture
+def progress():
+    return Progress(disable=True)
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_everything_is_written(tmp_path, progress):
+    recording = lift(ANGLES)
+    outcome = run_all([Input(recording)], tmp_path / "out", Settings(), progress)
+    assert not outcome.interrupted
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    rows = rows_of(tmp_path / "out" / "angles.csv")
+    assert tuple(rows[0]) == COLUMNS
+    assert len(rows) == len(recording)
+    result = estimate_angles(recording)
+    for i, row in enumerate(rows):
+        assert int(row["frame"]) == i
+        assert row["state"] == result.state[i]
+        assert (row["reason"] == "") == np.isfinite(float(row["angle_deg"]))
+        assert float(row["angle_deg"]) == pytest.approx(
+            np.degrees(result.angle[i]), abs=1e-6, nan_ok=True
+        )
+        assert float(row["moment_Nmm"]) == pytest.approx(recording.moment[i, 2])
+    everything = rows_of(tmp_path / "out" / "angles_all.csv")
+    assert {row["method"] for row in everything} == {"rigid", "paper", "paper_strict"}
+    assert len(everything) == 3 * len(recording)
+
+
+def test_summary_says_what_was_done(tmp_path, progress):
+    recording = lift(ANGLES)
+    settings = Settings(method="paper", noise=Noise.given(2e-3), constants={"threshold": 0.3})
+    run_all([Input(recording)], tmp_path, settings, progress)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["method"] == "paper"
+    assert summary["settings"]["threshold"] == 0.3
+    assert summary["settings"]["noise_in_plane_um"] == 2.0
+    assert summary["settings"]["noise_from"] == "given"
+    assert re.fullmatch(r"[0-9a-f]{64}", summary["sha256"])
+    assert sum(summary["methods"]["rigid"]["states"].values()) == len(recording)
+    assert any("unloaded reference shape" in note for note in summary["notes"])
+
+
+def test_the_report_needs_nothing_else(tmp_path, progress):
+    run_all([Input(lift(ANGLES))], tmp_path, Settings(), progress)
+    page = (tmp_path / "report.html").read_text()
+    sources = re.findall(r"(?:src|href)\s*=\s*\"([^\"]*)\"", page)
+    assert len(sources) == 2
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert "<script" not in page
+    assert "http" not in re.sub(r"base64,[^\"]*", "", page)
+
+
+def test_names_from_outside_are_escaped(tmp_path, progress):
+    run_all([Input(lift(ANGLES, name="<b>&"))], tmp_path, Settings(), progress)
+    assert "<b>&" not in (tmp_path / "report.html").read_text()
+
+
+def test_several_recordings_get_a_folder_each(tmp_path, progress):
+    inputs = [Input(lift(ANGLES, name=name)) for name in ("left", "right", "left")]
+    run_all(inputs, tmp_path, Settings(), progress)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "left-1",
+        "left-2",
+        "right",
+        "overview.png",
+        "report.html",
+    }
+    assert FILES == {path.name for path in (tmp_path / "right").iterdir()}
+
+
+def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):
+    done = 0
+    update = Tracker.update
+
+    def update_until(self, frame):
+        nonlocal done
+        done += 1
+        if done > 3 * 9:
+            raise KeyboardInterrupt
+        return update(self, frame)
+
+    monkeypatch.setattr(Tracker, "update", update_until)
+    inputs = [Input(lift(ANGLES, name=name)) for name in ("left", "right")]
+    outcome = run_all(inputs, tmp_path, Settings(), progress)
+    assert outcome.interrupted
+    assert len(rows_of(tmp_path / "left" / "angles.csv")) == 9
+    notes = json.loads((tmp_path / "left" / "summary.json").read_text())["notes"]
+    assert "Interrupted: 9 of 25 frames were done." in notes
+    assert not (tmp_path / "right").exists()
+
+
+def test_a_full_disk_leaves_no_half_written_file(tmp_path, progress, monkeypatch):
+    recording = lift(ANGLES)
+    run_all([Input(recording)], tmp_path, Settings(), progress)
+    before = (tmp_path / "angles.csv").read_bytes()
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        run_all([Input(recording.head(8))], tmp_path, Settings(), progress)
+    assert (tmp_path / "angles.csv").read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+
+
+def test_a_file_where_the_folder_should_be(tmp_path, progress):
+    path = tmp_path / "out"
+    path.write_text("mine")
+    with pytest.raises(OSError, match="out"):
+        run_all([Input(lift(ANGLES))], path, Settings(), progress)
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("recording", "note"),
+    [
+        (lift(ANGLES, unloaded=0), "contact from the first usable frame on"),
+        (lift(ANGLES[:0], unloaded=12), "no contact in this recording"),
+        (lift(ANGLES).head(1), "cannot be estimated from 1 frames"),
+        (lift(ANGLES[-1:], unloaded=0), "misfit within each frame"),
+        (lift(ANGLES, layout=domed_pad((3, 4))), "cannot be estimated from 12 markers"),
+    ],
+)
+def test_unusual_recordings_are_run_and_explained(tmp_path, progress, recording, note):
+    run_all([Input(recording)], tmp_path, Settings(), progress)
+    notes = json.loads((tmp_path / "summary.json").read_text())["notes"]
+    assert any(note in line for line in notes), notes
+    assert len(rows_of(tmp_path / "angles.csv")) == len(recording)
+
+
+def test_truth_is_compared(tmp_path, progress):
+    truth = np.r_[np.full(5, np.nan), ANGLES]
+    outcome = run_all([Input(lift(ANGLES), truth)], tmp_path, Settings(), progress)
+    figures = json.loads((tmp_path / "summary.json").read_text())["methods"]["rigid"]
+    assert figures["mean_absolute_error_deg"] < 0.01
+    assert any("mean absolute error" in line for line in outcome.lines)

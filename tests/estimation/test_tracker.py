@@ -1,0 +1,148 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.estimators import METHODS
+from estimation.noise import Noise
+from estimation.result import State
+from estimation.softness import ScalarSoftness, read_softness
+from estimation.tracker import Tracker, estimate_angles
+from tests.cases import domed_pad, lift
+
+MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
+ANGLES = np.radians(np.linspace(0.0, 12.0, 25))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_frame_at_a_time_gives_the_same_numbers(method):
+    recording = lift(ANGLES)
+    result = estimate_angles(recording, method, noise=MICRON)
+    tracker = Tracker(recording.layout, method, noise=MICRON)
+    for i, frame in enumerate(recording):
+        estimate = tracker.update(frame)
+        assert estimate.state == result.state[i]
+        assert estimate.time == result.time[i]
+        np.testing.assert_array_equal(
+            [estimate.angle, estimate.low, estimate.high],
+            [result.angle[i], result.low[i], result.high[i]],
+        )
+        np.testing.assert_array_equal(estimate.stick, result.stick[i])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_past_does_not_know_the_future(method):
+    recording = lift(ANGLES)
+    whole = estimate_angles(recording, method, noise=MICRON)
+    part = estimate_angles(recording.head(18), method, noise=MICRON)
+    np.testing.assert_array_equal(part.angle, whole.angle[:18])
+
+
+def test_states_and_their_bounds():
+    recording = lift(ANGLES)
+    result = estimate_angles(recording, noise=MICRON)
+    assert result.state[:5] == (State.NO_CONTACT,) * 5
+    assert all(np.isfinite(result.angle[5:]))
+    share = result.stick.sum(axis=1)[5:] / result.contact.sum(axis=1)[5:]
+    expected = [State.STICK if s >= 0.9 else State.INCIPIENT for s in share]
+    assert list(result.state[5:]) == expected
+    assert State.INCIPIENT in expected
+    generous = estimate_angles(recording, noise=MICRON, stick_share=0.01)
+    assert set(generous.state[5:]) == {State.STICK}
+
+
+def test_noise_is_estimated_unless_given():
+    recording = lift(np.radians(np.linspace(0, 5, 40)), unloaded=10)
+    told = estimate_angles(recording, noise=MICRON)
+    found = estimate_angles(recording)
+    width = (found.high - found.low)[20:] / (told.high - told.low)[20:]
+    assert np.median(width) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_flawed_frame_is_labelled_and_the_rest_goes_on():
+    recording = lift(ANGLES)
+    flaws = ["" for _ in range(len(recording))]
+    flaws[12] = "all positions are zero"
+    result = estimate_angles(replace(recording, flaws=tuple(flaws)), noise=MICRON)
+    clean = estimate_angles(recording, noise=MICRON)
+    assert result.state[12] == State.UNKNOWN
+    assert result.reason[12] == "all positions are zero"
+    assert np.isnan(result.angle[12])
+    np.testing.assert_array_equal(np.delete(result.angle, 12), np.delete(clean.angle, 12))
+
+
+def test_a_frame_with_two_markers_left_is_labelled():
+    recording = lift(ANGLES)
+    valid = recording.valid.copy()
+    valid[12] = False
+    valid[12, [5, 200]] = True
+    result = estimate_angles(replace(recording, valid=valid), noise=MICRON)
+    assert (result.state[12], result.reason[12]) == (State.UNKNOWN, "2 usable markers")
+
+
+def test_lost_markers_cost_accuracy_not_answers():
+    recording = lift(ANGLES)
+    valid = np.random.default_rng(1).random(recording.valid.shape) > 0.15
+    positions = np.where(valid[..., None], recording.positions, np.nan)
+    result = estimate_angles(replace(recording, valid=valid, positions=positions), noise=MICRON)
+    assert result.answered[5:].mean() > 0.9
+    error = np.degrees(np.abs(result.angle[5:] - ANGLES))
+    assert np.nanmedian(error) < 0.02
+
+
+def test_wrong_settings_are_refused():
+    layout = domed_pad()
+    with pytest.raises(ValueError, match="no method 'magic'; there are rigid, paper"):
+        Tracker(layout, "magic")
+    with pytest.raises(ValueError, match="window is 0"):
+        Tracker(layout, "paper", window=0)
+    with pytest.raises(ValueError, match="threshold"):
+        Tracker(layout, "rigid", threshold=0.0)
+    with pytest.raises(TypeError, match="window"):
+        Tracker(layout, "rigid", window=3)
+    tracker = Tracker(layout)
+    with pytest.raises(ValueError, match="196 markers, the layout 400"):
+        tracker.update(next(iter(lift(ANGLES, layout=domed_pad((14, 14))))))
+
+
+def test_softness_scales_the_angle_and_widens_the_interval():
+    recording = lift(ANGLES)
+    rigid = estimate_angles(recording, noise=MICRON)
+    soft = ScalarSoftness(0.5, 0.02, ((0.01, 0.0), (0.0, 0.0)))
+    corrected = estimate_angles(recording, noise=MICRON, softness=soft)
+    answered = rigid.answered
+    expected = 1.5 * rigid.angle - 0.01
+    np.testing.assert_allclose(corrected.angle[answered], expected[answered], atol=1e-14)
+    half = (corrected.high - corrected.angle)[answered]
+    from_noise = 1.5 * (rigid.high - rigid.angle)[answered]
+    from_softness = 1.959964 * 0.1 * np.abs(rigid.angle[answered])
+    np.testing.assert_allclose(half, np.hypot(from_noise, from_softness), rtol=1e-10)
+
+
+def test_softness_files(tmp_path):
+    path = tmp_path / "soft.toml"
+    path.write_text("format_version = 1\nstiffness_ratio = 0.3\nload_term_rad = 0.01\n")
+    assert read_softness(path) == ScalarSoftness(0.3, 0.01)
+    path.write_text(
+        "format_version = 1\nstiffness_ratio = 0.3\ncovariance = [[1e-4, 2e-5], [2e-5, 1e-5]]\n"
+    )
+    assert read_softness(path).covariance == ((1e-4, 2e-5), (2e-5, 1e-5))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stiffness_ratio = 0.3", "format_version is None"),
+        ("format_version = 2", "format_version is 2"),
+        ("format_version = 1\nk = 0.3", "unknown key 'k'"),
+        ("format_version = 1\nstiffness_ratio = -1", "must be ≥ 0"),
+        ("format_version = 1\ncovariance = [[1, 2], [2, 1]]", "negative eigenvalues"),
+        ("format_version = 1\ncovariance = [1, 2]", "soft.toml"),
+        ("k =", "not a TOML file"),
+    ],
+)
+def test_bad_softness_files(tmp_path, text, message):
+    path = tmp_path / "soft.toml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_softness(path)
