@@ -54,7 +54,9 @@ class Rigid:
         self.noise_mm = 0.0 if noise is None else noise.in_plane
         self.threshold = check_positive("threshold", threshold)
         noise_floor = 3.0 * stencils.rotation_noise(self.noise_mm) / threshold
-        self.floor = max(float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor)
+        self.floor = max(
+            float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor
+        )
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame."""
