@@ -1,0 +1,307 @@
+"""The virtual pivot: recordings of a sensor that never was, with exact truth.
+
+A sphere is pressed into a flat elastomer and twisted: pressed by Hertz, twisted by the torsion of a
+Hertz contact with slip, turned back by Masing's rule (`contactmodel.analytic`). The closed forms
+hold for pressing without friction and for bodies that do not couple pressure to shear. Finite
+rotation is added to them by turning every point on its circle, at radius r by u_θ(r)/r, so that
+points that stick go exactly where the object takes them.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from contactmodel import analytic
+from estimation.recording import Frame, MarkerLayout, Recording, grid_neighbours
+from estimation.stick import MIN_STICK_MARKERS
+
+
+class PivotModel(NamedTuple):
+    """Sphere, elastomer and markers of a virtual pivot.
+
+    Attributes:
+        contact_radius: a under full load [mm].
+        approach: the elastomer's share of δ under full load [mm].
+        friction_ratio: μp0/2G* [-]; with it the twist decides how far slip has come in.
+        shear_modulus: of the elastomer [MPa].
+        poisson_ratio: of the elastomer [-].
+        stiffness_ratio: k = G_S/G_B [-].
+        grid_shape: rows and columns of the markers.
+        pitch: distance between markers [mm].
+        offset: of the object's axis from the middle of the markers [mm].
+        grid_angle: by which the markers' rows are turned [rad].
+        noise: of each marker's x and y [mm].
+        normal_noise: of z [mm].
+    """
+
+    contact_radius: float = 5.0
+    approach: float = 1.2
+    friction_ratio: float = 0.15
+    shear_modulus: float = 0.2
+    poisson_ratio: float = 0.48
+    stiffness_ratio: float = 0.0
+    grid_shape: tuple[int, int] = (20, 20)
+    pitch: float = 1.0
+    offset: tuple[float, float] = (0.3, -0.2)
+    grid_angle: float = 0.0
+    noise: float = 1e-3
+    normal_noise: float = 3.5e-3
+
+
+class Truth(NamedTuple):
+    """What a sensor cannot know.
+
+    Attributes:
+        angle: the object's rotation since it touched [rad, counter-clockwise]; NaN before.
+        contact: markers under the object.
+        stick: markers that have stuck ever since they were under full load.
+        sticking: markers that do not slip now, whatever they did before the last reversal.
+        stick_radius: radius within which they do not slip now [mm]; 0 without contact.
+        moment: of the object on the sensor about z [N·mm].
+        macro_slip: frames with contact in which fewer than three markers do not slip.
+        stiffness_ratio: k [-].
+        load_term: L = L_xy − L_yx [rad]; half-spaces have none.
+    """
+
+    angle: Float[np.ndarray, " frames"]
+    contact: Bool[np.ndarray, "frames n"]
+    stick: Bool[np.ndarray, "frames n"]
+    sticking: Bool[np.ndarray, "frames n"]
+    stick_radius: Float[np.ndarray, " frames"]
+    moment: Float[np.ndarray, " frames"]
+    macro_slip: Bool[np.ndarray, " frames"]
+    stiffness_ratio: float
+    load_term: float = 0.0
+
+
+def simulate_pivot(
+    model: PivotModel | None = None,
+    *,
+    angles_deg: Sequence[float] = (0.0, 10.0, 10.0, -30.0),
+    frames: Sequence[int] = (40, 15, 120),
+    unloaded: int = 10,
+    pressing: int = 15,
+    rate: float = 30.0,
+    dropped: float = 0.05,
+    jitter: float = 2e-3,
+    noise_window: int = 3,
+    seed: int = 0,
+) -> tuple[Recording, Truth]:
+    """A recording of a pivot: unloaded, pressed, then twisted from angle to angle.
+
+    By default a lift, a hold, and a reversal through zero on to macro slip.
+
+    Args:
+        model: what is pressed into what.
+        angles_deg: the object's angle at the ends of the path's legs [deg].
+        frames: frames of each leg.
+        unloaded: frames before the object touches.
+        pressing: frames of the approach, without twist.
+        rate: frames per second.
+        dropped: share of frames that are lost.
+        jitter: standard deviation of the clock [s].
+        noise_window: frames that the tracker's running mean runs over; 1 for white noise.
+        seed: of everything random.
+
+    Returns:
+        The recording, and the truth of its frames.
+    """
+    model = model or PivotModel()
+    rng = np.random.default_rng(seed)
+    legs = zip(angles_deg[:-1], angles_deg[1:], frames, strict=True)
+    twist = np.radians(np.concatenate([np.linspace(a, b, count + 1)[1:] for a, b, count in legs]))
+    load = np.r_[np.zeros(unloaded), np.arange(1, pressing + 1) / pressing, np.ones(len(twist))]
+    twist = np.r_[np.full(unloaded, np.nan), np.zeros(pressing), twist]
+    layout = lay_out_markers(model)
+    positions, truth = _deform(model, layout, load, twist)
+    white = rng.normal(size=(len(load) + noise_window - 1, *layout.reference.shape))
+    running = np.cumsum(np.pad(white, ((1, 0), (0, 0), (0, 0))), axis=0)
+    noise = (running[noise_window:] - running[:-noise_window]) / np.sqrt(noise_window)
+    positions = positions + noise * _noise_scale(model)
+    kept = np.nonzero(rng.random(len(load)) >= dropped)[0]
+    ticks = np.arange(len(load)) / rate + rng.normal(size=len(load)) * jitter
+    force = np.zeros((len(load), 3))
+    moment = np.zeros((len(load), 3))
+    force[:, 2] = -_normal_force(model, load)
+    moment[:, 2] = truth.moment
+    recording = Recording(
+        layout=layout,
+        positions=positions[kept],
+        valid=np.ones((len(kept), len(layout.reference)), dtype=bool),
+        time=np.maximum.accumulate(ticks)[kept] + 1e-6 * np.arange(len(kept)),
+        source_index=kept,
+        force=force[kept],
+        moment=moment[kept],
+        name="virtual-pivot",
+        source=f"virtual pivot from closed forms, seed {seed}",
+    )
+    per_frame = {
+        name: value[kept]
+        for name, value in truth._asdict().items()
+        if isinstance(value, np.ndarray)
+    }
+    return recording, truth._replace(**per_frame)
+
+
+def simulate_frame(
+    model: PivotModel, angle: float, rng: np.random.Generator
+) -> tuple[MarkerLayout, Frame, Bool[np.ndarray, " n"]]:
+    """One frame under full load, pressed and then twisted by an angle [rad].
+
+    Returns:
+        The markers, the frame, and the markers that stick.
+    """
+    layout = lay_out_markers(model)
+    positions, truth = _deform(model, layout, np.ones(1), np.array([angle]))
+    positions = positions[0] + rng.normal(size=positions[0].shape) * _noise_scale(model)
+    frame = Frame(
+        positions=positions,
+        valid=np.ones(len(positions), dtype=bool),
+        time=0.0,
+        source_index=0,
+        moment=float(truth.moment[0]),
+    )
+    return layout, frame, truth.stick[0]
+
+
+def lay_out_markers(model: PivotModel) -> MarkerLayout:
+    """The markers of the unloaded, flat elastomer, the object's axis at the origin."""
+    rows, columns = model.grid_shape
+    y, x = np.meshgrid(
+        np.arange(rows) - (rows - 1) / 2, np.arange(columns) - (columns - 1) / 2, indexing="ij"
+    )
+    c, s = np.cos(model.grid_angle), np.sin(model.grid_angle)
+    points = model.pitch * np.stack([c * x - s * y, s * x + c * y, 0.0 * x], -1).reshape(-1, 3)
+    return MarkerLayout(
+        reference=points - np.array([*model.offset, 0.0]),
+        neighbours=grid_neighbours(model.grid_shape),
+        grid_shape=model.grid_shape,
+    )
+
+
+def _deform(
+    model: PivotModel,
+    layout: MarkerLayout,
+    load: Float[np.ndarray, " frames"],
+    twist: Float[np.ndarray, " frames"],
+) -> tuple[Float[np.ndarray, "frames n 3"], Truth]:
+    """Positions without noise, and the truth, for loads (share of the approach) and twists."""
+    points = layout.reference[:, :2]
+    r = np.hypot(points[:, 0], points[:, 1])
+    turned, stick_radius, moment = _twist(model, r, np.nan_to_num(twist))
+    radius = model.contact_radius * np.sqrt(load)[:, None]
+    depth, stretch = (np.asarray(value) for value in _press(model, r, np.maximum(load, 1e-18)))
+    c, s = np.cos(turned), np.sin(turned)
+    x = stretch * (c * points[:, 0] - s * points[:, 1])
+    y = stretch * (s * points[:, 0] + c * points[:, 1])
+    touching = load > 0
+    contact = r < radius
+    stick_radius = np.where(touching, stick_radius, 0.0)
+    sticking = contact & (r < stick_radius[:, None])
+    ever = np.minimum.accumulate(np.where(touching, stick_radius, np.inf))
+    truth = Truth(
+        angle=np.where(touching, twist, np.nan),
+        contact=contact,
+        stick=contact & (r < ever[:, None]),
+        sticking=sticking,
+        stick_radius=stick_radius,
+        moment=np.where(touching, moment, 0.0),
+        macro_slip=touching & (twist != 0) & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
+        stiffness_ratio=model.stiffness_ratio,
+    )
+    return np.stack([x, y, -depth], axis=-1), truth
+
+
+def _twist(
+    model: PivotModel, r: Float[np.ndarray, " n"], twist: Float[np.ndarray, " frames"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotation of the elastomer at each radius, stick radius and moment, along a path of twists."""
+    turns = analytic.open_turns(twist.tolist())
+    branches = [
+        (0.5 * (end - opened[-1]) if opened else end)
+        for opened, end in zip(turns, twist.tolist(), strict=True)
+    ]
+    needed = {*branches, *(opened[0] for opened in turns if opened)}
+    needed |= {0.5 * (b - a) for opened in turns for a, b in zip(opened, opened[1:])}
+    arguments = sorted(needed)
+    rotations, ratios, moments = (
+        np.asarray(value)
+        for value in _virgin(
+            jnp.asarray(r), jnp.asarray(arguments), model.contact_radius, model.friction_ratio
+        )
+    )
+    place = {argument: i for i, argument in enumerate(arguments)}
+
+    def follow(table: np.ndarray) -> np.ndarray:
+        return np.stack(
+            [
+                analytic.masing(lambda t: table[place[t]], opened, end)
+                for opened, end in zip(turns, twist.tolist(), strict=True)
+            ]
+        )
+
+    pair_modulus = model.shear_modulus / (1.0 + model.stiffness_ratio)
+    return (
+        follow(rotations) / (1.0 + model.stiffness_ratio),
+        model.contact_radius * ratios[[place[branch] for branch in branches]],
+        follow(moments) * pair_modulus,
+    )
+
+
+def _press(
+    model: PivotModel, r: Float[np.ndarray, " n"], load: Float[np.ndarray, " frames"]
+) -> tuple[Float[Array, "frames n"], Float[Array, "frames n"]]:
+    """Depth of each point [mm], and the factor by which its radius has changed [-]."""
+    return _hertz(
+        r,
+        model.contact_radius * np.sqrt(load),
+        _peak_pressure(model) * np.sqrt(load),
+        model.shear_modulus,
+        model.poisson_ratio,
+    )
+
+
+@jax.jit
+def _hertz(
+    r: Float[Array, " n"],
+    radius: Float[Array, " frames"],
+    peak: Float[Array, " frames"],
+    modulus: float,
+    poisson_ratio: float,
+) -> tuple[Float[Array, "frames n"], Float[Array, "frames n"]]:
+    radius, peak = radius[:, None], peak[:, None]
+    depth = analytic.hertz_indentation(r, radius, peak, 2.0 * modulus / (1.0 - poisson_ratio))
+    inward = analytic.hertz_radial_displacement(r, radius, peak, modulus, poisson_ratio)
+    return depth, 1.0 + inward / jnp.maximum(r, 1e-12)
+
+
+@jax.jit
+def _virgin(
+    r: Float[Array, " n"], twist: Float[Array, " m"], radius: float, friction_ratio: float
+) -> tuple[Float[Array, "m n"], Float[Array, " m"], Float[Array, " m"]]:
+    """On first loading: u_θ/r of the pair at each radius, κ, and the moment over G*."""
+    density = analytic.hertz_density(radius, friction_ratio)
+    ratio = analytic.lubkin_stick_ratio(twist, friction_ratio)
+    displacement = analytic.torsion_displacement(r, density, ratio[:, None] * radius, radius)
+    rotation = jnp.sign(twist)[:, None] * displacement / jnp.maximum(r, 1e-12)
+    moment = jnp.sign(twist) * analytic.torsion_moment(density, ratio * radius, radius, 1.0)
+    return rotation, ratio, moment
+
+
+def _peak_pressure(model: PivotModel) -> float:
+    """p0 at full load, from the elastomer's share of the approach [MPa]."""
+    modulus = 2.0 * model.shear_modulus / (1.0 - model.poisson_ratio)
+    return 2.0 * modulus * model.approach / (np.pi * model.contact_radius)
+
+
+def _normal_force(model: PivotModel, load: np.ndarray) -> np.ndarray:
+    """P [N]."""
+    return 2.0 / 3.0 * np.pi * model.contact_radius**2 * _peak_pressure(model) * load**1.5
+
+
+def _noise_scale(model: PivotModel) -> np.ndarray:
+    return np.array([model.noise, model.noise, model.normal_noise])
