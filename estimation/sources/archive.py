@@ -101,10 +101,11 @@ def _read_entries(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
     if path.stat().st_size and not zipfile.is_zipfile(path):
         raise ValueError(f"{path} is no recording archive, or only the beginning of one")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            entries = {name: file[name] for name in file.files}
     except (zipfile.BadZipFile, zlib.error, EOFError, ValueError) as error:
         raise ValueError(f"{path} is damaged: copy or write it again ({error})") from error
+    return {name: entry for name, entry in entries.items() if isinstance(entry, np.ndarray)}
 
 
 def _to_recording(entries: dict[str, Shaped[np.ndarray, "..."]]) -> Recording:

@@ -72,6 +72,8 @@ def read_tac3d(folder: Path) -> Recording:
     forces = _read_optional(folder, "3D_Forces", positions.shape)
     reference, notes = find_reference(positions, displacements)
     known = np.isfinite(reference).all(axis=-1)
+    if not known.any():
+        raise ValueError(f"{folder}: no marker is ever seen, all positions are zero or missing")
     if not known.all():
         notes += (f"{(~known).sum()} markers were never seen and are left out",)
     return Recording(
