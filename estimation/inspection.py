@@ -81,22 +81,23 @@ def frozen_markers(
 def disordered_times(time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
     """Frames whose time stamp is out of order: as few as possible, so that the others increase.
 
-    One stamp far in the future therefore spoils one frame, not all that follow. Of equal stamps
-    the first is kept. Missing stamps (NaN) are not out of order.
+    One stamp far in the future therefore spoils one frame, not all that follow. Where it is all
+    the same, the earlier frame is kept. Missing stamps (NaN) are not out of order.
     """
-    last: list[int] = []  # last[k] ends the increasing run of k + 1 frames that ends earliest
-    before: dict[int, int] = {}
-    for frame in np.flatnonzero(np.isfinite(time)).tolist():
-        place = bisect_left(last, time[frame], key=lambda i: time[i])
-        if place < len(last) and time[last[place]] == time[frame]:
-            continue
-        before[frame] = last[place - 1] if place else -1
-        last[place : place + 1] = [frame]
+    known = np.flatnonzero(np.isfinite(time))
+    run = np.zeros(len(time), dtype=int)  # frames of the longest increasing run from here on
+    starts: list[float] = []  # starts[k] is minus the latest start of a run of k + 1 frames
+    for frame in known[::-1]:
+        start = -float(time[frame])
+        place = bisect_left(starts, start)
+        starts[place : place + 1] = [start]
+        run[frame] = place + 1
     disordered = np.isfinite(time)
-    frame = last[-1] if last else -1
-    while frame >= 0:
-        disordered[frame] = False
-        frame = before[frame]
+    remaining, latest = len(starts), -np.inf
+    for frame in known:
+        if run[frame] == remaining and time[frame] > latest:
+            disordered[frame] = False
+            remaining, latest = remaining - 1, time[frame]
     return disordered
 
 

@@ -93,7 +93,7 @@ def delaunay_neighbours(
     """
     try:
         simplices = Delaunay(reference[:, :2]).simplices
-    except QhullError as error:
+    except (QhullError, ValueError) as error:
         raise ValueError(
             f"{len(reference)} markers give no triangulation: at least three are needed, not all "
             "on one line"

