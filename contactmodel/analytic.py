@@ -318,7 +318,7 @@ def mindlin_shift(
     return scale * (1.0 - jnp.cbrt(rest) ** 2), jnp.cbrt(rest)
 
 
-def masing(virgin: Callable[[Array], Array], turns: Sequence[ArrayLike], twist: ArrayLike) -> Array:
+def masing(virgin: Callable[[Any], Any], turns: Sequence[Any], twist: Any) -> Any:
     """A quantity after reversals at constant pressure ([Masing1926]).
 
     Each branch is the first-loading curve enlarged twice from the point where it turned, as long
@@ -326,7 +326,7 @@ def masing(virgin: Callable[[Array], Array], turns: Sequence[ArrayLike], twist: 
 
     Args:
         virgin: the quantity on first loading, odd in its argument (moment, u_θ at a radius, …).
-        turns: twists at the reversals that are still open, oldest first.
+        turns: twists at the reversals that are still open, oldest first [rad].
         twist: twist now [rad].
     """
     first, *rest = (*turns, twist)

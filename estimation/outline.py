@@ -9,14 +9,16 @@ from estimation.fields import measure_fields
 from estimation.recording import Recording
 from estimation.stencils import make_stencils
 
+LEAST_ELONGATION = 1.5
+
 
 class Outline(NamedTuple):
     """Orientation of the contact in each frame.
 
     Attributes:
         angle: direction of the long axis [rad], counter-clockwise from x, followed without jumps;
-            NaN where there is no contact.
-        elongation: long over short axis [-]; near 1 the direction means nothing.
+            NaN where there is no contact or the outline is too round to have a direction.
+        elongation: long over short axis [-].
     """
 
     angle: Float[np.ndarray, " frames"]
@@ -41,9 +43,10 @@ def follow_outline(recording: Recording) -> Outline:
         depth = fields.indentation[fields.contact]
         points = fields.positions[fields.contact, :2]
         spread = np.cov(points.T, aweights=depth - 0.9 * depth.min(), ddof=0)
-        angle[i] = 0.5 * np.arctan2(2.0 * spread[0, 1], spread[0, 0] - spread[1, 1])
         short, long = np.linalg.eigvalsh(spread)
         elongation[i] = np.sqrt(long / max(short, 1e-12))
+        if elongation[i] >= LEAST_ELONGATION:
+            angle[i] = 0.5 * np.arctan2(2.0 * spread[0, 1], spread[0, 0] - spread[1, 1])
     seen = np.isfinite(angle)
     angle[seen] = np.unwrap(angle[seen], period=np.pi)
     return Outline(angle, elongation)

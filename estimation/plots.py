@@ -52,8 +52,8 @@ def plot_angles(
     for axis in axes:
         _shade_states(axis, time, main.state)
     top = axes[0]
-    for label, angle in (references or {}).items():
-        top.plot(time, np.degrees(angle), "k--", lw=1.0, label=label)
+    for style, (label, angle) in zip(("--", ":"), (references or {}).items(), strict=False):
+        top.plot(time, np.degrees(angle), "k", ls=style, lw=1.1, label=label)
     for name, result in results.items():
         if name != method:
             top.plot(time, np.degrees(result.angle), lw=0.9, alpha=0.8, label=name)
@@ -62,7 +62,6 @@ def plot_angles(
         time, np.degrees(main.low), np.degrees(main.high), color=line.get_color(), alpha=0.3, lw=0
     )
     top.set_ylabel("object's angle [°]")
-    _frame_angles(top, np.degrees(main.angle), references)
     handles, labels = top.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in main.state]
     handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
@@ -89,7 +88,7 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain:
         gain: 1 + k of [Li2024] Eq. (11) [-].
     """
     figure, axes = plt.subplots(
-        3, len(frames), figsize=(2.5 * len(frames) + 1.0, 7.6), squeeze=False, layout="constrained"
+        3, len(frames), figsize=(2.1 * len(frames) + 1.0, 7.0), squeeze=False, layout="constrained"
     )
     shown = result.contact[frames]
     rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
@@ -114,13 +113,13 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain:
         for axis in (top, middle, bottom):
             axis.set_aspect("equal")
             axis.tick_params(labelsize=7)
-    figure.colorbar(rotation_scale, ax=axes[0, :], label="φ [°]", shrink=0.9)
-    figure.colorbar(curl_scale, ax=axes[2, :], label="rot(slip), Eq. 11 [rad]", shrink=0.9)
+    figure.colorbar(rotation_scale, ax=axes[0, :], label="φ [°]", aspect=15)
+    figure.colorbar(curl_scale, ax=axes[2, :], label="rot(slip), Eq. 11 [rad]", aspect=15)
     handles = [
         Line2D([], [], marker="o", ls="", color=colour, label=label)
         for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
     ]
-    axes[1, -1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.02, 0.5), fontsize=8)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     axes[2, 0].set_xlabel("x [mm]")
     axes[2, 0].set_ylabel("y [mm]")
     return figure
@@ -176,19 +175,6 @@ def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequen
     starts = [i for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
     for start, stop in zip(starts, [*starts[1:], len(states) - 1], strict=True):
         axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
-
-
-def _frame_angles(
-    axis: Axes,
-    angle: Float[np.ndarray, " frames"],
-    references: Mapping[str, Float[np.ndarray, " frames"]] | None,
-) -> None:
-    """Limit the axis to the main curve and the references; wild rivals run out of the picture."""
-    values = np.concatenate([angle, *(np.degrees(r) for r in (references or {}).values())])
-    values = values[np.isfinite(values)]
-    if len(values):
-        margin = 0.08 * max(float(np.ptp(values)), 1.0)
-        axis.set_ylim(values.min() - margin, values.max() + margin)
 
 
 def _scatter(

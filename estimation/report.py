@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,9 @@ from estimation.files import write_whole
 from estimation.plots import choose_frames, plot_angles, plot_maps, plot_overview
 from estimation.recording import Recording
 from estimation.result import Result, State
+from estimation.virtual.recording import Truth
+
+FIRM_MARKERS = 10
 
 COLUMNS = (
     "time_s",
@@ -48,7 +51,7 @@ class Run:
         outline: direction of the contact's long axis [rad].
         settings: what the run was told, for the summary.
         notes: what a reader of the angles should know, in sentences.
-        truth: the object's true angle where it is known [rad].
+        truth: of a virtual recording.
     """
 
     recording: Recording
@@ -57,8 +60,7 @@ class Run:
     outline: Float[np.ndarray, " frames"]
     settings: Mapping[str, Any]
     notes: Sequence[str] = ()
-    truth: Float[np.ndarray, " frames"] | None = None
-    extra: Mapping[str, Any] = field(default_factory=dict)
+    truth: Truth | None = None
 
 
 def write_run(run: Run, folder: Path) -> None:
@@ -72,9 +74,11 @@ def write_run(run: Run, folder: Path) -> None:
     write_whole(folder / "angles_all.csv", _table(run.results.values(), name_method=True))
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
-    references = {"contact outline (from the first angle)": _outline_from(run.outline, main)}
+    references = {}
+    if np.isfinite(run.outline).any():
+        references["contact outline (from the first angle)"] = _outline_from(run.outline, main)
     if run.truth is not None:
-        references["truth"] = run.truth
+        references["truth"] = run.truth.angle
     pictures = {
         "angles.png": plot_angles(run.results, run.method, references),
         "maps.png": plot_maps(
@@ -119,7 +123,6 @@ def summarise(run: Run) -> dict[str, Any]:
         "dropped_frames": int(np.clip(np.diff(recording.source_index) - 1, 0, None).sum()),
         "methods": {name: _figures(result, run.truth) for name, result in run.results.items()},
         "notes": [*recording.notes, *run.notes],
-        **run.extra,
     }
 
 
@@ -133,7 +136,7 @@ def hash_recording(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def _figures(result: Result, truth: Float[np.ndarray, " frames"] | None) -> dict[str, Any]:
+def _figures(result: Result, truth: Truth | None) -> dict[str, Any]:
     """Figures of one method."""
     answered = result.answered
     angle = np.degrees(result.angle[answered])
@@ -145,11 +148,23 @@ def _figures(result: Result, truth: Float[np.ndarray, " frames"] | None) -> dict
         "angle_max_deg": _number(angle.max(initial=-np.inf)),
         "half_width_median_deg": _number(np.median(half_width) if len(half_width) else np.nan),
     }
-    if truth is not None:
-        error = np.degrees(result.angle - truth)[answered]
-        inside = ((result.low <= truth) & (truth <= result.high))[answered]
-        figures["mean_absolute_error_deg"] = _number(np.abs(error).mean() if len(error) else np.nan)
-        figures["interval_holds_truth"] = _number(inside.mean() if len(inside) else np.nan)
+    return figures if truth is None else figures | _errors(result, truth)
+
+
+def _errors(result: Result, truth: Truth) -> dict[str, Any]:
+    """Errors against the truth: of all answers, and where ten markers or more have always stuck."""
+    error = np.abs(np.degrees(result.angle - truth.angle))
+    inside = (result.low <= truth.angle) & (truth.angle <= result.high)
+    firm = truth.stick.sum(axis=1) >= FIRM_MARKERS
+    figures: dict[str, Any] = {"firm_frames": int(firm.sum())}
+    for name, where in (("", result.answered), ("_firm", result.answered & firm)):
+        figures |= {
+            f"answered{name}": int(where.sum()),
+            f"mean_absolute_error{name}_deg": _number(
+                error[where].mean() if where.any() else np.nan
+            ),
+            f"interval_holds_truth{name}": _number(inside[where].mean() if where.any() else np.nan),
+        }
     return figures
 
 

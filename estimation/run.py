@@ -5,24 +5,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-from jaxtyping import Float
 from rich.progress import Progress
 
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS
 from estimation.files import check_writable
-from estimation.inspection import inspect_recording
 from estimation.noise import Noise, estimate_noise
 from estimation.outline import follow_outline
 from estimation.recording import Recording
-from estimation.report import Run, write_overview, write_run
+from estimation.report import FIRM_MARKERS, Run, summarise, write_overview, write_run
 from estimation.result import Estimate, Result, State
 from estimation.softness import ScalarSoftness
 from estimation.sources import find_recordings, read_recording
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
-from estimation.virtual.recording import simulate_pivot
+from estimation.virtual.recording import Truth, simulate_pivot
 
 
 @dataclass(frozen=True)
@@ -51,10 +48,10 @@ class Settings:
 
 
 class Input(NamedTuple):
-    """A recording to run, with the true angle where it is known [rad]."""
+    """A recording to run, with the truth if it is a virtual one."""
 
     recording: Recording
-    truth: Float[np.ndarray, " frames"] | None = None
+    truth: Truth | None = None
 
 
 class Outcome(NamedTuple):
@@ -79,13 +76,12 @@ def gather_recordings(
         OSError: a file cannot be read.
     """
     if not names:
-        recording, truth = simulate_pivot(seed=settings.seed)
-        return [Input(recording, truth.angle)]
+        return [Input(*simulate_pivot(seed=settings.seed))]
     paths: list[Path] = []
     for name in names:
         is_dataset = name in datasets.NAMES and not Path(name).exists()
         paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
-    return [Input(inspect_recording(read_recording(path))) for path in paths]
+    return [Input(read_recording(path)) for path in paths]
 
 
 def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Progress) -> Outcome:
@@ -167,7 +163,7 @@ def _estimate(
 
 def _put_together(
     recording: Recording,
-    truth: Float[np.ndarray, " frames"] | None,
+    truth: Truth | None,
     settings: Settings,
     prepared: _Prepared,
     estimates: list[list[Estimate]],
@@ -177,7 +173,7 @@ def _put_together(
     if done < len(recording):
         notes += (f"Interrupted: {done} of {len(recording)} frames were done.",)
         recording = recording.head(done)
-        truth = None if truth is None else truth[:done]
+        truth = None if truth is None else truth.take(slice(done))
     columns = zip(prepared.trackers, zip(*estimates, strict=True), strict=True)
     results = {method: Result.gather(method, column) for method, column in columns}
     notes += _reference_notes(results[settings.method])
@@ -236,11 +232,11 @@ def _tell(run: Run, folder: Path) -> list[str]:
         f"{main.state.count(State.MACRO_SLIP)} in macro slip; see {folder / 'report.html'}"
     ]
     if run.truth is not None:
-        for name, result in run.results.items():
-            error = np.abs(np.degrees(result.angle - run.truth))[result.answered]
-            if len(error):
-                lines.append(
-                    f"  {name}: mean absolute error {error.mean():.4f}° against the truth over "
-                    f"{len(error)} frames, largest {error.max():.4f}°"
-                )
+        for name, figures in summarise(run)["methods"].items():
+            lines.append(
+                f"  {name}: mean absolute error {figures['mean_absolute_error_firm_deg']}° in the "
+                f"{figures['answered_firm']} of {figures['firm_frames']} frames answered in which "
+                f"{FIRM_MARKERS} markers or more have always stuck, "
+                f"{figures['mean_absolute_error_deg']}° in all that were answered"
+            )
     return lines

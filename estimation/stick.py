@@ -12,6 +12,8 @@ from jaxtyping import Bool, Int
 from estimation.fields import Fields
 
 MIN_STICK_MARKERS = 3
+ANGLE_FLOOR_DEG = 2.0
+"""Least denominator of Eq. (15): the least angle of the range that the paper gives its method."""
 
 
 def check_positive(name: str, value: float) -> float:

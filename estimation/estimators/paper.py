@@ -15,7 +15,12 @@ from estimation.estimators.measurement import Z95, Measurement
 from estimation.fields import Fields, rotation_sensitivity
 from estimation.noise import Noise
 from estimation.stencils import Stencils
-from estimation.stick import MIN_STICK_MARKERS, check_positive, grow_stick_region
+from estimation.stick import (
+    ANGLE_FLOOR_DEG,
+    MIN_STICK_MARKERS,
+    check_positive,
+    grow_stick_region,
+)
 
 STRICT_THRESHOLD = float(np.radians(0.4))
 
@@ -29,7 +34,7 @@ class Paper:
         noise: Noise | None,
         *,
         threshold: float = 0.4,
-        angle_floor_deg: float = 0.5,
+        angle_floor_deg: float = ANGLE_FLOOR_DEG,
         window: int = 5,
     ) -> None:
         """Make the estimator.

@@ -19,7 +19,12 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.fields import Fields, Stencils, tilt
 from estimation.noise import Noise
-from estimation.stick import MIN_STICK_MARKERS, check_positive, grow_stick_region
+from estimation.stick import (
+    ANGLE_FLOOR_DEG,
+    MIN_STICK_MARKERS,
+    check_positive,
+    grow_stick_region,
+)
 
 CORE_MARKERS = 9
 BIWEIGHT_CUT = 5.0
@@ -38,7 +43,7 @@ class Rigid:
         noise: Noise | None,
         *,
         threshold: float = 0.2,
-        angle_floor_deg: float = 0.5,
+        angle_floor_deg: float = ANGLE_FLOOR_DEG,
     ) -> None:
         """Make the estimator.
 
@@ -131,13 +136,15 @@ def fit_rigid_rotation(
             break
     stick = np.zeros_like(segment)
     stick[segment] = weights > 0
-    arm = np.abs(x - motion.origin)
-    information = np.sum(weights * arm**2)
-    slip = _undetected_slip(stencils, motion, before, after, stick, scale)[segment]
+    if stick.sum() < MIN_STICK_MARKERS:
+        return RigidFit(np.nan, np.nan, np.nan, stick, scale)
+    lever = np.zeros(len(stick))
+    lever[segment] = weights * np.abs(x - motion.origin)
+    information = float(lever[segment] @ np.abs(x - motion.origin))
     return RigidFit(
         angle=float(np.angle(motion.turn)),
-        standard_error=float(BIWEIGHT_ERROR * scale / np.sqrt(information)),
-        lag=float(np.sum(weights * arm * slip) / information),
+        standard_error=BIWEIGHT_ERROR * scale / np.sqrt(information),
+        lag=_undetected_slip(stencils, motion, before, after, stick, lever / information, scale),
         stick=stick,
         scale=scale,
     )
@@ -205,28 +212,39 @@ def _undetected_slip(
     before: Complex[np.ndarray, " n"],
     after: Complex[np.ndarray, " n"],
     stick: Bool[np.ndarray, " n"],
+    influence: Float[np.ndarray, " n"],
     scale: float,
-) -> Float[np.ndarray, " n"]:
-    """Slip that the markers at the rim of the stick region may hide in the noise [mm].
+) -> float:
+    """How far slip that cannot be seen may have drawn the fitted angle from the true one [rad].
 
     Beyond the edge of the stick region slip grows like the distance to the power 3/2 (pressure
-    smooth there). A rim marker one pitch inside a neighbour that has slipped by R standard
-    deviations, the edge anywhere up to three pitches inside that neighbour, has then slipped by
-    0.21 R on average, and by 1.84 R^(-2/3) where more than 2.5 would have been seen.
+    smooth there). A marker at the region's rim, one pitch inside a neighbour that has slipped by R
+    standard deviations, the edge anywhere up to three pitches inside that neighbour, has then
+    slipped by 0.21 R on average, and by 1.84 R^(-2/3) where more than 2.5 would have been seen.
+
+    A region smaller than the core of the fit is all rim: its markers may slip alike. Then the
+    true angle may lie beyond by as much as the neighbours around it stay behind.
+
+    Args:
+        influence: change of the fitted angle by each marker's slip [rad/mm].
 
     Returns:
-        Per marker, positive where the true motion lies counter-clockwise of the fitted one.
+        Positive where the true angle lies counter-clockwise of the fitted one.
     """
     inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
     outer = stencils.neighbours[inner, slot]
     beyond = ~stick[outer] & np.isfinite(after[outer])
     inner, outer = inner[beyond], outer[beyond]
+    if not len(outer):
+        return 0.0
     arm = motion.turn * (before[outer] - motion.origin)
     behind = motion.residual(before[outer], after[outer])
     lead = np.imag(np.conj(arm) * behind) / np.abs(arm)
     side = -np.sign(lead.sum())
+    if stick.sum() < CORE_MARKERS:
+        return float(side * np.abs(np.mean(lead / np.abs(arm))))
     slipped = np.clip(-side * lead / scale, 1e-9, None)
     hidden = np.minimum(0.21 * slipped, 1.84 * slipped ** (-2.0 / 3.0)) * scale
     most = np.zeros(len(stick))
     np.maximum.at(most, inner, hidden)
-    return side * most
+    return float(side * (influence @ most))

@@ -8,12 +8,13 @@ points that stick go exactly where the object takes them.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel import analytic
 from estimation.recording import Frame, MarkerLayout, Recording, grid_neighbours
@@ -76,6 +77,15 @@ class Truth(NamedTuple):
     macro_slip: Bool[np.ndarray, " frames"]
     stiffness_ratio: float
     load_term: float = 0.0
+
+    def take(self, rows: Int[np.ndarray, " rows"] | slice) -> "Truth":
+        """The truth of some of the frames."""
+        arrays = {
+            name: value[rows]
+            for name, value in self._asdict().items()
+            if isinstance(value, np.ndarray)
+        }
+        return self._replace(**arrays)
 
 
 def simulate_pivot(
@@ -194,7 +204,7 @@ def _deform(
     r = np.hypot(points[:, 0], points[:, 1])
     turned, stick_radius, moment = _twist(model, r, np.nan_to_num(twist))
     radius = model.contact_radius * np.sqrt(load)[:, None]
-    depth, stretch = (np.asarray(value) for value in _press(model, r, np.maximum(load, 1e-18)))
+    depth, stretch = _press(model, r, load)
     c, s = np.cos(turned), np.sin(turned)
     x = stretch * (c * points[:, 0] - s * points[:, 1])
     y = stretch * (s * points[:, 0] + c * points[:, 1])
@@ -226,12 +236,15 @@ def _twist(
         for opened, end in zip(turns, twist.tolist(), strict=True)
     ]
     needed = {*branches, *(opened[0] for opened in turns if opened)}
-    needed |= {0.5 * (b - a) for opened in turns for a, b in zip(opened, opened[1:])}
+    needed |= {0.5 * (b - a) for opened in turns for a, b in pairwise(opened)}
     arguments = sorted(needed)
     rotations, ratios, moments = (
         np.asarray(value)
         for value in _virgin(
-            jnp.asarray(r), jnp.asarray(arguments), model.contact_radius, model.friction_ratio
+            jnp.asarray(r),
+            jnp.asarray(arguments),
+            jnp.asarray(model.contact_radius),
+            jnp.asarray(model.friction_ratio),
         )
     )
     place = {argument: i for i, argument in enumerate(arguments)}
@@ -254,15 +267,17 @@ def _twist(
 
 def _press(
     model: PivotModel, r: Float[np.ndarray, " n"], load: Float[np.ndarray, " frames"]
-) -> tuple[Float[Array, "frames n"], Float[Array, "frames n"]]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Depth of each point [mm], and the factor by which its radius has changed [-]."""
-    return _hertz(
-        r,
-        model.contact_radius * np.sqrt(load),
-        _peak_pressure(model) * np.sqrt(load),
-        model.shear_modulus,
-        model.poisson_ratio,
+    scale = np.sqrt(np.maximum(load, 1e-18))
+    depth, stretch = _hertz(
+        jnp.asarray(r),
+        jnp.asarray(model.contact_radius * scale),
+        jnp.asarray(_peak_pressure(model) * scale),
+        jnp.asarray(model.shear_modulus),
+        jnp.asarray(model.poisson_ratio),
     )
+    return np.asarray(depth), np.asarray(stretch)
 
 
 @jax.jit
@@ -270,8 +285,8 @@ def _hertz(
     r: Float[Array, " n"],
     radius: Float[Array, " frames"],
     peak: Float[Array, " frames"],
-    modulus: float,
-    poisson_ratio: float,
+    modulus: Float[Array, ""],
+    poisson_ratio: Float[Array, ""],
 ) -> tuple[Float[Array, "frames n"], Float[Array, "frames n"]]:
     radius, peak = radius[:, None], peak[:, None]
     depth = analytic.hertz_indentation(r, radius, peak, 2.0 * modulus / (1.0 - poisson_ratio))
@@ -281,7 +296,10 @@ def _hertz(
 
 @jax.jit
 def _virgin(
-    r: Float[Array, " n"], twist: Float[Array, " m"], radius: float, friction_ratio: float
+    r: Float[Array, " n"],
+    twist: Float[Array, " m"],
+    radius: Float[Array, ""],
+    friction_ratio: Float[Array, ""],
 ) -> tuple[Float[Array, "m n"], Float[Array, " m"], Float[Array, " m"]]:
     """On first loading: u_θ/r of the pair at each radius, κ, and the moment over G*."""
     density = analytic.hertz_density(radius, friction_ratio)

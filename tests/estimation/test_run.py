@@ -12,6 +12,7 @@ from estimation.noise import Noise
 from estimation.report import COLUMNS
 from estimation.run import Input, Settings, run_all
 from estimation.tracker import Tracker, estimate_angles
+from estimation.virtual.recording import simulate_pivot
 from tests.cases import domed_pad, lift
 
 ANGLES = np.radians(np.linspace(0.0, 10.0, 20))
@@ -89,7 +90,7 @@ def test_several_recordings_get_a_folder_each(tmp_path, progress):
         "overview.png",
         "report.html",
     }
-    assert FILES == {path.name for path in (tmp_path / "right").iterdir()}
+    assert {path.name for path in (tmp_path / "right").iterdir()} == FILES
 
 
 def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):
@@ -154,8 +155,13 @@ def test_unusual_recordings_are_run_and_explained(tmp_path, progress, recording,
 
 
 def test_truth_is_compared(tmp_path, progress):
-    truth = np.r_[np.full(5, np.nan), ANGLES]
-    outcome = run_all([Input(lift(ANGLES), truth)], tmp_path, Settings(), progress)
+    recording, truth = simulate_pivot(frames=(20, 5, 30), seed=3)
+    outcome = run_all([Input(recording, truth)], tmp_path, Settings(), progress)
     figures = json.loads((tmp_path / "summary.json").read_text())["methods"]["rigid"]
-    assert figures["mean_absolute_error_deg"] < 0.01
-    assert any("mean absolute error" in line for line in outcome.lines)
+    firm = truth.stick.sum(axis=1) >= 10
+    assert figures["firm_frames"] == firm.sum()
+    result = estimate_angles(recording)
+    error = np.degrees(np.abs(result.angle - truth.angle))[firm & result.answered]
+    assert figures["mean_absolute_error_firm_deg"] == pytest.approx(error.mean(), abs=1e-6)
+    assert error.mean() < 0.02
+    assert any(f"{error.mean():.4f}"[:5] in line for line in outcome.lines)
