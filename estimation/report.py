@@ -85,7 +85,7 @@ def write_run(run: Run, folder: Path) -> None:
             run.recording, main, choose_frames(main), 1.0 + run.settings["stiffness_ratio"]
         ),
     }
-    images = {name: _png(figure) for name, figure in pictures.items()}
+    images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():
         write_whole(folder / name, image)
     write_whole(folder / "report.html", _page("report.html", images, run=run, summary=summary))
@@ -101,7 +101,7 @@ def write_overview(runs: Sequence[Run], folder: Path) -> None:
         {run.recording.name: run.results[run.method] for run in runs},
         {run.recording.name: run.outline for run in runs},
     )
-    image = _png(figure)
+    image = figure_png(figure)
     write_whole(folder / "overview.png", image)
     page = _page("overview.html", {"overview.png": image}, runs=[summarise(run) for run in runs])
     write_whole(folder / "report.html", page)
@@ -204,7 +204,8 @@ def _outline_from(
     return outline - outline[both[0]] + result.angle[both[0]] if len(both) else outline
 
 
-def _png(figure: Figure) -> bytes:
+def figure_png(figure: Figure) -> bytes:
+    """A figure as PNG; the figure is closed."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=130)
     plt.close(figure)

@@ -112,8 +112,8 @@ def fit_rigid_rotation(
     """Robust rigid fit of a segment in the contact's tangent plane.
 
     The plane's own tilt, from the mean normals before and now, is taken back first; the in-plane
-    motion is then fitted by iteratively reweighted least squares ([Kabsch1976], [Beaton1974]),
-    started from the markers nearest the stick centre.
+    motion, a rigid one up to an even stretch, is then fitted by iteratively reweighted least
+    squares ([Kabsch1976], [Beaton1974]), started from the markers nearest the stick centre.
 
     Args:
         stencils: of the layout.
@@ -151,7 +151,11 @@ def fit_rigid_rotation(
 
 
 class _Motion(NamedTuple):
-    """A rigid motion of the plane: about `origin` by the unit number `turn`, on to `image`."""
+    """A motion of the plane: by the complex number `turn` about `origin`, on to `image`.
+
+    The size of `turn` lets the surface shrink evenly, as it does under pressure unless ν = ½; in
+    least squares that leaves the angle what it is.
+    """
 
     turn: complex
     origin: complex
@@ -168,16 +172,17 @@ def _fit(
     after: Complex[np.ndarray, " m"],
     weights: Float[np.ndarray, " m"],
 ) -> _Motion:
-    """Weighted least-squares rigid motion ([Kabsch1976] in the plane)."""
+    """Weighted least-squares motion ([Kabsch1976] in the plane)."""
     share = weights / weights.sum()
     origin, image = complex(share @ before), complex(share @ after)
-    turn = complex(np.vdot(share * (before - origin), after - image))
-    return _Motion(turn / abs(turn) if turn else 1.0 + 0.0j, origin, image)
+    arm = before - origin
+    turn = complex(np.vdot(share * arm, after - image)) / max(float(share @ np.abs(arm) ** 2), 1e-30)
+    return _Motion(turn, origin, image)
 
 
 def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
     """The noise, or the core's misfit per coordinate where that is clearly larger [mm]."""
-    freedom = max(2 * len(residual) - 3, 1)
+    freedom = max(2 * len(residual) - 4, 1)
     misfit = float(np.sum(np.abs(residual) ** 2))
     spread = 2.0 / (9.0 * freedom)
     limit = freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3  # 99 % of χ²: Wilson, Hilferty

@@ -1,0 +1,150 @@
+"""Error and interval of each method at each integer angle, on virtual pivots.
+
+Sphere on a flat elastomer, contact radius 5 mm, 20×20 markers at 1 mm, the grid laid and turned at
+random under the object. Each frame is one draw: loaded and twisted once, no window, no history. A
+frame without an answer counts as a miss: as an error as large as the angle.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+
+from estimation.estimators import METHODS
+from estimation.noise import Noise
+from estimation.tracker import Tracker
+from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.virtual_pivots import settings
+
+
+class Accuracy(NamedTuple):
+    """Draws of the study; where the truth has too few sticking markers, `counts` is false.
+
+    Attributes:
+        methods: names of the methods.
+        angle: true angles [deg].
+        error: estimate minus truth, minus the truth where there is no answer [deg].
+        answered: which draws were answered.
+        inside: which intervals hold the truth.
+        counts: which draws count.
+    """
+
+    methods: tuple[str, ...]
+    angle: Float[np.ndarray, " angles"]
+    error: Float[np.ndarray, "noises ratios angles draws methods"]
+    answered: Bool[np.ndarray, "noises ratios angles draws methods"]
+    inside: Bool[np.ndarray, "noises ratios angles draws methods"]
+    counts: Bool[np.ndarray, "noises ratios angles draws"]
+
+
+def compute(
+    draws: int = settings.DRAWS, seed: int = 0, track: Callable[[Iterable], Iterable] = iter
+) -> Accuracy:
+    """Draw and estimate.
+
+    Args:
+        draws: per noise, friction ratio and angle.
+        seed: of the draws.
+        track: wraps the outer loop, to show progress.
+    """
+    rng = np.random.default_rng(seed)
+    shape = (
+        len(settings.NOISES_UM),
+        len(settings.FRICTION_RATIOS),
+        len(settings.ANGLES_DEG),
+        draws,
+    )
+    error = np.zeros((*shape, len(METHODS)))
+    answered, inside = np.zeros(error.shape, dtype=bool), np.zeros(error.shape, dtype=bool)
+    counts = np.zeros(shape, dtype=bool)
+    for case in track(list(np.ndindex(shape))):
+        noise_um, ratio = settings.NOISES_UM[case[0]], settings.FRICTION_RATIOS[case[1]]
+        truth = float(settings.ANGLES_DEG[case[2]])
+        model = PivotModel(
+            friction_ratio=ratio,
+            offset=tuple(rng.uniform(-0.5, 0.5, 2)),
+            grid_angle=float(rng.uniform(0.0, np.pi / 2)),
+            noise=1e-3 * noise_um,
+            normal_noise=3.5e-3 * noise_um,
+        )
+        layout, frame, stick = simulate_frame(model, float(np.radians(truth)), rng)
+        counts[case] = stick.sum() >= settings.FIRM_MARKERS
+        if not counts[case]:
+            continue
+        for i, method in enumerate(METHODS):
+            noise = Noise.given(1e-3 * noise_um)
+            estimate = Tracker(layout, method, noise=noise).update(frame)
+            answered[(*case, i)] = np.isfinite(estimate.angle)
+            error[(*case, i)] = np.degrees(np.nan_to_num(estimate.angle)) - truth
+            low, high = np.degrees([estimate.low, estimate.high])
+            inside[(*case, i)] = low <= truth <= high
+    angle = np.array(settings.ANGLES_DEG, dtype=float)
+    return Accuracy(tuple(METHODS), angle, error, answered, inside, counts)
+
+
+def tabulate(result: Accuracy) -> list[dict[str, object]]:
+    """One row per noise and method: pooled error, answers and intervals."""
+    rows = []
+    for n, noise_um in enumerate(settings.NOISES_UM):
+        counts = result.counts[n]
+        for i, method in enumerate(result.methods):
+            error = np.abs(result.error[n][counts][:, i])
+            per_ratio = [
+                result.inside[n, r][counts[r]][:, i].mean()
+                for r in range(len(settings.FRICTION_RATIOS))
+            ]
+            rows.append(
+                {
+                    "noise [µm]": noise_um,
+                    "method": method,
+                    "draws": int(counts.sum()),
+                    "answered [%]": round(100 * result.answered[n][counts][:, i].mean(), 2),
+                    "mean absolute error [°]": round(float(error.mean()), 4),
+                    "95th percentile [°]": round(float(np.percentile(error, 95)), 4),
+                    **{
+                        f"interval holds, μp0/2G*={ratio} [%]": round(100 * share, 1)
+                        for ratio, share in zip(settings.FRICTION_RATIOS, per_ratio, strict=True)
+                    },
+                }
+            )
+    return rows
+
+
+def tabulate_angles(result: Accuracy) -> list[dict[str, object]]:
+    """One row per angle: mean absolute error of each method at each noise [deg]."""
+    rows = []
+    for a, angle in enumerate(result.angle):
+        row: dict[str, object] = {"angle [°]": int(angle)}
+        for n, noise_um in enumerate(settings.NOISES_UM):
+            counts = result.counts[n, :, a]
+            for i, method in enumerate(result.methods):
+                error = np.abs(result.error[n, :, a][counts][:, i])
+                row[f"{method}, {noise_um:g} µm"] = round(float(error.mean()), 4)
+        rows.append(row)
+    return rows
+
+
+def plot(result: Accuracy) -> Figure:
+    """Mean absolute error over the angle, one panel per noise, with the paper's figure."""
+    figure, axes = plt.subplots(
+        1, len(settings.NOISES_UM), figsize=(10, 4), sharey=True, layout="constrained"
+    )
+    for n, (axis, noise_um) in enumerate(zip(axes, settings.NOISES_UM, strict=True)):
+        for i, method in enumerate(result.methods):
+            error = [
+                np.abs(result.error[n, :, a][result.counts[n, :, a]][:, i]).mean()
+                for a in range(len(result.angle))
+            ]
+            axis.semilogy(result.angle, error, "o-", ms=3, lw=1.2, label=method)
+        axis.axhline(
+            settings.PAPER_ERROR_DEG, color="0.5", ls="--", lw=1, label="paper, hardware: 0.17°"
+        )
+        axis.set_title(f"noise {noise_um:g} µm", fontsize=10)
+        axis.set_xlabel("object's angle [°]")
+        axis.grid(alpha=0.3, which="both")
+    axes[0].set_ylabel("mean absolute error [°]")
+    axes[0].legend(fontsize=8)
+    return figure

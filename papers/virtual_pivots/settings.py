@@ -1,0 +1,21 @@
+"""Settings of the study."""
+
+FRICTION_RATIOS = (0.2, 0.3, 0.5)
+"""μp0/2G* [-]: from early slip to firm grip."""
+
+ANGLES_DEG = tuple(range(2, 21))
+"""The range that the source paper gives its method [deg]."""
+
+NOISES_UM = (1.0, 10.0)
+"""Noise per in-plane coordinate [µm]: what Tac3D pads have, and a poor camera's."""
+
+FIRM_MARKERS = 10
+"""Frames count in which at least this many markers truly stick."""
+
+DRAWS = 80
+"""Draws per angle, ratio and noise: over 1000 for each ratio and noise."""
+
+QUICK_DRAWS = 4
+
+PAPER_ERROR_DEG = 0.17
+"""Mean absolute error that the source paper reports, on hardware [deg]."""
