@@ -1,1 +1,45 @@
-"""From frames of a tactile sensor to the angle of the object it holds."""
+"""From frames of a tactile sensor to the angle of the object it holds.
+
+Angles are counter-clockwise, seen from the object looking at the pad, in rad (degrees only where a
+name ends in `_deg`); lengths are in mm.
+"""
+
+from estimation.datasets import fetch
+from estimation.estimators import METHODS
+from estimation.noise import Noise, estimate_noise
+from estimation.outline import follow_outline
+from estimation.plots import plot_angles, plot_maps, plot_overview
+from estimation.recording import Frame, MarkerLayout, Recording, layout_markers
+from estimation.result import Estimate, Result, State
+from estimation.softness import ScalarSoftness, read_softness
+from estimation.sources import find_recordings, read_recording, write_archive
+from estimation.tracker import Tracker, estimate_angles
+from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
+
+__all__ = [
+    "METHODS",
+    "Estimate",
+    "Frame",
+    "MarkerLayout",
+    "Noise",
+    "PivotModel",
+    "Recording",
+    "Result",
+    "ScalarSoftness",
+    "State",
+    "Tracker",
+    "Truth",
+    "estimate_angles",
+    "estimate_noise",
+    "fetch",
+    "find_recordings",
+    "follow_outline",
+    "layout_markers",
+    "plot_angles",
+    "plot_maps",
+    "plot_overview",
+    "read_recording",
+    "read_softness",
+    "simulate_pivot",
+    "write_archive",
+]

@@ -1,18 +1,19 @@
 """Run an estimator over frames, one at a time or a whole recording."""
 
+from inspect import signature
 from typing import Any
 
 import numpy as np
 
 from estimation.contact import ONSET_MM, SHARE
-from estimation.estimators import DEFAULT_METHOD, METHODS, Measurement
+from estimation.estimators import DEFAULT_METHOD, METHODS, Estimator, Measurement
 from estimation.fields import Fields, measure_fields
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Frame, MarkerLayout, Recording
 from estimation.result import Estimate, Result, State
 from estimation.softness import ScalarSoftness
-from estimation.stencils import make_stencils
-from estimation.stick import MIN_STICK_MARKERS
+from estimation.stencils import Stencils, make_stencils
+from estimation.stick import MIN_STICK_MARKERS, check_positive
 
 RIGID_OBJECT = ScalarSoftness()
 STICK_SHARE = 0.9
@@ -50,7 +51,7 @@ class Tracker:
             **constants: of the method.
 
         Raises:
-            ValueError: no such method, or too few markers.
+            ValueError: no such method or constant, a value out of range, or too few markers.
         """
         if method not in METHODS:
             raise ValueError(f"no method {method!r}; there are {', '.join(METHODS)}")
@@ -59,11 +60,11 @@ class Tracker:
                 f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
             )
         self.stencils = make_stencils(layout)
-        self.estimator = METHODS[method](self.stencils, noise, **constants)
+        self.estimator = _make_estimator(method, self.stencils, noise, constants)
         self.softness = softness
-        self.onset_mm = onset_mm
-        self.contact_share = contact_share
-        self.stick_share = stick_share
+        self.onset_mm = check_positive("onset_mm", onset_mm)
+        self.contact_share = _check_share("contact_share", contact_share)
+        self.stick_share = _check_share("stick_share", stick_share)
 
     def update(self, frame: Frame) -> Estimate:
         """What is known after the next frame. A frame that cannot be used is labelled."""
@@ -122,6 +123,23 @@ class Tracker:
             contact=none,
             stick=none,
         )
+
+
+def _make_estimator(
+    method: str, stencils: Stencils, noise: Noise | None, constants: dict[str, Any]
+) -> Estimator:
+    make = METHODS[method]
+    known = [name for name in signature(make).parameters if name not in ("stencils", "noise")]
+    for name in constants:
+        if name not in known:
+            raise ValueError(f"{method} has no constant {name!r}; it has {', '.join(known)}")
+    return make(stencils, noise, **constants)
+
+
+def _check_share(name: str, value: float) -> float:
+    if not 0.0 < value <= 1.0:
+        raise ValueError(f"{name} is {value}; it must be a share above 0 and at most 1")
+    return value
 
 
 def estimate_angles(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper
@@ -12,6 +12,7 @@ from estimation.fields import Fields
 __all__ = ["DEFAULT_METHOD", "METHODS", "Estimator", "Measurement", "Paper", "Rigid"]
 
 
+@runtime_checkable
 class Estimator(Protocol):
     """Takes the fields of one frame after the other and says how far the elastomer has turned."""
 

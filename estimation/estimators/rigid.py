@@ -176,7 +176,9 @@ def _fit(
     share = weights / weights.sum()
     origin, image = complex(share @ before), complex(share @ after)
     arm = before - origin
-    turn = complex(np.vdot(share * arm, after - image)) / max(float(share @ np.abs(arm) ** 2), 1e-30)
+    turn = complex(np.vdot(share * arm, after - image)) / max(
+        float(share @ np.abs(arm) ** 2), 1e-30
+    )
     return _Motion(turn, origin, image)
 
 

@@ -2,8 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from estimation.estimators import METHODS
+from estimation.inspection import inspect_recording
 from estimation.noise import Noise
 from estimation.result import State
 from estimation.softness import ScalarSoftness, read_softness
@@ -80,6 +83,32 @@ def test_a_frame_with_two_markers_left_is_labelled():
     assert (result.state[12], result.reason[12]) == (State.UNKNOWN, "2 usable markers")
 
 
+@settings(deadline=None, max_examples=25)
+@given(data=st.data())
+def test_nothing_that_a_sensor_does_stops_a_recording(data):
+    recording = lift(ANGLES[::3], layout=domed_pad((8, 8)), unloaded=3)
+    positions = recording.positions.copy()
+    time = recording.time.copy()
+    frames = st.integers(0, len(recording) - 1)
+    for frame in data.draw(st.lists(frames, max_size=3)):
+        positions[frame] = 0.0
+    for frame in data.draw(st.lists(frames, max_size=3)):
+        positions[frame] = np.nan
+    for frame in data.draw(st.lists(frames, max_size=3)):
+        time[frame] = data.draw(st.sampled_from([np.nan, 0.0, 1e9, time[0]]))
+    for marker in data.draw(st.lists(st.integers(0, 63), max_size=20)):
+        start = data.draw(frames)
+        positions[start:, marker] = data.draw(st.sampled_from([np.nan, 0.0, 1e3, -5.0]))
+    valid = np.isfinite(positions).all(axis=-1)
+    broken = inspect_recording(replace(recording, positions=positions, valid=valid, time=time))
+    for method in METHODS:
+        result = estimate_angles(broken, method, noise=MICRON)
+        assert len(result.state) == len(recording)
+        for state, reason, angle in zip(result.state, result.reason, result.angle, strict=True):
+            assert bool(reason) == bool(np.isnan(angle))
+            assert (state in (State.STICK, State.INCIPIENT)) == bool(np.isfinite(angle))
+
+
 def test_lost_markers_cost_accuracy_not_answers():
     recording = lift(ANGLES)
     valid = np.random.default_rng(1).random(recording.valid.shape) > 0.15
@@ -98,7 +127,7 @@ def test_wrong_settings_are_refused():
         Tracker(layout, "paper", window=0)
     with pytest.raises(ValueError, match="threshold"):
         Tracker(layout, "rigid", threshold=0.0)
-    with pytest.raises(TypeError, match="window"):
+    with pytest.raises(ValueError, match="rigid has no constant 'window'; it has threshold"):
         Tracker(layout, "rigid", window=3)
     tracker = Tracker(layout)
     with pytest.raises(ValueError, match="196 markers, the layout 400"):

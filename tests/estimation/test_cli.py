@@ -1,0 +1,75 @@
+import sys
+
+import pytest
+
+from estimation.__main__ import main
+from estimation.sources import write_archive
+from tests.cases import lift
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["estimation", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        output = capsys.readouterr()
+        return stop.value.code or 0, output.out, " ".join(output.err.split())
+
+    return call
+
+
+def test_run_an_archive(command, tmp_path):
+    write_archive(lift([0.0, 0.05, 0.1, 0.12]), tmp_path / "lift.npz")
+    code, out, _ = command("run", tmp_path / "lift.npz", "--out", tmp_path / "out")
+    assert code == 0
+    assert "4 of 9 frames answered" in out
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nowhere.npz",), "nowhere.npz"),
+        (("{archive}", "--method", "magic"), "no method 'magic'; there are rigid, paper"),
+        (("{archive}", "--softness", "nowhere.toml"), "nowhere.toml"),
+        (("{archive}", "--noise-um", "-1"), "must be a number above 0"),
+        (("{archive}", "--threshold", "0"), "threshold is 0.0"),
+        (("{archive}", "--window", "3"), "rigid has no constant 'window'"),
+        (("{archive}", "--onset-mm", "nan"), "onset_mm is nan"),
+        (("{archive}", "--contact-share", "2"), "contact_share is 2.0"),
+        (("{empty}",), "empty"),
+        (("{text}",), "text.npz"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_is_computed(command, tmp_path, arguments, message):
+    write_archive(lift([0.0, 0.05, 0.1, 0.12]), tmp_path / "lift.npz")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.npz").write_text("no archive")
+    places = {
+        "archive": tmp_path / "lift.npz",
+        "empty": tmp_path / "empty",
+        "text": tmp_path / "text.npz",
+    }
+    filled = [argument.format(**places) for argument in arguments]
+    code, out, err = command("run", *filled, "--out", tmp_path / "out")
+    assert code == 2
+    assert message in err
+    assert "Traceback" not in err + out
+    assert not list((tmp_path / "out").glob("*"))
+
+
+def test_one_bad_recording_among_good_ones_is_found_first(command, tmp_path):
+    write_archive(lift([0.0, 0.05]), tmp_path / "good.npz")
+    code, _, err = command(
+        "run", tmp_path / "good.npz", tmp_path / "bad.npz", "--out", tmp_path / "out"
+    )
+    assert code == 2
+    assert "bad.npz" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_unknown_data_set(command):
+    code, _, err = command("fetch", "tac3d-dance")
+    assert code == 2
+    assert "tac3d-pivot" in err

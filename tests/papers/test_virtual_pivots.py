@@ -1,0 +1,53 @@
+import sys
+
+import numpy as np
+import pytest
+
+from papers.__main__ import main
+from papers.virtual_pivots import accuracy, settings
+
+
+@pytest.fixture(scope="module")
+def result():
+    return accuracy.compute(draws=2)
+
+
+def test_the_rigid_fit_is_as_accurate_as_the_readme_says(result):
+    rows = {(row["noise [µm]"], row["method"]): row for row in accuracy.tabulate(result)}
+    # targets of the study over 4000 draws; 100 draws know the mean to 10 %
+    assert rows[1.0, "rigid"]["mean absolute error [°]"] < 0.02
+    assert rows[10.0, "rigid"]["mean absolute error [°]"] < 0.1
+    assert rows[1.0, "rigid"]["answered [%]"] == 100.0
+    # the mean over the grown region reaches into slip
+    assert rows[1.0, "paper"]["mean absolute error [°]"] > 0.3
+
+
+def test_intervals_hold_the_truth_about_as_often_as_they_say(result):
+    i = result.methods.index("rigid")
+    held = result.inside[..., i][result.counts]
+    # over 200 draws: a 95 % interval fails 3 to 20 times in all but one run in a thousand
+    assert 0.90 < held.mean() < 0.99
+
+
+def test_frames_with_too_little_stick_do_not_count(result):
+    angle = list(settings.ANGLES_DEG).index(20)
+    assert not result.counts[:, settings.FRICTION_RATIOS.index(0.2), angle].any()
+    assert result.counts[:, settings.FRICTION_RATIOS.index(0.5), angle].all()
+    assert np.isfinite(result.error).all()
+
+
+def test_command(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(settings, "QUICK_DRAWS", 1)
+    monkeypatch.setattr(settings, "ANGLES_DEG", (5, 10))
+    arguments = ["papers", "run", "virtual_pivots", "--quick", "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert not stop.value.code
+    names = {path.name for path in (tmp_path / "virtual_pivots").iterdir()}
+    assert names == {"accuracy.png", "accuracy.csv", "accuracy_angles.csv"}
+    monkeypatch.setattr(sys, "argv", ["papers", "run", "li1924"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert "there are virtual_pivots" in capsys.readouterr().err
