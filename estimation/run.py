@@ -233,10 +233,16 @@ def _tell(run: Run, folder: Path) -> list[str]:
     ]
     if run.truth is not None:
         for name, figures in summarise(run)["methods"].items():
+            firm, all_answered = (
+                "–" if error is None else f"{error:.4f}°"
+                for error in (
+                    figures["mean_absolute_error_firm_deg"],
+                    figures["mean_absolute_error_deg"],
+                )
+            )
             lines.append(
-                f"  {name}: mean absolute error {figures['mean_absolute_error_firm_deg']}° in the "
-                f"{figures['answered_firm']} of {figures['firm_frames']} frames answered in which "
-                f"{FIRM_MARKERS} markers or more have always stuck, "
-                f"{figures['mean_absolute_error_deg']}° in all that were answered"
+                f"  {name}: mean absolute error {firm} where {FIRM_MARKERS} markers or more have "
+                f"always stuck ({figures['answered_firm']} of {figures['firm_frames']} frames "
+                f"answered), {all_answered} over all {figures['answered']} answers"
             )
     return lines

@@ -164,4 +164,4 @@ def test_truth_is_compared(tmp_path, progress):
     error = np.degrees(np.abs(result.angle - truth.angle))[firm & result.answered]
     assert figures["mean_absolute_error_firm_deg"] == pytest.approx(error.mean(), abs=1e-6)
     assert error.mean() < 0.02
-    assert any(f"{error.mean():.4f}"[:5] in line for line in outcome.lines)
+    assert any(f"rigid: mean absolute error {error.mean():.4f}°" in line for line in outcome.lines)
