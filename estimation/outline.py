@@ -1,52 +1,113 @@
-"""Orientation of the contact's outline, an angle that does not come from the markers' twist."""
+"""Orientation of the contact's outline: an angle of the object that does not come from the twist.
+
+Inside the contact the pad takes the object's shape: the indentation is the approach less the gap
+between the two, however the pad deforms around it. The principal axes of its curvature are those
+of the object's face (the pad's own dome adds the same to both), and so is the long axis of the
+ellipse that the two touch in ([Johnson1985] K. L. Johnson, "Contact Mechanics", Section 4.1). They
+turn with the object, whether the markers stick or not.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from estimation.fields import measure_fields
+from estimation.fields import Fields, measure_fields
 from estimation.recording import Recording
 from estimation.stencils import make_stencils
 
-LEAST_ELONGATION = 1.5
+LEAST_MARKERS = 9
+LEAST_ELONGATION = 1.2
+LARGEST_ERROR_DEG = 3.0
+
+
+class Axis(NamedTuple):
+    """Long axis of the contact.
+
+    Attributes:
+        angle: its direction, −π/2 to π/2 [rad, counter-clockwise from x]; NaN where refused.
+        standard_error: of the direction, from the misfit of the shape [rad].
+        elongation: long over short axis of the outline [-]; NaN where unknown.
+        curvature: of the object against the pad across the long axis [1/mm].
+        reason: why there is no direction; empty where there is one.
+    """
+
+    angle: float
+    standard_error: float
+    elongation: float
+    curvature: float
+    reason: str = ""
 
 
 class Outline(NamedTuple):
-    """Orientation of the contact in each frame.
+    """Long axis of the contact in each frame.
 
     Attributes:
-        angle: direction of the long axis [rad], counter-clockwise from x, followed without jumps;
-            NaN where there is no contact or the outline is too round to have a direction.
+        angle: its direction [rad, counter-clockwise], followed without jumps; NaN where refused.
+        standard_error: of the direction [rad].
         elongation: long over short axis [-].
     """
 
     angle: Float[np.ndarray, " frames"]
+    standard_error: Float[np.ndarray, " frames"]
     elongation: Float[np.ndarray, " frames"]
 
 
-def follow_outline(recording: Recording) -> Outline:
-    """Follow the long axis of the contact, from second moments of the indentation.
+def measure_axis(fields: Fields) -> Axis:
+    """Long axis of the contact in one frame, from a quadratic through the indentation.
 
-    The moments are taken about their centre over the markers of the contact region, each weighted
-    with its indentation above the region's bound.
+    Refused where the contact has too few markers, is too round, or the shape fits too badly.
     """
+    nothing = Axis(np.nan, np.nan, np.nan, np.nan)
+    points = fields.positions[fields.contact, :2]
+    if len(points) < LEAST_MARKERS:
+        return nothing._replace(reason=f"{len(points)} markers in contact")
+    x, y = (points - points.mean(axis=0)).T
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    inverse = np.linalg.pinv(design.T @ design)
+    shape = inverse @ (design.T @ fields.indentation[fields.contact])
+    misfit = fields.indentation[fields.contact] - design @ shape
+    covariance = inverse[3:, 3:] * (misfit @ misfit) / (len(x) - 6)
+    xx, xy, yy = shape[3:]
+    spread = float(np.hypot(xx - yy, xy))
+    short, long = xx + yy - spread, xx + yy + spread  # twice the principal values, both below 0
+    if long >= 0.0 or spread == 0.0:
+        return nothing._replace(reason="the contact is not rounded both ways")
+    elongation = float(np.sqrt(short / long))
+    gradient = np.array([-xy, xx - yy, xy]) / (2.0 * spread**2)
+    error = float(np.sqrt(gradient @ covariance @ gradient))
+    axis = Axis(0.5 * float(np.arctan2(xy, xx - yy)), error, elongation, -short)
+    if elongation < LEAST_ELONGATION:
+        return axis._replace(angle=np.nan, reason=f"the contact is too round: {elongation:.2f}:1")
+    if error > np.radians(LARGEST_ERROR_DEG):
+        return axis._replace(
+            angle=np.nan, reason=f"its direction is only known to {np.degrees(error):.1f}°"
+        )
+    return axis
+
+
+def unwrap(angle: float, near: float) -> float:
+    """An axis' direction, by half turns as near to another as can be [rad]."""
+    return angle + np.pi * round((near - angle) / np.pi)
+
+
+def follow_outline(recording: Recording) -> Outline:
+    """Follow the long axis of the contact through a recording, anew with every contact."""
     stencils = make_stencils(recording.layout)
     angle = np.full(len(recording), np.nan)
+    error = np.full(len(recording), np.nan)
     elongation = np.full(len(recording), np.nan)
+    last = np.nan
     for i, frame in enumerate(recording):
         if frame.flaw:
             continue
         fields = measure_fields(stencils, frame)
-        if fields.contact.sum() < 3:
+        if not fields.contact.any():
+            last = np.nan
             continue
-        depth = fields.indentation[fields.contact]
-        points = fields.positions[fields.contact, :2]
-        spread = np.cov(points.T, aweights=depth - 0.9 * depth.min(), ddof=0)
-        short, long = np.linalg.eigvalsh(spread)
-        elongation[i] = np.sqrt(long / max(short, 1e-12))
-        if elongation[i] >= LEAST_ELONGATION:
-            angle[i] = 0.5 * np.arctan2(2.0 * spread[0, 1], spread[0, 0] - spread[1, 1])
-    seen = np.isfinite(angle)
-    angle[seen] = np.unwrap(angle[seen], period=np.pi)
-    return Outline(angle, elongation)
+        axis = measure_axis(fields)
+        elongation[i] = axis.elongation
+        if np.isfinite(axis.angle):
+            last = unwrap(axis.angle, last) if np.isfinite(last) else axis.angle
+            angle[i], error[i] = last, axis.standard_error
+    return Outline(angle, error, elongation)

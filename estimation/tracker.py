@@ -103,6 +103,8 @@ class Tracker:
             return State.NO_CONTACT, f"no contact: moved by less than {self.onset_mm:g} mm"
         if not np.isfinite(gel.angle):
             return State.MACRO_SLIP, f"fewer than {MIN_STICK_MARKERS} markers stick"
+        if gel.stick.sum() < MIN_STICK_MARKERS:
+            return State.MACRO_SLIP, ""
         if gel.stick.sum() >= self.stick_share * fields.contact.sum():
             return State.STICK, ""
         return State.INCIPIENT, ""

@@ -87,3 +87,15 @@ def lift(
         moment=np.outer(np.arange(frames), [0.0, 0.0, 1.0]),
         name=name,
     )
+
+
+def recording_of(layout: MarkerLayout, positions: Float[np.ndarray, "frames n d"]) -> Recording:
+    """A recording at 30 frames per second in which every marker is seen."""
+    frames = len(positions)
+    return Recording(
+        layout=layout,
+        positions=positions,
+        valid=np.ones(positions.shape[:2], dtype=bool),
+        time=np.arange(frames) / 30.0,
+        source_index=np.arange(frames),
+    )

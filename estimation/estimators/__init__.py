@@ -4,12 +4,23 @@ from collections.abc import Callable
 from functools import partial
 from typing import Protocol, runtime_checkable
 
+from estimation.estimators.incremental import Incremental
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper
 from estimation.estimators.rigid import Rigid
+from estimation.estimators.tracked import Tracked
 from estimation.fields import Fields
 
-__all__ = ["DEFAULT_METHOD", "METHODS", "Estimator", "Measurement", "Paper", "Rigid"]
+__all__ = [
+    "DEFAULT_METHOD",
+    "METHODS",
+    "Estimator",
+    "Incremental",
+    "Measurement",
+    "Paper",
+    "Rigid",
+    "Tracked",
+]
 
 
 @runtime_checkable
@@ -22,10 +33,12 @@ class Estimator(Protocol):
 
 
 METHODS: dict[str, Callable[..., Estimator]] = {
+    "tracked": Tracked,
+    "incremental": Incremental,
     "rigid": Rigid,
     "paper": Paper,
     "paper_strict": partial(Paper, threshold=STRICT_THRESHOLD),
 }
 """Estimators by name; each is made from the layout's stencils, the noise and its constants."""
 
-DEFAULT_METHOD = "rigid"
+DEFAULT_METHOD = "tracked"

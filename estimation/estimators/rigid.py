@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from estimation.contact import find_stick_centre
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.fields import Fields, Stencils, tilt
 from estimation.noise import Noise
@@ -32,6 +33,7 @@ BIWEIGHT_CUT = 5.0
 # normal coordinates and a cut at 5 standard deviations (quadrature; tested).
 BIWEIGHT_ERROR = 0.950
 MAX_STEPS = 50
+MAX_STRAIN = 0.01
 
 
 class Rigid:
@@ -44,6 +46,7 @@ class Rigid:
         *,
         threshold: float = 0.2,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
+        max_strain: float = MAX_STRAIN,
     ) -> None:
         """Make the estimator.
 
@@ -54,11 +57,15 @@ class Rigid:
                 the paper's 0.4 it takes in markers whose slip hides in the noise.
             angle_floor_deg: least denominator of Eq. (15) [deg]; raised until the threshold is
                 three standard errors of φ where the noise asks for more.
+            max_strain: misfit over size of the region beyond which its markers do not move as one
+                body [-]. Slip within a few markers shows so; those that stick to an object strain
+                with the gel by some tenths of a percent.
         """
         self.stencils = stencils
         self.noise_mm = 0.0 if noise is None else noise.in_plane
         self.threshold = check_positive("threshold", threshold)
         noise_floor = 3.0 * stencils.rotation_noise(self.noise_mm) / threshold
+        self.max_strain = check_positive("max_strain", max_strain)
         self.floor = max(
             float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor
         )
@@ -67,14 +74,9 @@ class Rigid:
         """Rotation of the elastomer where it sticks, from the fields of the next frame."""
         if not fields.contact.any():
             return Measurement.none(fields.contact)
-        segment = grow_stick_region(
-            fields, self.stencils.neighbours, threshold=self.threshold, floor=self.floor
-        )
-        if segment.sum() < MIN_STICK_MARKERS:
-            return Measurement.none(segment)
-        fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm)
-        if fit.stick.sum() < MIN_STICK_MARKERS:
-            return Measurement.none(fit.stick)
+        fit = self.fit(fields)
+        if fit is None:
+            return Measurement.none(np.zeros_like(fields.contact))
         error = Z95 * fit.standard_error
         return Measurement(
             angle=fit.angle,
@@ -82,6 +84,33 @@ class Rigid:
             high=fit.angle + float(np.hypot(error, max(fit.lag, 0.0))),
             stick=fit.stick,
         )
+
+    def fit(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
+        """Rotation of what has stuck since an earlier frame, or since the pad was unloaded.
+
+        None where fewer than three markers have moved as one body.
+        """
+        if since is not None:
+            turned = fields.rotation - since.rotation
+            contact = fields.contact & since.contact & np.isfinite(turned)
+            centre = fields.centre
+            if not contact.any():
+                return None
+            if not contact[centre]:
+                centre = find_stick_centre(
+                    fields.positions,
+                    fields.positions - since.positions,
+                    fields.normals,
+                    contact,
+                )
+            fields = fields._replace(rotation=turned, contact=contact, centre=centre)
+        segment = grow_stick_region(
+            fields, self.stencils.neighbours, threshold=self.threshold, floor=self.floor
+        )
+        if segment.sum() < MIN_STICK_MARKERS:
+            return None
+        fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since)
+        return fit if fit.holds(self.max_strain) else None
 
 
 class RigidFit(NamedTuple):
@@ -94,6 +123,7 @@ class RigidFit(NamedTuple):
             to be seen [rad].
         stick: the markers that move with it.
         scale: noise or misfit per coordinate that the fit has worked with [mm].
+        strain: misfit beyond the noise over the markers' distance from their centre [-].
     """
 
     angle: float
@@ -101,6 +131,11 @@ class RigidFit(NamedTuple):
     lag: float
     stick: Bool[np.ndarray, " n"]
     scale: float
+    strain: float
+
+    def holds(self, max_strain: float) -> bool:
+        """Whether enough markers move, and move as one body."""
+        return bool(self.stick.sum() >= MIN_STICK_MARKERS and self.strain <= max_strain)
 
 
 def fit_rigid_rotation(
@@ -108,6 +143,7 @@ def fit_rigid_rotation(
     fields: Fields,
     segment: Bool[np.ndarray, " n"],
     noise_mm: float,
+    since: Fields | None = None,
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
 
@@ -119,9 +155,11 @@ def fit_rigid_rotation(
         stencils: of the layout.
         fields: of the frame.
         segment: markers to fit, at least three, the stick centre one of them.
-        noise_mm: noise per in-plane coordinate [mm]; 0 where unknown.
+        noise_mm: noise per in-plane coordinate and frame [mm]; 0 where unknown.
+        since: an earlier frame to count the rotation from; else the unloaded shape.
     """
-    before, after = _in_contact_plane(stencils, fields, segment)
+    before, after = _in_contact_plane(stencils, since, fields, segment)
+    noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     x, y = before[segment], after[segment]
     distance = np.abs(x - before[fields.centre])
     weights = (distance <= np.sort(distance)[:CORE_MARKERS][-1]).astype(float)
@@ -137,7 +175,7 @@ def fit_rigid_rotation(
     stick = np.zeros_like(segment)
     stick[segment] = weights > 0
     if stick.sum() < MIN_STICK_MARKERS:
-        return RigidFit(np.nan, np.nan, np.nan, stick, scale)
+        return RigidFit(np.nan, np.nan, np.nan, stick, scale, np.inf)
     lever = np.zeros(len(stick))
     lever[segment] = weights * np.abs(x - motion.origin)
     information = float(lever[segment] @ np.abs(x - motion.origin))
@@ -147,6 +185,7 @@ def fit_rigid_rotation(
         lag=_undetected_slip(stencils, motion, before, after, stick, lever / information, scale),
         stick=stick,
         scale=scale,
+        strain=float(np.sqrt(max(scale**2 - noise_mm**2, 0.0) * weights.sum() / information)),
     )
 
 
@@ -194,18 +233,18 @@ def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
 
 
 def _in_contact_plane(
-    stencils: Stencils, fields: Fields, segment: Bool[np.ndarray, " n"]
+    stencils: Stencils, since: Fields | None, fields: Fields, segment: Bool[np.ndarray, " n"]
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
     """Every marker's position in the segment's tangent plane, before and now, as x + iy [mm]."""
-    normal = _mean_direction(stencils.normals[segment])
+    positions = stencils.reference if since is None else since.positions
+    normals = stencils.normals if since is None else since.normals
+    normal = _mean_direction(normals[segment])
     along = stencils.tangents[segment][0, :, 0]
     along = _mean_direction((along - normal * (along @ normal))[None])
     basis = np.stack([along, np.cross(normal, along)])
     basis_now = tilt(basis, normal, _mean_direction(fields.normals[segment]))
     to_complex = np.array([1.0, 1.0j])
-    return (stencils.reference @ basis.T) @ to_complex, (
-        fields.positions @ basis_now.T
-    ) @ to_complex
+    return (positions @ basis.T) @ to_complex, (fields.positions @ basis_now.T) @ to_complex
 
 
 def _mean_direction(vectors: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " 3"]:

@@ -31,11 +31,11 @@ def test_run_an_archive(command, tmp_path):
     ("arguments", "message"),
     [
         (("nowhere.npz",), "nowhere.npz"),
-        (("{archive}", "--method", "magic"), "no method 'magic'; there are rigid, paper"),
+        (("{archive}", "--method", "magic"), "no method 'magic'; there are tracked, incremental"),
         (("{archive}", "--softness", "nowhere.toml"), "nowhere.toml"),
         (("{archive}", "--noise-um", "-1"), "must be a number above 0"),
         (("{archive}", "--threshold", "0"), "threshold is 0.0"),
-        (("{archive}", "--window", "3"), "rigid has no constant 'window'"),
+        (("{archive}", "--window", "3"), "tracked has no constant 'window'"),
         (("{archive}", "--onset-mm", "nan"), "onset_mm is nan"),
         (("{archive}", "--contact-share", "2"), "contact_share is 2.0"),
         (("{empty}",), "empty"),

@@ -1,0 +1,193 @@
+"""The incremental estimator: what has turned since the oldest frame that the contact remembers.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (12) and (15).
+
+A total angle assumes that a point has stuck since the pad was unloaded. After a reversal or a
+partial slip none may have, though most stick again. Eq. (12) is the rate form of the total: it
+holds for what sticks over any interval. Here the interval runs from a keyframe to now, and the
+keyframe is the oldest whose markers still move as one body with the object: measured so, errors add
+up once per keyframe, not once per frame.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimation.estimators.measurement import Z95, Measurement
+from estimation.estimators.rigid import MAX_STRAIN, Rigid, RigidFit
+from estimation.fields import Fields
+from estimation.noise import Noise
+from estimation.stencils import Stencils
+from estimation.stick import ANGLE_FLOOR_DEG
+
+MAX_KEYFRAMES = 4
+FIRM_MARKERS = 9
+
+
+class Keyframe(NamedTuple):
+    """A frame to count from.
+
+    Attributes:
+        fields: of the frame; None for the unloaded shape.
+        number: frames since the tracker began.
+        angle: rotation of the elastomer up to there [rad].
+        error: its standard error [rad].
+        lag_low: how far undetected slip may have kept it above the truth [rad].
+        lag_high: how far undetected slip may have kept it below the truth [rad].
+    """
+
+    fields: Fields | None
+    number: int
+    angle: float = 0.0
+    error: float = 0.0
+    lag_low: float = 0.0
+    lag_high: float = 0.0
+
+    def advance(self, fields: Fields, number: int, fit: RigidFit) -> "Keyframe":
+        """The keyframe that now is, counted from this one."""
+        return Keyframe(
+            fields=fields,
+            number=number,
+            angle=self.angle + fit.angle,
+            error=float(np.hypot(self.error, fit.standard_error)),
+            lag_low=self.lag_low + max(-fit.lag, 0.0),
+            lag_high=self.lag_high + max(fit.lag, 0.0),
+        )
+
+    @property
+    def low(self) -> float:
+        """Lower end of the angle's 95 % interval [rad]."""
+        return self.angle - float(np.hypot(Z95 * self.error, self.lag_low))
+
+    @property
+    def high(self) -> float:
+        """Upper end of the angle's 95 % interval [rad]."""
+        return self.angle + float(np.hypot(Z95 * self.error, self.lag_high))
+
+
+class Incremental:
+    """Rigid increments of what sticks, from the oldest keyframe that still holds."""
+
+    def __init__(
+        self,
+        stencils: Stencils,
+        noise: Noise | None,
+        *,
+        threshold: float = 0.2,
+        angle_floor_deg: float = ANGLE_FLOOR_DEG,
+        max_strain: float = MAX_STRAIN,
+        keyframe_interval: int = 5,
+        mature_age: int = 8,
+    ) -> None:
+        """Make the estimator.
+
+        Args:
+            stencils: of the marker layout.
+            noise: of the markers; without it the misfit of the fit takes its place.
+            threshold: Δφ_th of Eq. (15) on increments of φ [-].
+            angle_floor_deg: least denominator of Eq. (15) [deg].
+            max_strain: misfit over size of the region beyond which it is no one body [-].
+            keyframe_interval: frames from one keyframe to the next [-].
+            mature_age: frames over which markers must have moved as one to count as sticking [-].
+                In macro slip the gel hardly moves from one frame to the next and all of it seems
+                to stick; over a longer time it does not.
+        """
+        if keyframe_interval < 1 or mature_age < 1:
+            raise ValueError("keyframe_interval and mature_age must be at least one frame")
+        self.rigid = Rigid(
+            stencils,
+            noise,
+            threshold=threshold,
+            angle_floor_deg=angle_floor_deg,
+            max_strain=max_strain,
+        )
+        self.keyframe_interval = keyframe_interval
+        self.mature_age = mature_age
+        self.keyframes = [Keyframe(None, -mature_age)]
+        self.number = 0
+        self.increment = (0, 0.0)
+        """Frames since the keyframe that was last counted from, and rotation since [rad]."""
+
+    def update(self, fields: Fields) -> Measurement:
+        """Rotation of the elastomer where it sticks, from the fields of the next frame.
+
+        A contact that has already slipped when it is first seen is counted from that frame. Once
+        nothing sticks any more the angle is lost; NaN with markers that stick says that some stick
+        again, to an object whose angle is not known.
+        """
+        self.number += 1
+        if not fields.contact.any():
+            self.restart()
+            return Measurement.none(fields.contact)
+        found = self._count_on(fields)
+        if found is None and self.keyframes[-1].fields is None:
+            found = Keyframe(fields, self.number - self.mature_age), fields.contact
+            self.keyframes = [found[0]]
+        if found is None:
+            self.lose(fields)
+            return Measurement.none(np.zeros_like(fields.contact))
+        now, stick = found
+        self._remember(now)
+        return Measurement(now.angle, now.low, now.high, stick)
+
+    def lose(self, fields: Fields) -> None:
+        """Give up the angle: from this frame on only increments are known."""
+        unknown = Keyframe(fields, self.number, angle=np.nan)
+        self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
+        self._remember(unknown)
+
+    def resume(self, fields: Fields, angle: float, error: float) -> None:
+        """Count on from this frame, at an angle that was found otherwise [rad]."""
+        number = self.number - self.mature_age
+        self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
+
+    def restart(self) -> None:
+        """Count from the unloaded shape again."""
+        self.keyframes = [Keyframe(None, self.number - self.mature_age)]
+
+    def _count_on(self, fields: Fields) -> tuple[Keyframe, np.ndarray] | None:
+        """The frame counted from the best mature keyframe, and its markers that stick.
+
+        The oldest serves while nine markers or more hold on to it; among weaker ones the one that
+        leaves the narrowest interval. While the angle is lost it is the newest, which forgets the
+        slip soonest. Those that no longer hold are forgotten.
+        """
+        mature = [i for i, k in enumerate(self.keyframes) if self._age(k) >= self.mature_age]
+        if mature and np.isnan(self.keyframes[0].angle):
+            mature = mature[-1:]
+        best: tuple[float, int, Keyframe, RigidFit] | None = None
+        broken: list[int] = []
+        for i in mature:
+            fit = self.rigid.fit(fields, self.keyframes[i].fields)
+            if fit is None:
+                broken.append(i)
+                continue
+            now = self.keyframes[i].advance(fields, self.number, fit)
+            width = float(np.nan_to_num(now.high - now.low, nan=np.inf))
+            if best is None or width < best[0]:
+                best = width, i, now, fit
+            if best[3].stick.sum() >= FIRM_MARKERS:
+                break
+        self.increment = (0, 0.0)
+        if best is None:
+            return None
+        _, first, now, fit = best
+        self.increment = (self._age(self.keyframes[first]), fit.angle)
+        self.keyframes = [k for i, k in enumerate(self.keyframes) if i not in broken]
+        return now, fit.stick
+
+    def _age(self, keyframe: Keyframe) -> int:
+        return self.number - keyframe.number
+
+    def _remember(self, now: Keyframe) -> None:
+        """Keep the frame as a keyframe if the last one is old enough, and thin the others out."""
+        if self._age(self.keyframes[-1]) < self.keyframe_interval:
+            return
+        self.keyframes.append(now)
+        if len(self.keyframes) > MAX_KEYFRAMES:
+            ages = [self._age(keyframe) for keyframe in self.keyframes]
+            crowding = [
+                (ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)
+            ]
+            del self.keyframes[1 + int(np.argmin(crowding))]

@@ -1,0 +1,145 @@
+"""The tracked estimator: increments while something sticks, the outline while all slips.
+
+The gel cannot tell an object that slips from one that rests: in both cases it stands still. The
+contact's outline can: it turns with the object (`estimation.outline`).
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from estimation.estimators.incremental import Incremental
+from estimation.estimators.measurement import Z95, Measurement
+from estimation.estimators.rigid import MAX_STRAIN
+from estimation.fields import Fields
+from estimation.noise import Noise
+from estimation.outline import Axis, measure_axis, unwrap
+from estimation.stencils import Stencils
+from estimation.stick import ANGLE_FLOOR_DEG
+
+MEMORY = 60
+
+
+class _Sight(NamedTuple):
+    """What outline and gel said of one frame.
+
+    Attributes:
+        axis: the outline, followed without jumps.
+        angle: rotation of the elastomer where it sticks [rad]; NaN where nothing does.
+        error: its standard error [rad].
+    """
+
+    axis: Axis
+    angle: float
+    error: float
+
+
+class Tracked:
+    """Increments of what sticks; in macro slip the contact's outline takes over."""
+
+    def __init__(
+        self,
+        stencils: Stencils,
+        noise: Noise | None,
+        *,
+        threshold: float = 0.2,
+        angle_floor_deg: float = ANGLE_FLOOR_DEG,
+        max_strain: float = MAX_STRAIN,
+        keyframe_interval: int = 5,
+        mature_age: int = 8,
+        slip_deg: float = 2.0,
+        shape_change: float = 0.3,
+    ) -> None:
+        """Make the estimator.
+
+        Args:
+            stencils: of the marker layout.
+            noise: of the markers; without it the misfit of the fit takes its place.
+            threshold: Δφ_th of Eq. (15) on increments of φ [-].
+            angle_floor_deg: least denominator of Eq. (15) [deg].
+            max_strain: misfit over size of the region beyond which it is no one body [-].
+            keyframe_interval: frames from one keyframe to the next [-].
+            mature_age: frames over which markers must have moved as one to count as sticking, and
+                over which gel and outline are compared [-].
+            slip_deg: how far the outline turns away from the gel in that time in macro slip [deg].
+            shape_change: share by which the contact's curvature may differ from what it was when
+                the outline was first seen; beyond, it is not that of the same face [-].
+        """
+        self.incremental = Incremental(
+            stencils,
+            noise,
+            threshold=threshold,
+            angle_floor_deg=angle_floor_deg,
+            max_strain=max_strain,
+            keyframe_interval=keyframe_interval,
+            mature_age=mature_age,
+        )
+        self.mature_age = mature_age
+        self.slip = float(np.radians(slip_deg))
+        self.shape_change = shape_change
+        self._forget()
+
+    def update(self, fields: Fields) -> Measurement:
+        """Rotation of the object since it touched, from the fields of the next frame."""
+        gel = self.incremental.update(fields)
+        if not fields.contact.any():
+            self._forget()
+            return gel
+        axis = self._follow(measure_axis(fields))
+        if np.isfinite(gel.angle) and self._overtaken(axis, gel.angle):
+            self.incremental.lose(fields)
+            gel = Measurement.none(np.zeros_like(gel.stick))
+        self._sights.append(_Sight(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95))
+        return gel if np.isfinite(gel.angle) else self._hand_over(fields, axis, gel)
+
+    def _forget(self) -> None:
+        """Begin anew with the next contact."""
+        self._sights: deque[_Sight] = deque(maxlen=MEMORY)
+        self._last = np.nan
+        self._curvature = np.nan
+
+    def _follow(self, axis: Axis) -> Axis:
+        """The axis without jumps of half a turn; NaN if the contact is of another shape now."""
+        if not np.isfinite(axis.angle):
+            return axis
+        if not np.isfinite(self._curvature):
+            self._curvature, self._last = axis.curvature, axis.angle
+        if abs(axis.curvature / self._curvature - 1.0) > self.shape_change:
+            return axis._replace(angle=np.nan)
+        self._last = unwrap(axis.angle, self._last)
+        return axis._replace(angle=self._last)
+
+    def _overtaken(self, axis: Axis, angle: float) -> bool:
+        """Whether the outline has lately turned away from markers that seem to stick."""
+        if len(self._sights) < self.mature_age:
+            return False
+        before = self._sights[-self.mature_age]
+        apart = (axis.angle - before.axis.angle) - (angle - before.angle)
+        doubt = 3.0 * np.hypot(axis.standard_error, before.axis.standard_error)
+        return bool(abs(apart) > max(self.slip, doubt))
+
+    def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement) -> Measurement:
+        """The angle by the outline, until markers stick to what it shows."""
+        known = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
+        if not (known and np.isfinite(axis.angle)):
+            return gel
+        known = known[-self.mature_age :]
+        angle = axis.angle + float(np.mean([s.angle - s.axis.angle for s in known]))
+        reading = axis.standard_error * np.sqrt(1.0 + 1.0 / len(known))
+        error = float(np.hypot(reading, known[-1].error))
+        if self._sticks_again(axis):
+            self.incremental.resume(fields, angle, error)
+            return Measurement(angle, angle - Z95 * error, angle + Z95 * error, gel.stick)
+        none = np.zeros_like(gel.stick)
+        return Measurement(angle, angle - Z95 * error, angle + Z95 * error, none)
+
+    def _sticks_again(self, axis: Axis) -> bool:
+        """Whether markers have moved as one body, and with the outline, for long enough."""
+        age, turned = self.incremental.increment
+        if not 0 < age < len(self._sights):
+            return False
+        before = self._sights[-1 - age].axis
+        apart = (axis.angle - before.angle) - turned
+        doubt = 2.0 * np.hypot(axis.standard_error, before.standard_error)
+        return bool(abs(apart) < max(0.5 * self.slip, doubt))
