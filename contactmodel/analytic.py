@@ -34,6 +34,8 @@ def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 _POINTS, _WEIGHTS = _gauss(32)
 _ABEL_POINTS, _ABEL_WEIGHTS = _gauss(96)  # 1/r peaks where s is small
+_TINY = 1e-9  # κ below which K = ln(4/κ) and E = 1 to rounding
+_NO_MOMENT = 1e-6  # share of the radius within which a moment, going like s³, is below rounding
 
 
 class Hertz(NamedTuple):
@@ -60,7 +62,7 @@ def pair_shear_modulus(elastomer: ArrayLike, stiffness_ratio: ArrayLike) -> Arra
 def hertz_from_approach(
     approach: ArrayLike, radius_of_curvature: ArrayLike, contact_modulus: ArrayLike
 ) -> Hertz:
-    """Hertz contact of a given approach ([Johnson1985] Eqs. 4.22 to 4.24).
+    """Hertz contact of a given approach, no force below 0 ([Johnson1985] Eqs. 4.22 to 4.24).
 
     Args:
         approach: δ [mm].
@@ -69,7 +71,7 @@ def hertz_from_approach(
     """
     delta, curvature = jnp.asarray(approach), jnp.asarray(radius_of_curvature)
     modulus = jnp.asarray(contact_modulus)
-    a = jnp.sqrt(curvature * delta)
+    a = _root(curvature * delta)
     return Hertz(
         radius=a,
         peak_pressure=2.0 * modulus * a / (jnp.pi * curvature),
@@ -98,7 +100,7 @@ def hertz_indentation(
     outside = jnp.maximum(x, 1.0)
     parabola = 2.0 - x**2
     inner = 0.5 * jnp.pi * parabola
-    outer = parabola * jnp.arcsin(1.0 / outside) + _root(outside**2 - 1.0)
+    outer = parabola * _arcsin(1.0 / outside) + _root(outside**2 - 1.0)
     scale = jnp.asarray(peak_pressure) * jnp.asarray(radius) / (2.0 * jnp.asarray(modulus))
     return scale * jnp.where(x <= 1.0, inner, outer)
 
@@ -116,9 +118,9 @@ def hertz_radial_displacement(
     own shear modulus [MPa] and Poisson's ratio.
     """
     x = jnp.asarray(r) / jnp.asarray(radius)
-    inside = jnp.clip(x, 1e-6, 1.0)
-    pulled = (1.0 - _root(1.0 - inside**2) ** 3) / inside
-    shape = jnp.where(x < 1e-6, 1.5 * x, jnp.where(x <= 1.0, pulled, 1.0 / jnp.maximum(x, 1.0)))
+    y = jnp.where(x <= 1.0, 1.0 - x**2, 0.0)
+    inside = x * (1.0 + y + y**2) / (1.0 + y * _root(y))  # (1 − y^{3/2})/x, exact at x = 0 too
+    shape = jnp.where(x <= 1.0, inside, 1.0 / jnp.maximum(x, 1.0))
     softness = (1.0 - 2.0 * jnp.asarray(poisson_ratio)) / (6.0 * jnp.asarray(shear_modulus))
     return -softness * jnp.asarray(peak_pressure) * jnp.asarray(radius) * shape
 
@@ -144,7 +146,7 @@ def punch_displacement(r: ArrayLike, radius: ArrayLike) -> Array:
     """
     r, s = jnp.asarray(r), jnp.asarray(radius)
     ratio = jnp.minimum(s / jnp.maximum(r, s), 1.0)
-    outside = 2.0 / jnp.pi * (r * jnp.arcsin(ratio) - s * _root(1.0 - ratio**2))
+    outside = 2.0 / jnp.pi * (r * _arcsin(ratio) - s * _root(1.0 - ratio**2))
     return jnp.where(r <= s, r, outside)
 
 
@@ -191,7 +193,7 @@ def torsion_moment(
     density: Density, stick_radius: ArrayLike, radius: ArrayLike, shear_modulus: ArrayLike
 ) -> Array:
     """Moment at that stick radius, (16/3) G* ∫_c^a s³ f ds ([Jaeger1995]) [N·mm]."""
-    s, ds = _between(stick_radius, radius)
+    s, ds = _between(jnp.maximum(stick_radius, _NO_MOMENT * jnp.asarray(radius)), radius)
     return 16.0 / 3.0 * jnp.asarray(shear_modulus) * jnp.sum(s**3 * density(s) * ds, axis=-1)
 
 
@@ -222,11 +224,11 @@ def torsion_displacement(
     Inside the stick region it is r θ.
     """
     r, c, a = (jnp.asarray(value)[..., None] for value in (r, stick_radius, radius))
-    edge = jnp.clip(r, c, a)
+    edge = jnp.where(r <= c, c, jnp.where(r <= a, r, a))  # not clip: it halves slopes at c and a
     s, ds = _between(edge[..., 0], a[..., 0])  # punches that hold r
     inner = r[..., 0] * jnp.sum(density(s) * ds, axis=-1)
-    far = jnp.maximum(r, c)  # punches that do not: s = r sin α
-    low, high = jnp.arcsin(c / far), jnp.arcsin(jnp.minimum(edge / far, 1.0))
+    far = jnp.where(r <= c, c, r)  # punches that do not: s = r sin α
+    low, high = _arcsin(c / far), _arcsin(edge / far)
     alpha = low + (high - low) * _POINTS
     s = far * jnp.sin(alpha)
     lag = 2.0 / jnp.pi * far * (alpha - jnp.sin(alpha) * jnp.cos(alpha))
@@ -246,14 +248,18 @@ def lubkin_twist(stick_ratio: ArrayLike, friction_ratio: ArrayLike) -> Array:
 
 
 def lubkin_stick_ratio(twist: ArrayLike, friction_ratio: ArrayLike) -> Array:
-    """κ = c/a at a twist of either sign, the inverse of `lubkin_twist` [-]."""
+    """κ = c/a at a twist of either sign, the inverse of `lubkin_twist` [-].
+
+    It falls like 4 exp(−1 − θ/(μp0/2G*)) and never reaches 0: beyond θ/(μp0/2G*) = 700 it stays
+    at what a double can hold.
+    """
 
     def solve(target: Array) -> Array:
         def excess(log_kappa: Array, target: Array) -> Array:
             first, second = complete_elliptic(jnp.exp(log_kappa))
             return first - second - target
 
-        # K − E is above ln(4/κ) − 1 − ½, and below 0 for κ > 1
+        # K − E is above ln(4/κ) − ½π, and below 0 for κ > 1
         bracket = {"lower": -target - 1.0, "upper": jnp.full_like(target, 0.5)}
         solver = optx.Bisection(rtol=1e-14, atol=1e-14)
         start = -0.5 * target
@@ -262,14 +268,15 @@ def lubkin_stick_ratio(twist: ArrayLike, friction_ratio: ArrayLike) -> Array:
         )
         return jnp.minimum(jnp.exp(solution.value), 1.0)
 
-    return jnp.vectorize(solve)(jnp.abs(jnp.asarray(twist)) / jnp.asarray(friction_ratio))
+    target = jnp.abs(jnp.asarray(twist)) / jnp.asarray(friction_ratio)
+    return jnp.vectorize(solve)(jnp.minimum(target, 700.0))
 
 
 def lubkin_moment(
     stick_ratio: ArrayLike, friction_coefficient: ArrayLike, force: ArrayLike, radius: ArrayLike
 ) -> Array:
     """M = (4/π) μPa ∫_κ^1 s² E(1−s²) ds, parameter 1 − s² ([Lubkin1951]) [N·mm]."""
-    s, ds = _between(stick_ratio, 1.0)
+    s, ds = _between(jnp.maximum(stick_ratio, _NO_MOMENT), 1.0)
     integral = jnp.sum(s**2 * complete_elliptic(s)[1] * ds, axis=-1)
     limit = jnp.asarray(friction_coefficient) * jnp.asarray(force) * jnp.asarray(radius)
     return 4.0 / jnp.pi * limit * integral
@@ -289,6 +296,21 @@ def flat_disc_twist(
     limit = jnp.asarray(friction_coefficient) * jnp.asarray(force)
     area = 4.0 * jnp.pi * jnp.asarray(shear_modulus) * jnp.asarray(radius) ** 2
     return limit * complete_elliptic(stick_ratio)[0] / area
+
+
+def flat_disc_moment(
+    stick_ratio: ArrayLike, friction_coefficient: ArrayLike, force: ArrayLike, radius: ArrayLike
+) -> Array:
+    """Moment at that twist, (4/3π) μPa [κ³K + 3∫_κ^1 s² K(1−s²) ds] ([Jaeger1995]) [N·mm].
+
+    (16/3) G* ∫ s³ f ds by parts, so that the jump of f at the edge is in it: ⅔ μPa when slip
+    starts, (π/4) μPa when everything slips.
+    """
+    kappa = jnp.maximum(stick_ratio, _NO_MOMENT)
+    s, ds = _between(kappa, 1.0)
+    slipped = 3.0 * jnp.sum(s**2 * complete_elliptic(s)[0] * ds, axis=-1)
+    limit = jnp.asarray(friction_coefficient) * jnp.asarray(force) * jnp.asarray(radius)
+    return 4.0 / (3.0 * jnp.pi) * limit * (kappa**3 * complete_elliptic(kappa)[0] + slipped)
 
 
 def mindlin_shift(
@@ -360,16 +382,19 @@ def open_turns(path: Sequence[float]) -> list[tuple[float, ...]]:
 
 def complete_elliptic(kappa: ArrayLike) -> tuple[Array, Array]:
     """K and E of parameter m = 1 − κ², 0 < κ ≤ 1, by the arithmetic–geometric mean."""
-    geometric = jnp.asarray(kappa)
+    kappa = jnp.asarray(kappa)
+    tiny = kappa < _TINY
+    geometric = jnp.where(tiny, 1.0, kappa)
     mean = jnp.ones_like(geometric)
     total, power = 0.5 * (1.0 - geometric**2), 0.5
-    for _ in range(8):  # converges quadratically: exact to rounding for κ above 1e-12
+    for _ in range(8):  # converges quadratically: exact to rounding above _TINY
         half = 0.5 * (mean - geometric)
         mean, geometric = 0.5 * (mean + geometric), jnp.sqrt(mean * geometric)
         power *= 2.0
         total = total + power * half**2
     first = jnp.pi / (2.0 * mean)
-    return first, first * (1.0 - total)
+    limit = jnp.log(4.0 / jnp.where(tiny, kappa, 1.0))
+    return jnp.where(tiny, limit, first), jnp.where(tiny, 1.0, first * (1.0 - total))
 
 
 def _between(low: ArrayLike, high: ArrayLike) -> tuple[Float[Array, "*batch q"], Array]:
@@ -385,6 +410,12 @@ def _passed(turns: Sequence[float], twist: float) -> bool:
     if len(turns) == 1:
         return abs(twist) > abs(turns[0])
     return abs(twist - turns[-1]) >= abs(turns[-2] - turns[-1])
+
+
+def _arcsin(ratio: Array) -> Array:
+    """Arcsine of a ratio from 0 to 1, with a finite derivative (0) at 1."""
+    below = ratio < 1.0
+    return jnp.where(below, jnp.arcsin(jnp.where(below, ratio, 0.0)), 0.5 * jnp.pi)
 
 
 def _root(square: Array) -> Array:

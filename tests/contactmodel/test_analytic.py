@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
-from scipy.special import ellipe, ellipkm1
+from scipy.special import ellipe, ellipk, ellipkm1
 
 from contactmodel import analytic
 
@@ -30,7 +30,7 @@ def same(actual, expected, rel=0.0, abs=0.0):
 
 
 def test_complete_elliptic_integrals():
-    kappa = np.array([1.0, 0.999, 0.5, 0.01, 1e-6, 1e-12])
+    kappa = np.array([1.0, 0.999, 0.5, 0.01, 1e-6, 1.01e-9, 0.99e-9, 1e-12, 1e-40, 1e-150])
     first, second = analytic.complete_elliptic(kappa)
     np.testing.assert_allclose(first, ellipkm1(kappa**2), rtol=1e-14)
     np.testing.assert_allclose(second, ellipe(1 - kappa**2), rtol=1e-14)
@@ -50,6 +50,13 @@ def test_hertz_contact_carries_its_force():
     # work of the force over the approach: dU/dδ = P with P ~ δ^{3/2}
     slope = jax.grad(lambda d: analytic.hertz_from_approach(d, 20.0, 0.5).force)(0.8)
     same(slope, 1.5 * hertz.force / 0.8, rel=1e-12)
+
+
+def test_there_is_no_hertz_contact_before_touch():
+    for approach in (0.0, -0.1):
+        hertz = analytic.hertz_from_approach(approach, 20.0, 0.5)
+        assert hertz.radius == hertz.peak_pressure == hertz.force == 0.0
+    assert jax.grad(lambda d: analytic.hertz_from_approach(d, 20.0, 0.5).force)(0.0) == 0.0
 
 
 def test_hertz_indentation_fills_the_gap():
@@ -97,6 +104,20 @@ def test_lubkin_against_quadrature(kappa, twist, moment):
 def test_lubkin_limits():
     same(analytic.lubkin_moment(1e-9, 0.5, 2.0, 3.0), 3 * np.pi / 16 * 3.0, rel=1e-09)
     same(analytic.lubkin_twist(1.0, 0.3), 0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("kappa", [0.0, 1e-300, 1e-40, 1e-6])
+def test_moments_meet_their_limits_where_nothing_sticks(kappa):
+    # what a core of κ = 1e-6 adds is of order κ³; the rest is quadrature of s² ln s near 0
+    same(analytic.lubkin_moment(kappa, 0.5, 2.0, 3.0), 3 * np.pi / 16 * 3.0, rel=1e-11)
+    same(analytic.torsion_moment(DENSITY, kappa * A, A, G), 3 * np.pi / 16 * FORCE * A, rel=1e-11)
+    same(analytic.flat_disc_moment(kappa, 0.5, 2.0, 3.0), np.pi / 4 * 3.0, rel=1e-11)
+
+
+def test_stick_ratio_of_a_twist_far_beyond_slip():
+    # K = ln(4/κ), E = 1: κ = 4 exp(−1 − θ/ratio), until a double can hold no less
+    same(stick_ratio(0.5, 0.01), 4 * np.exp(-51.0), rel=1e-11)
+    assert 0.0 < stick_ratio(3.0, 1e-4) < 1e-300
 
 
 @settings(deadline=None)  # compiles on the way
@@ -219,6 +240,38 @@ def test_displacement_from_the_traction_by_cerruti():
     same(analytic.torsion_displacement(r, DENSITY, c, A), total / (2 * np.pi * G), rel=1e-05)
 
 
+FIELDS = {
+    "indentation": lambda r, a, _: analytic.hertz_indentation(r, a, 1.0, 0.7),
+    "radial": lambda r, a, _: analytic.hertz_radial_displacement(r, a, 1.0, 0.3, 0.3),
+    "punch": lambda r, a, _: analytic.punch_displacement(r, a),
+    "torsion": lambda r, a, c: analytic.torsion_displacement(
+        r, analytic.hertz_density(a, RATIO), c, a
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_fields_differentiate_in_r_a_and_c(name):
+    field = jax.jit(jnp.vectorize(FIELDS[name]))
+    slopes = jax.jit(jnp.vectorize(jax.grad(FIELDS[name], argnums=(0, 1, 2))))
+    r, step = np.array([0.3, 1.9, 2.1, 4.9, 5.1, 9.0]), 1e-5  # around c = 2 and a = 5
+    for i, slope in enumerate(slopes(r, A, 2.0)):
+        shift = step * np.eye(3)[i]
+        high = field(r + shift[0], A + shift[1], 2.0 + shift[2])
+        low = field(r - shift[0], A - shift[1], 2.0 - shift[2])
+        # central difference: step² times a third derivative below 100 beside the edges
+        np.testing.assert_allclose(slope, (high - low) / (2 * step), atol=1e-7)
+    corners = np.asarray(slopes(np.array([0.0, 2.0, A]), A, 2.0))
+    assert np.isfinite(corners).all()
+
+
+def test_torsion_turns_rigidly_at_the_rim_of_the_stick_region():
+    twist = float(analytic.torsion_twist(DENSITY, 2.0, A))
+    slope = jax.grad(lambda r: analytic.torsion_displacement(r, DENSITY, 2.0, A))
+    same(slope(2.0), twist, rel=1e-12)
+    same(slope(0.0), twist, rel=1e-12)
+
+
 def test_reissner_sagoci():
     carried = quad(
         lambda t: (
@@ -244,6 +297,24 @@ def test_flat_disc_starts_to_slip_and_ends_where_friction_ends():
     same(start, FORCE / (8 * G * A**2), rel=1e-14)
     stuck = analytic.reissner_sagoci_moment(start, A, G)
     same(stuck, 2 / 3 * FORCE * A, rel=1e-12)
+    same(analytic.flat_disc_moment(1.0, 1.0, FORCE, A), stuck, rel=1e-12)
+
+
+def test_flat_disc_moment_is_the_work_of_its_stick_discs():
+    """dM = (16/3) G* c³ dθ from the first slip on, by a quadrature of its own."""
+
+    def twist(kappa):
+        return FORCE * ellipk(1 - kappa**2) / (4 * np.pi * G * A**2)
+
+    for kappa in (0.8, 0.3):
+        # ∫ c³ dθ by parts, θ by scipy
+        rest = kappa**3 * twist(kappa) + 3 * quad(lambda s: s**2 * twist(s), kappa, 1)[0]
+        expected = 16 / 3 * G * A**3 * rest
+        same(analytic.flat_disc_moment(kappa, 1.0, FORCE, A), expected, rel=1e-9)
+        slope = jax.grad(analytic.flat_disc_moment)(kappa, 1.0, FORCE, A) / jax.grad(
+            analytic.flat_disc_twist
+        )(kappa, 1.0, FORCE, A, G)
+        same(slope, 16 / 3 * G * (kappa * A) ** 3, rel=1e-9)
 
 
 def test_mindlin_shift():
@@ -303,3 +374,18 @@ def test_the_moment_never_exceeds_friction(path):
     turns = analytic.open_turns(path)
     assert all(abs(later) <= abs(t[0]) + 1e-12 for t in turns if t for later in t)
     assert abs(float(analytic.masing(virgin_moment, turns[-1], path[-1]))) <= limit * (1 + 1e-12)
+
+
+@given(st.lists(st.sampled_from(np.linspace(-1.0, 1.0, 21).tolist()), min_size=1, max_size=15))
+def test_masing_is_a_stack_of_sliding_springs(path):
+    """Springs in parallel, each held by its own friction, know nothing of Masing's rule."""
+    limits, stiffness = np.array([0.05, 0.2, 0.45, 0.8]), np.array([3.0, 1.0, 2.0, 0.5])
+    stretch, last = np.zeros(4), 0.0
+    for twist, turns in zip(path, analytic.open_turns(path), strict=True):
+        for _ in range(2):  # a monotonic step may be taken in parts
+            stretch = np.clip(stretch + 0.5 * (twist - last), -limits, limits)
+        last = twist
+        moment = analytic.masing(
+            lambda t: np.sum(stiffness * np.clip(t, -limits, limits)), turns, twist
+        )
+        same(moment, np.sum(stiffness * stretch), abs=1e-12)

@@ -123,3 +123,14 @@ def test_single_frames_are_those_of_the_path(pivot):
     np.testing.assert_allclose(frame.positions, recording.positions[60], atol=1e-12)
     np.testing.assert_array_equal(stick, truth.stick[60])
     assert frame.moment == pytest.approx(truth.moment[60])
+
+
+@pytest.mark.parametrize("ratio", [1e-4, 1e-2])
+def test_an_object_that_hardly_rubs_slips_at_once_and_turns_on(ratio):
+    model = SILENT._replace(friction_ratio=ratio, offset=(0.5, 0.5))  # a marker on the axis
+    recording, truth = simulate_pivot(model, **EVERY_FRAME)
+    assert np.isfinite(recording.positions).all()
+    force = 2 / 3 * np.pi * 25 * 2 * model.shear_modulus * ratio
+    # Lubkin's limit, at −30° reached to rounding
+    assert truth.moment[-1] == pytest.approx(-3 * np.pi / 16 * force * 5.0, rel=1e-9)
+    assert truth.macro_slip[-20:].all()
