@@ -61,10 +61,10 @@ def test_a_contact_that_has_slipped_before_is_counted_from_its_first_frame(pivot
         np.argmax(recording.source_index >= 85)
     )  # the reversal, the core's old twist inside
     rows = slice(start, start + 30)
+    rough = np.random.default_rng(0).normal(size=(400, 3)) * [0.05, 0.05, 0.0]  # no core is left
     late = Recording(
         layout=recording.layout,
-        positions=recording.positions[rows]
-        + 0.02 * np.sin(7.0 * recording.layout.reference[:, [1, 0, 2]]),  # no rigid core any more
+        positions=recording.positions[rows] + rough,
         valid=recording.valid[rows],
         time=recording.time[rows],
         source_index=recording.source_index[rows],
@@ -86,14 +86,12 @@ def ellipsoid_slips(frames=60, slip_from=20, slip_to=40, rate=1.0):
     gel = rate * np.cumsum((np.arange(frames) < slip_from) | (np.arange(frames) >= slip_to))
     positions = []
     for i in range(frames):
-        shape = pressed_by_an_ellipsoid(layout, np.radians(angle[i]), noise=0.0)
-        pressed = shape - layout.reference
         r = np.hypot(*layout.reference[:, :2].T)
         turned = np.radians(gel[i] - gel[0]) * np.exp(-np.clip((r - 4.0) / 3.0, 0.0, None))
         moved = np.stack(
             [turn_about_z(p, a) for p, a in zip(layout.reference, turned, strict=True)]
         )
-        positions.append(moved + pressed)
+        positions.append(pressed_by_an_ellipsoid(moved, np.radians(angle[i]), noise=0.0))
     noise = np.random.default_rng(0).normal(size=(frames, 400, 3)) * [1e-3, 1e-3, 3e-3]
     return recording_of(layout, np.stack(positions) + noise), angle
 
