@@ -6,9 +6,10 @@ name ends in `_deg`); lengths are in mm.
 
 from estimation.datasets import fetch
 from estimation.estimators import METHODS
+from estimation.grasp import Grasp, compare_fingers
 from estimation.noise import Noise, estimate_noise
 from estimation.outline import follow_outline
-from estimation.plots import plot_angles, plot_maps, plot_overview
+from estimation.plots import plot_angles, plot_grasp, plot_maps, plot_overview
 from estimation.recording import Frame, MarkerLayout, Recording, layout_markers
 from estimation.result import Estimate, Result, State
 from estimation.softness import ScalarSoftness, read_softness
@@ -20,6 +21,7 @@ __all__ = [
     "METHODS",
     "Estimate",
     "Frame",
+    "Grasp",
     "MarkerLayout",
     "Noise",
     "PivotModel",
@@ -29,6 +31,7 @@ __all__ = [
     "State",
     "Tracker",
     "Truth",
+    "compare_fingers",
     "estimate_angles",
     "estimate_noise",
     "fetch",
@@ -36,6 +39,7 @@ __all__ = [
     "follow_outline",
     "layout_markers",
     "plot_angles",
+    "plot_grasp",
     "plot_maps",
     "plot_overview",
     "read_recording",

@@ -42,6 +42,9 @@ def run(
     softness: Annotated[
         Path | None, typer.Option(help="TOML file with the softness correction k, L.")
     ] = None,
+    grasp: Annotated[
+        bool, typer.Option("--grasp", help="Two recordings of fingers that hold one object.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of the virtual pivot.")] = 0,
     noise_um: Annotated[
         float | None,
@@ -76,6 +79,7 @@ def run(
         onset_mm=onset_mm,
         contact_share=contact_share,
         stick_share=stick_share,
+        grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},
     )
     inputs = gather_recordings(recordings or [], settings, say=console.print)

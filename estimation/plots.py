@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from contactmodel.rotation import slip_curl_difference
+from estimation.grasp import Grasp
 from estimation.recording import Recording
 from estimation.result import Result, State
 
@@ -156,8 +157,35 @@ def plot_overview(
     axis.axhline(0.0, color="0.7", lw=0.6)
     axis.set_xlabel("time since the recording's first frame [s]")
     axis.set_ylabel("object's angle [°]")
-    axis.set_title("thick bars on the zero line: macro slip by the markers", fontsize=9)
+    axis.set_title("thick bars on the zero line: macro slip", fontsize=9)
     axis.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
+    """Both fingers' angles on one clock, their joint angle, and their difference.
+
+    Args:
+        grasp: the comparison.
+        names: of the two recordings.
+    """
+    figure, (top, bottom) = plt.subplots(
+        2, 1, sharex=True, figsize=(9, 5.4), height_ratios=[2.4, 1], layout="constrained"
+    )
+    top.fill_between(
+        grasp.time, np.degrees(grasp.low), np.degrees(grasp.high), color="0.8", lw=0, label="joint"
+    )
+    for angle, name, colour in zip((grasp.first, grasp.second), names, ("C0", "C1"), strict=True):
+        top.plot(grasp.time, np.degrees(angle), color=colour, lw=1.4, label=name)
+    top.set_ylabel("object's angle [°]")
+    top.legend(fontsize=8, frameon=False)
+    difference = np.degrees(grasp.second - grasp.first)
+    bottom.plot(grasp.time, difference, color="0.7", lw=1, label="macro slip on a finger")
+    bottom.plot(grasp.time, np.where(grasp.holds, difference, np.nan), "k", lw=1.3, label="holds")
+    bottom.axhline(0.0, color="0.7", lw=0.6)
+    bottom.set_ylabel("difference [°]")
+    bottom.set_xlabel(f"time since the first frame of {names[0]} [s]")
+    bottom.legend(fontsize=8, frameon=False)
     return figure
 
 

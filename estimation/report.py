@@ -18,7 +18,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.files import write_whole
-from estimation.plots import choose_frames, plot_angles, plot_maps, plot_overview
+from estimation.grasp import Fit, Grasp
+from estimation.plots import choose_frames, plot_angles, plot_grasp, plot_maps, plot_overview
 from estimation.recording import Recording
 from estimation.result import Result, State
 from estimation.virtual.recording import Truth
@@ -107,6 +108,58 @@ def write_overview(runs: Sequence[Run], folder: Path) -> None:
     write_whole(folder / "report.html", page)
 
 
+def write_grasp(grasp: Grasp, names: Sequence[str], folder: Path) -> None:
+    """Write `comparison.csv`, `grasp.json` and `grasp.png`, two fingers on the first one's clock.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        (
+            "time_s",
+            "first_deg",
+            "second_deg",
+            "joint_deg",
+            "joint_low_deg",
+            "joint_high_deg",
+            "holds",
+        )
+    )
+    columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
+    degrees = np.degrees(np.stack(columns, axis=1))
+    for i, time in enumerate(grasp.time):
+        writer.writerow(
+            (f"{time:.6f}", *(f"{value:.6f}" for value in degrees[i]), int(grasp.holds[i]))
+        )
+    write_whole(folder / "comparison.csv", text.getvalue())
+    figures = {
+        "first": names[0],
+        "second": names[1],
+        "slope_fixed": _describe_fit(grasp.fixed),
+        "slope_free": _describe_fit(grasp.free),
+    }
+    write_whole(folder / "grasp.json", json.dumps(figures, indent=2, ensure_ascii=False) + "\n")
+    write_whole(folder / "grasp.png", figure_png(plot_grasp(grasp, names)))
+
+
+def _describe_fit(fit: Fit) -> dict[str, Any]:
+    """A fit of two fingers, in the units of the command line."""
+    slope_error, clock_error, angle_error = fit.errors
+    return {
+        "rms_difference_deg": _number(np.degrees(fit.rms)),
+        "slope": _number(fit.slope),
+        "slope_standard_error": _number(slope_error),
+        "clock_offset_s": _number(fit.clock_offset),
+        "clock_offset_standard_error_s": _number(clock_error),
+        "angle_offset_deg": _number(np.degrees(fit.angle_offset)),
+        "angle_offset_standard_error_deg": _number(np.degrees(angle_error)),
+        "correlation_of_slope_and_clock_offset": _number(fit.correlation),
+        "frames_compared": fit.frames,
+    }
+
+
 def summarise(run: Run) -> dict[str, Any]:
     """The figures of a run, ready for JSON: None where there is no number."""
     recording = run.recording
@@ -141,14 +194,30 @@ def _figures(result: Result, truth: Truth | None) -> dict[str, Any]:
     answered = result.answered
     angle = np.degrees(result.angle[answered])
     half_width = np.degrees(result.high - result.low)[answered] / 2.0
+    slipping = np.array([state == State.MACRO_SLIP for state in result.state])
     figures = {
         "answered": int(answered.sum()),
         "states": {str(state): result.state.count(state) for state in State},
+        "macro_slip_s": _spans(result.time - result.time[0], slipping),
         "angle_min_deg": _number(angle.min(initial=np.inf)),
         "angle_max_deg": _number(angle.max(initial=-np.inf)),
         "half_width_median_deg": _number(np.median(half_width) if len(half_width) else np.nan),
     }
     return figures if truth is None else figures | _errors(result, truth)
+
+
+def _spans(time: Float[np.ndarray, " frames"], where: np.ndarray) -> list[list[float]]:
+    """From when to when something holds: last frame before, first frame, last frame, first after.
+
+    The onset lies between the first two, the end between the last two.
+    """
+    edges = np.diff(where.astype(int), prepend=0, append=0)
+    starts, stops = np.nonzero(edges > 0)[0], np.nonzero(edges < 0)[0]
+    last = len(time) - 1
+    return [
+        [round(float(time[i]), 6) for i in (max(a - 1, 0), a, b - 1, min(b, last))]
+        for a, b in zip(starts, stops, strict=True)
+    ]
 
 
 def _errors(result: Result, truth: Truth) -> dict[str, Any]:

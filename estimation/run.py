@@ -5,16 +5,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from rich.progress import Progress
 
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS
 from estimation.files import check_writable
+from estimation.grasp import compare_fingers
 from estimation.noise import Noise, estimate_noise
 from estimation.outline import follow_outline
 from estimation.recording import Recording
-from estimation.report import FIRM_MARKERS, Run, summarise, write_overview, write_run
+from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_overview, write_run
 from estimation.result import Estimate, Result, State
 from estimation.softness import ScalarSoftness
 from estimation.sources import find_recordings, read_recording
@@ -35,6 +37,7 @@ class Settings:
         contact_share: share of the largest normal displacement that bounds the contact [-].
         stick_share: share of the contact's markers from which the state is `stick` [-].
         constants: of the chosen method.
+        grasp: the two recordings are two fingers that hold one object.
     """
 
     method: str = DEFAULT_METHOD
@@ -45,6 +48,7 @@ class Settings:
     contact_share: float = SHARE
     stick_share: float = STICK_SHARE
     constants: Mapping[str, Any] = field(default_factory=dict)
+    grasp: bool = False
 
 
 class Input(NamedTuple):
@@ -94,6 +98,8 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
         ValueError: a wrong setting.
         OSError: something cannot be written; what was written before stays.
     """
+    if settings.grasp and len(inputs) != 2:
+        raise ValueError(f"a grasp takes the recordings of two fingers, not {len(inputs)}")
     check_writable(out)
     prepared = [_prepare(recording, settings) for recording, _ in inputs]
     names = _folder_names([recording.name for recording, _ in inputs])
@@ -114,6 +120,8 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
     if len(runs) > 1:
         write_overview(runs, out)
         lines.append(f"side by side: {out / 'report.html'}")
+    if settings.grasp and len(runs) == 2:
+        lines += _compare(runs, out)
     return Outcome(lines, interrupted)
 
 
@@ -208,12 +216,36 @@ def _reference_notes(result: Result) -> tuple[str, ...]:
     if all(state == State.NO_CONTACT for state in states):
         return ("There is no contact in this recording.",)
     if states[0] != State.NO_CONTACT:
+        start = "There is contact from the first usable frame on: "
+        first = next(i for i, state in enumerate(result.state) if state != State.UNKNOWN)
+        if result.angle[first] == 0.0:
+            return (
+                start + "it had already slipped against the unloaded reference shape, so angles "
+                "are counted from that frame.",
+            )
         return (
-            "There is contact from the first usable frame on: angles are relative to the unloaded "
-            "reference shape that came with the recording, not to the first frame, and what the "
-            "object turned before it stuck is not in them.",
+            start + "angles are relative to the unloaded reference shape that came with the "
+            "recording, not to that frame, and what the object turned before it stuck is not in "
+            "them.",
         )
     return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
+
+
+def _compare(runs: Sequence[Run], out: Path) -> list[str]:
+    """Bring two fingers together; where they cannot be, say so and leave the rest as it is."""
+    try:
+        grasp = compare_fingers(*(run.results[run.method] for run in runs))
+    except ValueError as error:
+        return [f"no comparison: {error}"]
+    write_grasp(grasp, [run.recording.name for run in runs], out)
+    return [
+        f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip, {what}, clock "
+        f"offset {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s"
+        for fit, what in (
+            (grasp.fixed, "slope 1"),
+            (grasp.free, f"slope {grasp.free.slope:.3f} ± {grasp.free.errors[0]:.3f}"),
+        )
+    ]
 
 
 def _folder_names(names: Sequence[str]) -> list[str]:
