@@ -97,7 +97,7 @@ def test_castano_follows_the_mask_past_half_a_turn():
         castano.update(measure_fields(stencils, frame_of(ellipse(layout, d)))).angle
         for d in directions
     ]
-    # a mask of some 75 markers, 1 mm apart, each on or off: 5.5° at most, the first frame's included
+    # a mask of some 75 markers, 1 mm apart, each on or off: 5.5° at most, first frame's too
     np.testing.assert_allclose(np.degrees(read), np.degrees(directions) - 10.0, atol=6.0)
     assert read[0] == 0.0
 
