@@ -5,7 +5,7 @@ name ends in `_deg`); lengths are in mm.
 """
 
 from estimation.datasets import fetch
-from estimation.estimators import METHODS
+from estimation.estimators import METHODS, RIVALS
 from estimation.grasp import Grasp, compare_fingers
 from estimation.noise import Noise, estimate_noise
 from estimation.outline import follow_outline
@@ -19,6 +19,7 @@ from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 
 __all__ = [
     "METHODS",
+    "RIVALS",
     "Estimate",
     "Frame",
     "Grasp",

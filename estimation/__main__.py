@@ -11,7 +11,7 @@ from rich.progress import Progress
 
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
-from estimation.estimators import DEFAULT_METHOD, METHODS
+from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
 from estimation.noise import Noise
 from estimation.run import Settings, gather_recordings, run_all
 from estimation.softness import read_softness
@@ -37,7 +37,7 @@ def run(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
     method: Annotated[
-        str, typer.Option(help=f"Method of angles.csv: {', '.join(METHODS)}.")
+        str, typer.Option(help=f"Method of angles.csv: {', '.join(METHODS | RIVALS)}.")
     ] = DEFAULT_METHOD,
     softness: Annotated[
         Path | None, typer.Option(help="TOML file with the softness correction k, L.")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from estimation.contact import ONSET_MM, SHARE
-from estimation.estimators import DEFAULT_METHOD, METHODS, Estimator, Measurement
+from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, Estimator, Measurement
 from estimation.fields import Fields, measure_fields
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Frame, MarkerLayout, Recording
@@ -42,7 +42,7 @@ class Tracker:
 
         Args:
             layout: the markers of the sensor.
-            method: one of `METHODS`.
+            method: one of `METHODS` or `RIVALS`.
             noise: of the markers; without it intervals come from the misfit within each frame.
             softness: correction by Eq. (13).
             onset_mm: displacement of the stick centre from which there is contact [mm].
@@ -53,8 +53,8 @@ class Tracker:
         Raises:
             ValueError: no such method or constant, a value out of range, or too few markers.
         """
-        if method not in METHODS:
-            raise ValueError(f"no method {method!r}; there are {', '.join(METHODS)}")
+        if method not in METHODS | RIVALS:
+            raise ValueError(f"no method {method!r}; there are {', '.join(METHODS | RIVALS)}")
         if len(layout.reference) < MIN_STICK_MARKERS:
             raise ValueError(
                 f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
@@ -130,7 +130,7 @@ class Tracker:
 def _make_estimator(
     method: str, stencils: Stencils, noise: Noise | None, constants: dict[str, Any]
 ) -> Estimator:
-    make = METHODS[method]
+    make = (METHODS | RIVALS)[method]
     known = [name for name in signature(make).parameters if name not in ("stencils", "noise")]
     for name in constants:
         if name not in known:
@@ -155,7 +155,7 @@ def estimate_angles(
 
     Args:
         recording: the recording.
-        method: one of `METHODS`.
+        method: one of `METHODS` or `RIVALS`.
         noise: of the markers; estimated from the recording unless given.
         **settings: of the `Tracker`.
 

@@ -1,4 +1,4 @@
-"""Command line: `python -m papers list|run`."""
+"""Command line: `python -m papers list|run|leaderboard`."""
 
 import csv
 import io
@@ -15,6 +15,9 @@ from rich.table import Table
 
 from estimation.files import check_writable, write_whole
 from estimation.report import figure_png
+from estimation.sources import write_archive
+from papers.leaderboard import alarms, board, cases
+from papers.leaderboard import settings as leaderboard_settings
 
 ITEMS = {"virtual_pivots": ("accuracy",)}
 
@@ -65,6 +68,51 @@ def run(
         print(f"written to {out / paper}")
 
 
+@app.command()
+def leaderboard(
+    quick: Annotated[bool, typer.Option(help="One draw of each virtual pivot.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/papers"),
+    angles: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Another method's answers: a CSV with columns case, frame, angle_deg, named "
+            "after the method. Can be given several times."
+        ),
+    ] = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(help="Folder to write the recordings to (.npz), to answer them elsewhere."),
+    ] = None,
+) -> None:
+    """Compare all methods and the published rivals on virtual pivots and real recordings."""
+    check_writable(out)
+    draws = leaderboard_settings.QUICK_DRAWS if quick else leaderboard_settings.DRAWS
+    virtual = [
+        cases.virtual_case(name, draw)
+        for name in leaderboard_settings.CONDITIONS
+        for draw in range(draws)
+    ]
+    every = virtual + cases.real_cases()
+    others = [answers for path in angles or () for answers in board.read_answers(path, every)]
+    if export is not None:
+        for case in every:
+            write_archive(case.recording, export / f"{case.name}.npz")
+        print(f"{len(every)} recordings exported to {export}")
+    with Progress(console=console) as progress:
+        answers = board.answer_all(
+            every, track=lambda cases: progress.track(cases, description="leaderboard")
+        )
+    answers += others
+    rows = board.tabulate(answers)
+    folder = out / "leaderboard"
+    for name, table in (("leaderboard", rows), ("warnings", alarms.tabulate_warnings(draws))):
+        write_whole(folder / f"{name}.csv", _csv(table))
+        Console(width=200).print(_table(table))
+    write_whole(folder / "leaderboard.png", figure_png(board.plot(answers, rows)))
+    write_whole(folder / "curves.png", figure_png(board.plot_curves(answers)))
+    print(f"written to {folder}")
+
+
 def _csv(rows: list[dict[str, object]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0], lineterminator="\n")
@@ -76,7 +124,7 @@ def _csv(rows: list[dict[str, object]]) -> str:
 def _table(rows: list[dict[str, object]]) -> Table:
     table = Table(*rows[0])
     for row in rows:
-        table.add_row(*map(str, row.values()))
+        table.add_row(*("–" if value is None else str(value) for value in row.values()))
     return table
 
 

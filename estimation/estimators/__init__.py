@@ -8,12 +8,14 @@ from estimation.estimators.incremental import Incremental
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper
 from estimation.estimators.rigid import Rigid
+from estimation.estimators.rivals import Castano, Dong, Kabsch, Kolamuri
 from estimation.estimators.tracked import Tracked
 from estimation.fields import Fields
 
 __all__ = [
     "DEFAULT_METHOD",
     "METHODS",
+    "RIVALS",
     "Estimator",
     "Incremental",
     "Measurement",
@@ -40,5 +42,14 @@ METHODS: dict[str, Callable[..., Estimator]] = {
     "paper_strict": partial(Paper, threshold=STRICT_THRESHOLD),
 }
 """Estimators by name; each is made from the layout's stencils, the noise and its constants."""
+
+RIVALS: dict[str, Callable[..., Estimator]] = {
+    "kolamuri": Kolamuri,
+    "dong": Dong,
+    "dong_corrected": partial(Dong, exact=True),
+    "castano": Castano,
+    "kabsch": Kabsch,
+}
+"""Published rivals by name, made in the same way; they give angles without intervals."""
 
 DEFAULT_METHOD = "tracked"

@@ -18,7 +18,8 @@ from jaxtyping import Bool, Complex, Float
 
 from estimation.contact import find_stick_centre
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.fields import Fields, Stencils, tilt
+from estimation.estimators.plane import Motion, fit_motion, in_contact_plane
+from estimation.fields import Fields, Stencils
 from estimation.noise import Noise
 from estimation.stick import (
     ANGLE_FLOOR_DEG,
@@ -158,18 +159,18 @@ def fit_rigid_rotation(
         noise_mm: noise per in-plane coordinate and frame [mm]; 0 where unknown.
         since: an earlier frame to count the rotation from; else the unloaded shape.
     """
-    before, after = _in_contact_plane(stencils, since, fields, segment)
+    before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     x, y = before[segment], after[segment]
     distance = np.abs(x - before[fields.centre])
     weights = (distance <= np.sort(distance)[:CORE_MARKERS][-1]).astype(float)
-    motion = _fit(x, y, weights)
+    motion = fit_motion(x, y, weights)
     scale = _scale(motion.residual(x, y)[weights > 0], noise_mm)
     for _ in range(MAX_STEPS):
         previous = weights
         residual = motion.residual(x, y)
         weights = np.clip(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0, None) ** 2
-        motion = _fit(x, y, weights)
+        motion = fit_motion(x, y, weights)
         if np.abs(weights - previous).max() < 1e-6:
             break
     stick = np.zeros_like(segment)
@@ -189,38 +190,6 @@ def fit_rigid_rotation(
     )
 
 
-class _Motion(NamedTuple):
-    """A motion of the plane: by the complex number `turn` about `origin`, on to `image`.
-
-    The size of `turn` lets the surface shrink evenly, as it does under pressure unless ν = ½; in
-    least squares that leaves the angle what it is.
-    """
-
-    turn: complex
-    origin: complex
-    image: complex
-
-    def residual(
-        self, before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]
-    ) -> Complex[np.ndarray, " m"]:
-        return after - self.image - self.turn * (before - self.origin)
-
-
-def _fit(
-    before: Complex[np.ndarray, " m"],
-    after: Complex[np.ndarray, " m"],
-    weights: Float[np.ndarray, " m"],
-) -> _Motion:
-    """Weighted least-squares motion ([Kabsch1976] in the plane)."""
-    share = weights / weights.sum()
-    origin, image = complex(share @ before), complex(share @ after)
-    arm = before - origin
-    turn = complex(np.vdot(share * arm, after - image)) / max(
-        float(share @ np.abs(arm) ** 2), 1e-30
-    )
-    return _Motion(turn, origin, image)
-
-
 def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
     """The noise, or the core's misfit per coordinate where that is clearly larger [mm]."""
     freedom = max(2 * len(residual) - 4, 1)
@@ -232,29 +201,9 @@ def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
     return max(float(np.sqrt(misfit / freedom)), 1e-9)
 
 
-def _in_contact_plane(
-    stencils: Stencils, since: Fields | None, fields: Fields, segment: Bool[np.ndarray, " n"]
-) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-    """Every marker's position in the segment's tangent plane, before and now, as x + iy [mm]."""
-    positions = stencils.reference if since is None else since.positions
-    normals = stencils.normals if since is None else since.normals
-    normal = _mean_direction(normals[segment])
-    along = stencils.tangents[segment][0, :, 0]
-    along = _mean_direction((along - normal * (along @ normal))[None])
-    basis = np.stack([along, np.cross(normal, along)])
-    basis_now = tilt(basis, normal, _mean_direction(fields.normals[segment]))
-    to_complex = np.array([1.0, 1.0j])
-    return (positions @ basis.T) @ to_complex, (fields.positions @ basis_now.T) @ to_complex
-
-
-def _mean_direction(vectors: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " 3"]:
-    total = vectors.sum(axis=0)
-    return total / np.sqrt(total @ total)
-
-
 def _undetected_slip(
     stencils: Stencils,
-    motion: _Motion,
+    motion: Motion,
     before: Complex[np.ndarray, " n"],
     after: Complex[np.ndarray, " n"],
     stick: Bool[np.ndarray, " n"],

@@ -1,0 +1,77 @@
+"""Motions of the contact's tangent plane: markers laid into it, and least-squares fits.
+
+[Kabsch1976] W. Kabsch, "A solution for the best rotation to relate two sets of vectors".
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from estimation.fields import Fields, tilt
+from estimation.stencils import Stencils
+
+
+class Motion(NamedTuple):
+    """A motion of the plane: by the complex number `turn` about `origin`, on to `image`.
+
+    The size of `turn` lets the surface shrink evenly, as it does under pressure unless ν = ½; in
+    least squares that leaves the angle what it is.
+    """
+
+    turn: complex
+    origin: complex
+    image: complex
+
+    def residual(
+        self, before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]
+    ) -> Complex[np.ndarray, " m"]:
+        """What the motion leaves unexplained [mm]."""
+        return after - self.image - self.turn * (before - self.origin)
+
+
+def fit_motion(
+    before: Complex[np.ndarray, " m"],
+    after: Complex[np.ndarray, " m"],
+    weights: Float[np.ndarray, " m"],
+) -> Motion:
+    """Weighted least-squares motion ([Kabsch1976] in the plane)."""
+    share = weights / weights.sum()
+    origin, image = complex(share @ before), complex(share @ after)
+    arm = before - origin
+    turn = complex(np.vdot(share * arm, after - image)) / max(
+        float(share @ np.abs(arm) ** 2), 1e-30
+    )
+    return Motion(turn, origin, image)
+
+
+def in_contact_plane(
+    stencils: Stencils,
+    fields: Fields,
+    markers: Bool[np.ndarray, " n"],
+    since: Fields | None = None,
+) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+    """Every marker's position in the tangent plane of some, before and now, as x + iy [mm].
+
+    The plane's own tilt, from the mean normals before and now, is taken back.
+
+    Args:
+        stencils: of the layout.
+        fields: of the frame.
+        markers: those whose plane it is, at least one.
+        since: an earlier frame in the place of the unloaded shape.
+    """
+    positions = stencils.reference if since is None else since.positions
+    normals = stencils.normals if since is None else since.normals
+    normal = _mean_direction(normals[markers])
+    along = stencils.tangents[markers][0, :, 0]
+    along = _mean_direction((along - normal * (along @ normal))[None])
+    basis = np.stack([along, np.cross(normal, along)])
+    basis_now = tilt(basis, normal, _mean_direction(fields.normals[markers]))
+    to_complex = np.array([1.0, 1.0j])
+    return (positions @ basis.T) @ to_complex, (fields.positions @ basis_now.T) @ to_complex
+
+
+def _mean_direction(vectors: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " 3"]:
+    total = vectors.sum(axis=0)
+    return total / np.sqrt(total @ total)

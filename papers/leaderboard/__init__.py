@@ -1,0 +1,1 @@
+"""All methods on the same recordings: virtual pivots with exact truth, and real ones at hand."""

@@ -1,0 +1,51 @@
+"""Slip warnings measured: false alarms while the grip is firm, and lead before macro slip."""
+
+import numpy as np
+
+from estimation.slip_warnings import WARNINGS
+from estimation.virtual.recording import PivotModel, simulate_pivot
+from papers.leaderboard import settings
+
+
+def tabulate_warnings(draws: int) -> list[dict[str, object]]:
+    """One row per warning and grip, on sphere contacts twisted one way until all slips.
+
+    A false alarm is a frame with a warning while at least 90 % of the markers under the object
+    stick, the press before the twist included. The lead counts from the first warning of the twist
+    that is not false. A grip too firm for macro slip has no lead.
+
+    Args:
+        draws: recordings per grip.
+    """
+    rows = []
+    for ratio in settings.GRIPS:
+        pivots = [
+            simulate_pivot(PivotModel(friction_ratio=ratio), seed=draw, **settings.TWIST)
+            for draw in range(draws)
+        ]
+        for name, warn in WARNINGS.items():
+            false, firm_frames, leads, missed = 0, 0, [], 0
+            for recording, truth in pivots:
+                warned = warn(recording).warned
+                contact = truth.contact.sum(axis=1)
+                firm = (contact > 0) & (truth.sticking.sum(axis=1) >= 0.9 * contact)
+                false, firm_frames = false + int((warned & firm).sum()), firm_frames + firm.sum()
+                if truth.macro_slip.any():
+                    slip = int(np.argmax(truth.macro_slip))
+                    before = np.flatnonzero(warned & ~firm)
+                    if len(before) and before[0] < slip:
+                        leads.append(float(recording.time[slip] - recording.time[before[0]]))
+                    else:
+                        missed += 1
+            slips = len(leads) + missed
+            rows.append(
+                {
+                    "μp0/2G*": ratio,
+                    "warning": name,
+                    "false alarms [%]": round(100 * false / firm_frames, 1),
+                    "firm frames": int(firm_frames),
+                    "mean lead [s]": round(float(np.mean(leads)), 2) if leads else None,
+                    "missed": f"{missed} of {slips}" if slips else None,
+                }
+            )
+    return rows

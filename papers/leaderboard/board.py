@@ -1,0 +1,212 @@
+"""The leaderboard: every method, every case, one table.
+
+Errors are those of answered frames; the share of frames answered stands beside them. `latency` is
+the mean time of one frame on this machine, fields included.
+"""
+
+import csv
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from estimation.estimators import METHODS, RIVALS
+from estimation.noise import Noise, estimate_noise
+from estimation.recording import Recording
+from estimation.tracker import RIGID_OBJECT, Tracker
+from papers.leaderboard import settings
+from papers.leaderboard.cases import Case
+
+
+class Answers(NamedTuple):
+    """What one method says of one case.
+
+    Attributes:
+        method: its name.
+        case: the case.
+        angle: the object's angle [rad]; NaN where there is no answer.
+        latency: mean time of a frame [s]; NaN where unknown.
+    """
+
+    method: str
+    case: Case
+    angle: Float[np.ndarray, " frames"]
+    latency: float = float("nan")
+
+
+def answer_all(
+    cases: Sequence[Case], track: Callable[[Iterable], Iterable] = iter
+) -> list[Answers]:
+    """The answers of all our methods and the published rivals.
+
+    Args:
+        cases: to be answered.
+        track: wraps the outer loop, to show progress.
+    """
+    answers = []
+    for case in track(cases):
+        noise = _noise(case.recording)
+        answers += [_answer(method, case, noise) for method in METHODS | RIVALS]
+    return answers
+
+
+def read_answers(path: Path, cases: Sequence[Case]) -> list[Answers]:
+    """Answers of another group's method, named after the file.
+
+    A CSV with the columns `case` (name of an exported recording, without `.npz`), `frame` (its row
+    in the recording, from 0) and `angle_deg` [deg, counter-clockwise]. Frames that are not listed
+    or not finite are not answered; cases that are not listed get no row.
+
+    Raises:
+        ValueError: a column is missing, no such case or frame, or no number.
+        OSError: the file cannot be read.
+    """
+    by_name = {case.name: case for case in cases}
+    angles: dict[str, np.ndarray] = {}
+    with path.open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        if missing := {"case", "frame", "angle_deg"} - set(reader.fieldnames or ()):
+            raise ValueError(f"{path} lacks the columns {', '.join(sorted(missing))}")
+        for row in reader:
+            where = f"{path}, line {reader.line_num}"
+            if row["case"] not in by_name:
+                raise ValueError(
+                    f"{where}: no case {row['case']!r}; there are {', '.join(by_name)}"
+                )
+            case = by_name[row["case"]]
+            angle = angles.setdefault(case.name, np.full(len(case.recording), np.nan))
+            try:
+                frame, value = int(row["frame"]), float(row["angle_deg"])
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"{where}: {error}") from error
+            if not 0 <= frame < len(angle):
+                raise ValueError(f"{where}: {case.name} has frames 0 to {len(angle) - 1}")
+            angle[frame] = np.radians(value)
+    return [Answers(path.stem, by_name[name], angle) for name, angle in angles.items()]
+
+
+def tabulate(answers: Sequence[Answers]) -> list[dict[str, object]]:
+    """One row per case and method, the draws of a case pooled, best first."""
+    groups: dict[tuple[str, str], list[Answers]] = {}
+    for answer in answers:
+        for part in answer.case.parts:
+            groups.setdefault((part, answer.method), []).append(answer)
+    rows = [_score(part, method, group) for (part, method), group in groups.items()]
+    order = list(dict.fromkeys(part for part, _ in groups))
+    return sorted(rows, key=lambda row: (order.index(str(row["case"])), _rank(row)))
+
+
+def plot(answers: Sequence[Answers], rows: Sequence[Mapping[str, object]]) -> Figure:
+    """Mean absolute error of every method in every case, as a map with its numbers."""
+    methods = list(dict.fromkeys(answer.method for answer in answers))
+    parts = list(dict.fromkeys(str(row["case"]) for row in rows))
+    error = np.full((len(methods), len(parts)), np.nan)
+    for row in rows:
+        if row[MAE] is not None:
+            error[methods.index(str(row["method"])), parts.index(str(row["case"]))] = row[MAE]
+    figure, axis = plt.subplots(
+        figsize=(2.5 + 0.9 * len(parts), 1.8 + 0.4 * len(methods)), layout="constrained"
+    )
+    image = axis.imshow(np.log10(error), cmap="RdYlGn_r", vmin=-2.5, vmax=1.5, aspect="auto")
+    for i, j in np.ndindex(error.shape):
+        text = "–" if np.isnan(error[i, j]) else f"{error[i, j]:.3g}"
+        axis.text(j, i, text, ha="center", va="center", fontsize=8)
+    axis.set_xticks(range(len(parts)), parts, rotation=40, ha="right", fontsize=8)
+    axis.set_yticks(range(len(methods)), methods, fontsize=8)
+    axis.set_title("mean absolute error of answered frames [°]", fontsize=10)
+    figure.colorbar(image, ax=axis, label="log₁₀ of it")
+    return figure
+
+
+def plot_curves(answers: Sequence[Answers]) -> Figure:
+    """Angles over time in the reversing case and every real one, draw 0."""
+    shown = {
+        answer.case.name: answer.case
+        for answer in answers
+        if answer.case.relative or answer.case.name == "reversing-0"
+    }
+    figure, axes = plt.subplots(
+        max(len(shown), 1),
+        1,
+        figsize=(9, 3.2 * max(len(shown), 1)),
+        layout="constrained",
+        squeeze=False,
+    )
+    for axis, (name, case) in zip(axes[:, 0], shown.items(), strict=False):
+        for answer in answers:
+            if answer.case.name == name:
+                style = "-" if answer.method in METHODS else ":"
+                angle = np.degrees(answer.angle)
+                axis.plot(case.recording.time, angle, style, lw=1.1, label=answer.method)
+        label = "contact outline, up to a constant" if case.relative else "truth"
+        reference = np.degrees(case.reference)
+        if case.relative:
+            reference = reference - np.nanmedian(reference) + _middle(answers, case)
+        axis.plot(case.recording.time, reference, "k--", lw=1.4, label=label)
+        axis.set_title(name, fontsize=10)
+        axis.set_ylabel("angle [°]")
+        axis.set_xlabel("time [s]")
+        axis.legend(fontsize=7, ncols=3)
+    return figure
+
+
+MAE = "mean absolute error [°]"
+
+
+def _noise(recording: Recording) -> Noise | None:
+    try:
+        return estimate_noise(recording)
+    except ValueError:
+        return None
+
+
+def _answer(method: str, case: Case, noise: Noise | None) -> Answers:
+    softness = RIGID_OBJECT if method in settings.AXIS_METHODS else case.softness
+    tracker = Tracker(case.recording.layout, method, noise=noise, softness=softness)
+    start = time.perf_counter()
+    angle = np.array([tracker.update(frame).angle for frame in case.recording])
+    return Answers(method, case, angle, (time.perf_counter() - start) / len(angle))
+
+
+def _score(part: str, method: str, group: Sequence[Answers]) -> dict[str, object]:
+    errors, frames = [], 0
+    for answer in group:
+        scored = answer.case.parts[part]
+        frames += int(scored.sum())
+        error = np.degrees(answer.angle - answer.case.reference)[scored]
+        error = error[np.isfinite(error)]
+        errors.append(error - np.median(error) if answer.case.relative and len(error) else error)
+    error = np.concatenate(errors)
+    latencies = [answer.latency for answer in group]
+    return {
+        "case": part,
+        "method": method,
+        "bias [°]": _round(error.mean() if len(error) else np.nan),
+        "spread [°]": _round(error.std() if len(error) else np.nan),
+        MAE: _round(np.abs(error).mean() if len(error) else np.nan),
+        "answered [%]": round(100 * len(error) / frames, 1),
+        "frames": frames,
+        "latency [ms]": _round(1e3 * float(np.mean(latencies))),
+    }
+
+
+def _rank(row: Mapping[str, object]) -> tuple[bool, float]:
+    error = row[MAE]
+    return (error is None, float(error) if isinstance(error, float) else 0.0)
+
+
+def _round(value: float) -> float | None:
+    """To three digits; None where there is no number."""
+    return float(f"{value:.3g}") if np.isfinite(value) else None
+
+
+def _middle(answers: Sequence[Answers], case: Case) -> float:
+    """Middle of the first method's answers where the reference is known [deg]."""
+    first = next(answer for answer in answers if answer.case.name == case.name)
+    known = first.angle[np.isfinite(case.reference)]
+    return float(np.degrees(np.nanmedian(known))) if np.isfinite(known).any() else 0.0
