@@ -79,7 +79,7 @@ def real_cases() -> list[Case]:
     Recordings without a frame whose outline has a direction are left out.
     """
     cases = []
-    for name in datasets.NAMES:
+    for name in settings.REAL:
         folder = datasets.find(name)
         for path in find_recordings(folder) if folder else ():
             recording = read_recording(path)
