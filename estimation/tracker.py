@@ -60,7 +60,9 @@ class Tracker:
                 f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
             )
         self.stencils = make_stencils(layout)
-        self.estimator = _make_estimator(method, self.stencils, noise, constants)
+        self.estimator = _make_estimator(
+            method, self.stencils, noise, 1.0 + softness.stiffness_ratio, constants
+        )
         self.softness = softness
         self.onset_mm = check_positive("onset_mm", onset_mm)
         self.contact_share = _check_share("contact_share", contact_share)
@@ -128,14 +130,21 @@ class Tracker:
 
 
 def _make_estimator(
-    method: str, stencils: Stencils, noise: Noise | None, constants: dict[str, Any]
+    method: str,
+    stencils: Stencils,
+    noise: Noise | None,
+    gain: float,
+    constants: dict[str, Any],
 ) -> Estimator:
     make = (METHODS | RIVALS)[method]
-    known = [name for name in signature(make).parameters if name not in ("stencils", "noise")]
+    known = set(signature(make).parameters) - {"stencils", "noise"}
+    own = sorted(known - {"gain"})
     for name in constants:
-        if name not in known:
-            raise ValueError(f"{method} has no constant {name!r}; it has {', '.join(known)}")
-    return make(stencils, noise, **constants)
+        if name not in own:
+            raise ValueError(
+                f"{method} has no constant {name!r}; it has {', '.join(own) or 'none'}"
+            )
+    return make(stencils, noise, **({"gain": gain} if "gain" in known else {}), **constants)
 
 
 def _check_share(name: str, value: float) -> float:

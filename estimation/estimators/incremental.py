@@ -13,6 +13,7 @@ up once per keyframe, not once per frame.
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool
 
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.rigid import MAX_STRAIN, Rigid, RigidFit
@@ -66,6 +67,20 @@ class Keyframe(NamedTuple):
         return self.angle + float(np.hypot(Z95 * self.error, self.lag_high))
 
 
+class Increment(NamedTuple):
+    """What has moved as one body since the keyframe that was last counted from.
+
+    Attributes:
+        age: frames since.
+        angle: rotation since [rad].
+        stick: the markers.
+    """
+
+    age: int
+    angle: float
+    stick: Bool[np.ndarray, " n"]
+
+
 class Incremental:
     """Rigid increments of what sticks, from the oldest keyframe that still holds."""
 
@@ -106,15 +121,14 @@ class Incremental:
         self.mature_age = mature_age
         self.keyframes = [Keyframe(None, -mature_age)]
         self.number = 0
-        self.increment = (0, 0.0)
-        """Frames since the keyframe that was last counted from, and rotation since [rad]."""
+        self.increment: Increment | None = None
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame.
 
         A contact that has already slipped when it is first seen is counted from that frame. Once
-        nothing sticks any more the angle is lost; NaN with markers that stick says that some stick
-        again, to an object whose angle is not known.
+        nothing sticks any more the angle is lost until the next contact: gel that stands still may
+        stick again, or the object may slide on over it.
         """
         self.number += 1
         if not fields.contact.any():
@@ -129,6 +143,8 @@ class Incremental:
             return Measurement.none(np.zeros_like(fields.contact))
         now, stick = found
         self._remember(now)
+        if np.isnan(now.angle):
+            return Measurement.none(np.zeros_like(fields.contact))
         return Measurement(now.angle, now.low, now.high, stick)
 
     def lose(self, fields: Fields) -> None:
@@ -169,11 +185,11 @@ class Incremental:
                 best = width, i, now, fit
             if best[3].stick.sum() >= FIRM_MARKERS:
                 break
-        self.increment = (0, 0.0)
+        self.increment = None
         if best is None:
             return None
         _, first, now, fit = best
-        self.increment = (self._age(self.keyframes[first]), fit.angle)
+        self.increment = Increment(self._age(self.keyframes[first]), fit.angle, fit.stick)
         self.keyframes = [k for i, k in enumerate(self.keyframes) if i not in broken]
         return now, fit.stick
 

@@ -8,6 +8,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool
 
 from estimation.estimators.incremental import Incremental
 from estimation.estimators.measurement import Z95, Measurement
@@ -50,6 +51,7 @@ class Tracked:
         mature_age: int = 8,
         slip_deg: float = 2.0,
         shape_change: float = 0.3,
+        gain: float = 1.0,
     ) -> None:
         """Make the estimator.
 
@@ -65,6 +67,8 @@ class Tracked:
             slip_deg: how far the outline turns away from the gel in that time in macro slip [deg].
             shape_change: share by which the contact's curvature may differ from what it was when
                 the outline was first seen; beyond, it is not that of the same face [-].
+            gain: 1 + k, rotation of the object over that of the elastomer where it sticks [-]; the
+                tracker takes it from the softness correction. Angles here are the elastomer's.
         """
         self.incremental = Incremental(
             stencils,
@@ -78,6 +82,7 @@ class Tracked:
         self.mature_age = mature_age
         self.slip = float(np.radians(slip_deg))
         self.shape_change = shape_change
+        self.gain = gain
         self._forget()
 
     def update(self, fields: Fields) -> Measurement:
@@ -115,7 +120,7 @@ class Tracked:
         if len(self._sights) < self.mature_age:
             return False
         before = self._sights[-self.mature_age]
-        apart = (axis.angle - before.axis.angle) - (angle - before.angle)
+        apart = (axis.angle - before.axis.angle) - self.gain * (angle - before.angle)
         doubt = 3.0 * np.hypot(axis.standard_error, before.axis.standard_error)
         return bool(abs(apart) > max(self.slip, doubt))
 
@@ -125,21 +130,21 @@ class Tracked:
         if not (known and np.isfinite(axis.angle)):
             return gel
         known = known[-self.mature_age :]
-        angle = axis.angle + float(np.mean([s.angle - s.axis.angle for s in known]))
-        reading = axis.standard_error * np.sqrt(1.0 + 1.0 / len(known))
+        offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in known]))
+        angle = (axis.angle + offset) / self.gain
+        reading = axis.standard_error * np.sqrt(1.0 + 1.0 / len(known)) / self.gain
         error = float(np.hypot(reading, known[-1].error))
-        if self._sticks_again(axis):
+        stick = self._sticks_again(axis, gel.stick)
+        if stick.any():
             self.incremental.resume(fields, angle, error)
-            return Measurement(angle, angle - Z95 * error, angle + Z95 * error, gel.stick)
-        none = np.zeros_like(gel.stick)
-        return Measurement(angle, angle - Z95 * error, angle + Z95 * error, none)
+        return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
 
-    def _sticks_again(self, axis: Axis) -> bool:
-        """Whether markers have moved as one body, and with the outline, for long enough."""
-        age, turned = self.incremental.increment
-        if not 0 < age < len(self._sights):
-            return False
-        before = self._sights[-1 - age].axis
-        apart = (axis.angle - before.angle) - turned
+    def _sticks_again(self, axis: Axis, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """The markers that have moved as one body, and with the outline, for long enough."""
+        increment = self.incremental.increment
+        if increment is None or increment.age >= len(self._sights):
+            return none
+        before = self._sights[-1 - increment.age].axis
+        apart = (axis.angle - before.angle) - self.gain * increment.angle
         doubt = 2.0 * np.hypot(axis.standard_error, before.standard_error)
-        return bool(abs(apart) < max(0.5 * self.slip, doubt))
+        return increment.stick if abs(apart) < max(0.5 * self.slip, doubt) else none

@@ -7,6 +7,7 @@ from estimation.estimators.incremental import MAX_KEYFRAMES
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
 from estimation.result import State
+from estimation.softness import ScalarSoftness
 from estimation.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import domed_pad, recording_of, turn_about_z
@@ -75,15 +76,15 @@ def test_a_contact_that_has_slipped_before_is_counted_from_its_first_frame(pivot
     assert np.degrees(result.angle) == pytest.approx(turned, abs=0.1)
 
 
-def ellipsoid_slips(frames=60, slip_from=20, slip_to=40, rate=1.0):
-    """An ellipsoid turns; the gel turns with it but for some frames in which it stands still.
+def ellipsoid_slips(frames=60, slip_from=20, slip_to=40, rate=1.0, share=1.0):
+    """An ellipsoid turns; the gel takes a share of it but for frames in which it stands still.
 
     Returns:
         The recording and the object's angle [deg].
     """
     layout = domed_pad()
     angle = rate * np.arange(frames)
-    gel = rate * np.cumsum((np.arange(frames) < slip_from) | (np.arange(frames) >= slip_to))
+    gel = share * rate * np.cumsum((np.arange(frames) < slip_from) | (np.arange(frames) >= slip_to))
     positions = []
     for i in range(frames):
         r = np.hypot(*layout.reference[:, :2].T)
@@ -113,6 +114,18 @@ def test_the_outline_takes_over_without_a_jump_and_hands_back():
     assert np.abs(np.diff(found)[30:]).max() < 2.5
     held = (np.degrees(result.low) <= angle) & (angle <= np.degrees(result.high))
     assert held[25:].mean() > 0.8
+
+
+def test_the_outline_is_the_objects_and_the_softness_correction_the_gels():
+    recording, angle = ellipsoid_slips(share=1 / 1.5)
+    soft = ScalarSoftness(stiffness_ratio=0.5)
+    result = estimate_angles(recording, "tracked", noise=MICRON, softness=soft)
+    slipping = np.array([state == State.MACRO_SLIP for state in result.state])
+    assert not slipping[:20].any()
+    assert slipping[26:40].all()
+    error = np.degrees(result.angle) - angle
+    assert np.abs(error[:20]).max() < 0.3
+    assert np.abs(error[26:]).max() < 1.5
 
 
 def test_a_round_object_is_lost_in_macro_slip_and_said_so(pivot):

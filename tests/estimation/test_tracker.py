@@ -127,7 +127,7 @@ def test_wrong_settings_are_refused():
         Tracker(layout, "paper", window=0)
     with pytest.raises(ValueError, match="threshold"):
         Tracker(layout, "rigid", threshold=0.0)
-    with pytest.raises(ValueError, match="rigid has no constant 'window'; it has threshold"):
+    with pytest.raises(ValueError, match="rigid has no constant 'window'; it has angle_floor_deg"):
         Tracker(layout, "rigid", window=3)
     tracker = Tracker(layout)
     with pytest.raises(ValueError, match="196 markers, the layout 400"):
