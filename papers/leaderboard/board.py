@@ -102,29 +102,37 @@ def tabulate(answers: Sequence[Answers]) -> list[dict[str, object]]:
 
 
 def plot(answers: Sequence[Answers], rows: Sequence[Mapping[str, object]]) -> Figure:
-    """Mean absolute error of every method in every case, as a map with its numbers."""
+    """Mean absolute error of every method in every case, with the share answered if below 95 %."""
     methods = list(dict.fromkeys(answer.method for answer in answers))
     parts = list(dict.fromkeys(str(row["case"]) for row in rows))
     error = np.full((len(methods), len(parts)), np.nan)
+    answered = np.zeros_like(error)
     for row in rows:
-        if row[MAE] is not None:
-            error[methods.index(str(row["method"])), parts.index(str(row["case"]))] = row[MAE]
+        place = methods.index(str(row["method"])), parts.index(str(row["case"]))
+        error[place] = np.nan if row[MAE] is None else row[MAE]
+        answered[place] = row["answered [%]"]
     figure, axis = plt.subplots(
         figsize=(2.5 + 0.9 * len(parts), 1.8 + 0.4 * len(methods)), layout="constrained"
     )
     image = axis.imshow(np.log10(error), cmap="RdYlGn_r", vmin=-2.5, vmax=1.5, aspect="auto")
     for i, j in np.ndindex(error.shape):
         text = "–" if np.isnan(error[i, j]) else f"{error[i, j]:.3g}"
-        axis.text(j, i, text, ha="center", va="center", fontsize=8)
+        text += f"\n{answered[i, j]:.0f} %" if 0.0 < answered[i, j] < 95.0 else ""
+        axis.text(j, i, text, ha="center", va="center", fontsize=7)
     axis.set_xticks(range(len(parts)), parts, rotation=40, ha="right", fontsize=8)
     axis.set_yticks(range(len(methods)), methods, fontsize=8)
-    axis.set_title("mean absolute error of answered frames [°]", fontsize=10)
+    axis.set_title(
+        "mean absolute error of answered frames [°], and their share if below 95 %", fontsize=10
+    )
     figure.colorbar(image, ax=axis, label="log₁₀ of it")
     return figure
 
 
 def plot_curves(answers: Sequence[Answers]) -> Figure:
-    """Angles over time in the reversing case and every real one, draw 0."""
+    """Angles over time in the reversing case, draw 0, and in every real one.
+
+    Cut off 15° beyond the reference: what runs away further says nothing.
+    """
     shown = {
         answer.case.name: answer.case
         for answer in answers
@@ -148,6 +156,7 @@ def plot_curves(answers: Sequence[Answers]) -> Figure:
         if case.relative:
             reference = reference - np.nanmedian(reference) + _middle(answers, case)
         axis.plot(case.recording.time, reference, "k--", lw=1.4, label=label)
+        axis.set_ylim(np.nanmin(reference) - 15.0, np.nanmax(reference) + 15.0)
         axis.set_title(name, fontsize=10)
         axis.set_ylabel("angle [°]")
         axis.set_xlabel("time [s]")
