@@ -19,7 +19,7 @@ from estimation.sources import write_archive
 from papers.leaderboard import alarms, board, cases
 from papers.leaderboard import settings as leaderboard_settings
 
-ITEMS = {"virtual_pivots": ("accuracy",)}
+ITEMS = {"virtual_pivots": ("accuracy", "reversal")}
 
 app = typer.Typer(
     help="Published results regenerated, and studies of our own.",
@@ -55,14 +55,11 @@ def run(
         module = import_module(f"papers.{paper}.{name}")
         with Progress(console=console) as progress:
             result = module.compute(
-                draws=settings.QUICK_DRAWS if quick else settings.DRAWS,
+                draws=(settings.QUICK_DRAWS if quick else settings.DRAWS)[name],
                 track=lambda cases: progress.track(cases, description=name),  # noqa: B023
             )
         write_whole(out / paper / f"{name}.png", figure_png(module.plot(result)))
-        for suffix, rows in (
-            ("", module.tabulate(result)),
-            ("_angles", module.tabulate_angles(result)),
-        ):
+        for suffix, rows in module.tables(result).items():
             write_whole(out / paper / f"{name}{suffix}.csv", _csv(rows))
             Console(width=200).print(_table(rows))
         print(f"written to {out / paper}")

@@ -41,7 +41,9 @@ class Accuracy(NamedTuple):
 
 
 def compute(
-    draws: int = settings.DRAWS, seed: int = 0, track: Callable[[Iterable], Iterable] = iter
+    draws: int = settings.DRAWS["accuracy"],
+    seed: int = 0,
+    track: Callable[[Iterable], Iterable] = iter,
 ) -> Accuracy:
     """Draw and estimate.
 
@@ -83,6 +85,11 @@ def compute(
             inside[(*case, i)] = low <= truth <= high
     angle = np.array(settings.ANGLES_DEG, dtype=float)
     return Accuracy(tuple(METHODS), angle, error, answered, inside, counts)
+
+
+def tables(result: Accuracy) -> dict[str, list[dict[str, object]]]:
+    """Both tables, by the ending of their file's name."""
+    return {"": tabulate(result), "_angles": tabulate_angles(result)}
 
 
 def tabulate(result: Accuracy) -> list[dict[str, object]]:

@@ -12,10 +12,13 @@ NOISES_UM = (1.0, 10.0)
 FIRM_MARKERS = 10
 """Frames count in which at least this many markers truly stick."""
 
-DRAWS = 80
-"""Draws per angle, ratio and noise: over 1000 for each ratio and noise."""
+DRAWS = {"accuracy": 80, "reversal": 1000}
+"""Draws per angle, ratio and noise (over 1000 for each ratio and noise); recordings."""
 
-QUICK_DRAWS = 4
+QUICK_DRAWS = {"accuracy": 4, "reversal": 10}
+
+REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
+"""μp0/2G* of the reversals [-]: at 10° some 5 to 25 markers are left that have always stuck."""
 
 PAPER_ERROR_DEG = 0.17
 """Mean absolute error that the source paper reports, on hardware [deg]."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from papers.__main__ import main
-from papers.virtual_pivots import accuracy, settings
+from papers.virtual_pivots import accuracy, reversal, settings
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +36,16 @@ def test_frames_with_too_little_stick_do_not_count(result):
     assert np.isfinite(result.error).all()
 
 
+def test_reversals_are_followed():
+    result = reversal.compute(draws=4, seed=1)
+    assert (result.error < 0.2).all()
+    assert np.median(result.error) < 0.05
+    assert result.unanswered.max() == 0.0
+    assert np.nanmedian(np.abs(result.late)) <= 8
+
+
 def test_command(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(settings, "QUICK_DRAWS", 1)
+    monkeypatch.setattr(settings, "QUICK_DRAWS", {"accuracy": 1, "reversal": 2})
     monkeypatch.setattr(settings, "ANGLES_DEG", (5, 10))
     arguments = ["papers", "run", "virtual_pivots", "--quick", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)
@@ -45,7 +53,13 @@ def test_command(monkeypatch, capsys, tmp_path):
         main()
     assert not stop.value.code
     names = {path.name for path in (tmp_path / "virtual_pivots").iterdir()}
-    assert names == {"accuracy.png", "accuracy.csv", "accuracy_angles.csv"}
+    assert names == {
+        "accuracy.png",
+        "accuracy.csv",
+        "accuracy_angles.csv",
+        "reversal.png",
+        "reversal.csv",
+    }
     monkeypatch.setattr(sys, "argv", ["papers", "run", "li1924"])
     with pytest.raises(SystemExit) as stop:
         main()

@@ -1,0 +1,127 @@
+"""The default method on virtual pivots that turn back through zero and on into macro slip.
+
+Each draw is a whole recording, estimated with the noise found in it: lift to 10°, hold, reversal to
+−30°, friction, grid and seed at random. Error and answers are over the frames in which at least ten
+markers do not slip; the interval is judged on one such frame of each draw, picked at random, since
+the frames of a recording share their markers.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+
+from estimation.estimators import DEFAULT_METHOD
+from estimation.result import State
+from estimation.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, simulate_pivot
+from papers.virtual_pivots import settings
+
+
+class Reversals(NamedTuple):
+    """One value per draw.
+
+    Attributes:
+        friction_ratio: μp0/2G* [-].
+        error: mean absolute error over the frames that count [deg].
+        unanswered: share of those frames without an answer [-].
+        picked_error: error in the frame picked [deg].
+        inside: whether its interval holds the truth.
+        late: frames by which macro slip was seen after it began; NaN where it was not seen.
+    """
+
+    friction_ratio: Float[np.ndarray, " draws"]
+    error: Float[np.ndarray, " draws"]
+    unanswered: Float[np.ndarray, " draws"]
+    picked_error: Float[np.ndarray, " draws"]
+    inside: Bool[np.ndarray, " draws"]
+    late: Float[np.ndarray, " draws"]
+
+
+def compute(
+    draws: int = settings.DRAWS["reversal"],
+    seed: int = 0,
+    track: Callable[[Iterable], Iterable] = iter,
+) -> Reversals:
+    """Draw and estimate.
+
+    Args:
+        draws: recordings.
+        seed: of the draws.
+        track: wraps the loop, to show progress.
+    """
+    rng = np.random.default_rng(seed)
+    rows = []
+    for draw in track(range(draws)):
+        model = PivotModel(
+            friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
+            offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
+            grid_angle=float(rng.uniform(0.0, np.pi / 2)),
+        )
+        recording, truth = simulate_pivot(model, seed=draw)
+        result = estimate_angles(recording, DEFAULT_METHOD)
+        firm = np.nonzero(truth.sticking.sum(axis=1) >= settings.FIRM_MARKERS)[0]
+        error = np.degrees(result.angle - truth.angle)
+        picked = int(rng.choice(firm[result.answered[firm]]))
+        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        late = np.nan
+        if slip.any() and truth.macro_slip.any():
+            seen, began = (recording.source_index[np.argmax(s)] for s in (slip, truth.macro_slip))
+            late = float(seen - began)
+        rows.append(
+            (
+                model.friction_ratio,
+                np.nanmean(np.abs(error[firm])),
+                np.mean(~result.answered[firm]),
+                error[picked],
+                result.low[picked] <= truth.angle[picked] <= result.high[picked],
+                late,
+            )
+        )
+    columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
+    columns[4] = columns[4].astype(bool)
+    return Reversals(*columns)
+
+
+def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
+    """One row: pooled error, answers, interval and macro slip."""
+    late = result.late[np.isfinite(result.late)]
+    return {
+        "": [
+            {
+                "draws": len(result.error),
+                "mean absolute error [°]": round(float(result.error.mean()), 4),
+                "worst draw [°]": round(float(result.error.max()), 4),
+                "unanswered [%]": round(100 * float(result.unanswered.mean()), 2),
+                "interval holds [%]": round(100 * float(result.inside.mean()), 1),
+                "macro slip seen [%]": round(100 * len(late) / len(result.late), 1),
+                "late, median [frames]": float(np.median(late)) if len(late) else None,
+                "late, 5 to 95 % [frames]": (
+                    " to ".join(f"{q:.0f}" for q in np.percentile(late, [5, 95]))
+                    if len(late)
+                    else None
+                ),
+                "within 2 frames [%]": round(100 * float(np.mean(np.abs(late) <= 2)), 1)
+                if len(late)
+                else None,
+            }
+        ]
+    }
+
+
+def plot(result: Reversals) -> Figure:
+    """Error against friction, and when macro slip was seen."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
+    left.semilogy(result.friction_ratio, result.error, ".", ms=4)
+    left.set_xlabel("μp₀/2G* [-]")
+    left.set_ylabel("mean absolute error [°]")
+    left.grid(alpha=0.3, which="both")
+    late = result.late[np.isfinite(result.late)]
+    if len(late):
+        right.hist(late, bins=np.arange(late.min() - 0.5, late.max() + 1.5))
+    right.set_xlabel("macro slip seen after it began [frames]")
+    right.set_ylabel("draws")
+    return figure
