@@ -24,6 +24,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 console = Console(stderr=True)
+CONSTANTS = "Constants of the method; each has its own"
 
 
 @app.command()
@@ -51,13 +52,52 @@ def run(
         typer.Option(help="Marker noise per in-plane coordinate [µm]; else from the recording."),
     ] = None,
     threshold: Annotated[
-        float | None, typer.Option(help="Eq. 15's threshold of the method [-].")
+        float | None, typer.Option(help="Eq. 15's threshold [-].", rich_help_panel=CONSTANTS)
     ] = None,
     angle_floor_deg: Annotated[
-        float | None, typer.Option(help="Least denominator of Eq. 15 [°].")
+        float | None,
+        typer.Option(help="Least denominator of Eq. 15 [°].", rich_help_panel=CONSTANTS),
+    ] = None,
+    min_stick_markers: Annotated[
+        int | None,
+        typer.Option(help="Markers below which nothing sticks [-].", rich_help_panel=CONSTANTS),
     ] = None,
     window: Annotated[
-        int | None, typer.Option(help="Trailing mean of the paper's methods [frames].")
+        int | None,
+        typer.Option(help="Trailing mean of `paper` [frames].", rich_help_panel=CONSTANTS),
+    ] = None,
+    zero_drift: Annotated[
+        bool | None,
+        typer.Option(help="Zero-drift compensation of `paper`.", rich_help_panel=CONSTANTS),
+    ] = None,
+    max_strain: Annotated[
+        float | None,
+        typer.Option(
+            help="Misfit over size beyond which markers are no one body [-].",
+            rich_help_panel=CONSTANTS,
+        ),
+    ] = None,
+    keyframe_interval: Annotated[
+        int | None,
+        typer.Option(help="From one keyframe to the next [frames].", rich_help_panel=CONSTANTS),
+    ] = None,
+    mature_age: Annotated[
+        int | None,
+        typer.Option(help="Time to move as one to stick [frames].", rich_help_panel=CONSTANTS),
+    ] = None,
+    slip_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Outline ahead of the gel in that time: macro slip [°].",
+            rich_help_panel=CONSTANTS,
+        ),
+    ] = None,
+    shape_change: Annotated[
+        float | None,
+        typer.Option(
+            help="Change of the contact's curvature that ends an outline [-].",
+            rich_help_panel=CONSTANTS,
+        ),
     ] = None,
     onset_mm: Annotated[
         float, typer.Option(help="Displacement from which there is contact [mm].")
@@ -70,7 +110,18 @@ def run(
     ] = STICK_SHARE,
 ) -> None:
     """Estimate the object's angle in recordings and write tables, a summary and a report."""
-    constants = {"threshold": threshold, "angle_floor_deg": angle_floor_deg, "window": window}
+    constants = {
+        "threshold": threshold,
+        "angle_floor_deg": angle_floor_deg,
+        "min_stick_markers": min_stick_markers,
+        "window": window,
+        "zero_drift": zero_drift,
+        "max_strain": max_strain,
+        "keyframe_interval": keyframe_interval,
+        "mature_age": mature_age,
+        "slip_deg": slip_deg,
+        "shape_change": shape_change,
+    }
     settings = Settings(
         method=method,
         softness=RIGID_OBJECT if softness is None else read_softness(softness),

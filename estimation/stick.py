@@ -27,6 +27,17 @@ def check_positive(name: str, value: float) -> float:
     return value
 
 
+def check_count(name: str, value: int) -> int:
+    """The value, if it is at least 1.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if value < 1:
+        raise ValueError(f"{name} is {value}; it must be at least 1")
+    return value
+
+
 def normalized_difference(rotation: float, mean: float, floor: float) -> float:
     """|φ_i − φ̄| / sqrt(φ_i φ̄), [Li2024] Eq. (15) [-].
 

@@ -20,7 +20,7 @@ from estimation.estimators.rigid import MAX_STRAIN, Rigid, RigidFit
 from estimation.fields import Fields
 from estimation.noise import Noise
 from estimation.stencils import Stencils
-from estimation.stick import ANGLE_FLOOR_DEG
+from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_count
 
 MAX_KEYFRAMES = 4
 FIRM_MARKERS = 9
@@ -92,6 +92,7 @@ class Incremental:
         threshold: float = 0.2,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
         max_strain: float = MAX_STRAIN,
+        min_stick_markers: int = MIN_STICK_MARKERS,
         keyframe_interval: int = 5,
         mature_age: int = 8,
     ) -> None:
@@ -103,22 +104,22 @@ class Incremental:
             threshold: Δφ_th of Eq. (15) on increments of φ [-].
             angle_floor_deg: least denominator of Eq. (15) [deg].
             max_strain: misfit over size of the region beyond which it is no one body [-].
+            min_stick_markers: markers below which nothing sticks [-].
             keyframe_interval: frames from one keyframe to the next [-].
             mature_age: frames over which markers must have moved as one to count as sticking [-].
                 In macro slip the gel hardly moves from one frame to the next and all of it seems
                 to stick; over a longer time it does not.
         """
-        if keyframe_interval < 1 or mature_age < 1:
-            raise ValueError("keyframe_interval and mature_age must be at least one frame")
         self.rigid = Rigid(
             stencils,
             noise,
             threshold=threshold,
             angle_floor_deg=angle_floor_deg,
             max_strain=max_strain,
+            min_stick_markers=min_stick_markers,
         )
-        self.keyframe_interval = keyframe_interval
-        self.mature_age = mature_age
+        self.keyframe_interval = check_count("keyframe_interval", keyframe_interval)
+        self.mature_age = check_count("mature_age", mature_age)
         self.keyframes = [Keyframe(None, -mature_age)]
         self.number = 0
         self.increment: Increment | None = None

@@ -18,6 +18,7 @@ from estimation.stencils import Stencils
 from estimation.stick import (
     ANGLE_FLOOR_DEG,
     MIN_STICK_MARKERS,
+    check_count,
     check_positive,
     grow_stick_region,
 )
@@ -36,6 +37,8 @@ class Paper:
         threshold: float = 0.4,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
         window: int = 5,
+        zero_drift: bool = True,
+        min_stick_markers: int = MIN_STICK_MARKERS,
     ) -> None:
         """Make the estimator.
 
@@ -45,14 +48,16 @@ class Paper:
             threshold: Δφ_th of Eq. (15) [-].
             angle_floor_deg: least denominator of Eq. (15) [deg].
             window: frames of the trailing mean [-]; begun anew with every contact and slip.
+            zero_drift: whether to take off the mean φ that each marker had while unloaded.
+            min_stick_markers: markers below which nothing sticks [-].
         """
-        if window < 1:
-            raise ValueError(f"window is {window}; it must be at least one frame")
         self.stencils = stencils
         self.noise = noise
         self.threshold = check_positive("threshold", threshold)
         self.floor = float(np.radians(check_positive("angle_floor_deg", angle_floor_deg)))
-        self._recent: deque[tuple[float, float]] = deque(maxlen=window)
+        self._recent: deque[tuple[float, float]] = deque(maxlen=check_count("window", window))
+        self.zero_drift = zero_drift
+        self.min_stick_markers = check_count("min_stick_markers", min_stick_markers)
         self._drift = np.zeros(len(stencils.reference))
         self._unloaded = 0
 
@@ -63,13 +68,14 @@ class Paper:
         """
         if not fields.contact.any():
             self._recent.clear()
-            self._learn_drift(fields)
+            if self.zero_drift:
+                self._learn_drift(fields)
             return Measurement.none(fields.contact)
         fields = fields._replace(rotation=fields.rotation - self._drift)
         stick = grow_stick_region(
             fields, self.stencils.neighbours, threshold=self.threshold, floor=self.floor
         )
-        if stick.sum() < MIN_STICK_MARKERS:
+        if stick.sum() < self.min_stick_markers:
             self._recent.clear()
             return Measurement.none(stick)
         rotation = fields.rotation[stick]

@@ -24,6 +24,7 @@ from estimation.noise import Noise
 from estimation.stick import (
     ANGLE_FLOOR_DEG,
     MIN_STICK_MARKERS,
+    check_count,
     check_positive,
     grow_stick_region,
 )
@@ -48,6 +49,7 @@ class Rigid:
         threshold: float = 0.2,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
         max_strain: float = MAX_STRAIN,
+        min_stick_markers: int = MIN_STICK_MARKERS,
     ) -> None:
         """Make the estimator.
 
@@ -61,12 +63,14 @@ class Rigid:
             max_strain: misfit over size of the region beyond which its markers do not move as one
                 body [-]. Slip within a few markers shows so; those that stick to an object strain
                 with the gel by some tenths of a percent.
+            min_stick_markers: markers below which nothing sticks [-].
         """
         self.stencils = stencils
         self.noise_mm = 0.0 if noise is None else noise.in_plane
         self.threshold = check_positive("threshold", threshold)
         noise_floor = 3.0 * stencils.rotation_noise(self.noise_mm) / threshold
         self.max_strain = check_positive("max_strain", max_strain)
+        self.min_stick_markers = check_count("min_stick_markers", min_stick_markers)
         self.floor = max(
             float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor
         )
@@ -89,7 +93,7 @@ class Rigid:
     def fit(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
         """Rotation of what has stuck since an earlier frame, or since the pad was unloaded.
 
-        None where fewer than three markers have moved as one body.
+        None where too few markers have moved as one body.
         """
         if since is not None:
             turned = fields.rotation - since.rotation
@@ -108,10 +112,11 @@ class Rigid:
         segment = grow_stick_region(
             fields, self.stencils.neighbours, threshold=self.threshold, floor=self.floor
         )
-        if segment.sum() < MIN_STICK_MARKERS:
+        if segment.sum() < self.min_stick_markers:
             return None
         fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since)
-        return fit if fit.holds(self.max_strain) else None
+        holds = fit.stick.sum() >= self.min_stick_markers and fit.strain <= self.max_strain
+        return fit if holds else None
 
 
 class RigidFit(NamedTuple):
@@ -133,10 +138,6 @@ class RigidFit(NamedTuple):
     stick: Bool[np.ndarray, " n"]
     scale: float
     strain: float
-
-    def holds(self, max_strain: float) -> bool:
-        """Whether enough markers move, and move as one body."""
-        return bool(self.stick.sum() >= MIN_STICK_MARKERS and self.strain <= max_strain)
 
 
 def fit_rigid_rotation(

@@ -17,7 +17,7 @@ from estimation.fields import Fields
 from estimation.noise import Noise
 from estimation.outline import Axis, measure_axis, unwrap
 from estimation.stencils import Stencils
-from estimation.stick import ANGLE_FLOOR_DEG
+from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
 
 MEMORY = 60
 
@@ -47,6 +47,7 @@ class Tracked:
         threshold: float = 0.2,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
         max_strain: float = MAX_STRAIN,
+        min_stick_markers: int = MIN_STICK_MARKERS,
         keyframe_interval: int = 5,
         mature_age: int = 8,
         slip_deg: float = 2.0,
@@ -61,6 +62,7 @@ class Tracked:
             threshold: Δφ_th of Eq. (15) on increments of φ [-].
             angle_floor_deg: least denominator of Eq. (15) [deg].
             max_strain: misfit over size of the region beyond which it is no one body [-].
+            min_stick_markers: markers below which nothing sticks [-].
             keyframe_interval: frames from one keyframe to the next [-].
             mature_age: frames over which markers must have moved as one to count as sticking, and
                 over which gel and outline are compared [-].
@@ -76,12 +78,13 @@ class Tracked:
             threshold=threshold,
             angle_floor_deg=angle_floor_deg,
             max_strain=max_strain,
+            min_stick_markers=min_stick_markers,
             keyframe_interval=keyframe_interval,
             mature_age=mature_age,
         )
         self.mature_age = mature_age
-        self.slip = float(np.radians(slip_deg))
-        self.shape_change = shape_change
+        self.slip = float(np.radians(check_positive("slip_deg", slip_deg)))
+        self.shape_change = check_positive("shape_change", shape_change)
         self.gain = gain
         self._forget()
 

@@ -185,6 +185,9 @@ def test_paper_takes_off_the_zero_drift_seen_while_unloaded():
     fields = measure_fields(stencils, frame_of(loaded))
     taken_off = fresh.update(fields).angle - warned.update(fields).angle
     assert np.degrees(taken_off) == pytest.approx(0.5, abs=0.02)
+    plain = Paper(stencils, MICRON, zero_drift=False)
+    plain.update(unloaded)
+    assert plain.update(fields).angle == Paper(stencils, MICRON).update(fields).angle
 
 
 def test_fewer_than_three_sticking_markers_give_no_angle():

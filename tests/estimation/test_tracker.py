@@ -62,6 +62,15 @@ def test_noise_is_estimated_unless_given():
     assert np.median(width) == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_least_number_of_sticking_markers_is_an_argument(method):
+    recording = lift(ANGLES)
+    few = estimate_angles(recording, method, noise=MICRON, min_stick_markers=3)
+    many = estimate_angles(recording, method, noise=MICRON, min_stick_markers=70)
+    assert few.answered.sum() > many.answered.sum()
+    assert (many.stick[many.answered].sum(axis=1) >= 70).all()
+
+
 def test_a_flawed_frame_is_labelled_and_the_rest_goes_on():
     recording = lift(ANGLES)
     flaws = ["" for _ in range(len(recording))]
@@ -125,6 +134,8 @@ def test_wrong_settings_are_refused():
         Tracker(layout, "magic")
     with pytest.raises(ValueError, match="window is 0"):
         Tracker(layout, "paper", window=0)
+    with pytest.raises(ValueError, match="min_stick_markers is 0"):
+        Tracker(layout, "tracked", min_stick_markers=0)
     with pytest.raises(ValueError, match="threshold"):
         Tracker(layout, "rigid", threshold=0.0)
     with pytest.raises(ValueError, match="rigid has no constant 'window'; it has angle_floor_deg"):
