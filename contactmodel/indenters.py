@@ -1,0 +1,194 @@
+"""Shapes of the object: height of its undeformed surface above the elastomer's plane.
+
+Heights are 0 where the object first touches. Where a shape ends, its side rises steeply, so that
+nothing beside it comes into contact.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from contactmodel.checks import non_negative, number, positive
+
+_SIDE_SLOPE = 1e3
+
+
+class AbstractIndenter(eqx.Module):
+    """The shape of an object, its lowest point at the origin."""
+
+    @abc.abstractmethod
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """Height of the undeformed surface at points of the plane [mm]."""
+
+
+class Paraboloid(AbstractIndenter):
+    """The shape r²/2R of Hertz's theory.
+
+    Attributes:
+        radius: R [mm].
+    """
+
+    radius: Float[Array, ""] = eqx.field(converter=positive)
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """r²/2R [mm]."""
+        return jnp.sum(points**2, axis=0) / (2.0 * self.radius)
+
+
+class Sphere(AbstractIndenter):
+    """A sphere, without the approximation of small angles.
+
+    Attributes:
+        radius: R [mm].
+    """
+
+    radius: Float[Array, ""] = eqx.field(converter=positive)
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """R − √(R² − r²) [mm]."""
+        return _arc(_length(points), self.radius)
+
+
+class Cylinder(AbstractIndenter):
+    """A cylinder that lies along y.
+
+    Attributes:
+        radius: R [mm].
+    """
+
+    radius: Float[Array, ""] = eqx.field(converter=positive)
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """R − √(R² − x²) [mm]."""
+        return _arc(jnp.abs(points[0]), self.radius)
+
+
+class Ellipsoid(AbstractIndenter):
+    """An ellipsoid with its axes along x, y and z.
+
+    Attributes:
+        semi_axes: half its length along x, y and z [mm].
+    """
+
+    semi_axes: Float[Array, "3"] = eqx.field(converter=positive)
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """c[1 − √(1 − x²/a² − y²/b²)] [mm]."""
+        a, b, c = self.semi_axes
+        ratio = _length(jnp.stack([points[0] / a, points[1] / b]))
+        return c * _arc(ratio, jnp.ones(()))
+
+
+class RoundPunch(AbstractIndenter):
+    """A flat-ended cylinder with a rounded edge.
+
+    Attributes:
+        radius: of the whole [mm].
+        edge_radius: of the rounding, 0 for a sharp edge [mm].
+    """
+
+    radius: Float[Array, ""] = eqx.field(converter=positive)
+    edge_radius: Float[Array, ""] = eqx.field(converter=non_negative, default=0.0)
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """0 on the flat, then the arc of the edge [mm]."""
+        beyond = _length(points) - (self.radius - self.edge_radius)
+        return _arc(jnp.maximum(beyond, 0.0), self.edge_radius)
+
+
+class SquarePunch(AbstractIndenter):
+    """A cube that stands on a face, its edges rounded.
+
+    Attributes:
+        width: of the face, roundings included [mm].
+        edge_radius: of the rounding, 0 for sharp edges [mm].
+    """
+
+    width: Float[Array, ""] = eqx.field(converter=positive)
+    edge_radius: Float[Array, ""] = eqx.field(converter=non_negative, default=0.0)
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """0 on the flat, then the arc of the edges [mm]."""
+        flat = 0.5 * self.width - self.edge_radius
+        return _arc(_length(jnp.maximum(jnp.abs(points) - flat, 0.0)), self.edge_radius)
+
+
+class HeightMap(AbstractIndenter):
+    """A shape given by heights at regular points, interpolated bilinearly between them.
+
+    Attributes:
+        heights: `[i, j]` at x_i, y_j, the middle of the map at the origin [mm].
+        spacing: distance between the points along x and y [mm].
+
+    Raises:
+        ValueError: heights that are NaN or not a map of at least 2×2.
+    """
+
+    heights: Float[Array, "mx my"]
+    spacing: tuple[float, float] = eqx.field(static=True)
+
+    def __init__(self, heights: ArrayLike, spacing: tuple[float, float]) -> None:
+        """Check and keep the map."""
+        shape = np.shape(heights)
+        if len(shape) != 2 or min(shape) < 2:
+            raise ValueError(f"a height map needs at least 2 by 2 heights, got the shape {shape}")
+        if not isinstance(heights, jax.core.Tracer):
+            missing = int(np.count_nonzero(~np.isfinite(np.asarray(heights))))
+            if missing:
+                raise ValueError(
+                    f"{missing} of {np.size(heights)} heights are NaN or infinite; fill them, "
+                    "for example with a height that never touches"
+                )
+        if min(spacing) <= 0:
+            raise ValueError(f"the spacing of a height map must be above 0 mm, got {spacing}")
+        self.heights = number(heights)
+        self.spacing = (float(spacing[0]), float(spacing[1]))
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """Interpolated height; beyond the map, a steep side [mm]."""
+        step = jnp.asarray(self.spacing).reshape(2, *[1] * (points.ndim - 1))
+        count = jnp.asarray(self.heights.shape).reshape(step.shape)
+        index = points / step + 0.5 * (count - 1)
+        inside = jnp.clip(index, 0.0, count - 1.0)
+        beyond = jnp.sum(jnp.abs(index - inside) * step, axis=0)
+        held = jax.scipy.ndimage.map_coordinates(self.heights, list(inside), order=1)
+        return held + _SIDE_SLOPE * beyond
+
+
+class Placed(AbstractIndenter):
+    """A shape moved to a position and turned there, where it first touches.
+
+    Attributes:
+        indenter: the shape.
+        position: of its origin [mm].
+        angle: by which it is turned, counter-clockwise [rad].
+    """
+
+    indenter: AbstractIndenter
+    position: Float[Array, "2"] = eqx.field(converter=number, default=(0.0, 0.0))
+    angle: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+
+    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+        """Height of the shape at the point that lies there [mm]."""
+        x, y = points - self.position.reshape(2, *[1] * (points.ndim - 1))
+        c, s = jnp.cos(self.angle), jnp.sin(self.angle)
+        return self.indenter.height(jnp.stack([c * x + s * y, c * y - s * x]))
+
+
+def _length(points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    """Distance from the origin, its derivative 0 at the origin."""
+    square = jnp.sum(points**2, axis=0)
+    return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
+
+
+def _arc(distance: Float[Array, "*shape"], radius: Float[Array, ""]) -> Float[Array, "*shape"]:
+    """R − √(R² − d²), continued by a steep side from d = R."""
+    inside = distance < radius
+    square = jnp.where(inside, radius**2 - distance**2, 1.0)
+    rise = distance**2 / jnp.where(inside, radius + jnp.sqrt(square), 1.0)
+    return jnp.where(inside, rise, radius + _SIDE_SLOPE * (distance - radius))
