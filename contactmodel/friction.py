@@ -1,0 +1,220 @@
+"""The traction: one step of Coulomb friction at a given pressure.
+
+[Kalker1990] J. J. Kalker, "Three-Dimensional Elastic Bodies in Rolling Contact", Section 4.2.
+[Vollebregt2010] E. A. H. Vollebregt, "Improving the speed and accuracy of the frictional rolling
+contact model CONTACT" (TangCG: conjugate gradients on the sets of sticking and sliding cells).
+
+Minimise ½ τ·Cτ − τ·b over |τ| ≤ μp, b the rigid increment plus Cτ of the step before. What is left,
+s = b − Cτ, is the increment of slip: 0 where a cell sticks, along τ where it slides.
+
+The loop is our own: each of its steps is a Newton step on the present sets. A sticking cell has
+two unknowns; a sliding one moves along its circle, with the curvature s/μp. Newton's method alone
+diverges on shifts and pivots; here each step is cut back until the energy falls.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from contactmodel.compliance import Compliance
+from contactmodel.linear import Iterations, Operator, attach_derivative, conjugate_gradients
+
+_FORCING = 0.1  # each Newton step solves its linear system to this; tighter buys nothing
+_NEWTON_STEPS = 25  # conjugate gradients within it at most
+_HALVINGS = 6
+
+
+class Sets(NamedTuple):
+    """The state of each cell, and the frame in which a sliding one moves.
+
+    Attributes:
+        stick: cells in contact that stick.
+        slide: cells in contact that slide.
+        normal: τ/|τ| of the sliding cells, 0 elsewhere.
+        stiffness: |s|/μp of the sliding cells, 0 elsewhere [mm/MPa].
+    """
+
+    stick: Bool[Array, "nx ny"]
+    slide: Bool[Array, "nx ny"]
+    normal: Float[Array, "2 nx ny"]
+    stiffness: Float[Array, "nx ny"]
+
+
+class _State(NamedTuple):
+    traction: Float[Array, "2 nx ny"]
+    slip: Float[Array, "2 nx ny"]
+    steps: Int[Array, ""]
+    applications: Int[Array, ""]
+
+
+def solve_traction(
+    compliance: Compliance,
+    drive: Float[Array, "2 nx ny"],
+    limit: Float[Array, "nx ny"],
+    *,
+    start: Float[Array, "2 nx ny"],
+    rtol: float,
+    max_steps: int,
+) -> tuple[Float[Array, "2 nx ny"], Iterations]:
+    """Traction on the elastomer, |τ| ≤ μp, that sticks or slides along the slip.
+
+    The residual is the root mean square, over the cells in contact, of the slip that sticking
+    cells have, of the slip across τ and of the slip against τ that sliding cells have, divided by
+    the root mean square of the drive.
+
+    Args:
+        compliance: of the pair.
+        drive: b [mm].
+        limit: μp, 0 outside the contact [MPa].
+        start: a traction to begin with [MPa].
+        rtol: tolerance on the residual [-].
+        max_steps: Newton steps at most.
+
+    Returns:
+        Traction [MPa], differentiable with respect to compliance, drive and limit, and what the
+        solver did.
+    """
+    fixed, still, bound = jax.lax.stop_gradient((compliance, drive, limit))
+    traction, iterations = _minimise(
+        fixed, still, bound, jax.lax.stop_gradient(start), rtol, max_steps
+    )
+    sets = find_sets(traction, still - fixed.drag(traction), bound)
+
+    def residual(traction: Array) -> Array:
+        held = jnp.where(sets.slide, limit * sets.normal, traction)
+        free = _along(sets, compliance.drag(held) - drive)
+        size = jnp.sum(traction * sets.normal, axis=0)
+        return free + jnp.where(sets.slide, size - limit, 0.0) * sets.normal
+
+    tangent, precondition = _newton_system(fixed, sets)
+    traction = attach_derivative(
+        traction, residual, tangent, precondition, rtol=rtol, max_steps=_NEWTON_STEPS * max_steps
+    )
+    return traction, iterations
+
+
+def find_sets(
+    traction: Float[Array, "2 nx ny"],
+    slip: Float[Array, "2 nx ny"],
+    limit: Float[Array, "nx ny"],
+) -> Sets:
+    """What sticks and what slides: the latter carries μp, and its slip does not pull it back.
+
+    Args:
+        traction: τ [MPa].
+        slip: increment of slip s [mm].
+        limit: μp [MPa].
+    """
+    contact = limit > 0.0
+    square = jnp.sum(traction**2, axis=0)
+    along = jnp.sum(traction * slip, axis=0)
+    slide = contact & (square >= (limit * (1.0 - 1e-9)) ** 2) & (along >= 0.0) & (square > 0.0)
+    size = jnp.sqrt(jnp.where(slide, square, 1.0))
+    bound = jnp.where(slide, limit, 1.0)
+    return Sets(
+        stick=contact & ~slide,
+        slide=slide,
+        normal=jnp.where(slide, traction / size, 0.0),
+        stiffness=jnp.where(slide, along / (size * bound), 0.0),
+    )
+
+
+def _minimise(
+    compliance: Compliance, drive: Array, limit: Array, start: Array, rtol: float, max_steps: int
+) -> tuple[Array, Iterations]:
+    """Newton steps on the present sets, each cut back until the energy falls."""
+    contact = limit > 0.0
+    count = jnp.maximum(jnp.sum(contact), 1)
+    tiny = jnp.finfo(drive.dtype).tiny
+    scale = jnp.sqrt(jnp.sum(jnp.where(contact, drive, 0.0) ** 2) / count)
+
+    def violation(state: _State) -> Array:
+        sets = find_sets(state.traction, state.slip, limit)
+        return jnp.sqrt(jnp.sum(_along(sets, state.slip) ** 2) / count) / jnp.maximum(scale, tiny)
+
+    def go_on(state: _State) -> Array:
+        return (violation(state) > rtol) & (state.steps < max_steps)
+
+    def step(state: _State) -> _State:
+        sets = find_sets(state.traction, state.slip, limit)
+        tangent, precondition = _newton_system(compliance, sets)
+        direction, inner = conjugate_gradients(
+            tangent,
+            _along(sets, state.slip),
+            precondition,
+            rtol=_FORCING,
+            max_steps=_NEWTON_STEPS,
+        )
+        traction, slip, trials = _descend(compliance, drive, limit, state, direction)
+        return _State(traction, slip, state.steps + 1, state.applications + inner + trials)
+
+    start = _confine(start, limit)
+    one = jnp.ones((), jnp.int32)
+    state = _State(start, drive - compliance.drag(start), 0 * one, one)
+    end = jax.lax.while_loop(go_on, step, state)
+    return end.traction, Iterations(end.steps, end.applications, violation(end))
+
+
+def _descend(
+    compliance: Compliance, drive: Array, limit: Array, state: _State, direction: Array
+) -> tuple[Array, Array, Array]:
+    """A step along the direction, halved until the energy falls; else one down the gradient."""
+
+    def attempt(move: Array) -> tuple[Array, Array, Array]:
+        traction = _confine(state.traction + move, limit)
+        slip = drive - compliance.drag(traction)
+        gain = jnp.sum((state.slip + slip) * (traction - state.traction))
+        promise = jnp.sum(state.slip * (traction - state.traction))
+        return traction, slip, (gain > 1e-4 * promise) & (promise > 0.0)
+
+    def go_on(carry) -> Array:
+        *_, good, halvings = carry
+        return ~good & (halvings <= _HALVINGS)
+
+    def halve(carry):
+        *_, halvings = carry
+        last = halvings == _HALVINGS
+        move = jnp.where(last, state.slip / compliance.stiffest, direction * 0.5**halvings)
+        return *attempt(move), halvings + 1
+
+    zero = jnp.zeros((), jnp.int32)
+    first = (state.traction, state.slip, jnp.zeros((), bool), zero)
+    traction, slip, _, trials = jax.lax.while_loop(go_on, halve, first)
+    return traction, slip, trials
+
+
+def _newton_system(compliance: Compliance, sets: Sets) -> tuple[Operator, Operator]:
+    """Derivative of the residual on the sets, and roughly its inverse.
+
+    Across the circle of a sliding cell and outside the contact it is the identity.
+    """
+    # diagonal of the preconditioner: the mean over all waves of the inverse compliance
+    xx, yy, xy = compliance.shear
+    diagonal = jnp.mean(0.5 * (xx + yy) / (xx * yy - xy**2))
+    weight = 1.0 / jnp.sqrt(1.0 + diagonal * sets.stiffness)
+
+    def tangent(change: Array) -> Array:
+        free = _along(sets, change)
+        pulled = _along(sets, compliance.drag(free)) + sets.stiffness * free
+        return pulled + (change - free)
+
+    def precondition(defect: Array) -> Array:
+        free = _along(sets, defect)
+        return _along(sets, weight * compliance.undrag(weight * free)) + (defect - free)
+
+    return tangent, precondition
+
+
+def _along(sets: Sets, field: Array) -> Array:
+    """The part of a field in which the cells are free: all of it, or along their circle."""
+    across = jnp.sum(field * sets.normal, axis=0) * sets.normal
+    return jnp.where(sets.stick, field, jnp.where(sets.slide, field - across, 0.0))
+
+
+def _confine(traction: Array, limit: Array) -> Array:
+    """The traction, drawn back to |τ| ≤ μp."""
+    square = jnp.sum(traction**2, axis=0)
+    beyond = square > limit**2
+    return traction * jnp.where(beyond, limit / jnp.sqrt(jnp.where(beyond, square, 1.0)), 1.0)
