@@ -8,3 +8,43 @@ functions that state one of its numbered equations keep its sign, everything els
 The library never touches `jax.config`; use double precision:
 `jax.config.update("jax_enable_x64", True)`.
 """
+
+from contactmodel.bodies import AbstractBody, HalfSpace, Rigid, stiffness_ratio
+from contactmodel.grid import Grid
+from contactmodel.indenters import (
+    AbstractIndenter,
+    Cylinder,
+    Ellipsoid,
+    HeightMap,
+    Paraboloid,
+    Placed,
+    RoundPunch,
+    Sphere,
+    SquarePunch,
+)
+from contactmodel.pose import Pose, make_path
+from contactmodel.solution import RESULTS, ContactSolution
+from contactmodel.solve import solve_contact, solve_path
+
+__all__ = [
+    "RESULTS",
+    "AbstractBody",
+    "AbstractIndenter",
+    "ContactSolution",
+    "Cylinder",
+    "Ellipsoid",
+    "Grid",
+    "HalfSpace",
+    "HeightMap",
+    "Paraboloid",
+    "Placed",
+    "Pose",
+    "Rigid",
+    "RoundPunch",
+    "Sphere",
+    "SquarePunch",
+    "make_path",
+    "solve_contact",
+    "solve_path",
+    "stiffness_ratio",
+]

@@ -46,8 +46,8 @@ class HalfSpace(AbstractBody):
             xy=nu * cell.xy * unit,
             xz=pull * cell.x,
             yz=pull * cell.y,
-            turn_x=0.5 * cell.turn_x * unit,
-            turn_y=0.5 * cell.turn_y * unit,
+            turn_x=0.5 * unit * cell.turn_x,
+            turn_y=0.5 * unit * cell.turn_y,
         )
 
     @property

@@ -132,9 +132,7 @@ def grid_coefficients(body: Deformable, grid: Grid) -> Coefficients:
     return body.coefficients(cell)
 
 
-def convolve(
-    spectrum: Array, field: Float[Array, "*batch nx ny"]
-) -> Float[Array, "*batch nx ny"]:
+def convolve(spectrum: Array, field: Float[Array, "*batch nx ny"]) -> Float[Array, "*batch nx ny"]:
     """Sum over all cells of coefficient times field, by FFT.
 
     Args:

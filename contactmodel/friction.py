@@ -161,13 +161,15 @@ def _descend(
     compliance: Compliance, drive: Array, limit: Array, state: _State, direction: Array
 ) -> tuple[Array, Array, Array]:
     """A step along the direction, halved until the energy falls; else one down the gradient."""
+    work = jnp.sum(jnp.abs(state.slip * state.traction))
+    rounding = 100.0 * jnp.finfo(work.dtype).eps * work  # below it, energies do not compare
 
     def attempt(move: Array) -> tuple[Array, Array, Array]:
         traction = _confine(state.traction + move, limit)
         slip = drive - compliance.drag(traction)
         gain = jnp.sum((state.slip + slip) * (traction - state.traction))
         promise = jnp.sum(state.slip * (traction - state.traction))
-        return traction, slip, (gain > 1e-4 * promise) & (promise > 0.0)
+        return traction, slip, gain >= 1e-4 * jnp.abs(promise) - rounding
 
     def go_on(carry) -> Array:
         *_, good, halvings = carry

@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.checks import non_negative, number, positive
+from contactmodel.checks import is_traced, non_negative, number, positive
 
 _SIDE_SLOPE = 1e3
 
@@ -22,7 +22,7 @@ class AbstractIndenter(eqx.Module):
     """The shape of an object, its lowest point at the origin."""
 
     @abc.abstractmethod
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """Height of the undeformed surface at points of the plane [mm]."""
 
 
@@ -35,7 +35,7 @@ class Paraboloid(AbstractIndenter):
 
     radius: Float[Array, ""] = eqx.field(converter=positive)
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """r²/2R [mm]."""
         return jnp.sum(points**2, axis=0) / (2.0 * self.radius)
 
@@ -49,7 +49,7 @@ class Sphere(AbstractIndenter):
 
     radius: Float[Array, ""] = eqx.field(converter=positive)
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """R − √(R² − r²) [mm]."""
         return _arc(_length(points), self.radius)
 
@@ -63,7 +63,7 @@ class Cylinder(AbstractIndenter):
 
     radius: Float[Array, ""] = eqx.field(converter=positive)
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """R − √(R² − x²) [mm]."""
         return _arc(jnp.abs(points[0]), self.radius)
 
@@ -77,7 +77,7 @@ class Ellipsoid(AbstractIndenter):
 
     semi_axes: Float[Array, "3"] = eqx.field(converter=positive)
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """c[1 − √(1 − x²/a² − y²/b²)] [mm]."""
         a, b, c = self.semi_axes
         ratio = _length(jnp.stack([points[0] / a, points[1] / b]))
@@ -95,7 +95,7 @@ class RoundPunch(AbstractIndenter):
     radius: Float[Array, ""] = eqx.field(converter=positive)
     edge_radius: Float[Array, ""] = eqx.field(converter=non_negative, default=0.0)
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """0 on the flat, then the arc of the edge [mm]."""
         beyond = _length(points) - (self.radius - self.edge_radius)
         return _arc(jnp.maximum(beyond, 0.0), self.edge_radius)
@@ -112,7 +112,7 @@ class SquarePunch(AbstractIndenter):
     width: Float[Array, ""] = eqx.field(converter=positive)
     edge_radius: Float[Array, ""] = eqx.field(converter=non_negative, default=0.0)
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """0 on the flat, then the arc of the edges [mm]."""
         flat = 0.5 * self.width - self.edge_radius
         return _arc(_length(jnp.maximum(jnp.abs(points) - flat, 0.0)), self.edge_radius)
@@ -137,7 +137,7 @@ class HeightMap(AbstractIndenter):
         shape = np.shape(heights)
         if len(shape) != 2 or min(shape) < 2:
             raise ValueError(f"a height map needs at least 2 by 2 heights, got the shape {shape}")
-        if not isinstance(heights, jax.core.Tracer):
+        if not is_traced(heights):
             missing = int(np.count_nonzero(~np.isfinite(np.asarray(heights))))
             if missing:
                 raise ValueError(
@@ -149,7 +149,7 @@ class HeightMap(AbstractIndenter):
         self.heights = number(heights)
         self.spacing = (float(spacing[0]), float(spacing[1]))
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """Interpolated height; beyond the map, a steep side [mm]."""
         step = jnp.asarray(self.spacing).reshape(2, *[1] * (points.ndim - 1))
         count = jnp.asarray(self.heights.shape).reshape(step.shape)
@@ -173,20 +173,20 @@ class Placed(AbstractIndenter):
     position: Float[Array, "2"] = eqx.field(converter=number, default=(0.0, 0.0))
     angle: Float[Array, ""] = eqx.field(converter=number, default=0.0)
 
-    def height(self, points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """Height of the shape at the point that lies there [mm]."""
         x, y = points - self.position.reshape(2, *[1] * (points.ndim - 1))
         c, s = jnp.cos(self.angle), jnp.sin(self.angle)
         return self.indenter.height(jnp.stack([c * x + s * y, c * y - s * x]))
 
 
-def _length(points: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+def _length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
     """Distance from the origin, its derivative 0 at the origin."""
     square = jnp.sum(points**2, axis=0)
     return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
 
 
-def _arc(distance: Float[Array, "*shape"], radius: Float[Array, ""]) -> Float[Array, "*shape"]:
+def _arc(distance: Float[Array, "..."], radius: Float[Array, ""]) -> Float[Array, "..."]:
     """R − √(R² − d²), continued by a steep side from d = R."""
     inside = distance < radius
     square = jnp.where(inside, radius**2 - distance**2, 1.0)

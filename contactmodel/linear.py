@@ -104,9 +104,7 @@ def attach_derivative(
     """
 
     def solve(operator: Operator, rhs: Array) -> Array:
-        return conjugate_gradients(
-            operator, rhs, preconditioner, rtol=rtol, max_steps=max_steps
-        )[0]
+        return conjugate_gradients(operator, rhs, preconditioner, rtol=rtol, max_steps=max_steps)[0]
 
     solution = jax.lax.stop_gradient(solution)
     defect = residual(solution)

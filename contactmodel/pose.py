@@ -32,7 +32,7 @@ class Pose(eqx.Module):
     centre: Float[Array, "*path 2"] = eqx.field(converter=number, default=(0.0, 0.0))
     linear: bool = eqx.field(static=True, default=False)
 
-    def displacement(self, points: Float[Array, "2 *shape"]) -> Float[Array, "2 *shape"]:
+    def displacement(self, points: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
         """In-plane displacement of the rigid object at points [mm]; for one pose."""
         ones = [1] * (points.ndim - 1)
         x, y = points - self.centre.reshape(2, *ones)

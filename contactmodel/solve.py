@@ -1,0 +1,288 @@
+"""Solve a contact: pressure, then friction, for one pose or along a path."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array
+
+from contactmodel.bodies import AbstractBody, Rigid
+from contactmodel.checks import is_traced, non_negative
+from contactmodel.compliance import Compliance, pair_compliance
+from contactmodel.friction import solve_traction
+from contactmodel.grid import Grid
+from contactmodel.indenters import AbstractIndenter
+from contactmodel.linear import Iterations
+from contactmodel.normal import solve_pressure
+from contactmodel.pose import Pose
+from contactmodel.solution import RESULTS, ContactSolution
+
+_SINGLE_PRECISION_FLOOR = 1e-4
+
+
+def solve_contact(
+    elastomer: AbstractBody,
+    object_: AbstractBody,
+    indenter: AbstractIndenter,
+    pose: Pose,
+    grid: Grid,
+    friction_coefficient: ArrayLike,
+    *,
+    previous: ContactSolution | None = None,
+    rtol: float = 1e-8,
+    max_steps: int = 200,
+    throw: bool = True,
+) -> ContactSolution:
+    """Press an object onto an elastomer, then shift and twist it.
+
+    Pressure and friction are solved one after the other: what pressing does to the slip, and
+    friction to the pressure, is left out. Both vanish for bodies with equal (1−2ν)/G, a rigid
+    object on an incompressible elastomer among them.
+
+    Args:
+        elastomer: S.
+        object_: B, made of this.
+        indenter: and of this shape.
+        pose: how B has moved since it touched.
+        grid: cells, more than cover the contact.
+        friction_coefficient: μ, a number or a map of the grid [-].
+        previous: the contact before this step; the friction depends on it. Without it, the object
+            is pressed first and moved then, from rest.
+        rtol: on the residuals of pressure and traction (see `normal`, `friction`) [-].
+        max_steps: of each of the two solvers.
+        throw: whether a failure raises; else it is only told by `result`.
+
+    Raises:
+        ValueError: shapes that do not fit, or a tolerance below what the precision can reach.
+        RuntimeError: a failure.
+    """
+    _check(elastomer, object_, pose, grid, friction_coefficient, rtol, path=False)
+    friction = non_negative(friction_coefficient)
+    last = _remember(previous, pose, grid)
+    solution = _solve_one(elastomer, object_, indenter, pose, grid, friction, last, rtol, max_steps)
+    return _raise_failure(solution) if throw else solution
+
+
+def solve_path(
+    elastomer: AbstractBody,
+    object_: AbstractBody,
+    indenter: AbstractIndenter,
+    path: Pose,
+    grid: Grid,
+    friction_coefficient: ArrayLike,
+    *,
+    previous: ContactSolution | None = None,
+    rtol: float = 1e-8,
+    max_steps: int = 200,
+    throw: bool = True,
+) -> ContactSolution:
+    """Solve a contact along a path of poses, each step starting from the one before.
+
+    Args:
+        elastomer: S.
+        object_: B, made of this.
+        indenter: and of this shape.
+        path: poses, the steps along the first axis (`make_path`).
+        grid: cells, more than cover the contact.
+        friction_coefficient: μ, a number or a map of the grid [-].
+        previous: the contact before the path; without it, the path starts from rest.
+        rtol: as for `solve_contact`.
+        max_steps: as for `solve_contact`.
+        throw: as for `solve_contact`.
+
+    Returns:
+        The contacts; every array has the steps as its first axis, materials and μ excepted.
+
+    Raises:
+        ValueError: as for `solve_contact`.
+        RuntimeError: a failure in any step.
+    """
+    _check(elastomer, object_, path, grid, friction_coefficient, rtol, path=True)
+    friction = non_negative(friction_coefficient)
+    last = _remember(previous, path, grid)
+    solution = _solve_all(elastomer, object_, indenter, path, grid, friction, last, rtol, max_steps)
+    return _raise_failure(solution) if throw else solution
+
+
+class _Memory(NamedTuple):
+    """What the next step needs of the one before."""
+
+    pressure: Array
+    traction: Array
+    slip: Array
+    dissipated_energy: Array
+
+
+class _Step(NamedTuple):
+    """What a step adds to a solution; the names are those of `ContactSolution`."""
+
+    pose: Pose
+    pressure: Array
+    traction: Array
+    gap: Array
+    slip: Array
+    slip_increment: Array
+    dissipated_energy: Array
+    result: RESULTS  # pyright: ignore[reportInvalidTypeForm]
+    normal: Iterations
+    friction: Iterations
+
+
+@eqx.filter_jit
+def _solve_one(
+    elastomer: AbstractBody,
+    object_: AbstractBody,
+    indenter: AbstractIndenter,
+    pose: Pose,
+    grid: Grid,
+    friction: Array,
+    last: _Memory,
+    rtol: float,
+    max_steps: int,
+) -> ContactSolution:
+    compliance = pair_compliance(elastomer, object_, grid)
+    step = _step(compliance, indenter, pose, grid, friction, last, rtol, max_steps)
+    return _gather(elastomer, object_, grid, friction, step)
+
+
+@eqx.filter_jit
+def _solve_all(
+    elastomer: AbstractBody,
+    object_: AbstractBody,
+    indenter: AbstractIndenter,
+    path: Pose,
+    grid: Grid,
+    friction: Array,
+    last: _Memory,
+    rtol: float,
+    max_steps: int,
+) -> ContactSolution:
+    compliance = pair_compliance(elastomer, object_, grid)
+
+    def advance(last: _Memory, pose: Pose) -> tuple[_Memory, _Step]:
+        step = _step(compliance, indenter, pose, grid, friction, last, rtol, max_steps)
+        return _Memory(step.pressure, step.traction, step.slip, step.dissipated_energy), step
+
+    _, steps = jax.lax.scan(advance, last, path)
+    return _gather(elastomer, object_, grid, friction, steps)
+
+
+def _gather(
+    elastomer: AbstractBody, object_: AbstractBody, grid: Grid, friction: Array, step: _Step
+) -> ContactSolution:
+    """The solution of a step, or of many."""
+    return ContactSolution(
+        grid=grid,
+        elastomer=elastomer,
+        object_=object_,
+        friction_coefficient=friction,
+        **step._asdict(),
+    )
+
+
+def _step(
+    compliance: Compliance,
+    indenter: AbstractIndenter,
+    pose: Pose,
+    grid: Grid,
+    friction_coefficient: Array,
+    last: _Memory,
+    rtol: float,
+    max_steps: int,
+) -> _Step:
+    """The contact at a pose, from the one before."""
+    points = jnp.asarray(grid.points, last.pressure.dtype)
+    undeformed = indenter.height(points) - pose.approach
+    pressure, normal = solve_pressure(
+        compliance, undeformed, start=last.pressure, rtol=rtol, max_steps=max_steps
+    )
+    drive = pose.displacement(points) - last.slip
+    traction, friction = solve_traction(
+        compliance,
+        drive,
+        friction_coefficient * pressure,
+        start=last.traction,
+        rtol=rtol,
+        max_steps=max_steps,
+    )
+    increment = drive - compliance.drag(traction)
+    return _Step(
+        pose=pose,
+        pressure=pressure,
+        traction=traction,
+        gap=undeformed + compliance.press(pressure),
+        slip=last.slip + increment,
+        slip_increment=increment,
+        dissipated_energy=last.dissipated_energy + jnp.sum(traction * increment) * grid.cell_area,
+        result=_judge(pressure, normal, friction, rtol),
+        normal=normal,
+        friction=friction,
+    )
+
+
+def _judge(pressure: Array, normal: Iterations, friction: Iterations, rtol: float):
+    """How a step ended; the gravest first."""
+    contact = pressure > 0.0
+    inside = jnp.any(contact[1:-1, 1:-1])
+    edge = jnp.sum(contact) > jnp.sum(contact[1:-1, 1:-1])
+    result = RESULTS.where(inside, RESULTS.successful, RESULTS.no_contact)
+    late = ~(friction.residual <= rtol)
+    result = RESULTS.where(late, RESULTS.friction_max_steps, result)
+    result = RESULTS.where(~(normal.residual <= rtol), RESULTS.normal_max_steps, result)
+    return RESULTS.where(edge, RESULTS.at_the_edge, result)
+
+
+def _raise_failure(solution: ContactSolution) -> ContactSolution:
+    """Raise what `result` says, now or, inside `jit`, when the program runs."""
+    result = solution.result
+    failed = (result != RESULTS.successful) & (result != RESULTS.no_contact)
+    first = jnp.argmax(failed)
+    worst = jax.tree.map(lambda value: jnp.reshape(value, -1)[first], result)
+    if is_traced(failed):
+        dynamic, static = eqx.partition(solution, eqx.is_inexact_array)
+        return eqx.combine(worst.error_if(dynamic, jnp.any(failed)), static)
+    if bool(jnp.any(failed)):
+        step = f"step {int(first)} of the path: " if failed.ndim else ""
+        raise RuntimeError(step + RESULTS[worst])
+    return solution
+
+
+def _remember(previous: ContactSolution | None, pose: Pose, grid: Grid) -> _Memory:
+    """What is left of the contact before; nothing if there was none."""
+    if previous is None:
+        dtype = pose.approach.dtype
+        none, still = jnp.zeros(grid.shape, dtype), jnp.zeros((2, *grid.shape), dtype)
+        return _Memory(none, still, still, jnp.zeros((), dtype))
+    if previous.grid != grid:
+        raise ValueError(f"the contact before has the {previous.grid}, this one the {grid}")
+    if previous.pressure.ndim != 2:
+        raise ValueError("previous is a path; take its last step: jax.tree.map(lambda x: x[-1], …)")
+    return _Memory(previous.pressure, previous.traction, previous.slip, previous.dissipated_energy)
+
+
+def _check(
+    elastomer: AbstractBody,
+    object_: AbstractBody,
+    pose: Pose,
+    grid: Grid,
+    friction_coefficient: ArrayLike,
+    rtol: float,
+    *,
+    path: bool,
+) -> None:
+    """Shapes and precision, known before anything runs."""
+    if isinstance(elastomer, Rigid) and isinstance(object_, Rigid):
+        raise ValueError("both bodies are rigid; one has to give way")
+    if pose.approach.ndim != int(path):
+        wanted = "a path of poses (make_path)" if path else "one pose; solve_path takes a path"
+        raise ValueError(f"expected {wanted}, got an approach of shape {pose.approach.shape}")
+    shape = jnp.shape(friction_coefficient)
+    if shape not in ((), grid.shape):
+        raise ValueError(f"μ must be a number or a map of shape {grid.shape}, got {shape}")
+    if pose.approach.dtype == jnp.float32 and rtol < _SINGLE_PRECISION_FLOOR:
+        raise ValueError(
+            f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
+            'call jax.config.update("jax_enable_x64", True) first, or ask for a larger rtol'
+        )
