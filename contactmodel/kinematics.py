@@ -29,7 +29,7 @@ def pair_slip(
     shift: Float[AnyArray, "*#batch 2"],
     rotation_change: Float[AnyArray, "*#batch 2 2"],
 ) -> Float[AnyArray, "*batch 2"]:
-    """Slip Δs of a point of the object against the point of the elastomer it lay on ([Li2024] Eq. 1).
+    """Slip Δs of a point of the object against its partner on the elastomer ([Li2024] Eq. 1).
 
     Δs = Δr_B + Δr_c + ΔR (r_B + Δr_B) − Δr_S; it holds for any size of rotation and deformation.
 
