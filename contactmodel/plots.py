@@ -30,7 +30,9 @@ def plot_traction(solution: ContactSolution) -> Figure:
 
 def plot_states(solution: ContactSolution) -> Figure:
     """Which cells are open, slip and stick."""
-    figure, axes = _frame(f"Stick and slip: {float(solution.stick_ratio):.0%} of the contact sticks")
+    figure, axes = _frame(
+        f"Stick and slip: {float(solution.stick_ratio):.0%} of the contact sticks"
+    )
     state = np.where(solution.stick, 2, np.where(solution.sliding, 1, 0))
     norm = BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3)
     _image(axes, solution, state, cmap=ListedColormap(_COLOURS), norm=norm)

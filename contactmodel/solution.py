@@ -1,5 +1,7 @@
 """What users hold after solving: tractions, displacements, slip, and how the solver fared."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -76,6 +78,12 @@ class ContactSolution(eqx.Module):
     result: RESULTS  # pyright: ignore[reportInvalidTypeForm]
     normal: Iterations
     friction: Iterations
+
+    def at_step(self, index: int) -> "ContactSolution":
+        """One contact of a path."""
+        constants = (self.elastomer, self.object_, self.friction_coefficient)
+        one = jax.tree.map(lambda leaf: leaf[index], eqx.tree_at(_constants, self, (None,) * 3))
+        return eqx.tree_at(_constants, one, constants, is_leaf=lambda leaf: leaf is None)
 
     @property
     def contact(self) -> Bool[Array, "*path nx ny"]:
@@ -159,6 +167,17 @@ class ContactSolution(eqx.Module):
             return _displacement(c, self.pressure, traction, lambda a, b: jnp.sum(a * b))
 
         return jax.lax.map(at_point, points, batch_size=16)
+
+
+def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
+    """Contacts of the same bodies one after the other, as a path."""
+    path = jax.tree.map(lambda *leaves: jnp.stack(leaves), *steps)
+    return eqx.tree_at(_constants, path, _constants(steps[0]))
+
+
+def _constants(solution: ContactSolution) -> tuple[AbstractBody, AbstractBody, Array]:
+    """What does not change along a path."""
+    return solution.elastomer, solution.object_, solution.friction_coefficient
 
 
 def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> Array:

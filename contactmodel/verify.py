@@ -131,7 +131,8 @@ def check_punch(count: int) -> list[Row]:
     moment = analytic.reissner_sagoci_moment(twist, RADIUS, case.shear_modulus)
     why = "singular edge, first order in the cell"
     return [
-        _relative("Flat punch: force [N]", -solution.force[2], force, by_cell(7e-3, 1.0, count), why),
+        _relative("Flat punch: force [N]", -solution.force[2], force,
+                  by_cell(7e-3, 1.0, count), why),
         _relative("Reissner–Sagoci: moment [N·mm]", solution.moment, moment,
                   by_cell(1.7e-2, 1.0, count), why),
         _error("Flat punch, huge friction: share that slides",
@@ -205,8 +206,7 @@ def check_history(count: int) -> list[Row]:
     zero = jnp.zeros((steps, 2))
     path = Pose(RADIUS**2 / CURVATURE * share**2, zero, top * share**3, zero, linear=True)
     solution = solve_path(ELASTOMER, Rigid(), Paraboloid(CURVATURE), path, grid, 1e6)
-    last = jax.tree.map(lambda leaf: leaf[-1], eqx.filter(solution.traction, eqx.is_array))
-    rotation = _rotation_of(solution, last)
+    rotation = solution.at_step(-1).elastomer_rotation()
 
     r = np.hypot(*grid.points)
     rows = []
@@ -397,12 +397,6 @@ def convergence(counts: tuple[int, ...] = (32, 64, 128, 256)) -> list[Row]:
         Row(f"Order of convergence: {name}", slope, order, order - slope, 0.5, "no less")
         for name, slope, order in zip(names, slopes.tolist(), expected, strict=True)
     ]
-
-
-def _rotation_of(solution: ContactSolution, traction: Array) -> Array:
-    """φ for the traction of one step of a path."""
-    one = eqx.tree_at(lambda s: s.traction, solution, traction)
-    return one.elastomer_rotation()
 
 
 def _relative(what: str, value, expected, tolerance: float, because: str) -> Row:

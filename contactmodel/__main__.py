@@ -1,0 +1,86 @@
+"""Command line: `python -m contactmodel simulate|verify`."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import jax
+import typer
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from contactmodel.simulation import read_simulation, run_simulation, write_results
+from contactmodel.solution import stack_steps
+from contactmodel.verify import CHECKS, Row, convergence
+
+app = typer.Typer(
+    help="Contact of two elastic bodies with friction.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+console = Console()
+errors = Console(stderr=True)
+
+
+@app.command()
+def simulate(
+    config: Annotated[
+        str,
+        typer.Argument(
+            metavar="CONFIG", help="TOML file, or a shipped example: pivoting_cube, shifted_sphere."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder to write to; an interrupted run goes on.")],
+) -> None:
+    """Press, shift and twist an object along a path; write fields, a table and pictures."""
+    try:
+        simulation = read_simulation(config)
+        solutions = [
+            solution
+            for _, solution in track(
+                run_simulation(simulation, out),
+                "Solving",
+                total=len(simulation),
+                console=errors,
+            )
+        ]
+        write_results(stack_steps(solutions), out)
+    except (OSError, ValueError, RuntimeError) as error:
+        errors.print(f"[red]error:[/red] {error}", highlight=False)
+        raise typer.Exit(2) from error
+    console.print(f"{len(solutions)} steps, path.csv and pictures in {out}", highlight=False)
+
+
+@app.command()
+def verify(
+    cells: Annotated[
+        int, typer.Option(min=32, help="Cells along a side of the checks' grid.")
+    ] = 128,
+) -> None:
+    """Compare the model with closed forms, laws and itself; exit status 1 if a row fails."""
+    rows: list[Row] = []
+    for check in track(CHECKS, "Checking", console=errors):
+        rows += check(cells)
+    with errors.status("Orders of convergence from 32² to 256²"):
+        rows += convergence()
+    table = Table("what", "model", "expected", "error", "tolerance", "because of", "verdict")
+    for row in rows:
+        verdict = "[green]ok[/green]" if row.passed else "[red]FAILED[/red]"
+        numbers = [f"{row.value:.7g}", f"{row.expected:.7g}", f"{row.error:.1e}"]
+        table.add_row(row.what, *numbers, f"{row.tolerance:.1e}", row.because, verdict)
+    console.print(table)
+    failed = sum(not row.passed for row in rows)
+    console.print(f"{len(rows) - failed} of {len(rows)} rows agree", highlight=False)
+    raise typer.Exit(int(failed > 0))
+
+
+def main() -> None:
+    """Run the command line in double precision."""
+    jax.config.update("jax_enable_x64", True)
+    app()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

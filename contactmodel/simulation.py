@@ -1,0 +1,278 @@
+"""A simulation described by a TOML file, run step by step into a folder.
+
+The file has units in its keys; `examples/` next to this module holds two with comments. Every step
+is a file of its own, so that a run that was interrupted goes on where it stopped.
+"""
+
+import csv
+import os
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+from contactmodel import plots
+from contactmodel.bodies import AbstractBody, HalfSpace, Rigid
+from contactmodel.grid import Grid
+from contactmodel.indenters import (
+    AbstractIndenter,
+    Cylinder,
+    Ellipsoid,
+    Paraboloid,
+    Placed,
+    RoundPunch,
+    Sphere,
+    SquarePunch,
+)
+from contactmodel.pose import Pose, make_path
+from contactmodel.solution import ContactSolution
+from contactmodel.solve import solve_contact
+
+SHAPES: dict[str, tuple[type[AbstractIndenter], tuple[str, ...]]] = {
+    "paraboloid": (Paraboloid, ("radius",)),
+    "sphere": (Sphere, ("radius",)),
+    "cylinder": (Cylinder, ("radius",)),
+    "ellipsoid": (Ellipsoid, ("semi_axes",)),
+    "round_punch": (RoundPunch, ("radius", "edge_radius")),
+    "square_punch": (SquarePunch, ("width", "edge_radius")),
+}
+EXAMPLES = resources.files("contactmodel") / "examples"
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What a configuration file asks for.
+
+    Attributes:
+        text: the file.
+        grid: cells.
+        elastomer: S.
+        object_: B.
+        indenter: shape of B, where it touches.
+        path: motion of B.
+        friction_coefficient: μ [-].
+    """
+
+    text: str
+    grid: Grid
+    elastomer: AbstractBody
+    object_: AbstractBody
+    indenter: AbstractIndenter
+    path: Pose
+    friction_coefficient: float
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.path.approach)
+
+
+def read_simulation(path: str | Path) -> Simulation:
+    """Read a configuration file, or a shipped example by its name.
+
+    Raises:
+        FileNotFoundError: neither a file nor an example.
+        ValueError: keys that are missing, unknown or have wrong values.
+    """
+    example = EXAMPLES / f"{path}.toml"
+    if not Path(path).is_file() and not example.is_file():
+        names = sorted(item.name.removesuffix(".toml") for item in EXAMPLES.iterdir())
+        raise FileNotFoundError(f"no file {path}; shipped examples are {', '.join(names)}")
+    source = Path(path) if Path(path).is_file() else example
+    text = source.read_text(encoding="utf-8")
+    try:
+        return _parse(text)
+    except KeyError as error:
+        raise ValueError(f"{path}: the key {error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, ContactSolution]]:
+    """Solve step by step, write each, and go on from what the folder already holds.
+
+    Yields:
+        Number of the step, from 1, and its contact.
+
+    Raises:
+        ValueError: the folder holds another simulation.
+        RuntimeError: a step that failed.
+    """
+    steps = folder / "steps"
+    steps.mkdir(parents=True, exist_ok=True)
+    copy = folder / "config.toml"
+    if copy.is_file() and copy.read_text(encoding="utf-8") != simulation.text:
+        raise ValueError(f"{folder} holds another simulation; choose an empty folder")
+    _write(copy, lambda part: part.write_text(simulation.text, encoding="utf-8"))
+    last: ContactSolution | None = None
+    for index in range(len(simulation)):
+        file = steps / f"{index + 1:04d}.npz"
+        if file.is_file():
+            last = load_step(simulation, file)
+        else:
+            try:
+                last = _solve(simulation, index, last)
+            except RuntimeError as error:
+                raise RuntimeError(f"step {index + 1} of {len(simulation)}: {error}") from error
+            save_step(last, file)
+        yield index + 1, last
+
+
+def write_results(path: ContactSolution, folder: Path) -> None:
+    """Write the table of the path, and pictures of it and of its last contact.
+
+    Args:
+        path: the contacts, steps along the first axis.
+        folder: where to write `path.csv` and the pictures.
+    """
+    _write(folder / "path.csv", lambda part: _write_table(path, part))
+    last = path.at_step(-1)
+    pictures: dict[str, Figure] = {
+        "pressure": plots.plot_pressure(last),
+        "traction": plots.plot_traction(last),
+        "stick_slip": plots.plot_states(last),
+        "slip": plots.plot_slip(last),
+        "path": plots.plot_path(path),
+    }
+    for name, figure in pictures.items():
+        _write(folder / f"{name}.png", lambda part, f=figure: f.savefig(part, dpi=150))
+
+
+def save_step(solution: ContactSolution, file: Path) -> None:
+    """Write the arrays of a contact under their names."""
+    leaves = jax.tree_util.tree_leaves_with_path(solution)
+    arrays = {_key(path): np.asarray(leaf) for path, leaf in leaves}
+    _write(file, lambda part: np.savez_compressed(part, **arrays))
+
+
+def load_step(simulation: Simulation, file: Path) -> ContactSolution:
+    """Read what `save_step` has written."""
+    skeleton = eqx.filter_eval_shape(lambda: _solve(simulation, 0, None))
+    leaves, tree = jax.tree_util.tree_flatten_with_path(skeleton)
+    with np.load(file) as arrays:
+        return jax.tree.unflatten(tree, [jnp.asarray(arrays[_key(path)]) for path, _ in leaves])
+
+
+def _solve(simulation: Simulation, index: int, previous: ContactSolution | None) -> ContactSolution:
+    return solve_contact(
+        simulation.elastomer,
+        simulation.object_,
+        simulation.indenter,
+        jax.tree.map(lambda leaf: leaf[index], simulation.path),
+        simulation.grid,
+        simulation.friction_coefficient,
+        previous=previous,
+    )
+
+
+def _parse(text: str) -> Simulation:
+    known = {"grid", "elastomer", "object", "indenter", "contact", "motion"}
+    tables = _only(tomllib.loads(text), "the file", known)
+    grid = _only(tables["grid"], "grid", {"cells", "size_mm"})
+    contact = _only(tables["contact"], "contact", {"friction_coefficient"})
+    return Simulation(
+        text=text,
+        grid=Grid(tuple(grid["cells"]), tuple(map(float, grid["size_mm"]))),
+        elastomer=_body(tables["elastomer"], "elastomer"),
+        object_=_body(tables["object"], "object") if tables["object"] else Rigid(),
+        indenter=_indenter(tables["indenter"]),
+        path=_path(tables["motion"]),
+        friction_coefficient=float(contact["friction_coefficient"]),
+    )
+
+
+def _body(table: dict[str, Any], name: str) -> HalfSpace:
+    _only(table, name, {"shear_modulus_mpa", "poisson_ratio"})
+    return HalfSpace(table["shear_modulus_mpa"], table["poisson_ratio"])
+
+
+def _indenter(table: dict[str, Any]) -> AbstractIndenter:
+    shape = table["shape"]
+    if shape not in SHAPES:
+        raise ValueError(f"unknown shape {shape!r}; known are {', '.join(SHAPES)}")
+    kind, names = SHAPES[shape]
+    keys = {f"{name}_mm" for name in names}
+    _only(table, f"indenter of shape {shape}", {"shape", "position_mm", "angle_deg", *keys})
+    sizes = {name: table[f"{name}_mm"] for name in names if f"{name}_mm" in table}
+    missing = set(names) - set(sizes) - {"edge_radius"}
+    if missing:
+        raise KeyError(f"{missing.pop()}_mm")
+    position = table.get("position_mm", [0.0, 0.0])
+    return Placed(kind(**sizes), position, np.radians(table.get("angle_deg", 0.0)))
+
+
+def _path(table: dict[str, Any]) -> Pose:
+    _only(table, "motion", {"centre_mm", "legs"})
+    centre = np.asarray(table.get("centre_mm", [0.0, 0.0]), dtype=float)
+    state: dict[str, Any] = {"approach_mm": 0.0, "shift_mm": [0.0, 0.0], "twist_deg": 0.0}
+    poses, steps = [_pose(state, centre)], []
+    for number, leg in enumerate(table["legs"], start=1):
+        _only(leg, f"leg {number} of the motion", {"steps", *state})
+        if leg["steps"] < 1:
+            raise ValueError(f"leg {number} of the motion needs at least one step")
+        state = state | {key: value for key, value in leg.items() if key != "steps"}
+        steps.append(leg["steps"])
+        poses.append(_pose(state, centre))
+    if not steps:
+        raise ValueError("the motion has no legs")
+    return make_path(poses, steps)
+
+
+def _pose(state: dict[str, Any], centre: np.ndarray) -> Pose:
+    twist = np.radians(state["twist_deg"])
+    return Pose(state["approach_mm"], np.asarray(state["shift_mm"], dtype=float), twist, centre)
+
+
+def _only(table: dict[str, Any], name: str, known: set[str]) -> dict[str, Any]:
+    """The table, if it has no other keys."""
+    unknown = sorted(set(table) - known)
+    if unknown:
+        raise ValueError(f"unknown key {unknown[0]!r} in {name}; known are {sorted(known)}")
+    return table
+
+
+def _write_table(path: ContactSolution, file: Path) -> None:
+    columns = {
+        "step": np.arange(1, len(path.pressure) + 1),
+        "approach_mm": path.pose.approach,
+        "shift_x_mm": path.pose.shift[:, 0],
+        "shift_y_mm": path.pose.shift[:, 1],
+        "twist_deg": np.degrees(path.pose.twist),
+        "force_x_n": path.force[:, 0],
+        "force_y_n": path.force[:, 1],
+        "force_z_n": path.force[:, 2],
+        "moment_nmm": path.moment,
+        "stick_ratio": path.stick_ratio,
+        "dissipated_energy_nmm": path.dissipated_energy,
+        "normal_steps": path.normal.steps,
+        "normal_residual": path.normal.residual,
+        "friction_steps": path.friction.steps,
+        "friction_residual": path.friction.residual,
+    }
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream)
+        table.writerow(columns)
+        for row in zip(*map(np.asarray, columns.values()), strict=True):
+            table.writerow([f"{value:.9g}" for value in row])
+
+
+def _write(file: Path, write: Callable[[Path], object]) -> None:
+    """Write under another name first, so that nothing half-written is left."""
+    part = file.with_name(f".part-{file.name}")
+    try:
+        write(part)
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _key(path: tuple[Any, ...]) -> str:
+    """Name of an array: where it is in the solution."""
+    return jax.tree_util.keystr(path, simple=True, separator=".")
