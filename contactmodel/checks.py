@@ -3,6 +3,8 @@
 Outside `jit` the error is a ValueError, inside it a RuntimeError when the program runs.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -10,20 +12,22 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+Numbers = ArrayLike | Sequence[float]
 
-def number(value: ArrayLike) -> Float[Array, "*shape"]:
+
+def number(value: Numbers) -> Float[Array, "*shape"]:
     """Floating-point numbers, finite."""
     array = jnp.asarray(value, dtype=_precision(value))
     return _refuse(array, ~jnp.isfinite(array), "a value must be a finite number")
 
 
-def positive(value: ArrayLike) -> Float[Array, "*shape"]:
+def positive(value: Numbers) -> Float[Array, "*shape"]:
     """Numbers above 0."""
     array = number(value)
     return _refuse(array, ~(array > 0), "a modulus, radius or length must be above 0")
 
 
-def non_negative(value: ArrayLike) -> Float[Array, "*shape"]:
+def non_negative(value: Numbers) -> Float[Array, "*shape"]:
     """Numbers from 0."""
     array = number(value)
     return _refuse(
@@ -31,7 +35,7 @@ def non_negative(value: ArrayLike) -> Float[Array, "*shape"]:
     )
 
 
-def poisson(value: ArrayLike) -> Float[Array, "*shape"]:
+def poisson(value: Numbers) -> Float[Array, "*shape"]:
     """Poisson's ratios from 0 to 0.5."""
     array = number(value)
     wrong = ~((array >= 0) & (array <= 0.5))
@@ -51,7 +55,7 @@ def _refuse(array: Array, wrong: Array, message: str) -> Array:
     return array
 
 
-def _precision(value: ArrayLike) -> np.dtype:
+def _precision(value: Numbers) -> np.dtype:
     """The value's own floating-point type, else JAX's default."""
     dtype = getattr(value, "dtype", None)
     if dtype is not None and jnp.issubdtype(dtype, jnp.floating):

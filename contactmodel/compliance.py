@@ -9,7 +9,7 @@ The convolution runs by FFT on a grid of twice the size, so that there are no pe
 """
 
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -69,6 +69,7 @@ class Coefficients(NamedTuple):
     turn_y: Array
 
 
+@runtime_checkable
 class Deformable(Protocol):
     """What a body must be able to say."""
 

@@ -108,9 +108,10 @@ def find_sets(
         limit: μp [MPa].
     """
     contact = limit > 0.0
+    margin = max(1e-9, 16.0 * float(jnp.finfo(limit.dtype).eps))
     square = jnp.sum(traction**2, axis=0)
     along = jnp.sum(traction * slip, axis=0)
-    slide = contact & (square >= (limit * (1.0 - 1e-9)) ** 2) & (along >= 0.0) & (square > 0.0)
+    slide = contact & (square >= (limit * (1.0 - margin)) ** 2) & (along >= 0.0) & (square > 0.0)
     size = jnp.sqrt(jnp.where(slide, square, 1.0))
     bound = jnp.where(slide, limit, 1.0)
     return Sets(
@@ -178,7 +179,11 @@ def _descend(
     def halve(carry):
         *_, halvings = carry
         last = halvings == _HALVINGS
-        move = jnp.where(last, state.slip / compliance.stiffest, direction * 0.5**halvings)
+        move = jnp.where(
+            last,
+            state.slip / compliance.stiffest,
+            jnp.exp2(-halvings.astype(work.dtype)) * direction,
+        )
         return *attempt(move), halvings + 1
 
     zero = jnp.zeros((), jnp.int32)

@@ -148,7 +148,7 @@ def write_results(path: ContactSolution, folder: Path) -> None:
 def save_step(solution: ContactSolution, file: Path) -> None:
     """Write the arrays of a contact under their names."""
     leaves = jax.tree_util.tree_leaves_with_path(solution)
-    arrays = {_key(path): np.asarray(leaf) for path, leaf in leaves}
+    arrays: dict[str, Any] = {_key(path): np.asarray(leaf) for path, leaf in leaves}
     _write(file, lambda part: np.savez_compressed(part, **arrays))
 
 
@@ -176,10 +176,11 @@ def _parse(text: str) -> Simulation:
     known = {"grid", "elastomer", "object", "indenter", "contact", "motion"}
     tables = _only(tomllib.loads(text), "the file", known)
     grid = _only(tables["grid"], "grid", {"cells", "size_mm"})
+    cells, size = _pair(grid, "cells"), _pair(grid, "size_mm")
     contact = _only(tables["contact"], "contact", {"friction_coefficient"})
     return Simulation(
         text=text,
-        grid=Grid(tuple(grid["cells"]), tuple(map(float, grid["size_mm"]))),
+        grid=Grid((cells[0], cells[1]), (float(size[0]), float(size[1]))),
         elastomer=_body(tables["elastomer"], "elastomer"),
         object_=_body(tables["object"], "object") if tables["object"] else Rigid(),
         indenter=_indenter(tables["indenter"]),
@@ -228,6 +229,13 @@ def _path(table: dict[str, Any]) -> Pose:
 def _pose(state: dict[str, Any], centre: np.ndarray) -> Pose:
     twist = np.radians(state["twist_deg"])
     return Pose(state["approach_mm"], np.asarray(state["shift_mm"], dtype=float), twist, centre)
+
+
+def _pair(table: dict[str, Any], key: str) -> list[Any]:
+    value = table[key]
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError(f"{key} needs two numbers, [along x, along y], got {value!r}")
+    return value
 
 
 def _only(table: dict[str, Any], name: str, known: set[str]) -> dict[str, Any]:

@@ -1,12 +1,14 @@
 """What users hold after solving: tractions, displacements, slip, and how the solver fared."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from contactmodel.arrays import AnyArray
 from contactmodel.bodies import AbstractBody
 from contactmodel.compliance import (
     Coefficients,
@@ -132,7 +134,7 @@ class ContactSolution(eqx.Module):
         coefficients = grid_coefficients(self.object_, self.grid)
         return self._on_grid(coefficients, -self.traction)
 
-    def elastomer_displacement_at(self, points: Float[Array, "n 2"]) -> Float[Array, "n 3"]:
+    def elastomer_displacement_at(self, points: Float[AnyArray, "n 2"]) -> Float[Array, "n 3"]:
         """Displacement of points of the elastomer's undeformed surface, markers for example [mm].
 
         Args:
@@ -140,7 +142,7 @@ class ContactSolution(eqx.Module):
         """
         return _below(self._at(self.elastomer, self.traction, points).T).T
 
-    def object_displacement_at(self, points: Float[Array, "n 2"]) -> Float[Array, "n 3"]:
+    def object_displacement_at(self, points: Float[AnyArray, "n 2"]) -> Float[Array, "n 3"]:
         """The same of the object's surface, by its deformation alone [mm]."""
         return self._at(self.object_, -self.traction, points)
 
@@ -160,13 +162,13 @@ class ContactSolution(eqx.Module):
         c = grid_coefficients(body, self.grid)
         return jnp.sum(convolve(transform(jnp.stack([c.turn_x, c.turn_y])), traction), axis=0)
 
-    def _at(self, body: AbstractBody, traction: Array, points: Array) -> Array:
+    def _at(self, body: AbstractBody, traction: Array, points: AnyArray) -> Array:
         def at_point(point: Array) -> Array:
             x, y = point[:, None, None] - jnp.asarray(self.grid.points, point.dtype)
             c = body.coefficients(cell_integrals(x, y, self.grid.spacing))
             return _displacement(c, self.pressure, traction, lambda a, b: jnp.sum(a * b))
 
-        return jax.lax.map(at_point, points, batch_size=16)
+        return jax.lax.map(at_point, jnp.asarray(points), batch_size=16)
 
 
 def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
@@ -175,7 +177,7 @@ def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
     return eqx.tree_at(_constants, path, _constants(steps[0]))
 
 
-def _constants(solution: ContactSolution) -> tuple[AbstractBody, AbstractBody, Array]:
+def _constants(solution: Any) -> tuple[Any, Any, Any]:
     """What does not change along a path."""
     return solution.elastomer, solution.object_, solution.friction_coefficient
 

@@ -1,6 +1,6 @@
 """Solve a contact: pressure, then friction, for one pose or along a path."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -142,7 +142,7 @@ def _solve_one(
     rtol: float,
     max_steps: int,
 ) -> ContactSolution:
-    compliance = pair_compliance(elastomer, object_, grid)
+    compliance = _in_precision_of(pair_compliance(elastomer, object_, grid), pose)
     step = _step(compliance, indenter, pose, grid, friction, last, rtol, max_steps)
     return _gather(elastomer, object_, grid, friction, step)
 
@@ -159,7 +159,7 @@ def _solve_all(
     rtol: float,
     max_steps: int,
 ) -> ContactSolution:
-    compliance = pair_compliance(elastomer, object_, grid)
+    compliance = _in_precision_of(pair_compliance(elastomer, object_, grid), path)
 
     def advance(last: _Memory, pose: Pose) -> tuple[_Memory, _Step]:
         step = _step(compliance, indenter, pose, grid, friction, last, rtol, max_steps)
@@ -194,7 +194,7 @@ def _step(
 ) -> _Step:
     """The contact at a pose, from the one before."""
     points = jnp.asarray(grid.points, last.pressure.dtype)
-    undeformed = indenter.height(points) - pose.approach
+    undeformed = _in_precision_of(indenter.height(points) - pose.approach, pose)
     pressure, normal = solve_pressure(
         compliance, undeformed, start=last.pressure, rtol=rtol, max_steps=max_steps
     )
@@ -220,6 +220,11 @@ def _step(
         normal=normal,
         friction=friction,
     )
+
+
+def _in_precision_of(tree: Any, pose: Pose) -> Any:
+    """The arrays of a tree in the precision of the pose, which is that of the solution."""
+    return jax.tree.map(lambda leaf: leaf.astype(pose.approach.dtype), tree)
 
 
 def _judge(pressure: Array, normal: Iterations, friction: Iterations, rtol: float):

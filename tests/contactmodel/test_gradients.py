@@ -1,0 +1,156 @@
+"""Derivatives of a contact that sticks and slips, and at the corners."""
+
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from contactmodel import (
+    Grid,
+    HalfSpace,
+    Paraboloid,
+    Pose,
+    RoundPunch,
+    SquarePunch,
+    make_path,
+    solve_contact,
+    solve_path,
+)
+
+GRID = Grid((32, 32), (10.0, 10.0))
+NAMES = ("G_S", "ν_S", "G_B", "ν_B", "R", "δ", "s_x", "s_y", "θ", "μ", "c_x", "c_y")
+VALUES = jnp.asarray([1.0, 0.45, 3.0, 0.3, 30.0, 0.3, 0.01, 0.02, 0.05, 0.5, 0.3, -0.2])
+
+
+def solve(values, grid=GRID):
+    g_s, nu_s, g_b, nu_b, radius, approach, s_x, s_y, twist, mu, c_x, c_y = values
+    return solve_contact(
+        HalfSpace(g_s, nu_s),
+        HalfSpace(g_b, nu_b),
+        Paraboloid(radius),
+        Pose(approach, jnp.stack([s_x, s_y]), twist, jnp.stack([c_x, c_y])),
+        grid,
+        mu,
+        rtol=1e-11,
+    )
+
+
+def moment(values):
+    return solve(values).moment
+
+
+MOMENT = jax.jit(moment)
+GRADIENT = jax.jit(jax.grad(moment))
+
+
+def central(function, values, i, step=1e-6):
+    change = jnp.zeros_like(values).at[i].set(step * max(abs(float(values[i])), 0.01))
+    return (function(values + change) - function(values - change)) / (2.0 * change[i])
+
+
+def test_reverse_and_forward_mode_meet_central_differences():
+    reverse = GRADIENT(VALUES)
+    tangent = jax.random.normal(jax.random.key(2), VALUES.shape)
+    _, forward = jax.jvp(MOMENT, (VALUES,), (tangent,))
+    assert float(forward) == pytest.approx(float(reverse @ tangent), rel=1e-8)  # rtol 1e-11
+    for i, name in enumerate(NAMES):
+        # the solver's 1e-11 over the step of 1e-6, and curvature
+        difference = float(central(MOMENT, VALUES, i))
+        assert float(reverse[i]) == pytest.approx(difference, rel=1e-5, abs=1e-7), name
+
+
+def test_any_output_along_a_path_with_a_reversal():
+    """Marker displacement, dissipation and slip after a reversal, by one parameter each."""
+    points = np.array([[0.4, -0.3], [3.0, 4.5]])
+
+    @jax.jit
+    def outputs(values):
+        g, mu, radius, twist = values
+        poses = [Pose(0.0), Pose(0.3), Pose(0.3, twist=twist), Pose(0.3, twist=-0.5 * twist)]
+        path = make_path(poses, [1, 2, 2])
+        bodies = HalfSpace(g, 0.45), HalfSpace(3.0, 0.3)
+        contacts = solve_path(*bodies, Paraboloid(radius), path, GRID, mu, rtol=1e-11)
+        last = contacts.at_step(-1)
+        fields = (
+            last.elastomer_displacement_at(points),
+            last.dissipated_energy,
+            last.slip[:, 12, 17],
+        )
+        return jnp.concatenate([jnp.ravel(field) for field in fields])
+
+    values = jnp.asarray([1.0, 0.5, 30.0, 0.06])
+    jacobian = jax.jit(jax.jacrev(outputs))(values)
+    for i in range(len(values)):
+        difference = central(outputs, values, i)
+        scale = float(jnp.max(jnp.abs(difference)))
+        np.testing.assert_allclose(jacobian[:, i], difference, atol=2e-5 * scale)  # as above
+
+
+def test_batches_meet_single_solves():
+    twists = jnp.asarray([0.0, 0.02, 0.05, 1.0])
+    batch = jnp.tile(VALUES, (4, 1)).at[:, 8].set(twists)
+    together = jax.jit(jax.vmap(jax.grad(moment)))(batch)
+    for values, gradient in zip(batch, together, strict=True):
+        np.testing.assert_allclose(gradient, GRADIENT(values), rtol=1e-6, atol=1e-9)  # rtol
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {8: 0.0, 6: 0.0, 7: 0.0},  # no motion
+        {9: 1e6},  # full stick
+        {8: 2.0},  # full slip
+        {9: 0.0},  # no friction
+        {5: 0.0},  # first touch
+        {5: -0.1},  # apart
+        {1: 0.5, 3: 0.5},  # incompressible
+        {10: 0.0, 11: 0.0},
+    ],
+    ids=str,
+)
+def test_gradients_are_finite_at_the_corners(changes):
+    values = VALUES
+    for i, value in changes.items():
+        values = values.at[i].set(value)
+    assert bool(jnp.all(jnp.isfinite(GRADIENT(values))))
+
+
+@pytest.mark.parametrize("shape", [RoundPunch, SquarePunch])
+def test_edge_radius_has_a_derivative(shape):
+    @jax.jit
+    def force(radius):
+        pose = Pose(0.2, twist=0.01)
+        return solve_contact(
+            HalfSpace(1.0, 0.4),
+            HalfSpace(3.0, 0.3),
+            shape(4.0, radius),
+            pose,
+            GRID,
+            0.5,
+            rtol=1e-11,
+        ).force[2]
+
+    radius = jnp.asarray(1.3)
+    difference = (force(radius + 1e-6) - force(radius - 1e-6)) / 2e-6
+    assert float(jax.grad(force)(radius)) == pytest.approx(float(difference), rel=1e-5)
+    assert np.isfinite(float(jax.grad(force)(0.0)))
+
+
+@pytest.mark.slow
+def test_gradient_costs_no_more_than_two_solves():
+    grid = Grid((128, 128), (10.0, 10.0))
+    value = jax.jit(lambda values: solve(values, grid).moment)
+    gradient = jax.jit(jax.grad(lambda values: solve(values, grid).moment))
+
+    def clock(function):
+        function(VALUES).block_until_ready()
+        laps = []
+        for _ in range(5):
+            start = time.perf_counter()
+            function(VALUES).block_until_ready()
+            laps.append(time.perf_counter() - start)
+        return min(laps)
+
+    assert clock(gradient) < 2.0 * clock(value)
