@@ -132,8 +132,8 @@ def _minimise(
     scale = jnp.sqrt(jnp.sum(jnp.where(contact, drive, 0.0) ** 2) / count)
 
     def violation(state: _State) -> Array:
-        sets = find_sets(state.traction, state.slip, limit)
-        return jnp.sqrt(jnp.sum(_along(sets, state.slip) ** 2) / count) / jnp.maximum(scale, tiny)
+        wrong = _violation(state.traction, state.slip, limit)
+        return jnp.sqrt(wrong / count) / jnp.maximum(scale, tiny)
 
     def go_on(state: _State) -> Array:
         return (violation(state) > rtol) & (state.steps < max_steps)
@@ -163,14 +163,16 @@ def _descend(
 ) -> tuple[Array, Array, Array]:
     """A step along the direction, halved until the energy falls; else one down the gradient."""
     work = jnp.sum(jnp.abs(state.slip * state.traction))
-    rounding = 100.0 * jnp.finfo(work.dtype).eps * work  # below it, energies do not compare
+    rounding = 100.0 * jnp.finfo(work.dtype).eps * work  # below it, only the residual tells
+    before = _violation(state.traction, state.slip, limit)
 
     def attempt(move: Array) -> tuple[Array, Array, Array]:
         traction = _confine(state.traction + move, limit)
         slip = drive - compliance.drag(traction)
         gain = jnp.sum((state.slip + slip) * (traction - state.traction))
         promise = jnp.sum(state.slip * (traction - state.traction))
-        return traction, slip, gain >= 1e-4 * jnp.abs(promise) - rounding
+        nearer = (gain >= -rounding) & (_violation(traction, slip, limit) < before)
+        return traction, slip, (gain > 1e-4 * jnp.abs(promise)) | nearer
 
     def go_on(carry) -> Array:
         *_, good, halvings = carry
@@ -190,6 +192,11 @@ def _descend(
     first = (state.traction, state.slip, jnp.zeros((), bool), zero)
     traction, slip, _, trials = jax.lax.while_loop(go_on, halve, first)
     return traction, slip, trials
+
+
+def _violation(traction: Array, slip: Array, limit: Array) -> Array:
+    """Sum of the squares of the slip that Coulomb's law forbids."""
+    return jnp.sum(_along(find_sets(traction, slip, limit), slip) ** 2)
 
 
 def _newton_system(compliance: Compliance, sets: Sets) -> tuple[Operator, Operator]:

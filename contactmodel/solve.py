@@ -19,7 +19,9 @@ from contactmodel.normal import solve_pressure
 from contactmodel.pose import Pose
 from contactmodel.solution import RESULTS, ContactSolution
 
-_SINGLE_PRECISION_FLOOR = 1e-4
+# Cells at the rim carry less than single precision resolves; the friction may then end at 1e-1 to
+# 1e-3 where the pressure reaches 1e-5, and `result` tells.
+_SINGLE_PRECISION_FLOOR = 1e-3
 
 
 def solve_contact(

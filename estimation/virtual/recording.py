@@ -8,6 +8,7 @@ points that stick go exactly where the object takes them.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -88,6 +89,26 @@ class Truth(NamedTuple):
         return self._replace(**arrays)
 
 
+class Camera(NamedTuple):
+    """What stands between the markers and the recording.
+
+    Attributes:
+        noise: of each marker's x and y, and of z [mm].
+        rate: frames per second.
+        dropped: share of frames that are lost.
+        jitter: standard deviation of the clock [s].
+        noise_window: frames that the tracker's running mean runs over; 1 for white noise.
+        seed: of everything random.
+    """
+
+    noise: tuple[float, float] = (1e-3, 3.5e-3)
+    rate: float = 30.0
+    dropped: float = 0.05
+    jitter: float = 2e-3
+    noise_window: int = 3
+    seed: int = 0
+
+
 def simulate_pivot(
     model: PivotModel | None = None,
     *,
@@ -121,40 +142,54 @@ def simulate_pivot(
         The recording, and the truth of its frames.
     """
     model = model or PivotModel()
-    rng = np.random.default_rng(seed)
     legs = zip(angles_deg[:-1], angles_deg[1:], frames, strict=True)
     twist = np.radians(np.concatenate([np.linspace(a, b, count + 1)[1:] for a, b, count in legs]))
     load = np.r_[np.zeros(unloaded), np.arange(1, pressing + 1) / pressing, np.ones(len(twist))]
     twist = np.r_[np.full(unloaded, np.nan), np.zeros(pressing), twist]
     layout = lay_out_markers(model)
     positions, truth = _deform(model, layout, load, twist)
-    white = rng.normal(size=(len(load) + noise_window - 1, *layout.reference.shape))
-    running = np.cumsum(np.pad(white, ((1, 0), (0, 0), (0, 0))), axis=0)
-    noise = (running[noise_window:] - running[:-noise_window]) / np.sqrt(noise_window)
-    positions = positions + noise * _noise_scale(model)
-    kept = np.nonzero(rng.random(len(load)) >= dropped)[0]
-    ticks = np.arange(len(load)) / rate + rng.normal(size=len(load)) * jitter
     force = np.zeros((len(load), 3))
-    moment = np.zeros((len(load), 3))
     force[:, 2] = -_normal_force(model, load)
-    moment[:, 2] = truth.moment
-    recording = Recording(
+    camera = Camera((model.noise, model.normal_noise), rate, dropped, jitter, noise_window, seed)
+    perfect = Recording(
         layout=layout,
-        positions=positions[kept],
-        valid=np.ones((len(kept), len(layout.reference)), dtype=bool),
-        time=np.maximum.accumulate(ticks)[kept] + 1e-6 * np.arange(len(kept)),
-        source_index=kept,
-        force=force[kept],
-        moment=moment[kept],
+        positions=positions,
+        valid=np.ones(positions.shape[:2], dtype=bool),
+        time=np.arange(len(load)) / rate,
+        source_index=np.arange(len(load)),
+        force=force,
+        moment=truth.moment[:, None] * np.array([0.0, 0.0, 1.0]),
         name="virtual-pivot",
         source=f"virtual pivot from closed forms, seed {seed}",
     )
-    per_frame = {
-        name: value[kept]
-        for name, value in truth._asdict().items()
-        if isinstance(value, np.ndarray)
-    }
-    return recording, truth._replace(**per_frame)
+    return record(perfect, truth, camera)
+
+
+def record(perfect: Recording, truth: Truth, camera: Camera) -> tuple[Recording, Truth]:
+    """What a camera makes of a perfect recording: noise, lost frames, an uneven clock.
+
+    Returns:
+        The recording, and the truth of its frames.
+    """
+    rng, window = np.random.default_rng(camera.seed), camera.noise_window
+    count = len(perfect)
+    white = rng.normal(size=(count + window - 1, *perfect.layout.reference.shape))
+    running = np.cumsum(np.pad(white, ((1, 0), (0, 0), (0, 0))), axis=0)
+    noise = (running[window:] - running[:-window]) / np.sqrt(window)
+    lateral, normal = camera.noise
+    positions = perfect.positions + noise * np.array([lateral, lateral, normal])
+    kept = np.nonzero(rng.random(count) >= camera.dropped)[0]
+    ticks = np.arange(count) / camera.rate + rng.normal(size=count) * camera.jitter
+    recording = replace(
+        perfect,
+        positions=positions[kept],
+        valid=perfect.valid[kept],
+        time=np.maximum.accumulate(ticks)[kept] + 1e-6 * np.arange(len(kept)),
+        source_index=perfect.source_index[kept],
+        force=None if perfect.force is None else perfect.force[kept],
+        moment=None if perfect.moment is None else perfect.moment[kept],
+    )
+    return recording, truth.take(kept)
 
 
 def simulate_frame(

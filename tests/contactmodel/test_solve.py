@@ -212,10 +212,12 @@ def test_single_precision_only_when_asked_for():
     ball = Paraboloid(np.float32(30.0))
     with pytest.raises(ValueError, match="single precision"):
         solve_contact(pad, STEEL, ball, pose, GRID, np.float32(0.5))
-    coarse = solve_contact(pad, STEEL, ball, pose, GRID, np.float32(0.5), rtol=1e-4)
+    coarse = solve_contact(pad, STEEL, ball, pose, GRID, np.float32(0.5), rtol=1e-3)
     fine = solve(pose=Pose(0.3, twist=0.05))
+    with pytest.raises(ValueError, match="single precision"):
+        solve_contact(pad, STEEL, ball, pose, GRID, np.float32(0.5), rtol=1e-4)
     assert coarse.traction.dtype == jnp.float32
-    assert float(coarse.moment) == pytest.approx(float(fine.moment), rel=1e-3)  # its rtol
+    assert float(coarse.moment) == pytest.approx(float(fine.moment), rel=3e-3)  # its rtol
 
 
 def test_stiffness_ratio():

@@ -1,0 +1,92 @@
+"""Virtual recordings of any contact the model can solve: every shape, path and pair of bodies."""
+
+import numpy as np
+
+from contactmodel.bodies import stiffness_ratio
+from contactmodel.solution import ContactSolution
+from estimation.recording import MarkerLayout, Recording
+from estimation.stick import MIN_STICK_MARKERS
+from estimation.virtual.recording import Camera, Truth, record
+
+
+def simulate_recording(
+    path: ContactSolution,
+    sensor: MarkerLayout,
+    camera: Camera | None = None,
+    *,
+    unloaded: int = 10,
+) -> tuple[Recording, Truth]:
+    """What a sensor sees of a contact along a path, and the truth of it.
+
+    The markers lie on the elastomer's surface and move with it; what the pad's dome does to the
+    contact belongs into the shape that the path was solved with. A marker is in contact and sticks
+    as the cell it lies on in the undeformed state does.
+
+    Args:
+        path: contacts of `contactmodel.solve_path`, one a frame.
+        sensor: the unloaded markers, in the frame of the path's grid, in three dimensions.
+        camera: noise, clock and lost frames; the default is a Tac3D sensor's.
+        unloaded: frames before the path begins.
+
+    Returns:
+        The recording, and the truth of its frames. Its `stick` means: ever since the marker came
+        under the object; its `stick_radius` is that of a disc as large as the cells that stick.
+
+    Raises:
+        ValueError: a single contact in place of a path, or markers without a third dimension.
+    """
+    if path.pressure.ndim != 3:
+        raise ValueError("simulate_recording takes a path of contacts; see contactmodel.solve_path")
+    if sensor.reference.shape[1] != 3:
+        raise ValueError("simulate_recording needs markers with x, y and z")
+    camera = camera or Camera()
+    steps = len(path.pressure)
+    points = sensor.reference[:, :2]
+    moved = np.stack([path.at_step(i).elastomer_displacement_at(points) for i in range(steps)])
+    still = np.zeros((unloaded, *sensor.reference.shape))
+    positions = sensor.reference + np.concatenate([still, moved])
+    truth = _truth(path, points, unloaded)
+    perfect = Recording(
+        layout=sensor,
+        positions=positions,
+        valid=np.ones(positions.shape[:2], dtype=bool),
+        time=np.arange(len(positions)) / camera.rate,
+        source_index=np.arange(len(positions)),
+        force=np.pad(np.asarray(path.force), ((unloaded, 0), (0, 0))),
+        moment=truth.moment[:, None] * np.array([0.0, 0.0, 1.0]),
+        name="virtual-contact",
+        source=f"virtual contact from the contact model, seed {camera.seed}",
+    )
+    return record(perfect, truth, camera)
+
+
+def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
+    """The truth of every frame, the unloaded ones first."""
+    contact, sticking = (
+        np.pad(_at_markers(path, np.asarray(mask), points), ((unloaded, 0), (0, 0)))
+        for mask in (path.contact, path.stick)
+    )
+    touching = np.pad(np.asarray(path.contact).any(axis=(1, 2)), (unloaded, 0))
+    twist = np.pad(np.asarray(path.pose.twist), (unloaded, 0))
+    area = np.asarray(path.stick).sum(axis=(1, 2)) * path.grid.cell_area
+    slid = np.logical_or.accumulate(contact & ~sticking, axis=0)
+    moves = np.pad(np.asarray(path.slip_increment).any(axis=(1, 2, 3)), (unloaded, 0))
+    return Truth(
+        angle=np.where(touching, twist, np.nan),
+        contact=contact,
+        stick=contact & ~slid,
+        sticking=sticking,
+        stick_radius=np.pad(np.sqrt(area / np.pi), (unloaded, 0)),
+        moment=np.pad(np.asarray(path.moment), (unloaded, 0)),
+        macro_slip=touching & moves & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
+        stiffness_ratio=float(stiffness_ratio(path.elastomer, path.object_)),
+    )
+
+
+def _at_markers(path: ContactSolution, mask: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Value of a mask of the grid in the cell of each marker; False beyond the grid."""
+    grid = path.grid
+    index = np.floor(points / grid.spacing + 0.5 * np.asarray(grid.shape)).astype(int)
+    inside = ((index >= 0) & (index < grid.shape)).all(axis=1)
+    i, j = np.clip(index, 0, np.asarray(grid.shape) - 1).T
+    return mask[:, i, j] & inside

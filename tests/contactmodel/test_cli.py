@@ -1,0 +1,122 @@
+"""The commands: what they write, resume, refuse and return."""
+
+import csv
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from contactmodel import __main__ as cli
+from contactmodel import verify
+from contactmodel.simulation import EXAMPLES, read_simulation
+
+RUN = CliRunner()
+SMALL = """
+[grid]
+cells = [24, 24]
+size_mm = [12.0, 12.0]
+[elastomer]
+shear_modulus_mpa = 0.2
+poisson_ratio = 0.48
+[object]
+[indenter]
+shape = "sphere"
+radius_mm = 20.0
+[contact]
+friction_coefficient = 0.5
+[motion]
+[[motion.legs]]
+steps = 1
+approach_mm = 0.5
+[[motion.legs]]
+steps = 2
+twist_deg = 4.0
+"""
+
+
+@pytest.fixture
+def config(tmp_path):
+    file = tmp_path / "small.toml"
+    file.write_text(SMALL, encoding="utf-8")
+    return file
+
+
+def table(folder):
+    with (folder / "path.csv").open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path):
+    out = tmp_path / "out"
+    first = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
+    assert first.exit_code == 0, first.output
+    rows = table(out)
+    assert [float(row["twist_deg"]) for row in rows] == pytest.approx([0.0, 2.0, 4.0])
+    assert float(rows[2]["moment_nmm"]) > float(rows[1]["moment_nmm"]) > 0.0
+    for name in ("pressure", "traction", "stick_slip", "slip", "path"):
+        assert (out / f"{name}.png").stat().st_size > 5000
+    with np.load(out / "steps" / "0003.npz") as fields:
+        assert fields["pressure"].shape == (24, 24)
+        assert fields["traction"].shape == (2, 24, 24)
+    kept = (out / "steps" / "0002.npz").stat().st_mtime_ns
+    (out / "steps" / "0003.npz").unlink()
+    second = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
+    assert second.exit_code == 0
+    assert (out / "steps" / "0002.npz").stat().st_mtime_ns == kept
+    assert table(out) == rows
+    assert not list(out.rglob(".part-*"))
+    config.write_text(SMALL.replace("4.0", "5.0"), encoding="utf-8")
+    other = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
+    assert other.exit_code == 2
+    assert "another simulation" in other.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("poisson_ratio = 0.48", "poisson_ratio = 0.6", "Poisson's ratio"),
+        ("poisson_ratio = 0.48", "", "poisson_ratio"),
+        ("radius_mm", "radius_m", "unknown key"),
+        ('"sphere"', '"pyramid"', "unknown shape"),
+        ("cells = [24, 24]", "cells = 24", "two numbers"),
+        ("steps = 2", "steps = 0", "at least one step"),
+        ("radius_mm = 20.0", "", "radius_mm"),
+        ("[motion]", "[motion", "line"),
+    ],
+)
+def test_wrong_configurations_are_told(config, tmp_path, old, new, words):
+    config.write_text(SMALL.replace(old, new), encoding="utf-8")
+    result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert words in " ".join(result.stderr.split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_file_names_the_examples(tmp_path):
+    result = RUN.invoke(cli.app, ["simulate", "nowhere.toml", "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "pivoting_cube" in result.stderr
+
+
+def test_a_failing_step_is_told(config, tmp_path):
+    config.write_text(SMALL.replace("approach_mm = 0.5", "approach_mm = 9.0"), encoding="utf-8")
+    result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert "edge of the grid" in " ".join(result.stderr.split())
+
+
+def test_shipped_examples_can_be_read():
+    names = [item.name.removesuffix(".toml") for item in EXAMPLES.iterdir()]
+    assert sorted(names) == ["pivoting_cube", "shifted_sphere"]
+    for name in names:
+        assert len(read_simulation(name)) > 5
+
+
+@pytest.mark.parametrize(("error", "status"), [(0.5, 0), (2.0, 1), (float("nan"), 1)])
+def test_verify_tells_by_its_exit_status(monkeypatch, error, status):
+    row = verify.Row("a row", 1.0, 1.0, error, 1.0, "nothing")
+    monkeypatch.setattr(cli, "CHECKS", (lambda count: [row],))
+    monkeypatch.setattr(cli, "convergence", list)
+    result = RUN.invoke(cli.app, ["verify"])
+    assert result.exit_code == status
+    assert ("FAILED" in result.stdout) == bool(status)

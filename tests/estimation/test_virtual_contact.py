@@ -1,0 +1,93 @@
+"""Recordings of the solver against those of the closed forms, and against their truth."""
+
+import numpy as np
+import pytest
+
+from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
+from estimation.recording import MarkerLayout
+from estimation.virtual.contact import simulate_recording
+from estimation.virtual.recording import Camera, PivotModel, lay_out_markers, simulate_pivot
+
+MODEL = PivotModel(grid_shape=(12, 12), poisson_ratio=0.5)
+PERFECT = Camera(noise=(0.0, 0.0), dropped=0.0, jitter=0.0)
+
+
+@pytest.fixture(scope="module")
+def path():
+    """The pivot of the closed forms: pressed, turned by 6°, and back by 3°."""
+    radius = MODEL.contact_radius**2 / MODEL.approach
+    modulus = 2.0 * MODEL.shear_modulus / (1.0 - MODEL.poisson_ratio)
+    peak = 2.0 * modulus * MODEL.approach / (np.pi * MODEL.contact_radius)
+    friction = MODEL.friction_ratio * 2.0 * MODEL.shear_modulus / peak
+    poses = [Pose(0.0), Pose(MODEL.approach)]
+    poses += [Pose(MODEL.approach, twist=np.radians(angle)) for angle in (6.0, 3.0)]
+    return solve_path(
+        HalfSpace(MODEL.shear_modulus, MODEL.poisson_ratio),
+        Rigid(),
+        Paraboloid(radius),
+        make_path(poses, [2, 3, 2]),
+        Grid((64, 64), (14.0, 14.0)),
+        friction,
+    )
+
+
+def test_the_solver_and_the_closed_forms_make_the_same_recording(path):
+    layout = lay_out_markers(MODEL)
+    recording, truth = simulate_recording(path, layout, PERFECT, unloaded=1)
+    other, exact = simulate_pivot(
+        MODEL._replace(noise=0.0, normal_noise=0.0),
+        angles_deg=(0.0, 6.0, 3.0),
+        frames=(3, 2),
+        unloaded=1,
+        pressing=2,
+        dropped=0.0,
+        jitter=0.0,
+    )
+    # The closed forms turn each point on its circle, the solver moves it along (R−I)r and lets the
+    # traction pull it inward: at 6° they differ by 1−cos θ = 0.5 % of the radius where it slips.
+    difference = recording.positions - other.positions
+    assert np.abs(difference[:3]).max() < 2e-3  # pressing alone: the grid
+    assert np.abs(difference[3:]).max() < 0.03
+    np.testing.assert_allclose(truth.angle, exact.angle, atol=1e-12)
+    np.testing.assert_allclose(truth.moment, exact.moment, rtol=0.02, atol=1e-9)
+    assert np.mean(truth.contact != exact.contact) < 0.02  # two of 144 on cells of the rim
+    assert np.mean(truth.sticking[3:] != exact.sticking[3:]) < 0.03
+    assert truth.stiffness_ratio == 0.0
+
+
+def test_sticking_markers_go_where_the_object_takes_them(path):
+    layout = lay_out_markers(MODEL)
+    recording, truth = simulate_recording(path, layout, PERFECT, unloaded=2)
+    pressed = recording.positions[3, :, :2]
+    assert truth.stick[-1].sum() > 10
+    for frame in range(4, 9):
+        # inner ones: a marker between cells follows the mean of what they do
+        stuck = truth.stick[frame] & (np.hypot(*layout.reference[:, :2].T) < 2.0)
+        c, s = np.cos(truth.angle[frame]), np.sin(truth.angle[frame])
+        turned = pressed @ np.array([[c, s], [-s, c]])
+        np.testing.assert_allclose(recording.positions[frame, stuck, :2], turned[stuck], atol=2e-3)
+
+
+def test_noise_lost_frames_and_clock_are_reproducible(path):
+    layout = lay_out_markers(MODEL)
+    camera = Camera(dropped=0.3, seed=3)
+    first, truth = simulate_recording(path, layout, camera, unloaded=20)
+    again, _ = simulate_recording(path, layout, camera, unloaded=20)
+    other, _ = simulate_recording(path, layout, camera._replace(seed=4), unloaded=20)
+    np.testing.assert_array_equal(first.positions, again.positions)
+    assert len(first) < 27
+    assert len(first) == len(truth.angle)
+    assert np.all(np.diff(first.time) > 0)
+    assert not np.array_equal(first.source_index, other.source_index)
+    early = first.positions[first.source_index < 20] - layout.reference
+    assert np.std(early[..., :2]) == pytest.approx(1e-3, rel=0.1)  # 4000 correlated numbers
+    assert np.all(np.isnan(truth.angle[first.source_index < 20]))
+
+
+def test_wrong_input_is_told(path):
+    layout = lay_out_markers(MODEL)
+    with pytest.raises(ValueError, match="path of contacts"):
+        simulate_recording(path.at_step(0), layout)
+    flat = MarkerLayout(layout.reference[:, :2], layout.neighbours, layout.grid_shape)
+    with pytest.raises(ValueError, match="x, y and z"):
+        simulate_recording(path, flat)
