@@ -7,8 +7,9 @@ from typing import Annotated
 import jax
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import track
-from rich.table import Table
+from rich.table import Column, Table
 
 from contactmodel.simulation import read_simulation, run_simulation, write_results
 from contactmodel.solution import stack_steps
@@ -21,6 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 console = Console()
+_TABLE_WIDTH = 165  # whatever the terminal: a row may wrap there, but nothing is cut
 errors = Console(stderr=True)
 
 
@@ -48,7 +50,7 @@ def simulate(
         ]
         write_results(stack_steps(solutions), out)
     except (OSError, ValueError, RuntimeError) as error:
-        errors.print(f"[red]error:[/red] {error}", highlight=False)
+        errors.print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
         raise typer.Exit(2) from error
     console.print(f"{len(solutions)} steps, path.csv and pictures in {out}", highlight=False)
 
@@ -65,12 +67,13 @@ def verify(
         rows += check(cells)
     with errors.status("Orders of convergence from 32² to 256²"):
         rows += convergence()
-    table = Table("what", "model", "expected", "error", "tolerance", "because of", "verdict")
+    names = ("what", "model", "expected", "error", "tolerance", "verdict", "limited by")
+    table = Table(*(Column(name, no_wrap=True) for name in names), box=None)
     for row in rows:
         verdict = "[green]ok[/green]" if row.passed else "[red]FAILED[/red]"
         numbers = [f"{row.value:.7g}", f"{row.expected:.7g}", f"{row.error:.1e}"]
-        table.add_row(row.what, *numbers, f"{row.tolerance:.1e}", row.because, verdict)
-    console.print(table)
+        table.add_row(escape(row.what), *numbers, f"{row.tolerance:.1e}", verdict, row.because)
+    Console(width=_TABLE_WIDTH).print(table)
     failed = sum(not row.passed for row in rows)
     console.print(f"{len(rows) - failed} of {len(rows)} rows agree", highlight=False)
     raise typer.Exit(int(failed > 0))
