@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel import analytic
@@ -169,7 +170,7 @@ def check_loop(count: int) -> list[Row]:
     case = hertz_case()
     top = float(analytic.lubkin_twist(0.5, case.friction_ratio))
 
-    def virgin(twist: Array) -> Array:
+    def virgin(twist: ArrayLike) -> Array:
         kappa = analytic.lubkin_stick_ratio(twist, case.friction_ratio)
         size = analytic.lubkin_moment(kappa, FRICTION, case.hertz.force, RADIUS)
         return jnp.sign(twist) * size
