@@ -16,12 +16,14 @@ import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.rigid import MAX_STRAIN, Rigid, RigidFit
+from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD, Rigid, RigidFit
 from estimation.fields import Fields
 from estimation.noise import Noise
 from estimation.stencils import Stencils
 from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_count
 
+KEYFRAME_INTERVAL = 5
+MATURE_AGE = 8
 MAX_KEYFRAMES = 4
 FIRM_MARKERS = 9
 
@@ -89,12 +91,12 @@ class Incremental:
         stencils: Stencils,
         noise: Noise | None,
         *,
-        threshold: float = 0.2,
+        threshold: float = THRESHOLD,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
         max_strain: float = MAX_STRAIN,
         min_stick_markers: int = MIN_STICK_MARKERS,
-        keyframe_interval: int = 5,
-        mature_age: int = 8,
+        keyframe_interval: int = KEYFRAME_INTERVAL,
+        mature_age: int = MATURE_AGE,
     ) -> None:
         """Make the estimator.
 

@@ -36,6 +36,7 @@ BIWEIGHT_CUT = 5.0
 BIWEIGHT_ERROR = 0.950
 MAX_STEPS = 50
 MAX_STRAIN = 0.01
+THRESHOLD = 0.2
 
 
 class Rigid:
@@ -46,7 +47,7 @@ class Rigid:
         stencils: Stencils,
         noise: Noise | None,
         *,
-        threshold: float = 0.2,
+        threshold: float = THRESHOLD,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
         max_strain: float = MAX_STRAIN,
         min_stick_markers: int = MIN_STICK_MARKERS,

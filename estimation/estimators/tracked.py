@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.incremental import Incremental
+from estimation.estimators.incremental import KEYFRAME_INTERVAL, MATURE_AGE, Incremental
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.rigid import MAX_STRAIN
+from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD
 from estimation.fields import Fields
 from estimation.noise import Noise
 from estimation.outline import Axis, measure_axis, unwrap
@@ -44,12 +44,12 @@ class Tracked:
         stencils: Stencils,
         noise: Noise | None,
         *,
-        threshold: float = 0.2,
+        threshold: float = THRESHOLD,
         angle_floor_deg: float = ANGLE_FLOOR_DEG,
         max_strain: float = MAX_STRAIN,
         min_stick_markers: int = MIN_STICK_MARKERS,
-        keyframe_interval: int = 5,
-        mature_age: int = 8,
+        keyframe_interval: int = KEYFRAME_INTERVAL,
+        mature_age: int = MATURE_AGE,
         slip_deg: float = 2.0,
         shape_change: float = 0.3,
         gain: float = 1.0,
