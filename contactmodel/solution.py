@@ -124,16 +124,19 @@ class ContactSolution(eqx.Module):
         tau_x, tau_y = jnp.moveaxis(self.traction, -3, 0)
         return jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
 
+    @eqx.filter_jit
     def elastomer_displacement(self) -> Float[Array, "3 nx ny"]:
         """Displacement of the elastomer's surface [mm]."""
         coefficients = grid_coefficients(self.elastomer, self.grid)
         return _below(self._on_grid(coefficients, self.traction))
 
+    @eqx.filter_jit
     def object_displacement(self) -> Float[Array, "3 nx ny"]:
         """Displacement of the object's surface by its deformation alone, without the pose [mm]."""
         coefficients = grid_coefficients(self.object_, self.grid)
         return self._on_grid(coefficients, -self.traction)
 
+    @eqx.filter_jit
     def elastomer_displacement_at(self, points: Float[AnyArray, "n 2"]) -> Float[Array, "n 3"]:
         """Displacement of points of the elastomer's undeformed surface, markers for example [mm].
 
@@ -142,14 +145,17 @@ class ContactSolution(eqx.Module):
         """
         return _below(self._at(self.elastomer, self.traction, points).T).T
 
+    @eqx.filter_jit
     def object_displacement_at(self, points: Float[AnyArray, "n 2"]) -> Float[Array, "n 3"]:
         """The same of the object's surface, by its deformation alone [mm]."""
         return self._at(self.object_, -self.traction, points)
 
+    @eqx.filter_jit
     def elastomer_rotation(self) -> Float[Array, "nx ny"]:
         """φ = ½ rot u_S at the centres of the cells, exact for their tractions [rad]."""
         return self._rotation(self.elastomer, self.traction)
 
+    @eqx.filter_jit
     def object_rotation(self) -> Float[Array, "nx ny"]:
         """½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.object_, -self.traction)

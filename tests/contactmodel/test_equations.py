@@ -81,14 +81,14 @@ def test_equation_2_has_a_residual_and_its_curl_has_none(other):
 def test_curl_theorem_by_central_differences_converges():
     """At order 1: the traction has vertical tangents at the rims of the contact and of stick."""
     k, errors = float(stiffness_ratio(SOFT, OTHER)), []
-    for count in (32, 64, 128):
+    for count in (32, 64):
         grid = Grid((count, count), (10.0, 10.0))
         solution = solve_contact(SOFT, OTHER, Paraboloid(30.0), POSE, grid, 0.5)
         d_s = gradient(np.asarray(solution.elastomer_displacement()[:2]), grid.spacing)
         d_b = gradient(np.asarray(solution.object_displacement()[:2]), grid.spacing)
         left = curl(d_b - kin.object_gradient(d_s, k))
         errors.append(np.sqrt(np.mean(left**2) / np.mean(curl(d_s) ** 2)))
-    assert errors[-1] < 2e-3
+    assert errors[-1] < 4e-3
     assert min(np.log2(np.divide(errors[:-1], errors[1:]))) > 0.8
 
 
