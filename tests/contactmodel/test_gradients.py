@@ -1,7 +1,5 @@
 """Derivatives of a contact that sticks and slips, and at the corners."""
 
-import time
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -140,21 +138,3 @@ def test_slope_of_the_moment_is_that_of_the_stick_region():
     slope = jax.grad(lambda t: verify.solve_hertz(64, twist=t).moment)(twist)
     exact = 16.0 / 3.0 * case.shear_modulus * (0.7 * verify.RADIUS) ** 3
     assert float(slope) == pytest.approx(exact, rel=2e-2)  # cells counted whole, 3 % of the radius
-
-
-@pytest.mark.slow
-def test_gradient_costs_no_more_than_two_solves():
-    grid = Grid((128, 128), (10.0, 10.0))
-    value = jax.jit(lambda values: solve(values, grid).moment)
-    gradient = jax.jit(jax.grad(lambda values: solve(values, grid).moment))
-
-    def clock(function):
-        function(VALUES).block_until_ready()
-        laps = []
-        for _ in range(5):
-            start = time.perf_counter()
-            function(VALUES).block_until_ready()
-            laps.append(time.perf_counter() - start)
-        return min(laps)
-
-    assert clock(gradient) < 2.0 * clock(value)
