@@ -1,4 +1,4 @@
-"""Command line: `python -m papers list|run|leaderboard`."""
+"""Command line: `python -m papers list|run|leaderboard|sweep`."""
 
 import csv
 import io
@@ -10,7 +10,7 @@ from typing import Annotated
 import jax
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
 from estimation.files import check_writable, write_whole
@@ -108,6 +108,46 @@ def leaderboard(
     write_whole(folder / "leaderboard.png", figure_png(board.plot(answers, rows)))
     write_whole(folder / "curves.png", figure_png(board.plot_curves(answers)))
     print(f"written to {folder}")
+
+
+@app.command()
+def sweep(
+    study: Annotated[str, typer.Argument(help="Module of the study.")],
+    quick: Annotated[bool, typer.Option(help="Its small table of cases.")] = False,
+    store: Annotated[
+        Path | None, typer.Option(help="Folder of the store [default: build/sweeps/STUDY.zarr].")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler; its workers do the work.")
+    ] = None,
+) -> None:
+    """Evaluate a study's cases; run again, it goes on where it was stopped."""
+    from papers import sweeps
+
+    path = store or sweeps.store_path(study, quick)
+    executor = sweeps.in_process if workers == 1 else sweeps.local_processes(workers)
+    if scheduler is not None:
+        executor = sweeps.on_cluster(scheduler)
+    with _progress() as progress:
+        task = progress.add_task(study, total=None)
+        results = sweeps.run_sweep(
+            study,
+            path,
+            executor,
+            quick=quick,
+            tell=lambda finished, total: progress.update(task, completed=finished, total=total),
+        )
+    print(f"{results.done.sum()} cases done, {len(results.failures)} failed: {path}")
+    for row, reason in list(results.failures.items())[:10]:
+        print(f"  case {row}: {reason}")
+
+
+def _progress() -> Progress:
+    """Bar, cases, time gone and time left."""
+    return Progress(
+        *Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+    )
 
 
 def _csv(rows: list[dict[str, object]]) -> str:

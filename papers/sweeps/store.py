@@ -1,0 +1,200 @@
+"""The Zarr store of a sweep: its cases, which of them are done, and their results.
+
+Results are written before the cases they belong to are marked as done, and Zarr replaces files
+whole; so a store can be left at any moment.
+"""
+
+import fcntl
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import zarr
+from jaxtyping import Bool, Int, Shaped
+
+from papers.sweeps.study import Failure, Table, Values, table_hash
+
+OPEN, DONE, FAILED = 0, 1, 2
+_CHUNK = 64  # cases of a file
+_FORMAT = 1
+
+
+class Results(NamedTuple):
+    """What a store holds.
+
+    Attributes:
+        table: the cases.
+        values: results by name; NaN, 0 or False where there are none.
+        done: cases that have results.
+        failures: reasons of those that failed, by their row.
+    """
+
+    table: Table
+    values: dict[str, Shaped[np.ndarray, "cases ..."]]
+    done: Bool[np.ndarray, " cases"]
+    failures: dict[int, str]
+
+
+class Store:
+    """The store of a sweep, open for writing; one process at a time."""
+
+    def __init__(self, path: Path, name: str, version: str, table: Table) -> None:
+        """Open the store, or make it.
+
+        Args:
+            path: its folder.
+            name: of the study.
+            version: of the code.
+            table: the cases.
+
+        Raises:
+            ValueError: there is something else, or a store of another study, version or table.
+        """
+        told = {
+            "format": _FORMAT,
+            "study": name,
+            "version": version,
+            "columns": sorted(table),
+            "table": table_hash(table),
+        }
+        if not path.exists():
+            _make(path, told, table)
+        self.path = path
+        self._group = _open(path, "r+")
+        for key, value in told.items():
+            if self._group.attrs.get(key) != value:
+                raise ValueError(
+                    f"{path} is of {key} {self._group.attrs.get(key)}, this sweep of {value}: "
+                    "write to another folder, or remove that one"
+                )
+
+    @property
+    def open_cases(self) -> Int[np.ndarray, " open"]:
+        """Rows of the cases that are neither done nor failed."""
+        return np.nonzero(_read(self._group, "state") == OPEN)[0]
+
+    def write(self, cases: Int[np.ndarray, " batch"], outcomes: Sequence[Values | Failure]) -> None:
+        """Keep what became of some cases."""
+        outcomes = [self._fit(outcome) for outcome in outcomes]
+        state = np.array([FAILED if isinstance(o, Failure) else DONE for o in outcomes], np.uint8)
+        good = [outcome for outcome in outcomes if not isinstance(outcome, Failure)]
+        for key in good[0] if good else ():
+            array = self._group[f"results/{key}"]
+            array.oindex[cases[state == DONE]] = np.stack([values[key] for values in good])  # pyright: ignore
+        if FAILED in state:
+            reasons = np.array([o.reason for o in outcomes if isinstance(o, Failure)])
+            self._group["reason"].oindex[cases[state == FAILED]] = reasons  # pyright: ignore
+        self._group["state"].oindex[cases] = state  # pyright: ignore
+
+    def _fit(self, outcome: Values | Failure) -> Values | Failure:
+        """The outcome, or that its results are not like those of the other cases."""
+        if isinstance(outcome, Failure):
+            return outcome
+        results = self._group["results"]
+        assert isinstance(results, zarr.Group)
+        for key, value in outcome.items():
+            if key not in results:
+                results.create_array(
+                    key,
+                    shape=(len(_read(self._group, "state")), *value.shape),
+                    chunks=(_CHUNK, *(max(length, 1) for length in value.shape)),
+                    dtype=value.dtype,
+                    fill_value=np.nan if value.dtype.kind == "f" else 0,
+                    config={"write_empty_chunks": True},
+                )
+            shape = results[key].shape[1:]  # pyright: ignore
+            if shape != value.shape:
+                return Failure(f"{key} has shape {value.shape}, in the other cases {shape}")
+        if missing := set(results) - set(outcome):
+            return Failure(f"there is no {', '.join(sorted(missing))}")
+        return outcome
+
+
+@contextmanager
+def lock(path: Path) -> Iterator[None]:
+    """Keep other processes from writing to the same store.
+
+    Raises:
+        ValueError: one does.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.with_name(f".{path.name}.lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ValueError(f"another sweep is writing to {path}") from error
+        yield
+
+
+def read_results(path: Path) -> Results:
+    """What a store holds by now.
+
+    Raises:
+        ValueError: there is no store, or a half-written one.
+    """
+    if not path.exists():
+        raise ValueError(f"there is no store {path}")
+    group = _open(path, "r")
+    state, reasons = _read(group, "state"), _read(group, "reason")
+    return Results(
+        table=_read_all(group, "cases"),
+        values=_read_all(group, "results"),
+        done=state == DONE,
+        failures={int(row): str(reasons[row]) for row in np.nonzero(state == FAILED)[0]},
+    )
+
+
+def _make(path: Path, told: dict, table: Table) -> None:
+    """A store without results, under another name until it is whole."""
+    temporary = path.with_name(f".{path.name}.new")
+    shutil.rmtree(temporary, ignore_errors=True)
+    count = len(next(iter(table.values())))
+    group = zarr.open_group(temporary, mode="w", attributes=told)
+    group.create_group("results")
+    cases = group.create_group("cases")
+    for key, column in table.items():
+        cases.create_array(key, data=np.ascontiguousarray(column))
+    group.create_array("state", shape=(count,), chunks=(count,), dtype="uint8", fill_value=OPEN)
+    group.create_array("reason", shape=(count,), chunks=(count,), dtype="string", fill_value="")
+    temporary.rename(path)
+
+
+def _open(path: Path, mode) -> zarr.Group:
+    """The group, seen to be whole."""
+    try:
+        group = zarr.open_group(path, mode=mode)
+        state = _read(group, "state")
+        columns = group.attrs["columns"]
+        assert isinstance(columns, list)
+        names = ["reason", *(f"cases/{key}" for key in columns)]
+        whole = all(len(_read(group, name)) == len(state) for name in names)
+        files = len(set(np.nonzero(state == DONE)[0] // _CHUNK))
+        results = group["results"]
+        assert isinstance(results, zarr.Group)
+        stored = [array.nchunks_initialized for _, array in results.arrays()]
+        whole &= all(chunks >= files for chunks in stored) and (bool(stored) or not files)
+    except (OSError, KeyError, ValueError) as error:
+        raise ValueError(_broken(path)) from error
+    if not whole:
+        raise ValueError(_broken(path))
+    return group
+
+
+def _broken(path: Path) -> str:
+    return f"{path} is no whole store of a sweep: look what it is, and remove it to start anew"
+
+
+def _read(group: zarr.Group, name: str) -> np.ndarray:
+    array = group[name]
+    if not isinstance(array, zarr.Array):
+        raise KeyError(name)
+    return np.asarray(array[...])
+
+
+def _read_all(group: zarr.Group, name: str) -> dict[str, np.ndarray]:
+    inner = group[name]
+    assert isinstance(inner, zarr.Group)
+    return {key: np.asarray(array[...]) for key, array in inner.arrays()}
