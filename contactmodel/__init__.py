@@ -9,7 +9,7 @@ The library never touches `jax.config`; use double precision:
 `jax.config.update("jax_enable_x64", True)`.
 """
 
-from contactmodel.bodies import AbstractBody, HalfSpace, Rigid, stiffness_ratio
+from contactmodel.bodies import AbstractBody, HalfSpace, Layer, Rigid, stiffness_ratio
 from contactmodel.grid import Grid
 from contactmodel.indenters import (
     AbstractIndenter,
@@ -36,6 +36,7 @@ __all__ = [
     "Grid",
     "HalfSpace",
     "HeightMap",
+    "Layer",
     "Paraboloid",
     "Placed",
     "Pose",

@@ -1,20 +1,23 @@
 """The bodies in contact and how they give way."""
 
 import abc
+import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from contactmodel.checks import poisson, positive
+from contactmodel.checks import poisson, positive, refuse
 from contactmodel.compliance import CellIntegrals, Coefficients
+from contactmodel.layer import REACH, base_kernels
 
 
 class AbstractBody(eqx.Module):
     """A body with a plane surface: the elastomer S or the object B."""
 
     @abc.abstractmethod
-    def coefficients(self, cell: CellIntegrals) -> Coefficients:
+    def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """Displacement of the surface by unit tractions on a cell [mm/MPa]."""
 
     @property
@@ -34,20 +37,97 @@ class HalfSpace(AbstractBody):
     shear_modulus: Float[Array, ""] = eqx.field(converter=positive)
     poisson_ratio: Float[Array, ""] = eqx.field(converter=poisson)
 
-    def coefficients(self, cell: CellIntegrals) -> Coefficients:
+    def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """The solutions of Boussinesq and Cerruti, integrated over the cell."""
         nu = self.poisson_ratio
-        unit = 1.0 / (2.0 * jnp.pi * self.shear_modulus)
-        pull = -0.5 * (1.0 - 2.0 * nu) * unit
+        loose = 1.0 - 2.0 * nu
+        unit = 0.25 / (jnp.pi * self.shear_modulus)
+        whole = cell.xx + cell.yy + cell.zz  # ∬1/r
         return Coefficients(
-            zz=(1.0 - nu) * (cell.xx + cell.yy) * unit,
-            xx=((1.0 - nu) * cell.yy + cell.xx) * unit,
-            yy=((1.0 - nu) * cell.xx + cell.yy) * unit,
-            xy=nu * cell.xy * unit,
-            xz=pull * cell.x,
-            yz=pull * cell.y,
-            turn_x=0.5 * unit * cell.turn_x,
-            turn_y=0.5 * unit * cell.turn_y,
+            zz=(cell.zz + 2.0 * (1.0 - nu) * whole) * unit,
+            xx=(whole + cell.xx + loose * cell.flat_xx) * unit,
+            yy=(whole + cell.yy + loose * cell.flat_yy) * unit,
+            xy=(cell.xy + loose * cell.flat_xy) * unit,
+            xz=(cell.xz - loose * cell.x) * unit,
+            yz=(cell.yz - loose * cell.y) * unit,
+            zx=(cell.xz + loose * cell.x) * unit,
+            zy=(cell.yz + loose * cell.y) * unit,
+            turn_x=unit * cell.turn_x,
+            turn_y=unit * cell.turn_y,
+        )
+
+    @property
+    def softness(self) -> Float[Array, ""]:
+        """1/G [1/MPa]."""
+        return 1.0 / self.shear_modulus
+
+
+class Layer(AbstractBody):
+    """A homogeneous isotropic elastic layer, bonded to a rigid base.
+
+    Attributes:
+        shear_modulus: G [MPa].
+        poisson_ratio: ν [-], from 0 to 0.5.
+        thickness: h, not below the length of a cell of the grid [mm].
+    """
+
+    shear_modulus: Float[Array, ""] = eqx.field(converter=positive)
+    poisson_ratio: Float[Array, ""] = eqx.field(converter=poisson)
+    thickness: Float[Array, ""] = eqx.field(converter=positive)
+
+    def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
+        """The half-space's, and what the base changes (see `layer`).
+
+        Raises:
+            ValueError: a layer thinner than a cell, or a depth beyond it.
+        """
+        thin = "a layer must not be thinner than a cell of the grid: use smaller cells"
+        h = refuse(self.thickness, self.thickness < max(spacing), thin)
+        depth = refuse(cell.depth, cell.depth > h, "a depth must not be beyond the layer's base")
+        half = HalfSpace(self.shear_modulus, self.poisson_ratio).coefficients(cell, spacing)
+        base = self._base(cell, h, depth, spacing)
+        square = (cell.offset[0] ** 2 + cell.offset[1] ** 2) / h**2
+        return jax.tree.map(lambda a, b: jnp.where(square < REACH**2, a + b, 0.0), half, base)
+
+    def _base(
+        self, cell: CellIntegrals, h: Array, depth: Array, spacing: tuple[float, float]
+    ) -> Coefficients:
+        """What the base changes; a longer side of the cell is made up of two squares' middles."""
+        short = min(spacing)
+        apart = [math.sqrt((d**2 - short**2) / 12.0) for d in spacing]  # the same second moment
+        signs = (1.0,) if spacing[0] == spacing[1] else (1.0, -1.0)
+        parts = [
+            self._base_of_square(
+                (cell.offset[0] + s * apart[0]) / h,
+                (cell.offset[1] + s * apart[1]) / h,
+                h,
+                depth,
+                short,
+            )
+            for s in signs
+        ]
+        area = spacing[0] * spacing[1] / len(parts)
+        return jax.tree.map(lambda *terms: area * sum(terms), *parts)
+
+    def _base_of_square(
+        self, x: Array, y: Array, h: Array, depth: Array, side: float
+    ) -> Coefficients:
+        """What the base changes in the displacement by a unit force on a square."""
+        distance = jnp.sqrt(jnp.maximum(x**2 + y**2, 1e-24))  # its derivative 0 at 0
+        kernel = base_kernels(distance, self.poisson_ratio, depth / h, side / h)
+        unit = 0.5 / (jnp.pi * self.shear_modulus * h)
+        uneven = 0.5 * (x**2 - y**2) * kernel.split
+        return Coefficients(
+            zz=unit * kernel.normal,
+            xx=unit * (kernel.mean - uneven),
+            yy=unit * (kernel.mean + uneven),
+            xy=-unit * x * y * kernel.split,
+            xz=-unit * x * kernel.pull,
+            yz=-unit * y * kernel.pull,
+            zx=unit * x * kernel.lift,
+            zy=unit * y * kernel.lift,
+            turn_x=unit / h * y * kernel.turn,
+            turn_y=-unit / h * x * kernel.turn,
         )
 
     @property
@@ -59,7 +139,7 @@ class HalfSpace(AbstractBody):
 class Rigid(AbstractBody):
     """A body that does not give way; only one of the two can be."""
 
-    def coefficients(self, cell: CellIntegrals) -> Coefficients:
+    def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """All 0."""
         return Coefficients(*[jnp.zeros_like(jnp.asarray(cell.xx))] * len(Coefficients._fields))
 

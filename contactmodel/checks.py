@@ -18,20 +18,20 @@ Numbers = ArrayLike | Sequence[float]
 def number(value: Numbers) -> Float[Array, "*shape"]:
     """Floating-point numbers, finite."""
     array = jnp.asarray(value, dtype=_precision(value))
-    return _refuse(array, ~jnp.isfinite(array), "a value must be a finite number")
+    return refuse(array, ~jnp.isfinite(array), "a value must be a finite number")
 
 
 def positive(value: Numbers) -> Float[Array, "*shape"]:
     """Numbers above 0."""
     array = number(value)
-    return _refuse(array, ~(array > 0), "a modulus, radius or length must be above 0")
+    return refuse(array, ~(array > 0), "a modulus, radius or length must be above 0")
 
 
 def non_negative(value: Numbers) -> Float[Array, "*shape"]:
     """Numbers from 0."""
     array = number(value)
-    return _refuse(
-        array, ~(array >= 0), "a friction coefficient or edge radius must not be below 0"
+    return refuse(
+        array, ~(array >= 0), "a friction coefficient, edge radius or depth must not be below 0"
     )
 
 
@@ -39,7 +39,7 @@ def poisson(value: Numbers) -> Float[Array, "*shape"]:
     """Poisson's ratios from 0 to 0.5."""
     array = number(value)
     wrong = ~((array >= 0) & (array <= 0.5))
-    return _refuse(array, wrong, "Poisson's ratio must lie from 0 to 0.5")
+    return refuse(array, wrong, "Poisson's ratio must lie from 0 to 0.5")
 
 
 def is_traced(value: object) -> bool:
@@ -47,7 +47,8 @@ def is_traced(value: object) -> bool:
     return isinstance(value, Tracer)
 
 
-def _refuse(array: Array, wrong: Array, message: str) -> Array:
+def refuse(array: Array, wrong: Array, message: str) -> Array:
+    """The array, or the error with what was got."""
     if is_traced(wrong):
         return eqx.error_if(array, wrong, message)
     if bool(jnp.any(wrong)):

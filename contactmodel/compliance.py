@@ -15,6 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel.arrays import AnyArray
@@ -22,31 +23,49 @@ from contactmodel.grid import Grid
 
 
 class CellIntegrals(NamedTuple):
-    """Integrals over a cell, r from a point of the cell to the field point.
+    """Integrals over a cell at the surface, r from a point of the cell to a point at the depth z.
+
+    At the surface flat_xx is yy and flat_xy is −xy, and what has z in it is 0.
 
     Attributes:
+        offset: field point minus centre of the cell along x, y [mm].
+        depth: z of the field point [mm].
         xx: ∬x²/r³ [mm].
         yy: ∬y²/r³ [mm].
         xy: ∬xy/r³ [mm].
-        x: ∬x/r² [mm].
-        y: ∬y/r² [mm].
+        zz: ∬z²/r³ [mm].
+        xz: ∬xz/r³ [mm].
+        yz: ∬yz/r³ [mm].
+        x: ∬x/r(r+z) [mm].
+        y: ∬y/r(r+z) [mm].
+        flat_xx: ∬∂/∂x x/(r+z) [mm].
+        flat_yy: ∬∂/∂y y/(r+z) [mm].
+        flat_xy: ∬∂/∂x y/(r+z) [mm].
         turn_x: ∬y/r³ [-].
         turn_y: −∬x/r³ [-].
     """
 
+    offset: tuple[AnyArray, AnyArray]
+    depth: AnyArray
     xx: AnyArray
     yy: AnyArray
     xy: AnyArray
+    zz: AnyArray
+    xz: AnyArray
+    yz: AnyArray
     x: AnyArray
     y: AnyArray
+    flat_xx: AnyArray
+    flat_yy: AnyArray
+    flat_xy: AnyArray
     turn_x: AnyArray
     turn_y: AnyArray
 
 
 class Coefficients(NamedTuple):
-    """Displacement of a body's surface by unit tractions on a cell [mm/MPa].
+    """Displacement of a body by unit tractions on a cell [mm/MPa].
 
-    w is the displacement into the body. By reciprocity w/τ_x = −u_x/p, w/τ_y = −u_y/p.
+    w is the displacement into the body. At the surface, w/τ = −u/p by reciprocity.
 
     Attributes:
         zz: w/p.
@@ -55,6 +74,8 @@ class Coefficients(NamedTuple):
         xy: u_x/τ_y = u_y/τ_x.
         xz: u_x/p.
         yz: u_y/p.
+        zx: w/τ_x.
+        zy: w/τ_y.
         turn_x: ½ rot u / τ_x [1/MPa].
         turn_y: ½ rot u / τ_y [1/MPa].
     """
@@ -65,15 +86,32 @@ class Coefficients(NamedTuple):
     xy: Array
     xz: Array
     yz: Array
+    zx: Array
+    zy: Array
     turn_x: Array
     turn_y: Array
+
+
+# of each coefficient along x and y: +1 even, -1 odd
+_PARITY = Coefficients(
+    zz=(1, 1),
+    xx=(1, 1),
+    yy=(1, 1),
+    xy=(-1, -1),
+    xz=(-1, 1),
+    yz=(1, -1),
+    zx=(-1, 1),
+    zy=(1, -1),
+    turn_x=(1, -1),
+    turn_y=(-1, 1),
+)  # pyright: ignore[reportArgumentType]
 
 
 @runtime_checkable
 class Deformable(Protocol):
     """What a body must be able to say."""
 
-    def coefficients(self, cell: CellIntegrals) -> Coefficients:
+    def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """Displacement by unit tractions on a cell."""
         ...
 
@@ -82,6 +120,7 @@ def cell_integrals(
     x: Float[AnyArray, "*shape"],
     y: Float[AnyArray, "*shape"],
     spacing: tuple[float, float],
+    depth: ArrayLike = 0.0,
 ) -> CellIntegrals:
     """The integrals at the distance (x, y) from the centre of a cell ([Love1929]) [mm].
 
@@ -89,48 +128,78 @@ def cell_integrals(
         x: field point minus centre of the cell [mm].
         y: the same along y [mm].
         spacing: length of the cell along x and y [mm].
+        depth: z of the field point below the surface [mm].
     """
     xp = x.__array_namespace__()
+    z = xp.asarray(depth)
     k, l = x + 0.5 * spacing[0], x - 0.5 * spacing[0]  # noqa: E741
     m, n = y + 0.5 * spacing[1], y - 0.5 * spacing[1]
 
-    def logarithm(s, t):  # ln(s + √(s²+t²)), free of cancellation for s < 0; t = 0 left out
-        t = xp.where(t == 0.0, 1.0, xp.abs(t))
+    def corners(primitive):
+        return primitive(k, m) - primitive(l, m) - primitive(k, n) + primitive(l, n)
+
+    def length(s, t):  # √(s²+t²+z²), its derivative 0 at 0
+        square = s**2 + t**2 + z**2
+        return xp.where(square > 0.0, xp.sqrt(xp.where(square > 0.0, square, 1.0)), 0.0)
+
+    def logarithm(s, t):  # ln(s + r), free of cancellation for s < 0; r = |s| left out
+        square = t**2 + z**2
+        t = xp.sqrt(xp.where(square > 0.0, square, 1.0))
         return xp.asinh(s / t) + xp.log(t)
 
-    def half_log(s, t):
-        square = s**2 + t**2
-        return 0.5 * xp.log(xp.where(square == 0.0, 1.0, square))
+    def angle(s, t):  # of the solid angle of the corner
+        below = z * length(s, t)
+        steep = 0.5 * xp.pi * xp.sign(s * t)
+        return xp.where(below > 0.0, xp.atan(s * t / xp.where(below > 0.0, below, 1.0)), steep)
 
-    def angle(s, t):
-        return xp.atan(s / xp.where(t == 0.0, 1.0, t))
+    def turned(s, t):  # atan(t/s) − atan(zt/sr)
+        r = length(s, t)
+        up, along = s * t * (r - z), s**2 * r + z * t**2
+        return xp.atan(up / xp.where(along > 0.0, along, 1.0)) * (along > 0.0)
 
-    def flux(k, l, m, n):  # noqa: E741
-        return (
-            m * (half_log(k, m) - half_log(l, m))
-            - n * (half_log(k, n) - half_log(l, n))
-            + k * (angle(m, k) - angle(n, k))
-            - l * (angle(m, l) - angle(n, l))
-        )
+    def depth_log(s, t):  # ln(r + z)
+        total = length(s, t) + z
+        return xp.log(xp.where(total > 0.0, total, 1.0))
 
-    def turn(k, l, m, n):  # noqa: E741
-        return logarithm(k, n) - logarithm(l, n) - logarithm(k, m) + logarithm(l, m)
+    def flux(s, t):
+        return t * depth_log(s, t) + z * logarithm(t, s) + s * turned(s, t)
+
+    def flat(s, t):
+        return s * logarithm(t, s) - z * turned(s, t)
 
     return CellIntegrals(
-        xx=m * (logarithm(k, m) - logarithm(l, m)) + n * (logarithm(l, n) - logarithm(k, n)),
-        yy=k * (logarithm(m, k) - logarithm(n, k)) + l * (logarithm(n, l) - logarithm(m, l)),
-        xy=xp.hypot(n, k) - xp.hypot(m, k) + xp.hypot(m, l) - xp.hypot(n, l),
-        x=flux(k, l, m, n),
-        y=flux(m, n, k, l),
-        turn_x=turn(k, l, m, n),
-        turn_y=-turn(m, n, k, l),
+        offset=(x, y),
+        depth=z,
+        xx=corners(lambda s, t: t * logarithm(s, t) - z * angle(s, t)),
+        yy=corners(lambda s, t: s * logarithm(t, s) - z * angle(s, t)),
+        xy=-corners(length),
+        zz=corners(lambda s, t: z * angle(s, t)),
+        xz=-corners(lambda s, t: z * logarithm(t, s)),
+        yz=-corners(lambda s, t: z * logarithm(s, t)),
+        x=corners(flux),
+        y=corners(lambda s, t: flux(t, s)),
+        flat_xx=corners(flat),
+        flat_yy=corners(lambda s, t: flat(t, s)),
+        flat_xy=corners(lambda s, t: length(s, t) - z * depth_log(s, t)),
+        turn_x=-corners(logarithm),
+        turn_y=corners(lambda s, t: logarithm(t, s)),
     )
 
 
-def grid_coefficients(body: Deformable, grid: Grid) -> Coefficients:
-    """A body's coefficients for every distance on a grid, laid out for `convolve`."""
-    cell = jax.tree.map(jnp.asarray, _grid_integrals(grid))
-    return body.coefficients(cell)
+def grid_coefficients(body: Deformable, grid: Grid, depth: ArrayLike = 0.0) -> Coefficients:
+    """A body's coefficients for every distance on a grid, laid out for `convolve`.
+
+    Args:
+        body: half-space, layer or rigid.
+        grid: cells.
+        depth: of the displaced points below the surface [mm].
+    """
+    if isinstance(depth, float) and depth == 0.0:
+        cell = jax.tree.map(jnp.asarray, _surface_integrals(grid))
+    else:
+        cell = cell_integrals(*map(jnp.asarray, _distances(grid)), grid.spacing, depth)
+    quarter = body.coefficients(cell, grid.spacing)
+    return Coefficients(*map(_unfold, quarter, _PARITY))
 
 
 def convolve(spectrum: Array, field: Float[Array, "*batch nx ny"]) -> Float[Array, "*batch nx ny"]:
@@ -203,22 +272,26 @@ def _apply(matrix: Array, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx 
     return jnp.fft.irfft2(out, s=(2 * nx, 2 * ny))[..., :nx, :ny]
 
 
+def _unfold(quarter: Array, parity: tuple[int, int]) -> Array:
+    """All distances in FFT order from those that are not negative.
+
+    The distance of a whole grid is never used; there, what is odd has no definite sign and is 0.
+    """
+    x, y = parity
+    row = quarter[-1:] if x > 0 else jnp.zeros_like(quarter[-1:])
+    half = jnp.concatenate([quarter[:-1], row, x * quarter[-2:0:-1]])
+    column = half[:, -1:] if y > 0 else jnp.zeros_like(half[:, -1:])
+    return jnp.concatenate([half[:, :-1], column, y * half[:, -2:0:-1]], axis=1)
+
+
+def _distances(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Distances along x and y that are not negative [mm]."""
+    x, y = (np.arange(n + 1) * d for n, d in zip(grid.shape, grid.spacing, strict=True))
+    x, y = np.meshgrid(x, y, indexing="ij")
+    return x, y
+
+
 @lru_cache(maxsize=8)
-def _grid_integrals(grid: Grid) -> CellIntegrals:
-    """Integrals for all distances on the grid in FFT order; in double precision always."""
-    nx, ny = grid.shape
-    offset_x = np.fft.fftfreq(2 * nx, 1.0 / (2 * nx)) * grid.spacing[0]
-    offset_y = np.fft.fftfreq(2 * ny, 1.0 / (2 * ny)) * grid.spacing[1]
-    x, y = np.meshgrid(offset_x, offset_y, indexing="ij")
-    cell = cell_integrals(x, y, grid.spacing)
-    # The distance of a whole grid is never used; there, odd integrals have no definite sign.
-    odd_x, odd_y = np.ones_like(x), np.ones_like(x)
-    odd_x[nx, :] = 0.0
-    odd_y[:, ny] = 0.0
-    return cell._replace(
-        xy=cell.xy * odd_x * odd_y,
-        x=cell.x * odd_x,
-        y=cell.y * odd_y,
-        turn_x=cell.turn_x * odd_y,
-        turn_y=cell.turn_y * odd_x,
-    )
+def _surface_integrals(grid: Grid) -> CellIntegrals:
+    """Integrals for the distances on the grid; in double precision always."""
+    return cell_integrals(*_distances(grid), grid.spacing)

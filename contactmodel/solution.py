@@ -6,10 +6,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from contactmodel.arrays import AnyArray
 from contactmodel.bodies import AbstractBody
+from contactmodel.checks import non_negative
 from contactmodel.compliance import (
     Coefficients,
     cell_integrals,
@@ -46,7 +48,7 @@ class ContactSolution(eqx.Module):
     """A contact of an elastomer S with an object B, or a path of such contacts.
 
     Vectors have their component first: `traction[0]` is τ_x. Along a path, every array has the
-    steps as its first axis; the properties work on it, the methods take one contact (`jax.vmap`).
+    steps as its first axis; properties and methods work on it.
 
     Attributes:
         grid: where the fields are given.
@@ -125,30 +127,39 @@ class ContactSolution(eqx.Module):
         return jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
 
     @eqx.filter_jit
-    def elastomer_displacement(self) -> Float[Array, "3 nx ny"]:
-        """Displacement of the elastomer's surface [mm]."""
-        coefficients = grid_coefficients(self.elastomer, self.grid)
-        return _below(self._on_grid(coefficients, self.traction))
+    def elastomer_displacement(self, depth: ArrayLike = 0.0) -> Float[Array, "*path 3 nx ny"]:
+        """Displacement of the elastomer at the centres of the cells [mm].
+
+        Args:
+            depth: below its surface [mm].
+        """
+        u, v, w = self._on_grid(self.elastomer, self.traction, depth)
+        return jnp.stack([u, v, -w], axis=-3)
 
     @eqx.filter_jit
-    def object_displacement(self) -> Float[Array, "3 nx ny"]:
-        """Displacement of the object's surface by its deformation alone, without the pose [mm]."""
-        coefficients = grid_coefficients(self.object_, self.grid)
-        return self._on_grid(coefficients, -self.traction)
+    def object_displacement(self, depth: ArrayLike = 0.0) -> Float[Array, "*path 3 nx ny"]:
+        """The same of the object, by its deformation alone, without the pose [mm]."""
+        return jnp.stack(self._on_grid(self.object_, -self.traction, depth), axis=-3)
 
     @eqx.filter_jit
-    def elastomer_displacement_at(self, points: Float[AnyArray, "n 2"]) -> Float[Array, "n 3"]:
-        """Displacement of points of the elastomer's undeformed surface, markers for example [mm].
+    def elastomer_displacement_at(
+        self, points: Float[AnyArray, "n 2"], depth: ArrayLike = 0.0
+    ) -> Float[Array, "*path n 3"]:
+        """Displacement of points of the undeformed elastomer, markers for example [mm].
 
         Args:
             points: anywhere, on the grid or beyond [mm].
+            depth: of the points below the surface [mm].
         """
-        return _below(self._at(self.elastomer, self.traction, points).T).T
+        u, v, w = self._at(self.elastomer, self.traction, points, depth)
+        return jnp.stack([u, v, -w], axis=-1)
 
     @eqx.filter_jit
-    def object_displacement_at(self, points: Float[AnyArray, "n 2"]) -> Float[Array, "n 3"]:
-        """The same of the object's surface, by its deformation alone [mm]."""
-        return self._at(self.object_, -self.traction, points)
+    def object_displacement_at(
+        self, points: Float[AnyArray, "n 2"], depth: ArrayLike = 0.0
+    ) -> Float[Array, "*path n 3"]:
+        """The same of the object, by its deformation alone [mm]."""
+        return jnp.stack(self._at(self.object_, -self.traction, points, depth), axis=-1)
 
     @eqx.filter_jit
     def elastomer_rotation(self) -> Float[Array, "nx ny"]:
@@ -160,21 +171,32 @@ class ContactSolution(eqx.Module):
         """½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.object_, -self.traction)
 
-    def _on_grid(self, coefficients: Coefficients, traction: Array) -> Array:
+    def _on_grid(self, body: AbstractBody, traction: Array, depth: ArrayLike) -> list[Array]:
+        coefficients = grid_coefficients(body, self.grid, depth)
         spectra = jax.tree.map(transform, coefficients)
         return _displacement(spectra, self.pressure, traction, convolve)
 
     def _rotation(self, body: AbstractBody, traction: Array) -> Array:
         c = grid_coefficients(body, self.grid)
-        return jnp.sum(convolve(transform(jnp.stack([c.turn_x, c.turn_y])), traction), axis=0)
+        turned = convolve(transform(jnp.stack([c.turn_x, c.turn_y])), traction)
+        return jnp.sum(turned, axis=-3)
 
-    def _at(self, body: AbstractBody, traction: Array, points: AnyArray) -> Array:
-        def at_point(point: Array) -> Array:
+    def _at(
+        self, body: AbstractBody, traction: Array, points: AnyArray, depth: ArrayLike
+    ) -> list[Array]:
+        z = non_negative(depth)
+
+        def add_up(coefficient: Array, field: Array) -> Array:
+            return jnp.sum(coefficient * field, axis=(-2, -1))
+
+        def at_point(point: Array) -> list[Array]:
             x, y = point[:, None, None] - jnp.asarray(self.grid.points, point.dtype)
-            c = body.coefficients(cell_integrals(x, y, self.grid.spacing))
-            return _displacement(c, self.pressure, traction, lambda a, b: jnp.sum(a * b))
+            cell = cell_integrals(x, y, self.grid.spacing, z)
+            c = body.coefficients(cell, self.grid.spacing)
+            return _displacement(c, self.pressure, traction, add_up)
 
-        return jax.lax.map(at_point, jnp.asarray(points), batch_size=16)
+        each = jax.lax.map(at_point, jnp.asarray(points), batch_size=16)
+        return [jnp.moveaxis(component, 0, -1) for component in each]
 
 
 def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
@@ -188,18 +210,11 @@ def _constants(solution: Any) -> tuple[Any, Any, Any]:
     return solution.elastomer, solution.object_, solution.friction_coefficient
 
 
-def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> Array:
+def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> list[Array]:
     """u_x, u_y and w (into the body) by a pressure and the traction that the body carries."""
-    tau_x, tau_y = traction
-    return jnp.stack(
-        [
-            apply(c.xx, tau_x) + apply(c.xy, tau_y) + apply(c.xz, pressure),
-            apply(c.xy, tau_x) + apply(c.yy, tau_y) + apply(c.yz, pressure),
-            apply(c.zz, pressure) - apply(c.xz, tau_x) - apply(c.yz, tau_y),
-        ]
-    )
-
-
-def _below(displacement: Array) -> Array:
-    """Of the elastomer, whose inside is towards −z."""
-    return displacement.at[2].multiply(-1.0)
+    tau_x, tau_y = jnp.moveaxis(traction, -3, 0)
+    return [
+        apply(c.xx, tau_x) + apply(c.xy, tau_y) + apply(c.xz, pressure),
+        apply(c.xy, tau_x) + apply(c.yy, tau_y) + apply(c.yz, pressure),
+        apply(c.zz, pressure) + apply(c.zx, tau_x) + apply(c.zy, tau_y),
+    ]

@@ -60,12 +60,12 @@ def test_rotation_coefficient_is_half_the_curl_of_the_displacement():
     body = HalfSpace(1.3, 0.37)
 
     def field(point, tau):
-        c = body.coefficients(cell_integrals(point[0], point[1], SPACING))
+        c = body.coefficients(cell_integrals(point[0], point[1], SPACING), SPACING)
         return jnp.stack([c.xx * tau[0] + c.xy * tau[1], c.xy * tau[0] + c.yy * tau[1]])
 
     for point in ([0.05, 0.1], [1.0, -0.6], [-3.0, 0.9]):
         point = jnp.asarray(point)
-        c = body.coefficients(cell_integrals(point[0], point[1], SPACING))
+        c = body.coefficients(cell_integrals(point[0], point[1], SPACING), SPACING)
         for tau, turn in (([1.0, 0.0], c.turn_x), ([0.0, 1.0], c.turn_y)):
             gradient = jax.jacfwd(field)(point, jnp.asarray(tau))
             half_curl = 0.5 * (gradient[1, 0] - gradient[0, 1])
@@ -79,7 +79,8 @@ def test_convolution_is_the_direct_sum_without_images():
     fast = convolve(transform(grid_coefficients(body, grid).xz), field)
     points = grid.points.reshape(2, -1)
     x, y = points[:, :, None] - points[:, None, :]
-    matrix = body.coefficients(cell_integrals(jnp.asarray(x), jnp.asarray(y), grid.spacing)).xz
+    cell = cell_integrals(jnp.asarray(x), jnp.asarray(y), grid.spacing)
+    matrix = body.coefficients(cell, grid.spacing).xz
     direct = (matrix @ field.reshape(-1)).reshape(grid.shape)
     np.testing.assert_allclose(fast, direct, atol=1e-13)  # rounding
 
@@ -87,7 +88,7 @@ def test_convolution_is_the_direct_sum_without_images():
 def test_far_away_a_cell_is_a_point_load():
     nu, modulus = 0.3, 2.0
     c = HalfSpace(modulus, nu).coefficients(
-        cell_integrals(jnp.asarray(30.0), jnp.asarray(40.0), SPACING)
+        cell_integrals(jnp.asarray(30.0), jnp.asarray(40.0), SPACING), SPACING
     )
     unit = SPACING[0] * SPACING[1] / (2.0 * np.pi * modulus * 50.0)
     # the next term of the expansion is (d/r)²/24 ≈ 1e-5
