@@ -14,6 +14,7 @@ from contactmodel.grid import Grid
 from contactmodel.indenters import (
     AbstractIndenter,
     Cylinder,
+    Domed,
     Ellipsoid,
     HeightMap,
     Paraboloid,
@@ -25,6 +26,7 @@ from contactmodel.indenters import (
 from contactmodel.pose import Pose, make_path
 from contactmodel.solution import RESULTS, ContactSolution
 from contactmodel.solve import solve_contact, solve_path
+from contactmodel.transfer import ScalarTransfer, fit_scalar_transfer, transfer_function
 
 __all__ = [
     "RESULTS",
@@ -32,6 +34,7 @@ __all__ = [
     "AbstractIndenter",
     "ContactSolution",
     "Cylinder",
+    "Domed",
     "Ellipsoid",
     "Grid",
     "HalfSpace",
@@ -42,10 +45,13 @@ __all__ = [
     "Pose",
     "Rigid",
     "RoundPunch",
+    "ScalarTransfer",
     "Sphere",
     "SquarePunch",
+    "fit_scalar_transfer",
     "make_path",
     "solve_contact",
     "solve_path",
     "stiffness_ratio",
+    "transfer_function",
 ]

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from contactmodel.arrays import AnyArray
 from contactmodel.checks import poisson, positive, refuse
 from contactmodel.compliance import CellIntegrals, Coefficients
 from contactmodel.layer import REACH, base_kernels
@@ -19,6 +20,14 @@ class AbstractBody(eqx.Module):
     @abc.abstractmethod
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """Displacement of the surface by unit tractions on a cell [mm/MPa]."""
+
+    @abc.abstractmethod
+    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
+        """q C_T(q): what a wave of transverse traction turns, relative to 1/q [1/MPa].
+
+        Args:
+            wave_number: q [1/mm].
+        """
 
     @property
     @abc.abstractmethod
@@ -44,17 +53,21 @@ class HalfSpace(AbstractBody):
         unit = 0.25 / (jnp.pi * self.shear_modulus)
         whole = cell.xx + cell.yy + cell.zz  # ∬1/r
         return Coefficients(
-            zz=(cell.zz + 2.0 * (1.0 - nu) * whole) * unit,
-            xx=(whole + cell.xx + loose * cell.flat_xx) * unit,
-            yy=(whole + cell.yy + loose * cell.flat_yy) * unit,
-            xy=(cell.xy + loose * cell.flat_xy) * unit,
-            xz=(cell.xz - loose * cell.x) * unit,
-            yz=(cell.yz - loose * cell.y) * unit,
-            zx=(cell.xz + loose * cell.x) * unit,
-            zy=(cell.yz + loose * cell.y) * unit,
+            zz=unit * (cell.zz + 2.0 * (1.0 - nu) * whole),
+            xx=unit * (whole + cell.xx + loose * cell.flat_xx),
+            yy=unit * (whole + cell.yy + loose * cell.flat_yy),
+            xy=unit * (cell.xy + loose * cell.flat_xy),
+            xz=unit * (cell.xz - loose * cell.x),
+            yz=unit * (cell.yz - loose * cell.y),
+            zx=unit * (cell.xz + loose * cell.x),
+            zy=unit * (cell.yz + loose * cell.y),
             turn_x=unit * cell.turn_x,
             turn_y=unit * cell.turn_y,
         )
+
+    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
+        """1/G [1/MPa]."""
+        return jnp.broadcast_to(self.softness, jnp.shape(wave_number))
 
     @property
     def softness(self) -> Float[Array, ""]:
@@ -83,7 +96,8 @@ class Layer(AbstractBody):
         """
         thin = "a layer must not be thinner than a cell of the grid: use smaller cells"
         h = refuse(self.thickness, self.thickness < max(spacing), thin)
-        depth = refuse(cell.depth, cell.depth > h, "a depth must not be beyond the layer's base")
+        depth = jnp.asarray(cell.depth)
+        depth = refuse(depth, depth > h, "a depth must not be beyond the layer's base")
         half = HalfSpace(self.shear_modulus, self.poisson_ratio).coefficients(cell, spacing)
         base = self._base(cell, h, depth, spacing)
         square = (cell.offset[0] ** 2 + cell.offset[1] ** 2) / h**2
@@ -96,14 +110,9 @@ class Layer(AbstractBody):
         short = min(spacing)
         apart = [math.sqrt((d**2 - short**2) / 12.0) for d in spacing]  # the same second moment
         signs = (1.0,) if spacing[0] == spacing[1] else (1.0, -1.0)
+        x, y = (jnp.asarray(offset) for offset in cell.offset)
         parts = [
-            self._base_of_square(
-                (cell.offset[0] + s * apart[0]) / h,
-                (cell.offset[1] + s * apart[1]) / h,
-                h,
-                depth,
-                short,
-            )
+            self._base_of_square((x + s * apart[0]) / h, (y + s * apart[1]) / h, h, depth, short)
             for s in signs
         ]
         area = spacing[0] * spacing[1] / len(parts)
@@ -130,6 +139,10 @@ class Layer(AbstractBody):
             turn_y=-unit / h * x * kernel.turn,
         )
 
+    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
+        """tanh(qh)/G [1/MPa]."""
+        return jnp.tanh(wave_number * self.thickness) / self.shear_modulus
+
     @property
     def softness(self) -> Float[Array, ""]:
         """1/G [1/MPa]."""
@@ -143,6 +156,10 @@ class Rigid(AbstractBody):
         """All 0."""
         return Coefficients(*[jnp.zeros_like(jnp.asarray(cell.xx))] * len(Coefficients._fields))
 
+    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
+        """0."""
+        return jnp.broadcast_to(self.softness, jnp.shape(wave_number))
+
     @property
     def softness(self) -> Float[Array, ""]:
         """0."""
@@ -150,5 +167,5 @@ class Rigid(AbstractBody):
 
 
 def stiffness_ratio(elastomer: AbstractBody, object_: AbstractBody) -> Float[Array, ""]:
-    """k = G_S/G_B; 0 for a rigid object."""
+    """k = G_S/G_B; 0 for a rigid object. Of a layer, see `transfer_function`."""
     return object_.softness / elastomer.softness

@@ -92,19 +92,9 @@ class Coefficients(NamedTuple):
     turn_y: Array
 
 
-# of each coefficient along x and y: +1 even, -1 odd
-_PARITY = Coefficients(
-    zz=(1, 1),
-    xx=(1, 1),
-    yy=(1, 1),
-    xy=(-1, -1),
-    xz=(-1, 1),
-    yz=(1, -1),
-    zx=(-1, 1),
-    zy=(1, -1),
-    turn_x=(1, -1),
-    turn_y=(-1, 1),
-)  # pyright: ignore[reportArgumentType]
+# along x and y of each coefficient, in their order: +1 even, -1 odd
+_EVEN, _ODD_X, _ODD_Y, _ODD = (1, 1), (-1, 1), (1, -1), (-1, -1)
+_PARITY = (_EVEN, _EVEN, _EVEN, _ODD, _ODD_X, _ODD_Y, _ODD_X, _ODD_Y, _ODD_Y, _ODD_X)
 
 
 @runtime_checkable
@@ -186,18 +176,21 @@ def cell_integrals(
     )
 
 
-def grid_coefficients(body: Deformable, grid: Grid, depth: ArrayLike = 0.0) -> Coefficients:
+def grid_coefficients(
+    body: Deformable, grid: Grid, depth: Float[Array, ""] | None = None
+) -> Coefficients:
     """A body's coefficients for every distance on a grid, laid out for `convolve`.
 
     Args:
         body: half-space, layer or rigid.
         grid: cells.
-        depth: of the displaced points below the surface [mm].
+        depth: of the displaced points below the surface; none at the surface [mm].
     """
-    if isinstance(depth, float) and depth == 0.0:
+    if depth is None:
         cell = jax.tree.map(jnp.asarray, _surface_integrals(grid))
     else:
-        cell = cell_integrals(*map(jnp.asarray, _distances(grid)), grid.spacing, depth)
+        x, y = map(jnp.asarray, _distances(grid))
+        cell = cell_integrals(x, y, grid.spacing, depth)
     quarter = body.coefficients(cell, grid.spacing)
     return Coefficients(*map(_unfold, quarter, _PARITY))
 
@@ -239,8 +232,12 @@ class Compliance(eqx.Module):
         return _apply(self.shear, traction)
 
     def unpress(self, displacement: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
-        """Roughly the inverse of `press`: the inverse on the doubled grid ([Vollebregt2014])."""
-        return convolve(1.0 / self.normal, displacement)
+        """Roughly the inverse of `press`: the inverse on the doubled grid ([Vollebregt2014]).
+
+        A uniform pressure does not move an incompressible layer; it counts as the next wave.
+        """
+        next_wave = jnp.minimum(self.normal[1, 0], self.normal[0, 1])
+        return convolve(1.0 / self.normal.at[0, 0].max(next_wave), displacement)
 
     def undrag(self, displacement: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
         """Roughly the inverse of `drag`."""

@@ -180,6 +180,22 @@ class Placed(AbstractIndenter):
         return self.indenter.height(jnp.stack([c * x + s * y, c * y - s * x]))
 
 
+class Domed(AbstractIndenter):
+    """A shape against a domed pad, whose height adds to the gap: 1/R = 1/R_pad + 1/R_object.
+
+    Attributes:
+        indenter: the shape.
+        pad_radius: of the pad, its top at the origin [mm].
+    """
+
+    indenter: AbstractIndenter
+    pad_radius: Float[Array, ""] = eqx.field(converter=positive)
+
+    def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
+        """Height of the shape above the pad [mm]."""
+        return self.indenter.height(points) + Sphere(self.pad_radius).height(points)
+
+
 def _length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
     """Distance from the origin, its derivative 0 at the origin."""
     square = jnp.sum(points**2, axis=0)

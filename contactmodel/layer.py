@@ -154,7 +154,7 @@ def base_kernels(
     return Kernels(*_evaluate(series, 2.0 * u**2 - 1.0))
 
 
-def _matrix(a: Array, b: Array, c: Array, d: Array) -> Array:
+def _matrix(a: AnyArray, b: AnyArray, c: AnyArray, d: AnyArray) -> Array:
     return jnp.stack([jnp.stack([a, b]), jnp.stack([c, d])])
 
 

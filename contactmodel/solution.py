@@ -126,22 +126,20 @@ class ContactSolution(eqx.Module):
         tau_x, tau_y = jnp.moveaxis(self.traction, -3, 0)
         return jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
 
-    @eqx.filter_jit
     def elastomer_displacement(self, depth: ArrayLike = 0.0) -> Float[Array, "*path 3 nx ny"]:
         """Displacement of the elastomer at the centres of the cells [mm].
 
         Args:
             depth: below its surface [mm].
         """
-        u, v, w = self._on_grid(self.elastomer, self.traction, depth)
+        u, v, w = self._on_grid(self.elastomer, self.traction, _below_surface(depth))
         return jnp.stack([u, v, -w], axis=-3)
 
-    @eqx.filter_jit
     def object_displacement(self, depth: ArrayLike = 0.0) -> Float[Array, "*path 3 nx ny"]:
         """The same of the object, by its deformation alone, without the pose [mm]."""
-        return jnp.stack(self._on_grid(self.object_, -self.traction, depth), axis=-3)
+        components = self._on_grid(self.object_, -self.traction, _below_surface(depth))
+        return jnp.stack(components, axis=-3)
 
-    @eqx.filter_jit
     def elastomer_displacement_at(
         self, points: Float[AnyArray, "n 2"], depth: ArrayLike = 0.0
     ) -> Float[Array, "*path n 3"]:
@@ -151,15 +149,17 @@ class ContactSolution(eqx.Module):
             points: anywhere, on the grid or beyond [mm].
             depth: of the points below the surface [mm].
         """
-        u, v, w = self._at(self.elastomer, self.traction, points, depth)
+        points = jnp.asarray(points)
+        u, v, w = self._at(self.elastomer, self.traction, points, _below_surface(depth))
         return jnp.stack([u, v, -w], axis=-1)
 
-    @eqx.filter_jit
     def object_displacement_at(
         self, points: Float[AnyArray, "n 2"], depth: ArrayLike = 0.0
     ) -> Float[Array, "*path n 3"]:
         """The same of the object, by its deformation alone [mm]."""
-        return jnp.stack(self._at(self.object_, -self.traction, points, depth), axis=-1)
+        points = jnp.asarray(points)
+        components = self._at(self.object_, -self.traction, points, _below_surface(depth))
+        return jnp.stack(components, axis=-1)
 
     @eqx.filter_jit
     def elastomer_rotation(self) -> Float[Array, "nx ny"]:
@@ -171,7 +171,8 @@ class ContactSolution(eqx.Module):
         """½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.object_, -self.traction)
 
-    def _on_grid(self, body: AbstractBody, traction: Array, depth: ArrayLike) -> list[Array]:
+    @eqx.filter_jit
+    def _on_grid(self, body: AbstractBody, traction: Array, depth: Array | None) -> list[Array]:
         coefficients = grid_coefficients(body, self.grid, depth)
         spectra = jax.tree.map(transform, coefficients)
         return _displacement(spectra, self.pressure, traction, convolve)
@@ -181,10 +182,11 @@ class ContactSolution(eqx.Module):
         turned = convolve(transform(jnp.stack([c.turn_x, c.turn_y])), traction)
         return jnp.sum(turned, axis=-3)
 
+    @eqx.filter_jit
     def _at(
-        self, body: AbstractBody, traction: Array, points: AnyArray, depth: ArrayLike
+        self, body: AbstractBody, traction: Array, points: Array, depth: Array | None
     ) -> list[Array]:
-        z = non_negative(depth)
+        z = 0.0 if depth is None else depth
 
         def add_up(coefficient: Array, field: Array) -> Array:
             return jnp.sum(coefficient * field, axis=(-2, -1))
@@ -195,7 +197,7 @@ class ContactSolution(eqx.Module):
             c = body.coefficients(cell, self.grid.spacing)
             return _displacement(c, self.pressure, traction, add_up)
 
-        each = jax.lax.map(at_point, jnp.asarray(points), batch_size=16)
+        each = jax.lax.map(at_point, points, batch_size=16)
         return [jnp.moveaxis(component, 0, -1) for component in each]
 
 
@@ -208,6 +210,12 @@ def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
 def _constants(solution: Any) -> tuple[Any, Any, Any]:
     """What does not change along a path."""
     return solution.elastomer, solution.object_, solution.friction_coefficient
+
+
+def _below_surface(depth: ArrayLike) -> Array | None:
+    """None at the surface, where much is known beforehand."""
+    at_surface = isinstance(depth, int | float) and depth == 0
+    return None if at_surface else non_negative(depth)
 
 
 def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> list[Array]:

@@ -14,18 +14,20 @@ def simulate_recording(
     sensor: MarkerLayout,
     camera: Camera | None = None,
     *,
+    depth: float = 0.0,
     unloaded: int = 10,
 ) -> tuple[Recording, Truth]:
     """What a sensor sees of a contact along a path, and the truth of it.
 
-    The markers lie on the elastomer's surface and move with it; what the pad's dome does to the
-    contact belongs into the shape that the path was solved with. A marker is in contact and sticks
-    as the cell it lies on in the undeformed state does.
+    The markers move with the elastomer, on its surface or below; what the pad's dome does to the
+    contact belongs into the shape that the path was solved with (`Domed`). A marker is in contact
+    and sticks as the cell above it in the undeformed state does.
 
     Args:
         path: contacts of `contactmodel.solve_path`, one a frame.
         sensor: the unloaded markers, in the frame of the path's grid, in three dimensions.
         camera: noise, clock and lost frames; the default is a Tac3D sensor's.
+        depth: of the markers below the elastomer's surface; they turn less there [mm].
         unloaded: frames before the path begins.
 
     Returns:
@@ -33,16 +35,17 @@ def simulate_recording(
         under the object; its `stick_radius` is that of a disc as large as the cells that stick.
 
     Raises:
-        ValueError: a single contact in place of a path, or markers without a third dimension.
+        ValueError: a single contact in place of a path, markers without a third dimension, or a
+            depth below 0.
+        RuntimeError: a depth beyond a layer's base.
     """
     if path.pressure.ndim != 3:
         raise ValueError("simulate_recording takes a path of contacts; see contactmodel.solve_path")
     if sensor.reference.shape[1] != 3:
         raise ValueError("simulate_recording needs markers with x, y and z")
     camera = camera or Camera()
-    steps = len(path.pressure)
     points = sensor.reference[:, :2]
-    moved = np.stack([path.at_step(i).elastomer_displacement_at(points) for i in range(steps)])
+    moved = np.asarray(path.elastomer_displacement_at(points, depth))
     still = np.zeros((unloaded, *sensor.reference.shape))
     positions = sensor.reference + np.concatenate([still, moved])
     truth = _truth(path, points, unloaded)

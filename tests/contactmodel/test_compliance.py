@@ -41,6 +41,32 @@ def test_integrals_meet_quadrature(name, point):
     assert value == pytest.approx(exact, abs=1e-10)  # the quadrature's tolerance
 
 
+BELOW = {
+    "xx": lambda x, y, z, r: x * x / r**3,
+    "xy": lambda x, y, z, r: x * y / r**3,
+    "zz": lambda x, y, z, r: z * z / r**3,
+    "yz": lambda x, y, z, r: y * z / r**3,
+    "x": lambda x, y, z, r: x / (r * (r + z)),
+    "flat_yy": lambda x, y, z, r: 1.0 / (r + z) - y * y / (r * (r + z) ** 2),
+    "flat_xy": lambda x, y, z, r: -x * y / (r * (r + z) ** 2),
+    "turn_x": lambda x, y, z, r: y / r**3,
+}
+
+
+@pytest.mark.parametrize("name", BELOW)
+@pytest.mark.parametrize("point", [(0.0, 0.0, 0.3), (0.9, -0.7, 0.2), (0.35, 0.2, 0.5)])
+def test_integrals_below_the_surface_meet_quadrature(name, point):
+    x, y, z = (np.asarray(value) for value in point)
+    value = getattr(cell_integrals(x, y, SPACING, z), name)
+    a, b = 0.5 * SPACING[0], 0.5 * SPACING[1]
+
+    def kernel(t, s):
+        return BELOW[name](x - s, y - t, z, np.sqrt((x - s) ** 2 + (y - t) ** 2 + z**2))
+
+    exact, _ = dblquad(kernel, -a, a, -b, b, epsabs=1e-12)
+    assert value == pytest.approx(exact, abs=1e-10)  # the quadrature's tolerance
+
+
 @pytest.mark.parametrize("point", [(0.35, 0.1), (0.35, 0.2), (-0.35, -0.2), (0.0, 0.2)])
 def test_integrals_are_finite_and_continuous_on_the_rim(point):
     here = cell_integrals(*map(np.asarray, point), SPACING)

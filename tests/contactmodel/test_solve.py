@@ -8,6 +8,7 @@ import pytest
 from contactmodel import (
     RESULTS,
     Cylinder,
+    Domed,
     Ellipsoid,
     Grid,
     HalfSpace,
@@ -68,6 +69,7 @@ def test_non_square_grid_and_cells():
         (Sphere(2e4), Paraboloid(2e4)),  # they differ by r⁴/8R³, below 1e-9 mm here
         (Ellipsoid((30.0, 30.0, 30.0)), Sphere(30.0)),
         (Placed(BALL, (0.0, 0.0), 0.7), BALL),
+        (Domed(Sphere(4e4), 4e4), Sphere(2e4)),
         (RoundPunch(3.0, 1.0), Placed(RoundPunch(3.0, 1.0), angle=0.3)),
         (SquarePunch(5.0, 0.5), Placed(SquarePunch(5.0, 0.5), angle=-np.pi / 2)),
         (HeightMap(BALL.height(jnp.asarray(GRID.points)), GRID.spacing), BALL),

@@ -84,6 +84,24 @@ def test_noise_lost_frames_and_clock_are_reproducible(path):
     assert np.all(np.isnan(truth.angle[first.source_index < 20]))
 
 
+def test_markers_below_the_surface_turn_less(path):
+    """By 4z/πa on the axis of a disc that sticks; here a = 5 mm, most of which sticks."""
+    layout = lay_out_markers(MODEL)
+    inner = np.hypot(*layout.reference[:, :2].T) < 2.0
+    x, y = layout.reference[inner, :2].T
+
+    def turned(depth):
+        recording, _ = simulate_recording(path, layout, PERFECT, depth=depth, unloaded=1)
+        u = (recording.positions[5] - recording.positions[2])[inner]  # turned since pressed, by 6°
+        return (x @ u[:, 1] - y @ u[:, 0]) / (x @ x + y @ y)
+
+    surface = turned(0.0)
+    assert surface == pytest.approx(np.sin(np.radians(6.0)), rel=0.01)
+    for depth in (0.1, 0.5):
+        # less stick than the whole disc: somewhat more is lost
+        assert 4.0 < (1.0 - turned(depth) / surface) * np.pi * 5.0 / depth < 8.0
+
+
 def test_wrong_input_is_told(path):
     layout = lay_out_markers(MODEL)
     with pytest.raises(ValueError, match="path of contacts"):
@@ -91,3 +109,5 @@ def test_wrong_input_is_told(path):
     flat = MarkerLayout(layout.reference[:, :2], layout.neighbours, layout.grid_shape)
     with pytest.raises(ValueError, match="x, y and z"):
         simulate_recording(path, flat)
+    with pytest.raises(ValueError, match="depth must not be below 0"):
+        simulate_recording(path, layout, depth=-0.1)
