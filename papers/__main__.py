@@ -18,8 +18,14 @@ from estimation.report import figure_png
 from estimation.sources import write_archive
 from papers.leaderboard import alarms, board, cases
 from papers.leaderboard import settings as leaderboard_settings
+from papers.published import compare, read_published
 
-ITEMS = {"virtual_pivots": ("accuracy", "reversal")}
+ITEMS = {
+    "li2024": ("method", "fig6", "fig7b", "fig8b"),
+    "virtual_pivots": ("accuracy", "reversal"),
+}
+"""Items of each paper: modules with `compute`, `plot` and `tables`, and `numbers` where something
+was published."""
 
 app = typer.Typer(
     help="Published results regenerated, and studies of our own.",
@@ -39,30 +45,47 @@ def list_items() -> None:
 
 @app.command()
 def run(
-    paper: Annotated[str, typer.Argument(help="Paper or study.")],
+    paper: Annotated[str | None, typer.Argument(help="Paper or study; all if none.")] = None,
     item: Annotated[str | None, typer.Argument(help="One of its items; all if none.")] = None,
     quick: Annotated[bool, typer.Option(help="A few draws instead of all.")] = False,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/papers"),
 ) -> None:
-    """Compute items, draw them and print their tables."""
-    if paper not in ITEMS:
-        raise ValueError(f"no paper {paper!r}; there are {', '.join(ITEMS)}")
-    if item is not None and item not in ITEMS[paper]:
-        raise ValueError(f"{paper} has no item {item!r}; it has {', '.join(ITEMS[paper])}")
+    """Compute items, draw them, print their tables and what was published beside ours."""
+    chosen = _choose(paper, item)
     check_writable(out)
-    settings = import_module(f"papers.{paper}.settings")
-    for name in ITEMS[paper] if item is None else (item,):
-        module = import_module(f"papers.{paper}.{name}")
-        with Progress(console=console) as progress:
+    for name, part in chosen:
+        module = import_module(f"papers.{name}.{part}")
+        with _progress() as progress:
             result = module.compute(
-                draws=(settings.QUICK_DRAWS if quick else settings.DRAWS)[name],
-                track=lambda cases: progress.track(cases, description=name),  # noqa: B023
+                quick=quick,
+                track=lambda cases: progress.track(cases, description=f"{name} {part}"),  # noqa: B023
             )
-        write_whole(out / paper / f"{name}.png", figure_png(module.plot(result)))
-        for suffix, rows in module.tables(result).items():
-            write_whole(out / paper / f"{name}{suffix}.csv", _csv(rows))
-            Console(width=200).print(_table(rows))
-        print(f"written to {out / paper}")
+        write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
+        shown = module.tables(result)
+        if rows := [row for row in read_published(name) if row.item == part]:
+            shown["_published"] = compare(rows, module.numbers(result))
+        for suffix, rows in shown.items():
+            write_whole(out / name / f"{part}{suffix}.csv", _csv(rows))
+            Console(width=200).print(_table(f"{name} {part}{suffix}", rows))
+    print(f"written to {out}")
+
+
+def _choose(paper: str | None, item: str | None) -> list[tuple[str, str]]:
+    """Papers and items that were asked for.
+
+    Raises:
+        ValueError: there is no such one.
+    """
+    if paper is not None and paper not in ITEMS:
+        raise ValueError(f"no paper {paper!r}; there are {', '.join(ITEMS)}")
+    if paper is not None and item is not None and item not in ITEMS[paper]:
+        raise ValueError(f"{paper} has no item {item!r}; it has {', '.join(ITEMS[paper])}")
+    return [
+        (name, part)
+        for name, parts in ITEMS.items()
+        for part in parts
+        if paper in (None, name) and item in (None, part)
+    ]
 
 
 @app.command()
@@ -104,7 +127,7 @@ def leaderboard(
     folder = out / "leaderboard"
     for name, table in (("leaderboard", rows), ("warnings", alarms.tabulate_warnings(draws))):
         write_whole(folder / f"{name}.csv", _csv(table))
-        Console(width=200).print(_table(table))
+        Console(width=200).print(_table(name, table))
     write_whole(folder / "leaderboard.png", figure_png(board.plot(answers, rows)))
     write_whole(folder / "curves.png", figure_png(board.plot_curves(answers)))
     print(f"written to {folder}")
@@ -158,8 +181,8 @@ def _csv(rows: list[dict[str, object]]) -> str:
     return text.getvalue()
 
 
-def _table(rows: list[dict[str, object]]) -> Table:
-    table = Table(*rows[0])
+def _table(title: str, rows: list[dict[str, object]]) -> Table:
+    table = Table(*rows[0], title=title)
     for row in rows:
         table.add_row(*("–" if value is None else str(value) for value in row.values()))
     return table

@@ -41,18 +41,17 @@ class Accuracy(NamedTuple):
 
 
 def compute(
-    draws: int = settings.DRAWS["accuracy"],
-    seed: int = 0,
+    quick: bool = False,
     track: Callable[[Iterable], Iterable] = iter,
 ) -> Accuracy:
     """Draw and estimate.
 
     Args:
-        draws: per noise, friction ratio and angle.
-        seed: of the draws.
+        quick: a few draws instead of all.
         track: wraps the outer loop, to show progress.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
+    draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["accuracy"]
     shape = (
         len(settings.NOISES_UM),
         len(settings.FRICTION_RATIOS),

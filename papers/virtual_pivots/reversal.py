@@ -42,18 +42,17 @@ class Reversals(NamedTuple):
 
 
 def compute(
-    draws: int = settings.DRAWS["reversal"],
-    seed: int = 0,
+    quick: bool = False,
     track: Callable[[Iterable], Iterable] = iter,
 ) -> Reversals:
     """Draw and estimate.
 
     Args:
-        draws: recordings.
-        seed: of the draws.
+        quick: a few draws instead of all.
         track: wraps the loop, to show progress.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
+    draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["reversal"]
     rows = []
     for draw in track(range(draws)):
         model = PivotModel(

@@ -15,7 +15,7 @@ FIRM_MARKERS = 10
 DRAWS = {"accuracy": 80, "reversal": 1000}
 """Draws per angle, ratio and noise (over 1000 for each ratio and noise); recordings."""
 
-QUICK_DRAWS = {"accuracy": 4, "reversal": 10}
+QUICK_DRAWS = {"accuracy": 2, "reversal": 4}
 
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
 """μp0/2G* of the reversals [-]: at 10° some 5 to 25 markers are left that have always stuck."""

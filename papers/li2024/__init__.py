@@ -1,0 +1,1 @@
+"""The source paper: Li, Zhou, Li, Jiang, rotation from incipient slip on a visuotactile sensor."""

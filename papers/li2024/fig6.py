@@ -1,0 +1,148 @@
+"""Fig. 6: four contacts, pressed and moved, and what is measured of them.
+
+Clockwise, counter-clockwise, translation alone, and a small round contact: paths of the contact
+model on an incompressible pad, for which pressing does not move the markers sideways.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+
+from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
+from estimation.estimators import DEFAULT_METHOD
+from estimation.tracker import estimate_angles
+from estimation.virtual.contact import simulate_recording
+from estimation.virtual.recording import Camera, PivotModel, lay_out_markers
+from papers.li2024 import settings
+
+METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
+
+
+class Motion(NamedTuple):
+    """A case of the figure: radius of curvature and approach [mm], angle [deg], shift [mm]."""
+
+    radius: float
+    approach: float
+    angle_deg: float
+    shift: tuple[float, float]
+
+
+MOTIONS = {
+    "(a) clockwise": Motion(settings.DOME_MM, settings.APPROACH_MM, -10.0, (0.3, -0.2)),
+    "(b) counter-clockwise": Motion(settings.DOME_MM, settings.APPROACH_MM, 10.0, (0.3, -0.2)),
+    "(c) translation": Motion(settings.DOME_MM, settings.APPROACH_MM, 0.0, (0.5, -0.3)),
+    "(d) small round contact": Motion(8.0, 0.7, 10.0, (0.0, 0.0)),
+}
+
+_PAD = HalfSpace(shear_modulus=0.2, poisson_ratio=0.5)
+_GRID = Grid((48, 48), (14.0, 14.0))
+_FRICTION = 1.0
+_STEPS = 10
+
+
+class View(NamedTuple):
+    """The last frame of a motion.
+
+    Attributes:
+        truth: the object's angle [deg].
+        angle: by each of `METHODS`, NaN without an answer [deg].
+        reference: unloaded markers [mm].
+        displacement: of the markers [mm].
+        sticks: markers that truly stick.
+        contact: markers under the object.
+        seen: markers that stick as the paper's method has it.
+    """
+
+    truth: float
+    angle: dict[str, float]
+    reference: Float[np.ndarray, "n 2"]
+    displacement: Float[np.ndarray, "n 2"]
+    sticks: Bool[np.ndarray, " n"]
+    contact: Bool[np.ndarray, " n"]
+    seen: Bool[np.ndarray, " n"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> dict[str, View]:
+    """Solve and measure the four motions. The quick size is the full one: seconds."""
+    return {name: _view(MOTIONS[name]) for name in track(list(MOTIONS))}
+
+
+def _view(motion: Motion) -> View:
+    end = Pose(motion.approach, motion.shift, np.radians(motion.angle_deg))
+    path = make_path([Pose(motion.approach), end], [_STEPS])
+    solution = solve_path(
+        _PAD, Rigid(), Paraboloid(motion.radius), path, _GRID, _FRICTION, rtol=1e-6
+    )
+    layout = lay_out_markers(PivotModel(grid_shape=settings.MARKERS, pitch=settings.PITCH_MM))
+    recording, truth = simulate_recording(
+        solution, layout, Camera(dropped=0.0, seed=settings.SEED), unloaded=20
+    )
+    results = {method: estimate_angles(recording, method) for method in METHODS}
+    return View(
+        truth=motion.angle_deg,
+        angle={m: float(np.degrees(result.angle[-1])) for m, result in results.items()},
+        reference=layout.reference[:, :2],
+        displacement=(recording.positions[-1] - layout.reference)[:, :2],
+        sticks=truth.stick[-1],
+        contact=truth.contact[-1],
+        seen=results["paper"].stick[-1],
+    )
+
+
+def numbers(result: dict[str, View]) -> dict[str, float]:
+    """Ours, for `published.csv`."""
+    return {"rotation_in_translation": abs(result["(c) translation"].angle[DEFAULT_METHOD])}
+
+
+def tables(result: dict[str, View]) -> dict[str, list[dict[str, object]]]:
+    """A row for each motion."""
+    return {
+        "": [
+            {
+                "motion": name,
+                "truth [°]": view.truth,
+                **{f"{method} [°]": round(view.angle[method], 3) for method in METHODS},
+                "markers that stick": int(view.sticks.sum()),
+                "in contact": int(view.contact.sum()),
+            }
+            for name, view in result.items()
+        ]
+    }
+
+
+def plot(result: dict[str, View]) -> Figure:
+    """Displacements of the markers, and which of them stick."""
+    figure, axes = plt.subplots(1, 4, figsize=(15, 5.2), sharey=True, layout="constrained")
+    for axis, (name, view) in zip(axes, result.items(), strict=True):
+        slips = view.contact & ~view.sticks
+        for markers, colour, what in (
+            (~view.contact, "0.75", "no contact"),
+            (slips, "C1", "has slipped (truth)"),
+            (view.sticks, "C0", "sticks (truth)"),
+        ):
+            axis.quiver(
+                *view.reference[markers].T,
+                *view.displacement[markers].T,
+                color=colour,
+                angles="xy",
+                scale_units="xy",
+                scale=1.0,
+                width=0.006,
+                label=what,
+            )
+        axis.scatter(*view.reference[view.seen].T, s=30, facecolors="none", edgecolors="k", lw=0.6,
+                     label="sticks (paper's method)")  # fmt: skip
+        told = "\n".join(f"{m}: {_say(angle)}" for m, angle in view.angle.items())
+        axis.set_title(f"{name}, truth {view.truth:g}°\n{told}", fontsize=9)
+        axis.set(aspect="equal", xlim=(-7, 7), ylim=(-7, 7), xlabel="x [mm]")
+    axes[0].set_ylabel("y [mm]")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _say(angle: float) -> str:
+    return f"{angle:.2f}°" if np.isfinite(angle) else "no answer"

@@ -1,0 +1,153 @@
+"""Fig. 7(b): static error at each integer angle, against Kolamuri's method.
+
+A cube's face on a domed pad makes a round contact within the face, pressed as by Hertz: the
+virtual pivot of `estimation.virtual`. Every repetition lays the markers anew and draws the
+friction; it is one frame, so without the window. An angle without an answer counts as an error as
+large as the angle.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from estimation.estimators import DEFAULT_METHOD
+from estimation.noise import Noise
+from estimation.tracker import Tracker
+from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.li2024 import settings
+from papers.limits import MEAN_ABSOLUTE, angle_limit
+
+METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
+
+
+class Static(NamedTuple):
+    """Repetitions, those that do not count left out.
+
+    Attributes:
+        noise_um: of a repetition [µm].
+        angle: true [deg].
+        error: of each of `METHODS` [deg].
+        limit: Cramér–Rao bound, as a standard deviation [deg].
+    """
+
+    noise_um: Float[np.ndarray, " draws"]
+    angle: Float[np.ndarray, " draws"]
+    error: Float[np.ndarray, "draws methods"]
+    limit: Float[np.ndarray, " draws"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Static:
+    """Repeat the experiment."""
+    rng = np.random.default_rng(settings.SEED)
+    low, high = settings.QUICK_REPETITIONS if quick else settings.REPETITIONS
+    rows = []
+    for angle in track(settings.ANGLES_DEG):
+        for noise_um in settings.NOISES_UM:
+            for _ in range(rng.integers(low, high + 1)):
+                rows.append(_repeat(float(angle), noise_um, rng))
+    noise_um, angles, error, limit = (np.array(column) for column in zip(*rows, strict=True))
+    return Static(noise_um, angles, error, limit)
+
+
+def _repeat(
+    angle: float, noise_um: float, rng: np.random.Generator
+) -> tuple[float, float, list[float], float]:
+    """One frame in which enough markers stick."""
+    while True:
+        model = PivotModel(
+            contact_radius=float(np.sqrt(settings.DOME_MM * settings.APPROACH_MM)),
+            approach=settings.APPROACH_MM,
+            friction_ratio=float(rng.uniform(*settings.FRICTION_RATIOS)),
+            grid_shape=settings.MARKERS,
+            pitch=settings.PITCH_MM,
+            offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
+            grid_angle=float(rng.uniform(0.0, np.pi / 2)),
+            noise=1e-3 * noise_um,
+            normal_noise=3.5e-3 * noise_um,
+        )
+        layout, frame, stick = simulate_frame(model, float(np.radians(angle)), rng)
+        if stick.sum() >= settings.FIRM_MARKERS:
+            break
+    noise = Noise.given(1e-3 * noise_um)
+    answers = [Tracker(layout, method, noise=noise).update(frame).angle for method in METHODS]
+    error = (np.degrees(np.nan_to_num(answers)) - angle).tolist()
+    limit = angle_limit(layout.reference[:, :2], stick, noise.in_plane)
+    return noise_um, angle, error, float(np.degrees(limit))
+
+
+def numbers(result: Static) -> dict[str, float]:
+    """Ours, for `published.csv`: the default method at 1 µm."""
+    error = np.abs(result.error[result.noise_um == 1.0, METHODS.index(DEFAULT_METHOD)])
+    return {
+        "mean_absolute_error": float(error.mean()),
+        "standard_deviation": float(error.std()),
+    }
+
+
+def tables(result: Static) -> dict[str, list[dict[str, object]]]:
+    """Pooled over the angles, a row for each noise and method."""
+    rows = []
+    for noise_um in settings.NOISES_UM:
+        of_noise = result.noise_um == noise_um
+        for i, method in enumerate(METHODS):
+            error = result.error[of_noise, i]
+            small = result.angle[of_noise] < 10
+            rows.append(
+                {
+                    "noise [µm]": noise_um,
+                    "method": method,
+                    "frames": int(of_noise.sum()),
+                    "mean absolute error [°]": round(float(np.abs(error).mean()), 4),
+                    "standard deviation of it [°]": round(float(np.abs(error).std()), 4),
+                    "mean error below 10° [°]": round(float(error[small].mean()), 4),
+                    "mean error from 10° [°]": round(float(error[~small].mean()), 4),
+                }
+            )
+        limit = MEAN_ABSOLUTE * result.limit[of_noise].mean()
+        rows.append(
+            dict.fromkeys(rows[-1])
+            | {"noise [µm]": noise_um, "method": "Cramér–Rao bound"}
+            | {"mean absolute error [°]": round(float(limit), 4)}
+        )
+    return {"": rows}
+
+
+def plot(result: Static) -> Figure:
+    """Box plots of the error by angle, and the mean absolute error over the bound."""
+    figure, axes = plt.subplots(2, 3, figsize=(13, 7), sharex=True, layout="constrained")
+    of_noise = result.noise_um == 1.0
+    for i, (axis, method) in enumerate(zip(axes[:, :2].flat, METHODS, strict=True)):
+        boxes = [result.error[of_noise & (result.angle == a), i] for a in settings.ANGLES_DEG]
+        axis.axhline(0.0, color="C3", lw=1)
+        axis.boxplot(boxes, positions=settings.ANGLES_DEG, widths=0.6, flierprops={"ms": 2})
+        error = np.abs(result.error[of_noise, i])
+        axis.set_title(f"{method}, 1 µm: {error.mean():.3f}° ± {error.std():.3f}°", fontsize=10)
+        axis.set_ylabel("error [°]")
+        axis.grid(alpha=0.3)
+    for axis, noise_um in zip(axes[:, 2], settings.NOISES_UM, strict=True):
+        _plot_means(axis, result, noise_um)
+    for axis in axes[1]:
+        axis.set_xlabel("object's angle [°]")
+        axis.set_xticks(range(2, 21, 3), range(2, 21, 3))
+    return figure
+
+
+def _plot_means(axis, result: Static, noise_um: float) -> None:
+    chosen = [
+        (result.noise_um == noise_um) & (result.angle == angle) for angle in settings.ANGLES_DEG
+    ]
+    for i, method in enumerate(METHODS):
+        mean = [np.abs(result.error[rows, i]).mean() for rows in chosen]
+        axis.semilogy(settings.ANGLES_DEG, mean, "o-", ms=3, lw=1, label=method)
+    bound = [MEAN_ABSOLUTE * result.limit[rows].mean() for rows in chosen]
+    axis.semilogy(settings.ANGLES_DEG, bound, "k--", lw=1, label="Cramér–Rao bound")
+    axis.axhline(0.17, color="0.5", ls=":", lw=1, label="paper, hardware: 0.17°")
+    axis.set_title(f"mean absolute error, {noise_um:g} µm", fontsize=10)
+    axis.set_ylabel("[°]")
+    axis.grid(alpha=0.3, which="both")
+    if noise_um == settings.NOISES_UM[0]:
+        axis.legend(fontsize=7, ncols=2)

@@ -1,0 +1,57 @@
+"""Constants of the method as printed, and what the library takes by default.
+
+The quantity that Eq. (15) bounds has no unit, and the bound is printed as "0.4°"; `paper` reads it
+as 0.4, `paper_strict` as 0.4° in radians.
+"""
+
+from collections.abc import Callable, Iterable
+from inspect import signature
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from estimation.contact import ONSET_MM, SHARE
+from estimation.estimators.paper import STRICT_THRESHOLD, Paper
+from estimation.stick import ANGLE_FLOOR_DEG
+
+Method = dict[str, float]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Method:
+    """The defaults."""
+    told = signature(Paper).parameters
+    constants = {
+        "contact_share": SHARE,
+        "onset": ONSET_MM,
+        "threshold": told["threshold"].default,
+        "fewest_stick_markers": told["min_stick_markers"].default,
+        "window": told["window"].default,
+    }
+    return {name: float(value) for name, value in constants.items()}
+
+
+def numbers(result: Method) -> dict[str, float]:
+    """Ours, for `published.csv`."""
+    return result
+
+
+def tables(result: Method) -> dict[str, list[dict[str, object]]]:
+    """The defaults, a row each."""
+    return {"": [{"constant": name, "default": value} for name, value in result.items()]}
+
+
+def plot(result: Method) -> Figure:
+    """What Eq. (15) lets into the region: how far φ_i may lie from the region's mean."""
+    mean = np.linspace(0.05, 20.0, 400)
+    figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
+    for name, threshold in (("0.4", result["threshold"]), ("0.4° = 0.007", STRICT_THRESHOLD)):
+        root = threshold / 2.0 + np.sqrt(1.0 + threshold**2 / 4.0)  # √(φ_i/φ̄) at the bound
+        above = np.maximum((root**2 - 1.0) * mean, threshold * ANGLE_FLOOR_DEG)
+        below = np.maximum((1.0 - root**-2) * mean, threshold * ANGLE_FLOOR_DEG)
+        axis.fill_between(mean, -below, above, alpha=0.5, label=f"threshold read as {name}")
+    axis.set_xlabel("mean φ of the stick region [°]")
+    axis.set_ylabel("φ of a marker that may join, less the mean [°]")
+    axis.grid(alpha=0.3)
+    axis.legend()
+    return figure

@@ -1,0 +1,80 @@
+"""Every item of every paper runs in its quick size, and every printed number has ours beside it."""
+
+import csv
+import sys
+from importlib import import_module
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from papers.__main__ import ITEMS, main
+from papers.published import KINDS, compare, read_published
+
+PUBLISHED = {"li2024": read_published("li2024")}
+
+
+@pytest.mark.parametrize("item", ITEMS["li2024"])
+def test_printed_numbers_are_reproduced_or_told_apart(item):
+    module = import_module(f"papers.li2024.{item}")
+    result = module.compute(quick=True)
+    rows = [row for row in PUBLISHED["li2024"] if row.item == item]
+    assert rows, f"{item} has no row in published.csv"
+    verdicts = {row["quantity"]: row["verdict"] for row in compare(rows, module.numbers(result))}
+    assert "WRONG" not in verdicts.values(), verdicts
+    for row in rows:  # hardware is compared, never passed
+        assert (verdicts[row.quantity] == "compared") == (row.kind == "hardware")
+    assert np.isfinite([module.numbers(result)[row.quantity] for row in rows]).all()
+    assert all(module.tables(result).values())
+    plt.close(module.plot(result))
+
+
+def test_every_row_belongs_to_an_item_and_gives_its_reason():
+    for paper, rows in PUBLISHED.items():
+        for row in rows:
+            assert row.item in ITEMS[paper]
+            assert row.kind in KINDS
+            assert row.source
+            # a tolerance has a number and a reason; of hardware nothing is tolerated
+            assert (row.kind == "hardware") == (row.tolerance == "")
+            assert row.kind == "hardware" or row.tolerance.partition(": ")[2]
+            assert row.kind == "hardware" or row.allowed >= 0
+
+
+def test_a_row_that_should_differ_is_wrong_when_it_does_not():
+    row = PUBLISHED["li2024"][0]._replace(value=2.0, tolerance="0.1: for the test", differs="why")
+    assert row.judge(2.05) == "WRONG"
+    assert row.judge(2.5) == "differs"
+    assert row._replace(differs="").judge(2.05) == "reproduced"
+    assert row._replace(kind="hardware", tolerance="").judge(2.0) == "compared"
+
+
+def run(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["papers", *map(str, arguments)])
+    main()
+
+
+def test_run_draws_and_prints_ours_beside_theirs(tmp_path, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as done:
+        run(monkeypatch, "run", "li2024", "method", "--quick", "--out", tmp_path)
+    assert not done.value.code
+    assert "reproduced" in capsys.readouterr().out
+    assert (tmp_path / "li2024" / "method.png").stat().st_size > 0
+    written = (tmp_path / "li2024" / "method_published.csv").read_text()
+    rows = list(csv.DictReader(written.splitlines()))
+    assert {row["verdict"] for row in rows} == {"reproduced"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "smith1999"], "no paper 'smith1999'; there are li2024"),
+        (["run", "li2024", "fig99"], "li2024 has no item 'fig99'; it has method"),
+        (["sweep", "papers.nothing"], "no study 'papers.nothing'"),
+    ],
+)
+def test_unknown_names_are_told_with_what_there_is(monkeypatch, capsys, arguments, message):
+    with pytest.raises(SystemExit) as done:
+        run(monkeypatch, *arguments)
+    assert done.value.code == 2
+    assert message in " ".join(capsys.readouterr().err.split())
