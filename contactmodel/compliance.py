@@ -218,10 +218,12 @@ class Compliance(eqx.Module):
     Attributes:
         normal: of w_S + w_B by p [mm/MPa].
         shear: xx, yy, xy of u_S − u_B by τ [mm/MPa].
+        coupling: along x and y of u_S − u_B by p, over i [mm/MPa].
     """
 
     normal: Float[Array, "mx my"]
     shear: Float[Array, "3 mx my"]
+    coupling: Float[Array, "2 mx my"]
 
     def press(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
         """w_S + w_B by a pressure [mm]."""
@@ -230,6 +232,14 @@ class Compliance(eqx.Module):
     def drag(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
         """u_S − u_B by a traction [mm]."""
         return _apply(self.shear, traction)
+
+    def pull(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "2 nx ny"]:
+        """u_S − u_B by a pressure [mm]."""
+        return convolve(1j * self.coupling, jnp.stack([pressure, pressure]))
+
+    def lift(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "nx ny"]:
+        """w_S + w_B by a traction [mm]."""
+        return -jnp.sum(convolve(1j * self.coupling, traction), axis=0)
 
     def unpress(self, displacement: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
         """Roughly the inverse of `press`: the inverse on the doubled grid ([Vollebregt2014]).
@@ -252,11 +262,15 @@ class Compliance(eqx.Module):
 
 
 def pair_compliance(elastomer: Deformable, object_: Deformable, grid: Grid) -> Compliance:
-    """Compliance of two bodies pressed against each other: the sum of theirs."""
+    """Compliance of two bodies pressed against each other: the sum of theirs.
+
+    Only the coupling is their difference, as the object carries −τ.
+    """
     s, b = grid_coefficients(elastomer, grid), grid_coefficients(object_, grid)
     return Compliance(
         normal=transform(s.zz + b.zz).real,
         shear=transform(jnp.stack([s.xx + b.xx, s.yy + b.yy, s.xy + b.xy])).real,
+        coupling=transform(jnp.stack([s.xz - b.xz, s.yz - b.yz])).imag,
     )
 
 

@@ -49,52 +49,6 @@ class _State(NamedTuple):
     applications: Int[Array, ""]
 
 
-def solve_traction(
-    compliance: Compliance,
-    drive: Float[Array, "2 nx ny"],
-    limit: Float[Array, "nx ny"],
-    *,
-    start: Float[Array, "2 nx ny"],
-    rtol: float,
-    max_steps: int,
-) -> tuple[Float[Array, "2 nx ny"], Iterations]:
-    """Traction on the elastomer, |τ| ≤ μp, that sticks or slides along the slip.
-
-    The residual is the root mean square, over the cells in contact, of the slip that sticking
-    cells have, of the slip across τ and of the slip against τ that sliding cells have, divided by
-    the root mean square of the drive.
-
-    Args:
-        compliance: of the pair.
-        drive: b [mm].
-        limit: μp, 0 outside the contact [MPa].
-        start: a traction to begin with [MPa].
-        rtol: tolerance on the residual [-].
-        max_steps: Newton steps at most.
-
-    Returns:
-        Traction [MPa], differentiable with respect to compliance, drive and limit, and what the
-        solver did.
-    """
-    fixed, still, bound = jax.lax.stop_gradient((compliance, drive, limit))
-    traction, iterations = _minimise(
-        fixed, still, bound, jax.lax.stop_gradient(start), rtol, max_steps
-    )
-    sets = find_sets(traction, still - fixed.drag(traction), bound)
-
-    def residual(traction: Array) -> Array:
-        held = jnp.where(sets.slide, limit * sets.normal, traction)
-        free = _along(sets, compliance.drag(held) - drive)
-        size = jnp.sum(traction * sets.normal, axis=0)
-        return free + jnp.where(sets.slide, size - limit, 0.0) * sets.normal
-
-    tangent, precondition = _newton_system(fixed, sets)
-    traction = attach_derivative(
-        traction, residual, tangent, precondition, rtol=rtol, max_steps=_NEWTON_STEPS * max_steps
-    )
-    return traction, iterations
-
-
 def find_sets(
     traction: Float[Array, "2 nx ny"],
     slip: Float[Array, "2 nx ny"],
@@ -122,10 +76,36 @@ def find_sets(
     )
 
 
-def _minimise(
-    compliance: Compliance, drive: Array, limit: Array, start: Array, rtol: float, max_steps: int
-) -> tuple[Array, Iterations]:
-    """Newton steps on the present sets, each cut back until the energy falls."""
+def solve_traction(
+    compliance: Compliance,
+    drive: Float[Array, "2 nx ny"],
+    limit: Float[Array, "nx ny"],
+    *,
+    start: Float[Array, "2 nx ny"],
+    rtol: float,
+    max_steps: int,
+) -> tuple[Float[Array, "2 nx ny"], Iterations]:
+    """Traction on the elastomer, |τ| ≤ μp, that sticks or slides along the slip.
+
+    By Newton steps on the present sets, each cut back until the energy falls. Derivatives stop
+    here; see `attach_traction`.
+
+    The residual is the root mean square, over the cells in contact, of the slip that sticking
+    cells have, of the slip across τ and of the slip against τ that sliding cells have, divided by
+    the root mean square of the drive.
+
+    Args:
+        compliance: of the pair.
+        drive: b [mm].
+        limit: μp, 0 outside the contact [MPa].
+        start: a traction to begin with [MPa].
+        rtol: tolerance on the residual [-].
+        max_steps: Newton steps at most.
+
+    Returns:
+        Traction [MPa], and what the solver did.
+    """
+    compliance, drive, limit, start = jax.lax.stop_gradient((compliance, drive, limit, start))
     contact = limit > 0.0
     count = jnp.maximum(jnp.sum(contact), 1)
     tiny = jnp.finfo(drive.dtype).tiny
@@ -156,6 +136,40 @@ def _minimise(
     state = _State(start, drive - compliance.drag(start), 0 * one, one)
     end = jax.lax.while_loop(go_on, step, state)
     return end.traction, Iterations(end.steps, end.applications, violation(end))
+
+
+def attach_traction(
+    traction: Float[Array, "2 nx ny"],
+    compliance: Compliance,
+    drive: Float[Array, "2 nx ny"],
+    limit: Float[Array, "nx ny"],
+    *,
+    rtol: float,
+    max_steps: int,
+) -> Float[Array, "2 nx ny"]:
+    """The solution, differentiable with respect to compliance, drive and limit.
+
+    Args:
+        traction: the solution [MPa].
+        compliance: of the pair.
+        drive: b [mm].
+        limit: μp [MPa].
+        rtol: tolerance of the linear solve [-].
+        max_steps: as of `solve_traction`.
+    """
+    traction, fixed, still, bound = jax.lax.stop_gradient((traction, compliance, drive, limit))
+    sets = find_sets(traction, still - fixed.drag(traction), bound)
+
+    def residual(traction: Array) -> Array:
+        held = jnp.where(sets.slide, limit * sets.normal, traction)
+        free = _along(sets, compliance.drag(held) - drive)
+        size = jnp.sum(traction * sets.normal, axis=0)
+        return free + jnp.where(sets.slide, size - limit, 0.0) * sets.normal
+
+    tangent, precondition = _newton_system(fixed, sets)
+    return attach_derivative(
+        traction, residual, tangent, precondition, rtol=rtol, max_steps=_NEWTON_STEPS * max_steps
+    )
 
 
 def _descend(

@@ -81,6 +81,33 @@ def conjugate_gradients(
     return end.solution, end.steps
 
 
+def minimal_residual(
+    operator: Operator, rhs: Float[Array, "*shape"], *, rtol: float, max_steps: int
+) -> Float[Array, "*shape"]:
+    """Solve a system near the identity, going along the defect as far as it shrinks.
+
+    Args:
+        operator: applies the matrix, its symmetric part positive definite.
+        rhs: right-hand side; 0 is answered by 0.
+        rtol: of the defect's norm by that of the right-hand side [-].
+        max_steps: iterations at most.
+    """
+    limit = rtol**2 * jnp.sum(rhs**2)
+
+    def go_on(state: tuple[Array, Array, Array]) -> Array:
+        _, defect, steps = state
+        return (jnp.sum(defect**2) > limit) & (steps < max_steps)
+
+    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        solution, defect, steps = state
+        image = operator(defect)
+        length = jnp.sum(image * defect) / jnp.sum(image**2)
+        return solution + length * defect, defect - length * image, steps + 1
+
+    start = (jnp.zeros_like(rhs), rhs, jnp.zeros((), jnp.int32))
+    return jax.lax.while_loop(go_on, step, start)[0]
+
+
 def attach_derivative(
     solution: Array,
     residual: Operator,

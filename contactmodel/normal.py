@@ -36,54 +36,25 @@ def solve_pressure(
     rtol: float,
     max_steps: int,
 ) -> tuple[Float[Array, "nx ny"], Iterations]:
-    """Pressure p ≥ 0 that leaves a gap ≥ 0, and none where p > 0.
+    """Pressure p ≥ 0 that leaves a gap ≥ 0, and none where p > 0, by conjugate gradients.
 
-    The residual is the root mean square, over the cells in contact, of the gap there and of the
-    overlap elsewhere, divided by the largest overlap at p = 0.
+    The set of cells in contact is revised at every iteration. Derivatives stop here; see
+    `attach_pressure`.
 
     Args:
         compliance: of the pair.
         gap: at p = 0, below 0 where the undeformed bodies overlap [mm].
         start: a pressure to begin with [MPa].
-        rtol: tolerance on the residual [-].
+        rtol: tolerance on the residual, `pressure_residual` [-].
         max_steps: iterations at most.
 
     Returns:
-        Pressure [MPa], differentiable with respect to the compliance and the gap, and what the
-        solver did.
+        Pressure [MPa], and what the solver did.
     """
-    fixed = jax.lax.stop_gradient(compliance)
-    pressure, iterations = _minimise(
-        fixed, jax.lax.stop_gradient(gap), jax.lax.stop_gradient(start), rtol, max_steps
-    )
-    contact = pressure > 0.0
-
-    def residual(pressure: Array) -> Array:
-        return jnp.where(contact, compliance.press(pressure) + gap, 0.0)
-
-    def tangent(change: Array) -> Array:  # the identity outside the contact, where nothing changes
-        return jnp.where(contact, fixed.press(jnp.where(contact, change, 0.0)), change)
-
-    def precondition(defect: Array) -> Array:
-        return jnp.where(contact, fixed.unpress(jnp.where(contact, defect, 0.0)), defect)
-
-    pressure = attach_derivative(
-        pressure, residual, tangent, precondition, rtol=rtol, max_steps=max_steps
-    )
-    return pressure, iterations
-
-
-def _minimise(
-    compliance: Compliance, gap: Array, start: Array, rtol: float, max_steps: int
-) -> tuple[Array, Iterations]:
-    """Conjugate gradients on the cells in contact, their set revised at every iteration."""
-    scale = jnp.maximum(jnp.max(-gap), jnp.finfo(gap.dtype).tiny)
+    compliance, gap, start = jax.lax.stop_gradient((compliance, gap, start))
 
     def violation(state: _State) -> Array:
-        in_contact = state.pressure > 0.0
-        wrong = jnp.where(in_contact, state.gap, jnp.minimum(state.gap, 0.0))
-        count = jnp.maximum(jnp.sum(in_contact), 1)
-        return jnp.sqrt(jnp.sum(wrong**2) / count) / scale
+        return _violation(state.pressure, state.gap, gap)
 
     def go_on(state: _State) -> Array:
         return (violation(state) > rtol) & (state.steps < max_steps)
@@ -118,3 +89,61 @@ def _minimise(
     )
     end = jax.lax.while_loop(go_on, step, state)
     return end.pressure, Iterations(end.steps, 2 * end.steps + 1, violation(end))
+
+
+def pressure_residual(
+    compliance: Compliance, gap: Float[Array, "nx ny"], pressure: Float[Array, "nx ny"]
+) -> Float[Array, ""]:
+    """How far a pressure is from the solution [-].
+
+    The root mean square, over the cells in contact, of the gap there and of the overlap elsewhere,
+    divided by the largest overlap at p = 0.
+
+    Args:
+        compliance: of the pair.
+        gap: at p = 0 [mm].
+        pressure: p [MPa].
+    """
+    return _violation(pressure, compliance.press(pressure) + gap, gap)
+
+
+def attach_pressure(
+    pressure: Float[Array, "nx ny"],
+    compliance: Compliance,
+    gap: Float[Array, "nx ny"],
+    *,
+    rtol: float,
+    max_steps: int,
+) -> Float[Array, "nx ny"]:
+    """The solution, differentiable with respect to the compliance and the gap.
+
+    Args:
+        pressure: the solution [MPa].
+        compliance: of the pair.
+        gap: at p = 0 [mm].
+        rtol: tolerance of the linear solve [-].
+        max_steps: iterations of the linear solve at most.
+    """
+    fixed, contact = jax.lax.stop_gradient((compliance, pressure > 0.0))
+
+    def residual(pressure: Array) -> Array:
+        return jnp.where(contact, compliance.press(pressure) + gap, 0.0)
+
+    def tangent(change: Array) -> Array:  # the identity outside the contact, where nothing changes
+        return jnp.where(contact, fixed.press(jnp.where(contact, change, 0.0)), change)
+
+    def precondition(defect: Array) -> Array:
+        return jnp.where(contact, fixed.unpress(jnp.where(contact, defect, 0.0)), defect)
+
+    return attach_derivative(
+        pressure, residual, tangent, precondition, rtol=rtol, max_steps=max_steps
+    )
+
+
+def _violation(pressure: Array, gap: Array, undeformed: Array) -> Array:
+    """The residual, the gap under the pressure given."""
+    scale = jnp.maximum(jnp.max(-undeformed), jnp.finfo(gap.dtype).tiny)
+    in_contact = pressure > 0.0
+    wrong = jnp.where(in_contact, gap, jnp.minimum(gap, 0.0))
+    count = jnp.maximum(jnp.sum(in_contact), 1)
+    return jnp.sqrt(jnp.sum(wrong**2) / count) / scale

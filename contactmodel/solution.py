@@ -42,6 +42,15 @@ class RESULTS(eqx.Enumeration):
         "the traction did not converge within max_steps: allow more, a larger rtol, or take the "
         "path in smaller steps"
     )
+    coupling_max_turns = (
+        "pressure and traction did not settle on each other: take the path in smaller steps, or a "
+        "smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
+    )
+    beyond_friction = "friction cannot carry the force or moment asked for"
+    resultant_max_steps = (
+        "no motion was found for the force or moment asked for: give a first guess nearer to it, "
+        "or go there in smaller steps"
+    )
 
 
 class ContactSolution(eqx.Module):
@@ -59,8 +68,8 @@ class ContactSolution(eqx.Module):
         pressure: p on both bodies [MPa].
         traction: τ on the elastomer; the object carries −τ [MPa].
         gap: between the deformed surfaces [mm].
-        slip: s, motion of B's surface against S's since the path began, the part of it that
-            pressing dissimilar bodies causes left out; beyond the contact as well [mm].
+        slip: s, motion of B's surface against S's since the path began, beyond the contact as
+            well [mm].
         slip_increment: its share in the last step [mm].
         dissipated_energy: since the path began [N·mm].
         result: how the solve ended.

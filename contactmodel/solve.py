@@ -11,11 +11,10 @@ from jaxtyping import Array
 from contactmodel.bodies import AbstractBody, Rigid
 from contactmodel.checks import is_traced, non_negative
 from contactmodel.compliance import Compliance, pair_compliance
-from contactmodel.friction import solve_traction
+from contactmodel.coupling import Load, Tractions, solve_tractions
 from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter
 from contactmodel.linear import Iterations
-from contactmodel.normal import solve_pressure
 from contactmodel.pose import Pose
 from contactmodel.solution import RESULTS, ContactSolution
 
@@ -39,9 +38,8 @@ def solve_contact(
 ) -> ContactSolution:
     """Press an object onto an elastomer, then shift and twist it.
 
-    Pressure and friction are solved one after the other: what pressing does to the slip, and
-    friction to the pressure, is left out. Both vanish for bodies with equal (1−2ν)/G, a rigid
-    object on an incompressible elastomer among them.
+    Pressure and friction act on each other unless the bodies have the same (1−2ν)/G, a rigid
+    object on an incompressible half-space among them; both are solved together (`coupling`).
 
     Args:
         elastomer: S.
@@ -51,7 +49,8 @@ def solve_contact(
         grid: cells, more than cover the contact.
         friction_coefficient: μ, a number or a map of the grid [-].
         previous: the contact before this step; the friction depends on it. Without it, the object
-            is pressed first and moved then, from rest.
+            is pressed and moved from rest in one step. To press first and move then, solve both
+            in turn: it differs if pressing causes slip.
         rtol: on the residuals of pressure and traction (see `normal`, `friction`) [-].
         max_steps: of each of the two solvers.
         throw: whether a failure raises; else it is only told by `result`.
@@ -64,7 +63,7 @@ def solve_contact(
     friction = non_negative(friction_coefficient)
     last = _remember(previous, pose, grid)
     solution = _solve_one(elastomer, object_, indenter, pose, grid, friction, last, rtol, max_steps)
-    return _raise_failure(solution) if throw else solution
+    return raise_failure(solution) if throw else solution
 
 
 def solve_path(
@@ -105,7 +104,7 @@ def solve_path(
     friction = non_negative(friction_coefficient)
     last = _remember(previous, path, grid)
     solution = _solve_all(elastomer, object_, indenter, path, grid, friction, last, rtol, max_steps)
-    return _raise_failure(solution) if throw else solution
+    return raise_failure(solution) if throw else solution
 
 
 class _Memory(NamedTuple):
@@ -197,30 +196,27 @@ def _step(
     """The contact at a pose, from the one before."""
     points = jnp.asarray(grid.points, last.pressure.dtype)
     undeformed = _in_precision_of(indenter.height(points) - pose.approach, pose)
-    pressure, normal = solve_pressure(
-        compliance, undeformed, start=last.pressure, rtol=rtol, max_steps=max_steps
-    )
-    drive = pose.displacement(points) - last.slip
-    traction, friction = solve_traction(
+    motion = pose.displacement(points) - last.slip
+    end = solve_tractions(
         compliance,
-        drive,
-        friction_coefficient * pressure,
-        start=last.traction,
+        Load(undeformed, motion, friction_coefficient),
+        start=(last.pressure, last.traction),
         rtol=rtol,
         max_steps=max_steps,
     )
-    increment = drive - compliance.drag(traction)
+    pressure, traction = end.pressure, end.traction
+    increment = motion - compliance.pull(pressure) - compliance.drag(traction)
     return _Step(
         pose=pose,
         pressure=pressure,
         traction=traction,
-        gap=undeformed + compliance.press(pressure),
+        gap=undeformed + compliance.press(pressure) + compliance.lift(traction),
         slip=last.slip + increment,
         slip_increment=increment,
         dissipated_energy=last.dissipated_energy + jnp.sum(traction * increment) * grid.cell_area,
-        result=_judge(pressure, normal, friction, rtol),
-        normal=normal,
-        friction=friction,
+        result=_judge(end, rtol, max_steps),
+        normal=end.normal,
+        friction=end.tangential,
     )
 
 
@@ -229,19 +225,21 @@ def _in_precision_of(tree: Any, pose: Pose) -> Any:
     return jax.tree.map(lambda leaf: leaf.astype(pose.approach.dtype), tree)
 
 
-def _judge(pressure: Array, normal: Iterations, friction: Iterations, rtol: float):
+def _judge(end: Tractions, rtol: float, max_steps: int):
     """How a step ended; the gravest first."""
-    contact = pressure > 0.0
+    contact = end.pressure > 0.0
     inside = jnp.any(contact[1:-1, 1:-1])
     edge = jnp.sum(contact) > jnp.sum(contact[1:-1, 1:-1])
     result = RESULTS.where(inside, RESULTS.successful, RESULTS.no_contact)
-    late = ~(friction.residual <= rtol)
+    result = RESULTS.where(~(end.normal.residual <= rtol), RESULTS.coupling_max_turns, result)
+    late = ~(end.tangential.residual <= rtol)
     result = RESULTS.where(late, RESULTS.friction_max_steps, result)
-    result = RESULTS.where(~(normal.residual <= rtol), RESULTS.normal_max_steps, result)
+    short = end.normal.steps >= max_steps * end.turns
+    result = RESULTS.where(short & ~(end.normal.residual <= rtol), RESULTS.normal_max_steps, result)
     return RESULTS.where(edge, RESULTS.at_the_edge, result)
 
 
-def _raise_failure(solution: ContactSolution) -> ContactSolution:
+def raise_failure(solution: ContactSolution) -> ContactSolution:
     """Raise what `result` says, now or, inside `jit`, when the program runs."""
     result = solution.result
     failed = (result != RESULTS.successful) & (result != RESULTS.no_contact)

@@ -1,0 +1,158 @@
+"""Pressure and traction together, each bound to the other.
+
+Pressing pulls the surfaces of dissimilar bodies past each other, and friction lifts them. For a
+given traction the pressure is the minimum of one convex energy, for a given pressure the traction
+that of another (`normal`, `friction`), but the two together are not one minimum: they are solved in
+turn until the pressure needs no more steps, with less of the new traction if they do not approach.
+Bodies with the same (1−2ν)/G need one turn.
+
+The derivative is that of the fixed point τ = T(τ) of such a turn, (1 − T′) dτ = ∂T.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from contactmodel.compliance import Compliance
+from contactmodel.friction import attach_traction, solve_traction
+from contactmodel.linear import Iterations, Operator, minimal_residual
+from contactmodel.normal import attach_pressure, pressure_residual, solve_pressure
+
+MAX_TURNS = 60
+_APPROACH = 0.7  # residual after a turn by that before; above it, the next turn takes half as much
+
+
+class Load(NamedTuple):
+    """What a step of a contact is solved for.
+
+    Attributes:
+        gap: between the undeformed bodies, below 0 where they overlap [mm].
+        motion: of the rigid object since the last step, with what was then left of the slip [mm].
+        friction: μ [-].
+    """
+
+    gap: Float[Array, "nx ny"]
+    motion: Float[Array, "2 nx ny"]
+    friction: Float[Array, "..."]
+
+
+class Tractions(NamedTuple):
+    """Pressure and traction [MPa], and how they were found."""
+
+    pressure: Float[Array, "nx ny"]
+    traction: Float[Array, "2 nx ny"]
+    normal: Iterations
+    tangential: Iterations
+    turns: Int[Array, ""]
+
+
+class _State(NamedTuple):
+    found: Tractions
+    held: Float[Array, "2 nx ny"]  # the traction that the next pressure is found for
+    share: Float[Array, ""]  # of the new traction in it
+
+
+class _Task(NamedTuple):
+    """All that the solution depends on."""
+
+    compliance: Compliance
+    load: Load
+
+
+def solve_tractions(
+    compliance: Compliance,
+    load: Load,
+    *,
+    start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
+    rtol: float,
+    max_steps: int,
+) -> Tractions:
+    """Pressure and traction that fulfil the laws of contact and of friction.
+
+    Args:
+        compliance: of the pair.
+        load: shape, motion and friction.
+        start: pressure and traction to begin with [MPa].
+        rtol: tolerance on the residuals of `normal` and `friction` [-].
+        max_steps: of each solver in each turn.
+
+    Returns:
+        Pressure and traction, differentiable with respect to the compliance and the load.
+    """
+    return _take_turns(_Task(compliance, load), start, rtol, max_steps)
+
+
+@eqx.filter_custom_jvp
+def _take_turns(task: _Task, start: tuple[Array, Array], rtol: float, max_steps: int) -> Tractions:
+    """Pressure for the traction, traction for the pressure, until the pressure stays."""
+    compliance, load = task
+    how = {"rtol": rtol, "max_steps": max_steps}
+
+    def turn(state: _State) -> _State:
+        found, held, share = state
+        gap = load.gap + compliance.lift(held)
+        pressure, normal = solve_pressure(compliance, gap, start=found.pressure, **how)
+        drive = load.motion - compliance.pull(pressure)
+        traction, tangential = solve_traction(
+            compliance, drive, load.friction * pressure, start=found.traction, **how
+        )
+        residual = pressure_residual(compliance, load.gap + compliance.lift(traction), pressure)
+        normal = _add(found.normal, normal)._replace(residual=residual)
+        slow = residual > _APPROACH * found.normal.residual
+        share = jnp.where(slow, 0.5 * share, jnp.minimum(1.2 * share, 1.0))
+        held = held + share * (traction - held)
+        tangential = _add(found.tangential, tangential)
+        return _State(
+            Tractions(pressure, traction, normal, tangential, found.turns + 1), held, share
+        )
+
+    def go_on(state: _State) -> Array:
+        found = state.found
+        return ~(found.normal.residual <= rtol) & (found.turns < MAX_TURNS)
+
+    zero = jnp.zeros((), jnp.int32)
+    none = Iterations(zero, zero, jnp.full((), jnp.inf, load.gap.dtype))
+    begin = Tractions(*start, none, none, zero)
+    one = jnp.ones((), load.gap.dtype)
+    return jax.lax.while_loop(go_on, turn, _State(begin, begin.traction, one)).found
+
+
+@_take_turns.def_jvp
+def _take_turns_jvp(primals, tangents):
+    """The derivative of the fixed point; that of the start is 0."""
+    task, start, rtol, max_steps = primals
+    end = _take_turns(task, start, rtol, max_steps)
+    how = {"rtol": rtol, "max_steps": max_steps}
+
+    def press(task: _Task, traction: Array) -> Array:
+        gap = task.load.gap + task.compliance.lift(traction)
+        return attach_pressure(end.pressure, task.compliance, gap, **how)
+
+    def turn(task: _Task, traction: Array) -> Array:
+        pressure = press(task, traction)
+        drive = task.load.motion - task.compliance.pull(pressure)
+        limit = task.load.friction * pressure
+        return attach_traction(end.traction, task.compliance, drive, limit, **how)
+
+    def derivative(change: Array) -> Array:
+        return jax.jvp(lambda traction: turn(task, traction), (end.traction,), (change,))[1]
+
+    def solve(operator: Operator, rhs: Array) -> Array:
+        return minimal_residual(operator, rhs, rtol=rtol, max_steps=MAX_TURNS)
+
+    _, pushed = eqx.filter_jvp(lambda task: turn(task, end.traction), (task,), (tangents[0],))
+    dtraction = jax.lax.custom_linear_solve(
+        lambda change: change - derivative(change), pushed, solve, transpose_solve=solve
+    )
+    _, dpressure = eqx.filter_jvp(press, (task, end.traction), (tangents[0], dtraction))
+    still = jax.tree.map(lambda _: None, end)
+    return end, still._replace(pressure=dpressure, traction=dtraction)
+
+
+def _add(before: Iterations, now: Iterations) -> Iterations:
+    return Iterations(
+        before.steps + now.steps, before.applications + now.applications, now.residual
+    )
