@@ -14,7 +14,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
 from contactmodel.friction import attach_traction, solve_traction
@@ -40,13 +40,25 @@ class Load(NamedTuple):
 
 
 class Tractions(NamedTuple):
-    """Pressure and traction [MPa], and how they were found."""
+    """What was found, and how.
+
+    Attributes:
+        pressure: p [MPa].
+        traction: τ [MPa].
+        normal: iterations of all turns; residual under the last traction.
+        tangential: the same of the traction.
+        turns: pressure solved and traction solved.
+        pressed: whether the pressure converged in the last turn.
+        rubbed: whether the traction did.
+    """
 
     pressure: Float[Array, "nx ny"]
     traction: Float[Array, "2 nx ny"]
     normal: Iterations
     tangential: Iterations
     turns: Int[Array, ""]
+    pressed: Bool[Array, ""]
+    rubbed: Bool[Array, ""]
 
 
 class _State(NamedTuple):
@@ -99,6 +111,7 @@ def _take_turns(task: _Task, start: tuple[Array, Array], rtol: float, max_steps:
         traction, tangential = solve_traction(
             compliance, drive, load.friction * pressure, start=found.traction, **how
         )
+        pressed, rubbed = normal.residual <= rtol, tangential.residual <= rtol
         residual = pressure_residual(compliance, load.gap + compliance.lift(traction), pressure)
         normal = _add(found.normal, normal)._replace(residual=residual)
         slow = residual > _APPROACH * found.normal.residual
@@ -106,16 +119,20 @@ def _take_turns(task: _Task, start: tuple[Array, Array], rtol: float, max_steps:
         held = held + share * (traction - held)
         tangential = _add(found.tangential, tangential)
         return _State(
-            Tractions(pressure, traction, normal, tangential, found.turns + 1), held, share
+            Tractions(pressure, traction, normal, tangential, found.turns + 1, pressed, rubbed),
+            held,
+            share,
         )
 
     def go_on(state: _State) -> Array:
         found = state.found
-        return ~(found.normal.residual <= rtol) & (found.turns < MAX_TURNS)
+        settled = found.normal.residual <= rtol
+        return ~settled & (found.turns < MAX_TURNS) & found.pressed & found.rubbed
 
     zero = jnp.zeros((), jnp.int32)
     none = Iterations(zero, zero, jnp.full((), jnp.inf, load.gap.dtype))
-    begin = Tractions(*start, none, none, zero)
+    true = jnp.ones((), bool)
+    begin = Tractions(*start, none, none, zero, true, true)
     one = jnp.ones((), load.gap.dtype)
     return jax.lax.while_loop(go_on, turn, _State(begin, begin.traction, one)).found
 

@@ -214,7 +214,7 @@ def _step(
         slip=last.slip + increment,
         slip_increment=increment,
         dissipated_energy=last.dissipated_energy + jnp.sum(traction * increment) * grid.cell_area,
-        result=_judge(end, rtol, max_steps),
+        result=_judge(end, rtol),
         normal=end.normal,
         friction=end.tangential,
     )
@@ -225,17 +225,16 @@ def _in_precision_of(tree: Any, pose: Pose) -> Any:
     return jax.tree.map(lambda leaf: leaf.astype(pose.approach.dtype), tree)
 
 
-def _judge(end: Tractions, rtol: float, max_steps: int):
+def _judge(end: Tractions, rtol: float):
     """How a step ended; the gravest first."""
     contact = end.pressure > 0.0
     inside = jnp.any(contact[1:-1, 1:-1])
     edge = jnp.sum(contact) > jnp.sum(contact[1:-1, 1:-1])
     result = RESULTS.where(inside, RESULTS.successful, RESULTS.no_contact)
-    result = RESULTS.where(~(end.normal.residual <= rtol), RESULTS.coupling_max_turns, result)
-    late = ~(end.tangential.residual <= rtol)
-    result = RESULTS.where(late, RESULTS.friction_max_steps, result)
-    short = end.normal.steps >= max_steps * end.turns
-    result = RESULTS.where(short & ~(end.normal.residual <= rtol), RESULTS.normal_max_steps, result)
+    apart = ~(end.normal.residual <= rtol)
+    result = RESULTS.where(apart, RESULTS.coupling_max_turns, result)
+    result = RESULTS.where(~end.rubbed, RESULTS.friction_max_steps, result)
+    result = RESULTS.where(~end.pressed, RESULTS.normal_max_steps, result)
     return RESULTS.where(edge, RESULTS.at_the_edge, result)
 
 
