@@ -21,7 +21,16 @@ from papers.leaderboard import settings as leaderboard_settings
 from papers.published import compare, read_published
 
 ITEMS = {
-    "li2024": ("method", "fig6", "fig7b", "fig8b"),
+    "li2024": ("method", "fig6", "fig7b", "fig8b", "fig9b", "error_comparison"),
+    "model_error": (
+        "equation2",
+        "equation14",
+        "equation15",
+        "rotation_forms",
+        "stencil_bias",
+        "reversals",
+        "marker_depth",
+    ),
     "virtual_pivots": ("accuracy", "reversal"),
 }
 """Items of each paper: modules with `compute`, `plot` and `tables`, and `numbers` where something
@@ -61,7 +70,7 @@ def run(
                 track=lambda cases: progress.track(cases, description=f"{name} {part}"),  # noqa: B023
             )
         write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
-        shown = module.tables(result)
+        shown: dict[str, list[dict[str, object]]] = module.tables(result)
         if rows := [row for row in read_published(name) if row.item == part]:
             shown["_published"] = compare(rows, module.numbers(result))
         for suffix, rows in shown.items():

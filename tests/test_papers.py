@@ -14,7 +14,13 @@ from papers.published import KINDS, compare, read_published
 PUBLISHED = {"li2024": read_published("li2024")}
 
 
-@pytest.mark.parametrize("item", ITEMS["li2024"])
+SLOW = ("fig9b", "error_comparison")  # each solves tens of contacts
+
+
+@pytest.mark.parametrize(
+    "item",
+    [pytest.param(i, marks=pytest.mark.slow) if i in SLOW else i for i in ITEMS["li2024"]],
+)
 def test_printed_numbers_are_reproduced_or_told_apart(item):
     module = import_module(f"papers.li2024.{item}")
     result = module.compute(quick=True)

@@ -4,6 +4,8 @@
 Visuotactile Sensing During In-Hand Object Pivoting".
 """
 
+from typing import NamedTuple
+
 # Printed in the paper.
 
 CUBE_MM = 15.0
@@ -51,3 +53,50 @@ FIRM_MARKERS = 10
 QUICK_REPETITIONS = (3, 4)
 
 SEED = 20
+
+
+class Thing(NamedTuple):
+    """One of the ten objects; which household objects the paper's are is not printed.
+
+    Attributes:
+        semi_axes: of the ellipsoid that its surface is where it is held [mm].
+        approach: how hard it is held [mm].
+        stiffness_ratio: k [-].
+        thickness: of the elastomer [mm].
+        friction_coefficient: μ [-].
+        deflection: of the object between the finger and the angular sensor, by the moment
+            [rad/(N·mm)].
+    """
+
+    semi_axes: tuple[float, float, float]
+    approach: float
+    stiffness_ratio: float = 0.0
+    thickness: float = 4.0
+    friction_coefficient: float = 1.0
+    deflection: float = 0.0
+
+
+_FLAT = 1e4
+THINGS = {
+    "1 box": Thing((_FLAT, _FLAT, _FLAT), 0.6),
+    "2 can": Thing((30.0, _FLAT, 30.0), 0.7, thickness=5.0),
+    "3 ball": Thing((25.0, 25.0, 25.0), 0.9, thickness=5.0),
+    "4 bottle": Thing((40.0, 80.0, 20.0), 0.8, 0.05),
+    "5 light box": Thing((_FLAT, _FLAT, _FLAT), 0.4, 0.02, thickness=3.0),
+    "6 heavy box": Thing((_FLAT, _FLAT, _FLAT), 0.8, 0.02, thickness=5.0),
+    "7 slender": Thing((_FLAT, 40.0, 40.0), 0.7, 0.0, deflection=6e-4),
+    "8 soft tube": Thing((20.0, 60.0, 20.0), 1.2, 1.0, thickness=3.0),
+    "9 sponge": Thing((_FLAT, _FLAT, _FLAT), 0.7, 0.3, thickness=2.0),
+    "10 rubber": Thing((30.0, 30.0, 30.0), 1.0, 0.5, thickness=5.0),
+}
+
+LIFT_MARKERS = (16, 16)
+"""Markers under the ten objects; their contacts are up to 13 mm long."""
+
+LIFT_NOISE_MM = (3e-3, 10e-3)
+"""Noise of the lifts, in the plane and along z [mm]."""
+
+DROPPED = 0.1
+"""Share of frames that the lifts lose."""
+
+QUICK_LIFTS = (4, 4)

@@ -3,7 +3,7 @@
 from papers.sweeps.executors import in_process, local_processes, on_cluster
 from papers.sweeps.store import Results, read_results
 from papers.sweeps.study import Study, find_study
-from papers.sweeps.sweep import run_sweep, store_path
+from papers.sweeps.sweep import run_study, run_sweep, store_path
 
 __all__ = [
     "Results",
@@ -13,6 +13,7 @@ __all__ = [
     "local_processes",
     "on_cluster",
     "read_results",
+    "run_study",
     "run_sweep",
     "store_path",
 ]

@@ -1,9 +1,10 @@
 """Run a study over its cases, keep what is done, go on where it was stopped."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from papers.sweeps.executors import Batch, Executor, in_process
+from papers.sweeps.executors import Batch, Executor, Outcome, in_process
 from papers.sweeps.store import Results, Store, lock, read_results
 from papers.sweeps.study import code_version, find_study, make_batches
 
@@ -48,6 +49,27 @@ def run_sweep(
             finished += len(outcomes)
             tell(finished, total)
     return read_results(path)
+
+
+def run_study(name: str, quick: bool, track: Callable[[Iterable], Iterable] = iter) -> Results:
+    """The results of a study, for an item to draw: what its store lacks is evaluated here.
+
+    The quick table is evaluated without a store.
+
+    Args:
+        name: module of the study.
+        quick: the small table instead of the whole one.
+        track: wraps the batches, to show progress.
+    """
+
+    def execute(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
+        for batch in track(batches):
+            yield from in_process(name, [batch])
+
+    if not quick:
+        return run_sweep(name, store_path(name, quick), execute)
+    with TemporaryDirectory() as folder:
+        return run_sweep(name, Path(folder) / "quick.zarr", execute, quick=True)
 
 
 def store_path(name: str, quick: bool) -> Path:

@@ -1,0 +1,122 @@
+"""Fig. 9(b): error on ten objects, without and with their softness calibrated on other lifts.
+
+The lifts are those of `lifts`. Calibrated means that k and L of Eq. (13) are fitted to all other
+lifts of the object, by least squares of the reference over the elastomer's rotation. A lift without
+an answer counts as an error as large as its angle.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.figure import Figure
+
+from contactmodel.rotation import object_rotation
+from papers.li2024 import settings
+from papers.li2024.lifts import METHODS, OURS
+from papers.sweeps import run_study
+
+CALIBRATED = f"{OURS}, calibrated"
+
+
+class Lifts(NamedTuple):
+    """One value per lift.
+
+    Attributes:
+        thing: row of the object.
+        reference: the angular sensor's angle [deg].
+        error: of each method, and of the default one calibrated [deg].
+        stick: markers that truly stick at the end.
+    """
+
+    thing: Int[np.ndarray, " lifts"]
+    reference: Float[np.ndarray, " lifts"]
+    error: dict[str, Float[np.ndarray, " lifts"]]
+    stick: Int[np.ndarray, " lifts"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Lifts:
+    """Lift, or read what `python -m papers sweep papers.li2024.lifts` has done."""
+    results = run_study("papers.li2024.lifts", quick, track)
+    if results.failures:
+        raise ValueError(f"{len(results.failures)} lifts failed: {results.failures}")
+    thing, reference = results.table["thing"], results.values["reference"]
+    elastomer = dict(zip(METHODS, results.values["elastomer"].T, strict=True))
+    error = {method: np.nan_to_num(phi) - reference for method, phi in elastomer.items()}
+    corrected = calibrate_on_others(elastomer[OURS], reference, thing)
+    error[CALIBRATED] = np.nan_to_num(corrected) - reference
+    return Lifts(thing, reference, error, results.values["stick"])
+
+
+def calibrate_on_others(
+    elastomer: Float[np.ndarray, " lifts"],
+    reference: Float[np.ndarray, " lifts"],
+    thing: Int[np.ndarray, " lifts"],
+) -> Float[np.ndarray, " lifts"]:
+    """The object's angle by Eq. (13), k and L fitted to the object's other lifts [deg]."""
+    angle = np.full(len(thing), np.nan)
+    for lift in range(len(thing)):
+        others = (thing == thing[lift]) & np.isfinite(elastomer)
+        others[lift] = False
+        columns = np.stack([elastomer[others], np.full(others.sum(), -0.5)], axis=1)
+        gain, load = np.linalg.lstsq(columns, reference[others])[0]
+        angle[lift] = object_rotation(elastomer[lift], gain - 1.0, load)
+    return angle
+
+
+def numbers(result: Lifts) -> dict[str, float]:
+    """Ours, for `published.csv`: the mean over the objects, and its scatter between them."""
+    each = per_object(result, CALIBRATED)
+    return {
+        "mean_absolute_error": float(each.mean()),
+        "standard_deviation": float(each.std(ddof=1)),
+    }
+
+
+def per_object(result: Lifts, method: str) -> Float[np.ndarray, " objects"]:
+    """Mean absolute error of each object [deg]."""
+    error = np.abs(result.error[method])
+    return np.array([error[result.thing == i].mean() for i in range(len(settings.THINGS))])
+
+
+def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
+    """A row for each object, and one for all: mean absolute error of each method."""
+    means = {method: per_object(result, method) for method in result.error}
+    rows: list[dict[str, object]] = [
+        {
+            "object": name,
+            "k": told.stiffness_ratio,
+            "elastomer [mm]": told.thickness,
+            "lifts": int((result.thing == i).sum()),
+            "sticking markers": round(float(result.stick[result.thing == i].mean()), 1),
+            **{f"{method} [°]": round(float(mean[i]), 3) for method, mean in means.items()},
+        }
+        for i, (name, told) in enumerate(settings.THINGS.items())
+    ]
+    pooled: dict[str, object] = {
+        f"{method} [°]": round(float(mean.mean()), 3) for method, mean in means.items()
+    }
+    rows.append(dict.fromkeys(rows[0]) | {"object": "mean of the objects"} | pooled)
+    return {"": rows}
+
+
+def plot(result: Lifts) -> Figure:
+    """Box plots of the error by object, as measured and calibrated."""
+    figure, axes = plt.subplots(3, 1, figsize=(10, 10), sharex=True, layout="constrained")
+    for axis, method in zip(axes, ("paper", OURS, CALIBRATED), strict=True):
+        boxes = [result.error[method][result.thing == i] for i in range(len(settings.THINGS))]
+        axis.axhline(0.0, color="C3", lw=1)
+        axis.boxplot(boxes, widths=0.6, flierprops={"ms": 3})
+        mean = per_object(result, method)
+        axis.set_title(
+            f"{method}: mean absolute error {mean.mean():.3f}°, worst object {mean.max():.3f}°",
+            fontsize=10,
+        )
+        axis.set_ylabel("error [°]")
+        axis.grid(alpha=0.3)
+    labels = [f"{name}\nk = {t.stiffness_ratio:g}, {t.thickness:g} mm"
+              for name, t in settings.THINGS.items()]  # fmt: skip
+    axes[-1].set_xticks(range(1, len(labels) + 1), labels, fontsize=8)
+    return figure

@@ -1,0 +1,178 @@
+"""Eq. (15)'s threshold: who is taken to stick, who is missed, and what that does to the angle.
+
+Virtual pivots with their true stick mask, turned by 10°; the threshold runs over both its readings,
+0.4 and 0.4° = 0.007, and with it noise, distance of the markers and how much sticks. The angle is
+the mean of φ over the region that grows, as the paper has it; a region of fewer than three markers
+gives none.
+"""
+
+from collections.abc import Callable, Iterable
+from itertools import product
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel.analytic import lubkin_twist
+from estimation.estimators.paper import STRICT_THRESHOLD
+from estimation.fields import measure_fields
+from estimation.stencils import make_stencils
+from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
+from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.limits import MEAN_ABSOLUTE, angle_limit
+from papers.model_error import settings
+
+THRESHOLDS = tuple(np.geomspace(0.003, 1.0, 18).tolist())
+NOISES_UM = (0.3, 1.0, 3.0, 10.0)
+PITCHES_MM = (0.5, 1.0, 1.5)
+STICK_RADII = (0.4, 0.6, 0.8)
+"""c/a of the contact, radius 5 mm."""
+
+DRAWS, QUICK_DRAWS = 40, 3
+
+
+class Condition(NamedTuple):
+    """Noise [µm], distance of the markers [mm], and c/a [-]."""
+
+    noise_um: float
+    pitch: float
+    stick_radius: float
+
+
+CONDITIONS = [Condition(n, 1.0, c) for n, c in product(NOISES_UM, STICK_RADII)] + [
+    Condition(1.0, p, c) for p, c in product(PITCHES_MM, STICK_RADII) if p != 1.0
+]
+
+
+class Thresholds(NamedTuple):
+    """Means over the draws, a row for each of `CONDITIONS` and a column for each threshold.
+
+    Attributes:
+        missed: share of the sticking markers that is not in the region [-].
+        false: share of the region that slips [-].
+        bias: mean error of the angles there are [deg].
+        error: mean absolute error; without an answer, the angle [deg].
+        limit: mean absolute error at the Cramér–Rao bound, by condition [deg].
+    """
+
+    missed: Float[np.ndarray, "conditions thresholds"]
+    false: Float[np.ndarray, "conditions thresholds"]
+    bias: Float[np.ndarray, "conditions thresholds"]
+    error: Float[np.ndarray, "conditions thresholds"]
+    limit: Float[np.ndarray, " conditions"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Thresholds:
+    """Draw and grow."""
+    rng = np.random.default_rng(settings.SEED)
+    columns = []
+    for condition in track(CONDITIONS):
+        drawn = [_draw(condition, rng) for _ in range(QUICK_DRAWS if quick else DRAWS)]
+        missed, false, error, limit = (np.array(part) for part in zip(*drawn, strict=True))
+        answered = np.isfinite(error)
+        total = np.where(answered, error, 0.0).sum(axis=0)
+        bias = np.where(answered.any(axis=0), total / np.maximum(answered.sum(axis=0), 1), np.nan)
+        lost = np.where(answered, np.abs(error), settings.ANGLE_DEG)
+        means = (missed.mean(axis=0), false.mean(axis=0), bias, lost.mean(axis=0), limit.mean())
+        columns.append(means)
+    return Thresholds(*(np.array(column) for column in zip(*columns, strict=True)))
+
+
+def _draw(
+    condition: Condition, rng: np.random.Generator
+) -> tuple[list[float], list[float], list[float], float]:
+    """Missed, false and error by threshold, and the bound, of one frame."""
+    theta = float(np.radians(settings.ANGLE_DEG))
+    radius, noise = settings.CONTACT_RADIUS, 1e-3 * condition.noise_um
+    across = int(np.ceil(2.8 * radius / condition.pitch))
+    model = PivotModel(
+        contact_radius=radius,
+        friction_ratio=theta / float(lubkin_twist(condition.stick_radius, 1.0)),
+        grid_shape=(across, across),
+        pitch=condition.pitch,
+        offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
+        grid_angle=float(rng.uniform(0.0, np.pi / 2)),
+        noise=noise,
+        normal_noise=3.5 * noise,
+    )
+    layout, frame, truth = simulate_frame(model, theta, rng)
+    stencils = make_stencils(layout)
+    fields = measure_fields(stencils, frame)
+    missed, false, error = [], [], []
+    for threshold in THRESHOLDS:
+        region = grow_stick_region(
+            fields,
+            stencils.neighbours,
+            threshold=threshold,
+            floor=float(np.radians(ANGLE_FLOOR_DEG)),
+        )
+        missed.append(float((truth & ~region).sum() / truth.sum()))
+        false.append(float((region & ~truth).sum() / region.sum()))
+        angle = fields.rotation[region].mean() if region.sum() >= MIN_STICK_MARKERS else np.nan
+        error.append(float(np.degrees(angle - theta)))
+    bound = np.degrees(MEAN_ABSOLUTE * angle_limit(layout.reference[:, :2], truth, noise))
+    return missed, false, error, float(bound)
+
+
+def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
+    """A row for each condition: the best threshold, and the two readings beside it."""
+    rows = []
+    for i, condition in enumerate(CONDITIONS):
+        best = int(np.argmin(result.error[i]))
+        read = [int(np.argmin(np.abs(np.log(np.array(THRESHOLDS) / threshold))))
+                for threshold in (0.4, STRICT_THRESHOLD)]  # fmt: skip
+        rows.append(
+            {
+                "noise [µm]": condition.noise_um,
+                "pitch [mm]": condition.pitch,
+                "c/a": condition.stick_radius,
+                "best threshold": round(THRESHOLDS[best], 3),
+                "missed [%]": round(100 * float(result.missed[i, best]), 1),
+                "false [%]": round(100 * float(result.false[i, best]), 1),
+                "error [°]": round(float(result.error[i, best]), 3),
+                "at 0.4 [°]": round(float(result.error[i, read[0]]), 3),
+                "at 0.4° [°]": round(float(result.error[i, read[1]]), 3),
+                "Cramér–Rao [°]": round(float(result.limit[i]), 4),
+            }
+        )
+    return {"": rows}
+
+
+def plot(result: Thresholds) -> Figure:
+    """Missed and false, bias, and error over the threshold; by noise above, by pitch below."""
+    figure, axes = plt.subplots(2, 3, figsize=(14, 8), sharex=True, layout="constrained")
+    by_noise = [i for i, c in enumerate(CONDITIONS) if c.pitch == 1.0 and c.stick_radius == 0.6]
+    by_pitch = [i for i, c in enumerate(CONDITIONS) if c.noise_um == 1.0 and c.stick_radius == 0.6]
+    for j, (chosen, name) in enumerate(
+        ((by_noise, "{0.noise_um:g} µm"), (by_pitch, "{0.pitch:g} mm"))
+    ):
+        shares, bias, error = axes[j]
+        _plot_row(shares, bias, error, result, chosen, name)
+        kept = CONDITIONS[chosen[0]]
+        told = "pitch 1 mm" if j == 0 else f"noise {kept.noise_um:g} µm"
+        shares.set_title(f"missed (full) and false (dashed); c/a = 0.6, {told}", fontsize=10)
+    for axis in axes.flat:
+        for threshold in (0.4, STRICT_THRESHOLD):
+            axis.axvline(threshold, color="0.6", ls=":", lw=1)
+        axis.grid(alpha=0.3)
+    for axis in axes[1]:
+        axis.set_xlabel("threshold of Eq. 15 [-]; dotted: 0.4 and 0.4°")
+    return figure
+
+
+def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: str) -> None:
+    for colour, i in enumerate(chosen):
+        style = {"color": f"C{colour}", "lw": 1.4}
+        shares.semilogx(
+            THRESHOLDS, 100 * result.missed[i], label=name.format(CONDITIONS[i]), **style
+        )
+        shares.semilogx(THRESHOLDS, 100 * result.false[i], ls="--", **style)
+        bias.semilogx(THRESHOLDS, result.bias[i], **style)
+        error.loglog(THRESHOLDS, result.error[i], **style)
+        error.axhline(result.limit[i], ls=":", **(style | {"lw": 1.0}))
+    shares.set_ylabel("[%]")
+    shares.legend(fontsize=8)
+    bias.set_title("mean error of the angle [°]", fontsize=10)
+    error.set_title("mean absolute error [°]; dotted: Cramér–Rao bound", fontsize=10)

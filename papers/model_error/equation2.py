@@ -1,0 +1,144 @@
+"""Eq. (2)'s residual, component by component, and its vanishing in the curl.
+
+Eq. (2) says that the gradients of the two bodies' displacements are in a fixed ratio but for a
+constant: D_m u_B,n = −k D_m u_S,n + l_mn. Here both come from the contact model, a ball pressed and
+turned by 10°, for bodies that differ in Poisson's ratio, under more and less pressure, and on
+elastomers of finite thickness. The residual is what is left of each component when its mean over
+the contact is taken off, relative to the gradients it should cancel.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel import (
+    ContactSolution,
+    Grid,
+    HalfSpace,
+    Layer,
+    Paraboloid,
+    Pose,
+    solve_contact,
+    stiffness_ratio,
+)
+from papers.model_error import settings
+
+K = 0.5
+RADIUS, APPROACH = 20.0, 0.8  # mm
+NU_OBJECT = (0.0, 0.1, 0.2, 0.3, 0.4, 0.48)
+APPROACHES = (0.2, 0.4, 0.8, 1.2)
+THICKNESSES = (2.0, 3.0, 5.0, 8.0, 20.0, np.inf)
+COMPONENTS = ("x of x", "y of x", "x of y", "y of y", "curl")
+_GRID = Grid((64, 64), (14.0, 14.0))
+_FRICTION = 0.8
+
+
+class Residuals(NamedTuple):
+    """Root mean square of each of `COMPONENTS`, relative [-].
+
+    Attributes:
+        over_poisson: by ν of the object, both half-spaces.
+        over_approach: by the approach, ν of the object 0.3.
+        over_thickness: by the elastomer's thickness, Poisson's ratios equal.
+    """
+
+    over_poisson: Float[np.ndarray, "nu components"]
+    over_approach: Float[np.ndarray, "approaches components"]
+    over_thickness: Float[np.ndarray, "thicknesses components"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Residuals:
+    """Solve each contact; the quick size leaves out every other."""
+    every = slice(None, None, 2 if quick else 1)
+    nu = settings.POISSON_RATIO
+    cases = (
+        [(np.inf, nu_b, APPROACH) for nu_b in NU_OBJECT[every]]
+        + [(np.inf, 0.3, approach) for approach in APPROACHES[every]]
+        + [(h, nu, APPROACH) for h in THICKNESSES[every]]
+    )
+    found = np.array([_residuals(*case) for case in track(cases)])
+    first, second = len(NU_OBJECT[every]), len(APPROACHES[every])
+    return Residuals(found[:first], found[first : first + second], found[first + second :])
+
+
+def _residuals(thickness: float, object_poisson: float, approach: float) -> list[float]:
+    modulus, nu = settings.SHEAR_MODULUS, settings.POISSON_RATIO
+    pad = HalfSpace(modulus, nu) if np.isinf(thickness) else Layer(modulus, nu, thickness)
+    solution = solve_contact(
+        pad,
+        HalfSpace(modulus / K, object_poisson),
+        Paraboloid(RADIUS),
+        Pose(approach, twist=np.radians(settings.ANGLE_DEG), linear=True),
+        _GRID,
+        _FRICTION,
+        rtol=1e-7,
+    )
+    inner = _erode(np.asarray(solution.contact))
+    k = float(stiffness_ratio(pad, solution.object_))
+    left = [_gradient(solution, "object_displacement", inner)]
+    right = [k * _gradient(solution, "elastomer_displacement", inner)]
+    residual, scale = left[0] + right[0], right[0]
+    curl = np.asarray(solution.object_rotation() + k * solution.elastomer_rotation())[inner]
+    turned = k * np.asarray(solution.elastomer_rotation())[inner]
+    size = np.sqrt((scale[[1, 2]] ** 2).mean())  # of the gradients that turn
+    return [*(residual.std(axis=1) / size), _rms(curl) / _rms(turned)]
+
+
+def _gradient(solution: ContactSolution, name: str, inner: np.ndarray) -> np.ndarray:
+    """D_x u_x, D_y u_x, D_x u_y, D_y u_y in the cells of a mask, by central differences."""
+    u_x, u_y = np.asarray(getattr(solution, name)())[:2]
+    parts = [d for u in (u_x, u_y) for d in np.gradient(u, *_GRID.spacing)]
+    return np.stack([part[inner] for part in parts])
+
+
+def _erode(mask: np.ndarray) -> np.ndarray:
+    """Cells whose four neighbours are in the mask too: no difference reaches outside."""
+    around = [np.roll(mask, step, axis) for step in (-1, 1) for axis in (0, 1)]
+    return np.logical_and.reduce([mask, *around])
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def tables(result: Residuals) -> dict[str, list[dict[str, object]]]:
+    """Three tables in one: what is varied, and the residual of each component [%]."""
+    rows = []
+    for name, (what, values, found) in _panels(result).items():
+        for value, row in zip(values, found, strict=True):
+            percent = {c: round(100 * float(r), 3) for c, r in zip(COMPONENTS, row, strict=True)}
+            rows.append({"varied": name, "value": f"{value:g} {what}"} | percent)
+    return {"": rows}
+
+
+def _panels(result: Residuals) -> dict[str, tuple[str, tuple[float, ...], np.ndarray]]:
+    def taken(values: tuple[float, ...], found: np.ndarray) -> tuple[float, ...]:
+        return values if len(found) == len(values) else values[::2]
+
+    return {
+        "ν of the object": ("", taken(NU_OBJECT, result.over_poisson), result.over_poisson),
+        "approach": ("mm", taken(APPROACHES, result.over_approach), result.over_approach),
+        "thickness": ("mm", taken(THICKNESSES, result.over_thickness), result.over_thickness),
+    }
+
+
+def plot(result: Residuals) -> Figure:
+    """A panel for each thing that is varied."""
+    figure, axes = plt.subplots(1, 3, figsize=(13, 4), sharey=True, layout="constrained")
+    for axis, (name, (unit, values, found)) in zip(axes, _panels(result).items(), strict=True):
+        place = np.arange(len(values))
+        for i, component in enumerate(COMPONENTS):
+            style = "k-" if component == "curl" else f"C{i}--"
+            shown = np.maximum(100 * found[:, i], 1e-7)
+            label = component if component == "curl" else f"D_{component}".replace(" of ", " u_")
+            axis.semilogy(place, shown, style, marker="o", ms=4, label=label)
+        axis.set_xticks(place, [f"{value:g}".replace("inf", "∞") for value in values])
+        axis.set_xlabel(f"{name} [{unit}]" if unit else f"{name} [-]")
+        axis.grid(alpha=0.3, which="both")
+    axes[0].set_ylabel("residual of Eq. 2 [% of k D u_S]")
+    axes[0].legend(fontsize=8)
+    return figure

@@ -1,0 +1,124 @@
+"""Markers below the surface turn less, and more so on a thin elastomer.
+
+Left: the centre of a disc that sticks all over, on a half-space, closed form against the contact
+model. Right: what a rigid fit of the inner 0.7 a of such a disc misses, by depth and thickness. The
+angle is short by that share at every angle: calibrate the depth, or put the markers at the surface.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel import Grid, HalfSpace, Layer, Pose, Rigid, RoundPunch, solve_contact
+from estimation.estimators.plane import fit_motion
+from papers.model_error import settings
+
+DEPTHS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
+"""z/a."""
+
+THICKNESSES = (0.4, 0.6, 1.0, 2.0, np.inf)
+"""h/a."""
+
+INNER = 0.7
+"""Share of the radius that the fit uses: the traction is singular at the edge."""
+
+_CELLS = 48
+
+_QUICK = (0.6, np.inf)
+
+
+class Depth(NamedTuple):
+    """Share of the turn that is missed [%].
+
+    Attributes:
+        thicknesses: h/a that were solved [-].
+        closed: at the centre, closed form, by depth.
+        centre: at the centre, the model, by depth.
+        fit: of the rigid fit, by thickness and depth.
+    """
+
+    thicknesses: tuple[float, ...]
+    closed: Float[np.ndarray, " depths"]
+    centre: Float[np.ndarray, " depths"]
+    fit: Float[np.ndarray, "thicknesses depths"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Depth:
+    """Solve a contact for each thickness and look below; the quick size has two of them."""
+    thicknesses = _QUICK if quick else THICKNESSES
+    found = [_missed(thickness) for thickness in track(thicknesses)]
+    z = np.array(DEPTHS)
+    with np.errstate(divide="ignore"):
+        closed = 2.0 / np.pi * (np.arctan2(1.0, z) - z / (1.0 + z**2))
+    fits = np.array([fit for _, fit in found])
+    return Depth(thicknesses, 100.0 * (1.0 - closed), found[-1][0], fits)
+
+
+def _missed(thickness: float) -> tuple[np.ndarray, np.ndarray]:
+    """At the centre and of the fit, by depth [%]."""
+    radius, modulus, nu = settings.CONTACT_RADIUS, settings.SHEAR_MODULUS, settings.POISSON_RATIO
+    pad = HalfSpace(modulus, nu) if np.isinf(thickness) else Layer(modulus, nu, thickness * radius)
+    twist = 1e-3
+    side = 2.5 * radius
+    pose = Pose(0.5, twist=twist, linear=True)
+    step = side / _CELLS  # the traction is constant over a cell: no shorter differences
+    grid = Grid((_CELLS, _CELLS), (side, side))
+    # so much friction that all sticks, the cells at the edge included
+    solution = solve_contact(pad, Rigid(), RoundPunch(radius), pose, grid, 10.0, rtol=1e-6)
+    x, y = np.meshgrid(*[np.linspace(-INNER, INNER, 15) * radius] * 2)
+    inner = np.hypot(x, y) < INNER * radius
+    points = np.concatenate(
+        [np.stack([x[inner], y[inner]], 1), np.eye(2) * step, -np.eye(2) * step]
+    )
+    centre, fit = [], []
+    for depth in DEPTHS:
+        moved = np.asarray(solution.elastomer_displacement_at(points, depth * radius))
+        moved = moved[:, :2] @ [1.0, 1.0j]
+        before = points @ [1.0, 1.0j]
+        east, north, west, south = moved[-4:]
+        curl = 0.5 * ((east - west).imag - (north - south).real) / (2.0 * step)
+        turn = fit_motion(before[:-4], (before + moved)[:-4], np.ones(len(before) - 4)).turn
+        centre.append(100.0 * (1.0 - curl / twist))
+        fit.append(100.0 * (1.0 - turn.imag / twist))  # pressing moves the markers radially
+    return np.array(centre), np.array(fit)
+
+
+def tables(result: Depth) -> dict[str, list[dict[str, object]]]:
+    """A row for each depth."""
+    return {
+        "": [
+            {
+                "z/a": depth,
+                "centre, closed form [%]": round(float(result.closed[i]), 2),
+                "centre, model [%]": round(float(result.centre[i]), 2),
+                **{
+                    f"fit, h/a = {thickness:g} [%]": round(float(result.fit[j, i]), 2)
+                    for j, thickness in enumerate(result.thicknesses)
+                },
+                "fit, thick, at 10° [°]": round(0.1 * float(result.fit[-1, i]), 3),
+            }
+            for i, depth in enumerate(DEPTHS)
+        ]
+    }
+
+
+def plot(result: Depth) -> Figure:
+    """Closed form and model; the fit by thickness."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
+    left.plot(DEPTHS, result.closed, "k-", label="closed form")
+    left.plot(DEPTHS, result.centre, "o", label="contact model")
+    left.set_title("centre, half-space", fontsize=10)
+    left.set_ylabel("share of the turn that is missed [%]")
+    for j, thickness in enumerate(result.thicknesses):
+        name = f"h/a = {thickness:g}".replace("inf", "∞")
+        right.plot(DEPTHS, result.fit[j], "o-", ms=4, label=name)
+    right.set_title(f"rigid fit of the inner {INNER:g} a", fontsize=10)
+    for axis in (left, right):
+        axis.set_xlabel("depth of the markers over contact radius z/a [-]")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
+    return figure

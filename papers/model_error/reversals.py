@@ -1,0 +1,120 @@
+"""Total against incremental angles where the twist turns back.
+
+A total angle takes it that a marker has stuck since the elastomer was unloaded. After a reversal
+part of what sticks has slipped before and carries the old turn. Increments between frames in which
+the same markers stick, Eq. (12), do not care. Virtual pivots: to 10°, held, back to −20°.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from estimation.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, simulate_pivot
+from papers.limits import MEAN_ABSOLUTE, angle_limit
+from papers.model_error import settings
+
+METHODS = ("paper", "rigid", "incremental")
+FRICTION_RATIOS = (0.12, 0.15, 0.2, 0.3, 0.5)
+PATH_DEG, FRAMES = (0.0, 10.0, 10.0, -20.0), (40, 10, 120)
+NOISE_MM = 1e-3
+DRAWS, QUICK_DRAWS = 10, 1
+
+
+class Reversals(NamedTuple):
+    """Error along the path, NaN where there is no answer.
+
+    Attributes:
+        step: frames since the twist began.
+        truth: the object's angle [deg].
+        error: of the first draw, by friction and method [deg].
+        mean: mean absolute error after the turn, by friction, draw and method [deg].
+        answered: share of the frames after the turn that is answered [-].
+        limit: mean absolute error at the Cramér–Rao bound of what has always stuck, after the turn,
+            by friction [deg].
+    """
+
+    step: Float[np.ndarray, " frames"]
+    truth: Float[np.ndarray, " frames"]
+    error: Float[np.ndarray, "ratios methods frames"]
+    mean: Float[np.ndarray, "ratios draws methods"]
+    answered: Float[np.ndarray, "ratios draws methods"]
+    limit: Float[np.ndarray, " ratios"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Reversals:
+    """Draw and estimate."""
+    draws = QUICK_DRAWS if quick else DRAWS
+    first, mean, answered, limit = [], [], [], []
+    step = truth_deg = np.zeros(0)
+    for ratio in track(FRICTION_RATIOS):
+        model = PivotModel(friction_ratio=ratio, noise=NOISE_MM)
+        of_draws, shares = [], []
+        for draw in range(draws):
+            recording, truth = simulate_pivot(
+                model, angles_deg=PATH_DEG, frames=FRAMES, dropped=0.0, seed=settings.SEED + draw
+            )
+            error = np.array(
+                [np.degrees(estimate_angles(recording, m).angle - truth.angle) for m in METHODS]
+            )
+            turned = np.arange(len(recording)) >= len(recording) - FRAMES[-1]
+            known = np.isfinite(error[:, turned])
+            total = np.where(known, np.abs(error[:, turned]), 0.0).sum(axis=1)
+            of_draws.append(total / np.maximum(known.sum(axis=1), 1))
+            shares.append(known.mean(axis=1))
+            if draw == 0:
+                first.append(error)
+                points = recording.layout.reference[:, :2]
+                limit.append(MEAN_ABSOLUTE * angle_limit(points, truth.stick[-1], NOISE_MM))
+                step = np.arange(len(recording)) - (len(recording) - sum(FRAMES)) + 0.0
+                truth_deg = np.degrees(truth.angle)
+        mean.append(of_draws)
+        answered.append(shares)
+    return Reversals(
+        step, truth_deg, np.array(first), np.array(mean), np.array(answered), np.degrees(limit)
+    )
+
+
+def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
+    """A row for each friction and method, after the turn."""
+    return {
+        "": [
+            {
+                "μp0/2G*": ratio,
+                "method": method,
+                "mean absolute error [°]": round(float(result.mean[i, :, j].mean()), 4),
+                "answered [%]": round(100 * float(result.answered[i, :, j].mean()), 1),
+                "Cramér–Rao, always stuck [°]": round(float(result.limit[i]), 4),
+            }
+            for i, ratio in enumerate(FRICTION_RATIOS)
+            for j, method in enumerate(METHODS)
+        ]
+    }
+
+
+def plot(result: Reversals) -> Figure:
+    """Error over the frames for two frictions, and after the turn over friction."""
+    figure, axes = plt.subplots(1, 3, figsize=(14, 4), layout="constrained")
+    for axis, i in zip(axes[:2], (1, 3), strict=True):
+        for j, method in enumerate(METHODS):
+            axis.plot(result.step, result.error[i, j], color=f"C{j}", lw=1.2, label=method)
+        axis.axvline(FRAMES[0] + FRAMES[1], color="0.5", ls=":", lw=1)
+        axis.set_title(f"μp₀/2G* = {FRICTION_RATIOS[i]:g}; dotted: turns back", fontsize=10)
+        axis.set_xlabel("frame since the twist began")
+        axis.set_ylabel("error [°]")
+        axis.set_xlim(0, result.step[-1])
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize=8)
+    for j, method in enumerate(METHODS):
+        axes[2].semilogy(FRICTION_RATIOS, result.mean[:, :, j].mean(axis=1), "o-", color=f"C{j}",
+                         label=method)  # fmt: skip
+    axes[2].semilogy(FRICTION_RATIOS, result.limit, "k--", label="Cramér–Rao, always stuck")
+    axes[2].set_xlabel("μp₀/2G* [-]")
+    axes[2].set_ylabel("mean absolute error after the turn [°]")
+    axes[2].grid(alpha=0.3, which="both")
+    axes[2].legend(fontsize=8)
+    return figure

@@ -1,0 +1,130 @@
+"""Eqs. (3), (4) and (7) over the angle: what the small-angle forms cost.
+
+Left: the rigid part of ∂s_x/∂y, exact, as Eq. (3) prints it, and as Eq. (4) has it. Middle: mean of
+the two line elements of Eq. (7) against the polar rotation, where the body is stretched as well, by
+the direction of the stretch; how far it turns does not matter. Right: what linear elasticity makes
+of a finite rotation. Imposed as (R − I)r it reads the contraction 1 − cos θ as strain, an inward
+traction tan(θ/2)/(1−ν) times the twist's; the linear twist θ × r has none, but turns a line by
+atan θ, and half the curl of a true rotation is sin θ.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel.kinematics import (
+    mean_line_rotation,
+    polar_rotation,
+    slip_shear,
+    slip_shear_as_printed,
+    small_rotation,
+)
+from papers.model_error import settings
+
+STRAINS = (0.02, 0.05, 0.1)
+"""Greatest principal strain; silicone under a twist of 20° has some 0.1."""
+
+
+class Forms(NamedTuple):
+    """Errors over the angle, each in the unit its name ends in.
+
+    Attributes:
+        angle_deg: θ [deg].
+        printed_percent: Eq. (3) as printed, of the exact rigid part [%].
+        small_percent: Eq. (4), of the same [%].
+        along_deg: direction of the greatest stretch, from the element AB [deg].
+        elements_deg: mean of the two elements less the polar rotation, by strain [deg].
+        linear_deg: of the linear twist's lines [deg].
+        curl_deg: of half the curl of a true rotation [deg].
+        traction_percent: excess of the traction under (R − I)r [%].
+    """
+
+    angle_deg: Float[np.ndarray, " n"]
+    printed_percent: Float[np.ndarray, " n"]
+    small_percent: Float[np.ndarray, " n"]
+    along_deg: Float[np.ndarray, " m"]
+    elements_deg: Float[np.ndarray, "strains m"]
+    linear_deg: Float[np.ndarray, " n"]
+    curl_deg: Float[np.ndarray, " n"]
+    traction_percent: Float[np.ndarray, " n"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Forms:
+    """Closed forms: the quick size is the full one."""
+    angle_deg = np.linspace(0.5, 20.0, 40)
+    theta = np.radians(angle_deg)
+    none = np.zeros_like(theta)
+    exact = np.asarray(slip_shear(none, 0.0, 0.0, theta))
+    printed = np.asarray(slip_shear_as_printed(none, 0.0, 0.0, theta))
+    along_deg = np.linspace(0.0, 90.0, 91)
+    radial = np.tan(0.5 * theta) / (1.0 - settings.POISSON_RATIO)
+    return Forms(
+        angle_deg=angle_deg,
+        printed_percent=100.0 * (printed / exact - 1.0),
+        small_percent=100.0 * (theta / exact - 1.0),
+        along_deg=along_deg,
+        elements_deg=np.array([_elements(strain, np.radians(along_deg)) for strain in STRAINS]),
+        linear_deg=np.degrees(np.arctan(theta) - theta),
+        curl_deg=np.degrees(small_rotation(_rotation(theta) - np.eye(2)) - theta),
+        traction_percent=100.0 * (np.sqrt(1.0 + radial**2) - 1.0),
+    )
+
+
+def _elements(strain: float, along: np.ndarray) -> np.ndarray:
+    """Error of the mean of two elements of a body that is stretched, then turned [deg]."""
+    axes = _rotation(along)
+    stretch = axes @ np.diag([1.0 + strain, 1.0 - strain]) @ np.swapaxes(axes, -1, -2)
+    gradient = _rotation(np.radians(settings.ANGLE_DEG)) @ stretch
+    return np.degrees(mean_line_rotation(gradient) - polar_rotation(gradient))
+
+
+def _rotation(angle: np.ndarray | float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+
+
+def tables(result: Forms) -> dict[str, list[dict[str, object]]]:
+    """At 2, 5, 10 and 20°."""
+    rows = []
+    for angle in (2.0, 5.0, 10.0, 20.0):
+        i = int(np.argmin(np.abs(result.angle_deg - angle)))
+        rows.append(
+            {
+                "angle [°]": angle,
+                "Eq. 3 printed [%]": round(float(result.printed_percent[i]), 2),
+                "Eq. 4 [%]": round(float(result.small_percent[i]), 2),
+                f"Eq. 7 at strain {STRAINS[-1]} [°]": round(
+                    float(np.abs(result.elements_deg[-1]).max()), 3
+                ),
+                "linear twist's lines [°]": round(float(result.linear_deg[i]), 3),
+                "half the curl [°]": round(float(result.curl_deg[i]), 3),
+                "traction under (R−I)r [%]": round(float(result.traction_percent[i]), 2),
+            }
+        )
+    return {"": rows}
+
+
+def plot(result: Forms) -> Figure:
+    """Three panels over the angle."""
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4), layout="constrained")
+    left.plot(result.angle_deg, result.printed_percent, "C3", label="Eq. 3 as printed")
+    left.plot(result.angle_deg, result.small_percent, "C0", label="Eq. 4: θ")
+    left.set_ylabel("error of the rigid part [%]")
+    for strain, error in zip(STRAINS, result.elements_deg, strict=True):
+        middle.plot(result.along_deg, error, label=f"strain {strain:g}")
+    middle.set_ylabel("mean of two elements, less polar rotation [°]")
+    right.plot(result.angle_deg, result.linear_deg, "C0", label="lines of θ × r [°]")
+    right.plot(result.angle_deg, result.curl_deg, "C2", label="half the curl of R − I [°]")
+    right.set_ylabel("error [°]")
+    excess = right.twinx()
+    excess.plot(result.angle_deg, result.traction_percent, "C3--")
+    excess.set_ylabel("excess traction under (R − I)r [%], dashed", color="C3")
+    for axis in (left, middle, right):
+        axis.set_xlabel("direction of the stretch [°]" if axis is middle else "angle [°]")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=7)
+    return figure

@@ -1,0 +1,15 @@
+"""Settings that several items of the study share."""
+
+SHEAR_MODULUS = 0.2
+"""G of the elastomer [MPa]; angles do not depend on it."""
+
+POISSON_RATIO = 0.48
+"""ν of the elastomer [-]: silicone."""
+
+CONTACT_RADIUS = 5.0
+"""a of the virtual pivots [mm], 80 markers at 1 mm."""
+
+ANGLE_DEG = 10.0
+"""The object's angle where none is told [deg]."""
+
+SEED = 14
