@@ -171,12 +171,12 @@ class ContactSolution(eqx.Module):
         return jnp.stack(components, axis=-1)
 
     @eqx.filter_jit
-    def elastomer_rotation(self) -> Float[Array, "nx ny"]:
+    def elastomer_rotation(self) -> Float[Array, "*path nx ny"]:
         """φ = ½ rot u_S at the centres of the cells, exact for their tractions [rad]."""
         return self._rotation(self.elastomer, self.traction)
 
     @eqx.filter_jit
-    def object_rotation(self) -> Float[Array, "nx ny"]:
+    def object_rotation(self) -> Float[Array, "*path nx ny"]:
         """½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.object_, -self.traction)
 

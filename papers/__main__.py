@@ -21,7 +21,7 @@ from papers.leaderboard import settings as leaderboard_settings
 from papers.published import compare, read_published
 
 ITEMS = {
-    "li2024": ("method", "fig6", "fig7b", "fig8b", "fig9b", "error_comparison"),
+    "li2024": ("method", "fig6", "fig7b", "fig8b", "fig9b", "error_comparison", "section_vi"),
     "model_error": (
         "equation2",
         "equation14",

@@ -14,7 +14,7 @@ from papers.published import KINDS, compare, read_published
 PUBLISHED = {"li2024": read_published("li2024")}
 
 
-SLOW = ("fig9b", "error_comparison")  # each solves tens of contacts
+SLOW = ("fig9b", "error_comparison", "section_vi")  # each solves many contacts
 
 
 @pytest.mark.parametrize(

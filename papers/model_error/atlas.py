@@ -41,7 +41,7 @@ def evaluate(
     friction: Float[Array, ""],
     cells: int,
 ) -> dict[str, Array]:
-    """Along the path: mean φ of what sticks and of the contact, stick ratio, moment, radius."""
+    """Along the path: φ of what sticks and of the contact, stick ratio, moment, radius."""
     modulus, nu = settings.SHEAR_MODULUS, settings.POISSON_RATIO
     turn, back = jnp.radians(TURN_DEG), jnp.radians(BACK_DEG)
     poses = [Pose(_INDENTATION, twist=twist, linear=True) for twist in (0.0, turn, back)]
@@ -54,22 +54,28 @@ def evaluate(
         friction,
         rtol=1e-6,
     )
-    phi = solution.elastomer_rotation()
+    displacement = solution.elastomer_displacement()
+    points = jnp.asarray(solution.grid.points)
     return {
         "twist": solution.pose.twist,
-        "stick_rotation": _mean(phi, solution.stick),
-        "contact_rotation": _mean(phi, solution.contact),
+        "stick_rotation": _turn(displacement, points, solution.stick),
+        "contact_rotation": _turn(displacement, points, solution.contact),
         "stick_ratio": solution.stick_ratio,
         "moment": solution.moment,
         "contact_radius": jnp.sqrt(jnp.sum(solution.contact[0]) * solution.grid.cell_area / jnp.pi),
     }
 
 
-def _mean(values: Array, mask: Array) -> Array:
-    """Over the cells of a mask; NaN where it is empty."""
-    count = jnp.sum(mask, axis=(-2, -1))
-    total = jnp.sum(values * mask, axis=(-2, -1))
-    return jnp.where(count > 0, total / jnp.maximum(count, 1), jnp.nan)
+def _turn(displacement: Array, points: Array, mask: Array) -> Array:
+    """Rigid fit Σ r × u / Σ r² of the cells of a mask about the axis; NaN where it is empty.
+
+    The displacement is exact at the cells' centres, its curl is not at the rim of the stick region.
+    """
+    x, y = points
+    u_x, u_y = displacement[..., 0, :, :], displacement[..., 1, :, :]
+    arm = jnp.sum((x**2 + y**2) * mask, axis=(-2, -1))
+    turn = jnp.sum((x * u_y - y * u_x) * mask, axis=(-2, -1))
+    return jnp.where(arm > 0, turn / jnp.where(arm > 0, arm, 1.0), jnp.nan)
 
 
 STUDY = Study(cases, evaluate, static=("cells",), batch=4)

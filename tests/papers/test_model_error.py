@@ -62,7 +62,7 @@ def test_the_atlas_meets_two_half_spaces():
     )
     assert isinstance(values, dict)
     out = slice(0, atlas.STEPS[0])
-    # where it has always stuck φ = θ/(1 + k), whatever slides; h/a of 15 and 32² cells: 0.5 %
+    # where it has always stuck φ = θ/(1 + k), whatever slides; a base 15 a away: 0.5 %
     np.testing.assert_allclose(values["stick_rotation"][out], values["twist"][out] / 1.4, rtol=5e-3)
 
 

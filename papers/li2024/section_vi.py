@@ -1,0 +1,170 @@
+"""Section VI: an object as soft as the elastomer, and the error of "about 70 %".
+
+The face of the cube sticks all over; φ is a rigid fit of its inner 0.7, as a marker array gives it.
+Two half-spaces of equal shear modulus miss 50 %: the elastomer turns half as much as the object. A
+thin elastomer misses more, and so do markers below its surface. The object's width enters by its
+other extreme: not a half-space but a free prism as wide as its face, loaded all over, that turns by
+M l/GJ over its length l up to where the angle is taken; the face itself is taken to stay plane.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel import (
+    AbstractBody,
+    Grid,
+    HalfSpace,
+    Layer,
+    Pose,
+    Rigid,
+    SquarePunch,
+    solve_contact,
+)
+from papers.li2024 import settings
+
+THICKNESSES_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 8.0, np.inf)
+DEPTHS_MM = (0.0, 0.25, 0.5, 1.0)
+LENGTHS_MM = tuple(np.linspace(0.0, 10.0, 41).tolist())
+"""Length of the prism between the contact and where the angle is taken."""
+
+PRINTED_PERCENT, ABOUT_PERCENT = 70.0, 2.5
+"""The printed error, and what "about" is taken to mean."""
+
+_SHEAR_MODULUS, _POISSON_RATIO = 0.2, 0.48
+_INNER = 0.7
+_PRISM = 0.1406  # of a square shaft: J is this times the fourth power of its side
+_GRID = Grid((48, 48), (20.0, 20.0))
+_QUICK = (2.0, 5.0, np.inf)
+
+
+class Missed(NamedTuple):
+    """Share of the object's turn that the markers do not show.
+
+    Attributes:
+        thickness: of the elastomer [mm].
+        wide: of an object much wider than its face, by thickness and depth of the markers [%].
+        prism: of one as wide as its face, by thickness, depth and length [%].
+    """
+
+    thickness: tuple[float, ...]
+    wide: Float[np.ndarray, "thicknesses depths"]
+    prism: Float[np.ndarray, "thicknesses depths lengths"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Missed:
+    """Solve two contacts for each thickness; the quick size has three thicknesses."""
+    thicknesses = _QUICK if quick else THICKNESSES_MM
+    found = [_missed(thickness) for thickness in track(thicknesses)]
+    wide, prism = (np.array(part) for part in zip(*found, strict=True))
+    return Missed(thicknesses, wide, prism)
+
+
+def _missed(thickness: float) -> tuple[Float[np.ndarray, " depths"], np.ndarray]:
+    """Of a wide object, by depth, and of a prism, by depth and length [%]."""
+    modulus, nu = _SHEAR_MODULUS, _POISSON_RATIO
+    pad = HalfSpace(modulus, nu) if np.isinf(thickness) else Layer(modulus, nu, thickness)
+    shown, _ = _twist(pad, HalfSpace(modulus, nu))
+    face, moment = _twist(pad, Rigid())
+    stiffness = modulus * _PRISM * settings.CUBE_MM**4
+    turned = 1.0 + moment * np.array(LENGTHS_MM) / stiffness
+    return 100.0 * (1.0 - shown), 100.0 * (1.0 - face[:, None] / turned)
+
+
+def _twist(pad: AbstractBody, object_: AbstractBody) -> tuple[Float[np.ndarray, " depths"], float]:
+    """φ by depth and moment, both by the object's twist [-, N·mm/rad]."""
+    twist = 1e-3
+    solution = solve_contact(
+        pad,
+        object_,
+        SquarePunch(settings.CUBE_MM),
+        Pose(0.5, twist=twist, linear=True),
+        _GRID,
+        20.0,  # so much friction that all sticks, the edges included
+        rtol=1e-6,
+    )
+    reach = 0.5 * _INNER * settings.CUBE_MM
+    points = np.stack(np.meshgrid(*[np.linspace(-reach, reach, 11)] * 2), -1).reshape(-1, 2)
+    moved = [np.asarray(solution.elastomer_displacement_at(points, z)) for z in DEPTHS_MM]
+    return np.array([_turn(points, u) for u in moved]) / twist, float(solution.moment) / twist
+
+
+def _turn(points: np.ndarray, displacement: np.ndarray) -> float:
+    """Rigid fit Σ r × u / Σ r²; what pressing adds is symmetric and drops out [rad]."""
+    cross = points[:, 0] * displacement[:, 1] - points[:, 1] * displacement[:, 0]
+    return float(cross.sum() / (points**2).sum())
+
+
+def numbers(result: Missed) -> dict[str, float]:
+    """Ours, for `published.csv`: a wide object, markers at the surface, thinnest and thickest."""
+    return {
+        "error_thin": float(result.wide[0, 0]),
+        "error_half_space": float(result.wide[-1, 0]),
+    }
+
+
+def tables(result: Missed) -> dict[str, list[dict[str, object]]]:
+    """What each cause makes of it, and the combinations that give about the printed error."""
+    deep, length = DEPTHS_MM.index(0.5), LENGTHS_MM.index(4.0)
+    rows, combinations = [], []
+    for i, thickness in enumerate(result.thickness):
+        wide, prism = result.wide[i], result.prism[i]
+        rows.append(
+            {
+                "elastomer [mm]": thickness,
+                "wide object [%]": round(float(wide[0]), 1),
+                "markers 0.5 mm deep [%]": round(float(wide[deep]), 1),
+                "4 mm of prism [%]": round(float(prism[0, length]), 1),
+                "4 mm, markers 0.5 mm deep [%]": round(float(prism[deep, length]), 1),
+            }
+        )
+        for j, depth in enumerate(DEPTHS_MM):
+            fits = np.abs(prism[j] - PRINTED_PERCENT) <= ABOUT_PERCENT
+            lengths = np.array(LENGTHS_MM)[fits]
+            combinations.append(
+                {
+                    "elastomer [mm]": thickness,
+                    "markers' depth [mm]": depth,
+                    "wide object": abs(float(wide[j]) - PRINTED_PERCENT) <= ABOUT_PERCENT,
+                    "prism from [mm]": float(lengths.min()) if fits.any() else None,
+                    "to [mm]": float(lengths.max()) if fits.any() else None,
+                }
+            )
+    return {"": rows, "_combinations": combinations}
+
+
+def plot(result: Missed) -> Figure:
+    """A wide object over thickness and depth, a prism over its length; grey: about 70 %."""
+    figure, axes = plt.subplots(1, 3, figsize=(14, 4.2), sharey=True, layout="constrained")
+    place, deep = np.arange(len(result.thickness)), DEPTHS_MM.index(0.5)
+    half_spaces = np.full(len(place), result.wide[-1, 0])
+    parts = (
+        ("two half-spaces", half_spaces),
+        ("thickness", result.wide[:, 0] - half_spaces),
+        ("markers 0.5 mm deep", result.wide[:, deep] - result.wide[:, 0]),
+    )
+    base = np.zeros(len(place))
+    for name, height in parts:
+        axes[0].bar(place, height, bottom=base, label=name)
+        base = base + height
+    axes[0].set_xticks(place, [f"{h:g}".replace("inf", "∞") for h in result.thickness])
+    axes[0].set_xlabel("thickness of the elastomer [mm]")
+    axes[0].set_ylabel("share of the turn that is missed [%]")
+    for i, thickness in enumerate(result.thickness):
+        name = f"elastomer {thickness:g} mm".replace("inf mm", "∞")
+        axes[1].plot(DEPTHS_MM, result.wide[i], "o-", ms=3, label=name)
+        axes[2].plot(LENGTHS_MM, result.prism[i, 0], label=name)
+    axes[1].set_xlabel("depth of the markers [mm]")
+    axes[2].set_xlabel("length of the prism [mm]")
+    for axis, title in zip(axes, ("wide object", "wide object", "prism"), strict=True):
+        axis.axhspan(PRINTED_PERCENT - ABOUT_PERCENT, PRINTED_PERCENT + ABOUT_PERCENT,
+                     color="0.85", zorder=0)  # fmt: skip
+        axis.set_title(title, fontsize=10)
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=7)
+    axes[0].set_ylim(0, 100)
+    return figure
