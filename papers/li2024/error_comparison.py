@@ -80,5 +80,5 @@ def plot(result: Lifts) -> Figure:
     axis.invert_yaxis()
     axis.set_xlabel("mean absolute error [°]")
     axis.grid(alpha=0.3, axis="x")
-    axis.legend(fontsize=8)
+    figure.legend(loc="outside upper center", ncols=2, fontsize=8)
     return figure

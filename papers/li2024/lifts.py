@@ -1,9 +1,8 @@
 """The lifts of ten objects of Section V-B: a study for `python -m papers sweep`.
 
 Each lift is solved by the contact model: an object on a domed elastic layer, pressed, turned and
-held. What pressing does to the markers sideways is left out, as the solver leaves out what it does
-to the slip: a face that sticks while it is pressed lets nothing move. The angle of reference is the
-angular sensor's: the turn of the object where it is held, and what it bends beyond.
+held. The angle of reference is the angular sensor's: the turn of the object where it is held, and
+what it bends beyond.
 """
 
 import numpy as np
@@ -81,8 +80,6 @@ def evaluate(
     )
     camera = Camera(settings.LIFT_NOISE_MM, settings.RATE_HZ, settings.DROPPED, seed=seed)
     recording, truth = simulate_recording(solution, layout, camera, unloaded=_UNLOADED)
-    pressing = np.asarray(solution.at_step(0).elastomer_displacement_at(layout.reference[:, :2]))
-    recording.positions[np.isfinite(truth.angle), :, :2] -= pressing[:, :2]
     answers = [estimate_angles(recording, method).angle[-1] for method in METHODS]
     return {
         "reference": np.array(angle_deg + np.degrees(told.deflection * truth.moment[-1])),

@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
+from matplotlib.tri import TriAnalyzer, Triangulation
 
 from papers.model_error import atlas
 from papers.sweeps import run_study
@@ -27,7 +28,8 @@ class Maps(NamedTuple):
         stiffness_ratio: k [-].
         thickness: h/a [-].
         friction: μ [-].
-        half_space: cases on the thickest elastomer.
+        thick: cases on the thickest elastomer.
+        thin: cases on the thinnest.
         stick_ratio: share of the contact that sticks [-].
         missed: 1 − φ/θ where it sticks [%]; NaN where nothing does.
     """
@@ -35,7 +37,8 @@ class Maps(NamedTuple):
     stiffness_ratio: Float[np.ndarray, " cases"]
     thickness: Float[np.ndarray, " cases"]
     friction: Float[np.ndarray, " cases"]
-    half_space: Bool[np.ndarray, " cases"]
+    thick: Bool[np.ndarray, " cases"]
+    thin: Bool[np.ndarray, " cases"]
     stick_ratio: Float[np.ndarray, "cases steps"]
     missed: Float[np.ndarray, "cases steps"]
 
@@ -51,7 +54,8 @@ def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -
         stiffness_ratio=table["stiffness_ratio"],
         thickness=table["thickness"] / values["contact_radius"],
         friction=table["friction"],
-        half_space=table["thickness"] == max(atlas.THICKNESSES),
+        thick=table["thickness"] == max(atlas.THICKNESSES),
+        thin=table["thickness"] == min(atlas.THICKNESSES),
         stick_ratio=values["stick_ratio"][:, out],
         missed=100.0 * (1.0 - values["stick_rotation"][:, out] / values["twist"][:, out]),
     )
@@ -86,39 +90,50 @@ def plot(result: Maps) -> Figure:
     figure, axes = plt.subplots(2, 2, figsize=(11, 8.5), layout="constrained")
     grip = result.friction == result.friction.max()
     first = result.missed[grip, 0]
-    _map(axes[0, 0], result.stiffness_ratio[grip], np.log10(result.thickness[grip]), first)
+    by_k = (len(np.unique(result.stiffness_ratio)), -1)  # the table runs through h for each k
+    k, height = (
+        values[grip].reshape(by_k) for values in (result.stiffness_ratio, result.thickness)
+    )
+    _shade(axes[0, 0], axes[0, 0].contourf, axes[0, 0].contour, k, np.log10(height),
+           first.reshape(by_k))  # fmt: skip
     ticks = [0.5, 1.0, 2.0, 5.0, 10.0]
     axes[0, 0].set_yticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
     axes[0, 0].set(title="all sticks", ylabel="thickness over contact radius h/a [-]")
-    thin = result.thickness < 1.05 * result.thickness[grip].min()
     for axis, chosen, name in (
-        (axes[0, 1], result.half_space, "thick"),
-        (axes[1, 0], thin, "thin"),
+        (axes[0, 1], result.thick, "thick"),
+        (axes[1, 0], result.thin, "thin"),
     ):
         k = np.broadcast_to(result.stiffness_ratio[:, None], result.missed.shape)[chosen]
         _map(axis, k.ravel(), result.stick_ratio[chosen].ravel(), result.missed[chosen].ravel())
-        axis.set(
-            title=f"{name}: h/a = {result.thickness[chosen].mean():.2f}", ylabel="stick ratio [-]"
-        )
+        low, high = result.thickness[chosen].min(), result.thickness[chosen].max()
+        axis.set(title=f"{name}: h/a = {low:.2g} to {high:.2g}", ylabel="stick ratio [-]")
     for axis in (axes[0, 0], axes[0, 1], axes[1, 0]):
         axis.set_xlabel("k = G_S/G_B [-]")
-    _plot_friction(axes[1, 1], result, thin)
+    _plot_friction(axes[1, 1], result)
     return figure
 
 
 def _map(axis, x: np.ndarray, y: np.ndarray, missed: np.ndarray) -> None:
-    known = np.isfinite(missed)
-    shades = axis.tricontourf(x[known], y[known], missed[known], levels=20, cmap="viridis")
-    lines = axis.tricontour(x[known], y[known], missed[known], levels=LEVELS, colors="w",
-                            linewidths=0.8)  # fmt: skip
+    """Of scattered points, each once: where two coincide, Delaunay would stumble."""
+    points = np.stack([x, y, missed])[:, np.isfinite(missed)]
+    _, first = np.unique(points[:2].round(9), axis=1, return_index=True)
+    x, y, missed = points[:, first]
+    net = Triangulation(x, y)
+    net.set_mask(TriAnalyzer(net).get_flat_tri_mask(0.01))
+    _shade(axis, axis.tricontourf, axis.tricontour, net, missed)
+
+
+def _shade(axis, shade, contour, *field) -> None:
+    shades = shade(*field, levels=20, cmap="viridis")
+    lines = contour(*field, levels=LEVELS, colors="w", linewidths=0.8)
     axis.clabel(lines, fmt="%g %%", fontsize=8)
     axis.figure.colorbar(shades, ax=axis, label="1 − φ/θ [%]")
 
 
-def _plot_friction(axis, result: Maps, thin: np.ndarray) -> None:
+def _plot_friction(axis, result: Maps) -> None:
     """What is missed as the contact slips, by friction, for one k."""
     k = np.unique(result.stiffness_ratio)[len(np.unique(result.stiffness_ratio)) // 2]
-    for chosen, style in ((thin, "o-"), (result.half_space, "s--")):
+    for chosen, style in ((result.thin, "o-"), (result.thick, "s--")):
         for i, friction in enumerate(np.unique(result.friction)):
             rows = chosen & (result.friction == friction) & (result.stiffness_ratio == k)
             name = f"μ = {friction:g}" if style == "o-" else None

@@ -139,6 +139,6 @@ def plot(result: Residuals) -> Figure:
         axis.set_xticks(place, [f"{value:g}".replace("inf", "∞") for value in values])
         axis.set_xlabel(f"{name} [{unit}]" if unit else f"{name} [-]")
         axis.grid(alpha=0.3, which="both")
-    axes[0].set_ylabel("residual of Eq. 2 [% of k D u_S]")
+    axes[0].set_ylabel("residual of Eq. 2 [% of k D u_S]\n(below 10⁻⁷: drawn there)")
     axes[0].legend(fontsize=8)
     return figure

@@ -34,8 +34,8 @@ class Reversals(NamedTuple):
         error: of the first draw, by friction and method [deg].
         mean: mean absolute error after the turn, by friction, draw and method [deg].
         answered: share of the frames after the turn that is answered [-].
-        limit: mean absolute error at the Cramér–Rao bound of what has always stuck, after the turn,
-            by friction [deg].
+        limit: mean absolute error at the Cramér–Rao bound of what has always stuck, the median
+            after the turn, by friction [deg].
     """
 
     step: Float[np.ndarray, " frames"]
@@ -69,7 +69,8 @@ def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -
             if draw == 0:
                 first.append(error)
                 points = recording.layout.reference[:, :2]
-                limit.append(MEAN_ABSOLUTE * angle_limit(points, truth.stick[-1], NOISE_MM))
+                bounds = [angle_limit(points, stick, NOISE_MM) for stick in truth.stick[turned]]
+                limit.append(MEAN_ABSOLUTE * np.median(bounds))
                 step = np.arange(len(recording)) - (len(recording) - sum(FRAMES)) + 0.0
                 truth_deg = np.degrees(truth.angle)
         mean.append(of_draws)
