@@ -55,6 +55,7 @@ def test_no_threshold_serves_every_noise():
     assert result.missed[:, 0].mean() > result.missed[:, -1].mean()
 
 
+@pytest.mark.slow
 def test_the_atlas_meets_two_half_spaces():
     case = {"stiffness_ratio": 0.4, "thickness": 60.0, "friction": 1.5, "cells": 32}
     (values,) = evaluate_batch(

@@ -64,4 +64,4 @@ def test_command(monkeypatch, capsys, tmp_path):
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 2
-    assert "there are li2024, virtual_pivots" in capsys.readouterr().err
+    assert "there are li2024, model_error, virtual_pivots" in capsys.readouterr().err
