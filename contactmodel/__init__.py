@@ -24,6 +24,7 @@ from contactmodel.indenters import (
     SquarePunch,
 )
 from contactmodel.pose import Pose, make_path
+from contactmodel.resultants import solve_resultant
 from contactmodel.solution import RESULTS, ContactSolution
 from contactmodel.solve import solve_contact, solve_path
 from contactmodel.transfer import ScalarTransfer, fit_scalar_transfer, transfer_function
@@ -52,6 +53,7 @@ __all__ = [
     "make_path",
     "solve_contact",
     "solve_path",
+    "solve_resultant",
     "stiffness_ratio",
     "transfer_function",
 ]

@@ -31,7 +31,8 @@ def simulate(
     config: Annotated[
         str,
         typer.Argument(
-            metavar="CONFIG", help="TOML file, or a shipped example: pivoting_cube, shifted_sphere."
+            metavar="CONFIG",
+            help="TOML file, or a shipped example: pivoting_cube, cube_on_layer, shifted_sphere.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder to write to; an interrupted run goes on.")],

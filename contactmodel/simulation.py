@@ -1,6 +1,6 @@
 """A simulation described by a TOML file, run step by step into a folder.
 
-The file has units in its keys; `examples/` next to this module holds two with comments. Every step
+The file has units in its keys; `examples/` next to this module holds some with comments. Every step
 is a file of its own, so that a run that was interrupted goes on where it stopped.
 """
 
@@ -20,11 +20,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from contactmodel import plots
-from contactmodel.bodies import AbstractBody, HalfSpace, Rigid
+from contactmodel.bodies import AbstractBody, HalfSpace, Layer, Rigid
 from contactmodel.grid import Grid
 from contactmodel.indenters import (
     AbstractIndenter,
     Cylinder,
+    Domed,
     Ellipsoid,
     Paraboloid,
     Placed,
@@ -59,6 +60,7 @@ class Simulation:
         indenter: shape of B, where it touches.
         path: motion of B.
         friction_coefficient: μ [-].
+        marker_depth: below the elastomer's surface, where `u_marker` is written [mm].
     """
 
     text: str
@@ -68,6 +70,7 @@ class Simulation:
     indenter: AbstractIndenter
     path: Pose
     friction_coefficient: float
+    marker_depth: float
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -121,7 +124,7 @@ def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, 
                 last = _solve(simulation, index, last)
             except RuntimeError as error:
                 raise RuntimeError(f"step {index + 1} of {len(simulation)}: {error}") from error
-            save_step(last, file)
+            save_step(simulation, last, file)
         yield index + 1, last
 
 
@@ -145,10 +148,14 @@ def write_results(path: ContactSolution, folder: Path) -> None:
         _write(folder / f"{name}.png", lambda part, f=figure: f.savefig(part, dpi=150))
 
 
-def save_step(solution: ContactSolution, file: Path) -> None:
-    """Write the arrays of a contact under their names."""
+def save_step(simulation: Simulation, solution: ContactSolution, file: Path) -> None:
+    """Write the arrays of a contact under their names, and `u_marker`.
+
+    That is the displacement of the elastomer at the markers' depth under the cells [mm].
+    """
     leaves = jax.tree_util.tree_leaves_with_path(solution)
     arrays: dict[str, Any] = {_key(path): np.asarray(leaf) for path, leaf in leaves}
+    arrays["u_marker"] = np.asarray(solution.elastomer_displacement(simulation.marker_depth))
     _write(file, lambda part: np.savez_compressed(part, **arrays))
 
 
@@ -181,20 +188,25 @@ def _parse(text: str) -> Simulation:
     return Simulation(
         text=text,
         grid=Grid((cells[0], cells[1]), (float(size[0]), float(size[1]))),
-        elastomer=_body(tables["elastomer"], "elastomer"),
-        object_=_body(tables["object"], "object") if tables["object"] else Rigid(),
-        indenter=_indenter(tables["indenter"]),
+        elastomer=_body(tables["elastomer"], "elastomer", {"dome_radius_mm", "marker_depth_mm"}),
+        object_=_body(tables["object"], "object", set()) if tables["object"] else Rigid(),
+        indenter=_indenter(tables["indenter"], tables["elastomer"]),
         path=_path(tables["motion"]),
         friction_coefficient=float(contact["friction_coefficient"]),
+        marker_depth=float(tables["elastomer"].get("marker_depth_mm", 0.0)),
     )
 
 
-def _body(table: dict[str, Any], name: str) -> HalfSpace:
-    _only(table, name, {"shear_modulus_mpa", "poisson_ratio"})
-    return HalfSpace(table["shear_modulus_mpa"], table["poisson_ratio"])
+def _body(table: dict[str, Any], name: str, others: set[str]) -> HalfSpace | Layer:
+    """A layer where a thickness is given, else a half-space."""
+    _only(table, name, {"shear_modulus_mpa", "poisson_ratio", "thickness_mm", *others})
+    material = table["shear_modulus_mpa"], table["poisson_ratio"]
+    if "thickness_mm" in table:
+        return Layer(*material, table["thickness_mm"])
+    return HalfSpace(*material)
 
 
-def _indenter(table: dict[str, Any]) -> AbstractIndenter:
+def _indenter(table: dict[str, Any], elastomer: dict[str, Any]) -> AbstractIndenter:
     shape = table["shape"]
     if shape not in SHAPES:
         raise ValueError(f"unknown shape {shape!r}; known are {', '.join(SHAPES)}")
@@ -206,7 +218,9 @@ def _indenter(table: dict[str, Any]) -> AbstractIndenter:
     if missing:
         raise KeyError(f"{missing.pop()}_mm")
     position = table.get("position_mm", [0.0, 0.0])
-    return Placed(kind(**sizes), position, np.radians(table.get("angle_deg", 0.0)))
+    placed = Placed(kind(**sizes), position, np.radians(table.get("angle_deg", 0.0)))
+    dome = elastomer.get("dome_radius_mm")
+    return placed if dome is None else Domed(placed, dome)
 
 
 def _path(table: dict[str, Any]) -> Pose:

@@ -1,0 +1,92 @@
+"""Force and moment given in place of motion."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from contactmodel import (
+    RESULTS,
+    Grid,
+    HalfSpace,
+    Paraboloid,
+    Pose,
+    Rigid,
+    solve_contact,
+    solve_resultant,
+)
+
+GRID = Grid((24, 24), (10.0, 10.0))
+BODIES = HalfSpace(1.0, 0.4), HalfSpace(3.0, 0.3), Paraboloid(30.0)
+TOUCHING = Pose(0.2)
+MOVED = Pose(0.3, (0.02, 0.03), 0.04)
+
+
+@pytest.fixture(scope="module")
+def moved():
+    return solve_contact(*BODIES, MOVED, GRID, 0.5)
+
+
+def test_given_resultants_reproduce_their_motion(moved):
+    found = solve_resultant(
+        *BODIES, TOUCHING, GRID, 0.5,
+        normal_force=-moved.force[2], shear_force=moved.force[:2], moment=moved.moment,
+    )  # fmt: skip
+    # tolerance of the resultants, 1e-7 of what friction carries
+    np.testing.assert_allclose(found.pose.approach, 0.3, rtol=1e-6)
+    np.testing.assert_allclose(found.pose.shift, [0.02, 0.03], rtol=1e-5)
+    np.testing.assert_allclose(found.pose.twist, 0.04, rtol=1e-5)
+    np.testing.assert_allclose(found.force, moved.force, rtol=1e-6)
+
+
+def test_history_and_reversal(moved):
+    back = solve_resultant(*BODIES, MOVED, GRID, 0.5, moment=-0.5 * moved.moment, previous=moved)
+    assert float(back.moment) == pytest.approx(-0.5 * float(moved.moment), rel=1e-6)
+    again = solve_contact(*BODIES, back.pose, GRID, 0.5, previous=moved)
+    assert float(again.moment) == pytest.approx(float(back.moment), rel=1e-7)
+    assert float(back.pose.twist) < 0.03
+
+
+def test_more_than_friction_carries_says_how_much():
+    pose = Pose(0.3, linear=True)
+    largest = solve_contact(*BODIES, Pose(0.3, twist=3.0, linear=True), GRID, 0.5).moment
+    short = solve_resultant(*BODIES, pose, GRID, 0.5, moment=2.0 * largest, throw=False)
+    assert bool(short.result == RESULTS.beyond_friction)
+    assert float(short.moment) == pytest.approx(float(largest), rel=1e-4)  # all slides
+    with pytest.raises(RuntimeError, match=f"moment of {float(short.moment):.4g}"):
+        solve_resultant(*BODIES, pose, GRID, 0.5, moment=2.0 * largest)
+    nearly = solve_resultant(*BODIES, pose, GRID, 0.5, moment=0.99 * largest)
+    assert float(nearly.moment) == pytest.approx(0.99 * float(largest), rel=1e-6)
+
+
+def test_derivatives_by_resultants_and_materials():
+    @jax.jit
+    def twist(values):
+        modulus, moment, force = values
+        bodies = HalfSpace(modulus, 0.5), Rigid(), Paraboloid(30.0)
+        found = solve_resultant(
+            *bodies, TOUCHING, GRID, 0.5, moment=moment, normal_force=force, rtol=1e-10
+        )
+        return found.pose.twist
+
+    values = jnp.asarray([1.0, 2.0, 5.0])
+    gradient = jax.jit(jax.grad(twist))(values)
+    for i in range(3):
+        step = jnp.zeros(3).at[i].set(1e-5)
+        difference = (twist(values + step) - twist(values - step)) / 2e-5
+        # 1e-9 of the resultants over the step
+        assert float(gradient[i]) == pytest.approx(float(difference), rel=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("given", "mu", "words"),
+    [
+        ({}, 0.5, "at least one of"),
+        ({"moment": 1.0}, 0.0, "without friction"),
+        ({"shear_force": (1.0, 0.0)}, 0.0, "without friction"),
+        ({"moment": np.nan}, 0.5, "finite"),
+    ],
+)
+def test_wrong_resultants_are_refused(given, mu, words):
+    with pytest.raises(ValueError, match=words):
+        solve_resultant(*BODIES, TOUCHING, GRID, mu, **given)
