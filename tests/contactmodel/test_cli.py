@@ -76,6 +76,7 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
     [
         ("poisson_ratio = 0.48", "poisson_ratio = 0.6", "Poisson's ratio"),
         ("poisson_ratio = 0.48", "", "poisson_ratio"),
+        ("poisson_ratio = 0.48", "poisson_ratio = 0.48\nthickness_mm = 0.0", "above 0"),
         ("radius_mm", "radius_m", "unknown key"),
         ('"sphere"', '"pyramid"', "unknown shape"),
         ("cells = [24, 24]", "cells = 24", "two numbers"),
@@ -107,7 +108,7 @@ def test_a_failing_step_is_told(config, tmp_path):
 
 def test_shipped_examples_can_be_read():
     names = [item.name.removesuffix(".toml") for item in EXAMPLES.iterdir()]
-    assert sorted(names) == ["pivoting_cube", "shifted_sphere"]
+    assert sorted(names) == ["cube_on_layer", "pivoting_cube", "shifted_sphere"]
     for name in names:
         assert len(read_simulation(name)) > 5
 
