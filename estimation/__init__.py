@@ -13,7 +13,7 @@ from estimation.plots import plot_angles, plot_grasp, plot_maps, plot_overview
 from estimation.recording import Frame, MarkerLayout, Recording, layout_markers
 from estimation.result import Estimate, Result, State
 from estimation.softness import ScalarSoftness, read_softness
-from estimation.sources import find_recordings, read_recording, write_archive
+from estimation.sources import ImageSettings, find_recordings, read_recording, write_archive
 from estimation.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 
@@ -23,6 +23,7 @@ __all__ = [
     "Estimate",
     "Frame",
     "Grasp",
+    "ImageSettings",
     "MarkerLayout",
     "Noise",
     "PivotModel",

@@ -15,6 +15,7 @@ from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
 from estimation.noise import Noise
 from estimation.run import Settings, gather_recordings, run_all
 from estimation.softness import read_softness
+from estimation.sources import ImageSettings
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE
 
 app = typer.Typer(
@@ -24,6 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 console = Console(stderr=True)
+PICTURES = "Pictures of dots"
 CONSTANTS = "Constants of the method; each has its own"
 
 
@@ -33,7 +35,8 @@ def run(
         list[str] | None,
         typer.Argument(
             metavar="[RECORDING|DATASET]...",
-            help="Tac3D folders, .npz recordings or data set names; the virtual pivot if none.",
+            help="Tac3D folders, .npz recordings, videos, folders of images, cameras (camera:0) "
+            "or data set names; the virtual pivot if none.",
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
@@ -46,6 +49,22 @@ def run(
     grasp: Annotated[
         bool, typer.Option("--grasp", help="Two recordings of fingers that hold one object.")
     ] = False,
+    mm_per_px: Annotated[
+        float | None,
+        typer.Option(help="Scale [mm/px]; else lengths stay in px.", rich_help_panel=PICTURES),
+    ] = None,
+    dot_radius_px: Annotated[
+        float | None,
+        typer.Option(help="Radius of the dots [px]; else found.", rich_help_panel=PICTURES),
+    ] = None,
+    dark_dots: Annotated[
+        bool | None,
+        typer.Option("--dark/--bright", help="Dots; else found.", rich_help_panel=PICTURES),
+    ] = None,
+    unloaded_frame: Annotated[
+        int | None,
+        typer.Option(help="Number of an unloaded frame.", rich_help_panel=PICTURES),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the virtual pivot.")] = 0,
     noise_um: Annotated[
         float | None,
@@ -130,6 +149,7 @@ def run(
         onset_mm=onset_mm,
         contact_share=contact_share,
         stick_share=stick_share,
+        images=ImageSettings(mm_per_px, dot_radius_px, dark_dots, unloaded_frame),
         grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},
     )

@@ -52,6 +52,15 @@ def find_contact(
     return np.zeros_like(region), -1
 
 
+def known_contact(
+    stencils: Stencils, displacement: Float[np.ndarray, "n 3"], region: Bool[np.ndarray, " n"]
+) -> tuple[Bool[np.ndarray, " n"], int]:
+    """A contact region that the source knows, and the stick centre in it; −1 without contact."""
+    if not region.any():
+        return region, -1
+    return region, find_stick_centre(stencils.reference, displacement, stencils.normals, region)
+
+
 def find_stick_centre(
     reference: Float[np.ndarray, "n 3"],
     displacement: Float[np.ndarray, "n 3"],

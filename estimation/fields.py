@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from contactmodel.kinematics import mean_line_rotation, polar_rotation
-from estimation.contact import ONSET_MM, SHARE, find_contact
+from estimation.contact import ONSET_MM, SHARE, find_contact, known_contact
 from estimation.recording import Frame
 from estimation.stencils import Stencils, in_space, unit
 
@@ -33,6 +33,7 @@ class Fields(NamedTuple):
         polar_rotation: rotation of the polar decomposition [rad].
         contact: markers of the contact region; none where there is no contact.
         centre: the stick centre, a marker of the contact region; −1 where there is no contact.
+        imprint: rotation of what the object prints, and its standard error [rad]; NaN if unknown.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -43,6 +44,7 @@ class Fields(NamedTuple):
     polar_rotation: Float[np.ndarray, " n"]
     contact: Bool[np.ndarray, " n"]
     centre: int
+    imprint: tuple[float, float] = (float("nan"), float("nan"))
 
 
 def measure_fields(
@@ -66,9 +68,13 @@ def measure_fields(
     normals, gradient = _surface_gradient(stencils, positions)
     polar = np.asarray(polar_rotation(gradient))
     rotation = np.asarray(mean_line_rotation(gradient)) if stencils.gridded else polar
-    contact, centre = find_contact(
-        stencils, displacement, indentation, np.isfinite(rotation), onset_mm, share
-    )
+    usable = np.isfinite(rotation)
+    if frame.contact is None:
+        contact, centre = find_contact(
+            stencils, displacement, indentation, usable, onset_mm, share
+        )
+    else:
+        contact, centre = known_contact(stencils, displacement, frame.contact & usable)
     return Fields(
         positions=positions,
         displacement=displacement,
@@ -78,6 +84,7 @@ def measure_fields(
         polar_rotation=polar,
         contact=contact,
         centre=centre,
+        imprint=frame.imprint,
     )
 
 

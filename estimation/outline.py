@@ -39,6 +39,16 @@ class Axis(NamedTuple):
     reason: str = ""
 
 
+def find_axis(fields: Fields) -> Axis:
+    """A direction that turns with the object: its imprint's where there is one, else the outline's.
+
+    An imprint is read from the object's edges or texture: the contact's shape plays no part in it,
+    and its curvature counts as unchanged.
+    """
+    angle, error = fields.imprint
+    return Axis(angle, error, np.nan, 1.0) if np.isfinite(angle) else measure_axis(fields)
+
+
 class Outline(NamedTuple):
     """Long axis of the contact in each frame.
 
@@ -92,7 +102,13 @@ def unwrap(angle: float, near: float) -> float:
 
 
 def follow_outline(recording: Recording) -> Outline:
-    """Follow the long axis of the contact through a recording, anew with every contact."""
+    """Follow the long axis of the contact through a recording, anew with every contact.
+
+    Where the source has the object's imprint, that is followed in its place.
+    """
+    if recording.imprint is not None:
+        nothing = np.full(len(recording), np.nan)
+        return Outline(recording.imprint[:, 0], recording.imprint[:, 1], nothing)
     stencils = make_stencils(recording.layout)
     angle = np.full(len(recording), np.nan)
     error = np.full(len(recording), np.nan)

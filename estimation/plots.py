@@ -121,8 +121,8 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain:
         for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    axes[2, 0].set_xlabel("x [mm]")
-    axes[2, 0].set_ylabel("y [mm]")
+    axes[2, 0].set_xlabel(f"x [{recording.unit}]")
+    axes[2, 0].set_ylabel(f"y [{recording.unit}]")
     return figure
 
 

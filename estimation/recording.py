@@ -162,6 +162,9 @@ class Frame:
         source_index: number the source gave the frame.
         moment: moment about the contact normal [N·mm], NaN where unknown.
         flaw: why the frame cannot be used, empty where it can.
+        contact: the contact region, where the source knows it; else the displacements tell.
+        imprint: rotation of what the object prints through the gel, and its standard error [rad];
+            NaN where unknown.
 
     Raises:
         ValueError: the arrays do not fit each other.
@@ -173,6 +176,8 @@ class Frame:
     source_index: int
     moment: float = float("nan")
     flaw: str = ""
+    contact: Bool[np.ndarray, " n"] | None = None
+    imprint: tuple[float, float] = (float("nan"), float("nan"))
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
@@ -196,6 +201,10 @@ class Recording:
         moment: resultant moment on the sensor [N·mm], if the source has it.
         forces: force at each marker [N], if the source has it.
         flaws: per frame, why it cannot be used; empty where it can.
+        contact: the contact region in each frame, if the source knows it.
+        imprint: rotation of what the object prints through the gel, and its standard error [rad],
+            in each frame, if the source has it; NaN where it has lost its place.
+        unit: of lengths, mm, or px where the source has no scale.
         name: short name, used for folders and titles.
         source: where the recording came from.
         convention: how the source's axes lie, and what was turned to get to the sensor frame.
@@ -214,6 +223,9 @@ class Recording:
     moment: Float[np.ndarray, "frames 3"] | None = None
     forces: Float[np.ndarray, "frames n d"] | None = None
     flaws: tuple[str, ...] = ()
+    contact: Bool[np.ndarray, "frames n"] | None = None
+    imprint: Float[np.ndarray, "frames 2"] | None = None
+    unit: str = "mm"
     name: str = "recording"
     source: str = ""
     convention: str = "z out of the elastomer towards the object"
@@ -237,6 +249,12 @@ class Recording:
             _expect_shape("moment", self.moment, frames, 3)
         if self.forces is not None:
             _expect_shape("forces", self.forces, *self.positions.shape)
+        if self.contact is not None:
+            _expect_shape("contact", self.contact, *self.valid.shape)
+        if self.imprint is not None:
+            _expect_shape("imprint", self.imprint, frames, 2)
+        if self.unit not in ("mm", "px"):
+            raise ValueError(f"`unit` is {self.unit!r}; it must be mm or px")
         if self.flaws and len(self.flaws) != frames:
             raise ValueError(f"{len(self.flaws)} `flaws` for {frames} frames: give one for each")
         if not np.isfinite(self.positions[self.valid]).all():
@@ -251,7 +269,7 @@ class Recording:
         per_frame = ("positions", "valid", "time", "source_index", "force", "moment", "forces")
         cut = {
             name: value[:frames]
-            for name in (*per_frame, "flaws")
+            for name in (*per_frame, "flaws", "contact", "imprint")
             if (value := getattr(self, name)) is not None
         }
         return replace(self, **cut)
@@ -266,4 +284,8 @@ class Recording:
                 source_index=int(self.source_index[i]),
                 moment=float("nan") if self.moment is None else float(self.moment[i, 2]),
                 flaw=self.flaws[i] if self.flaws else "",
+                contact=None if self.contact is None else self.contact[i],
+                imprint=(np.nan, np.nan)
+                if self.imprint is None
+                else (float(self.imprint[i, 0]), float(self.imprint[i, 1])),
             )

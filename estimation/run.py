@@ -19,7 +19,7 @@ from estimation.recording import Recording
 from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_overview, write_run
 from estimation.result import Estimate, Result, State
 from estimation.softness import ScalarSoftness
-from estimation.sources import find_recordings, read_recording
+from estimation.sources import ImageSettings, find_recordings, read_recording
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -37,6 +37,7 @@ class Settings:
         contact_share: share of the largest normal displacement that bounds the contact [-].
         stick_share: share of the contact's markers from which the state is `stick` [-].
         constants: of the chosen method.
+        images: what is known of pictures.
         grasp: the two recordings are two fingers that hold one object.
     """
 
@@ -48,6 +49,7 @@ class Settings:
     contact_share: float = SHARE
     stick_share: float = STICK_SHARE
     constants: Mapping[str, Any] = field(default_factory=dict)
+    images: ImageSettings = ImageSettings()
     grasp: bool = False
 
 
@@ -85,7 +87,7 @@ def gather_recordings(
     for name in names:
         is_dataset = name in datasets.NAMES and not Path(name).exists()
         paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
-    return [Input(read_recording(path)) for path in paths]
+    return [Input(read_recording(path, settings.images)) for path in paths]
 
 
 def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Progress) -> Outcome:
@@ -193,7 +195,9 @@ def _put_together(
         outline=follow_outline(recording).angle,
         settings={
             "seed": settings.seed if truth is not None else None,
-            "noise_in_plane_um": None if noise is None else round(1e3 * noise.in_plane, 4),
+            "noise_in_plane_um" if recording.unit == "mm" else "noise_in_plane_millipx": (
+                None if noise is None else round(1e3 * noise.in_plane, 4)
+            ),
             "noise_from": "given" if settings.noise else "recording" if noise else "misfit",
             "stiffness_ratio": settings.softness.stiffness_ratio,
             "load_term_rad": settings.softness.load_term,

@@ -83,7 +83,7 @@ class Tracker:
             self.stencils, frame, onset_mm=self.onset_mm, share=self.contact_share
         )
         gel = self.estimator.update(fields)
-        state, reason = self._judge(fields, gel)
+        state, reason = self._judge(fields, gel, told=frame.contact is not None)
         angle, low, high = self.softness.correct(gel)
         return Estimate(
             time=frame.time,
@@ -99,9 +99,11 @@ class Tracker:
             stick=gel.stick,
         )
 
-    def _judge(self, fields: Fields, gel: Measurement) -> tuple[State, str]:
-        """State of the contact, and why there is no angle."""
+    def _judge(self, fields: Fields, gel: Measurement, told: bool) -> tuple[State, str]:
+        """State of the contact, and why there is no angle; whether the source told the contact."""
         if not fields.contact.any():
+            if told:
+                return State.NO_CONTACT, "no contact"
             return State.NO_CONTACT, f"no contact: moved by less than {self.onset_mm:g} mm"
         if not np.isfinite(gel.angle):
             return State.MACRO_SLIP, "too few markers stick"

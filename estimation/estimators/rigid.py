@@ -230,7 +230,7 @@ def _undetected_slip(
     """
     inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
     outer = stencils.neighbours[inner, slot]
-    beyond = ~stick[outer] & np.isfinite(after[outer])
+    beyond = ~stick[outer] & np.isfinite(before[outer] + after[outer])
     inner, outer = inner[beyond], outer[beyond]
     if not len(outer):
         return 0.0

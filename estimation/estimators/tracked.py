@@ -15,7 +15,7 @@ from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD
 from estimation.fields import Fields
 from estimation.noise import Noise
-from estimation.outline import Axis, measure_axis, unwrap
+from estimation.outline import Axis, find_axis, unwrap
 from estimation.stencils import Stencils
 from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
 
@@ -94,7 +94,7 @@ class Tracked:
         if not fields.contact.any():
             self._forget()
             return gel
-        axis = self._follow(measure_axis(fields))
+        axis = self._follow(find_axis(fields))
         if np.isfinite(gel.angle) and self._overtaken(axis, gel.angle):
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))

@@ -17,6 +17,9 @@ Format version 1 has these entries, lengths in mm, forces in N, moments in N·mm
 | `force`, `moment` | (frames, 3) | resultants; only where known |
 | `forces` | like `positions` | force at each marker; only where known |
 | `flaws` | (frames,) text | why a frame cannot be used, empty where it can; (0,) if not inspected |
+| `contact` | (frames, markers) | the contact region; only where the source knows it |
+| `imprint` | (frames, 2) | the imprint's rotation and its standard error [rad]; only where known |
+| `unit` | () text | of lengths, `mm` or `px`; mm where missing |
 | `name`, `source`, `convention` | () text | as in `Recording` |
 | `notes` | (notes,) text | as in `Recording` |
 
@@ -61,6 +64,9 @@ def write_archive(recording: Recording, path: Path) -> None:
         "moment": recording.moment,
         "forces": recording.forces,
         "flaws": np.array(recording.flaws, dtype=np.str_),
+        "contact": recording.contact,
+        "imprint": recording.imprint,
+        "unit": recording.unit,
         "name": recording.name,
         "source": recording.source,
         "convention": recording.convention,
@@ -131,6 +137,9 @@ def _to_recording(entries: dict[str, Shaped[np.ndarray, "..."]]) -> Recording:
         moment=optional("moment"),
         forces=optional("forces"),
         flaws=tuple(entries["flaws"].tolist()),
+        contact=array("contact", bool) if "contact" in entries else None,
+        imprint=optional("imprint"),
+        unit=str(entries["unit"]) if "unit" in entries else "mm",
         name=str(entries["name"]),
         source=str(entries["source"]),
         convention=str(entries["convention"]),

@@ -5,16 +5,22 @@ from pathlib import Path
 from estimation.inspection import inspect_recording
 from estimation.recording import Recording
 from estimation.sources.archive import SUFFIX, read_archive
+from estimation.sources.images import ImageSettings, read_images
+from estimation.sources.pictures import is_camera, is_pictures
 from estimation.sources.tac3d import is_tac3d, read_tac3d
 
-EXPECTED = f"a folder of Tac3D arrays (3D_Positions.npy, …) or a recording archive (*{SUFFIX})"
+EXPECTED = (
+    f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
+    "folder of images or a camera (camera:0)"
+)
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path, images: ImageSettings | None = None) -> Recording:
     """Read the one recording at `path` and inspect it.
 
     Args:
-        path: a folder of Tac3D arrays, or an archive of ours.
+        path: a folder of Tac3D arrays, an archive of ours, or pictures of printed dots.
+        images: what is known of the pictures.
 
     Raises:
         FileNotFoundError: there is nothing there, or an array is missing.
@@ -25,6 +31,8 @@ def read_recording(path: Path) -> Recording:
     if len(found) > 1:
         names = ", ".join(one.name for one in found)
         raise ValueError(f"{path} holds {len(found)} recordings ({names}): name one of them")
+    if is_pictures(found[0]):
+        return inspect_recording(read_images(found[0], images))
     reader = read_tac3d if found[0].is_dir() else read_archive
     return inspect_recording(reader(found[0]))
 
@@ -37,17 +45,23 @@ def find_recordings(path: Path) -> list[Path]:
         ValueError: there is something else there.
         OSError: the folder cannot be read.
     """
+    if is_camera(path):
+        return [path]
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: give {EXPECTED}")
     if not path.is_dir():
-        if path.suffix == SUFFIX:
+        if path.suffix == SUFFIX or is_pictures(path):
             return [path]
         hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
         raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
-    if is_tac3d(path):
+    if is_tac3d(path) or is_pictures(path):
         return [path]
     inside = sorted(path.iterdir())
-    found = [one for one in inside if one.suffix == SUFFIX or (one.is_dir() and is_tac3d(one))]
+    found = [
+        one
+        for one in inside
+        if one.suffix == SUFFIX or is_pictures(one) or (one.is_dir() and is_tac3d(one))
+    ]
     if not found:
         what = "holds no recording" if inside else "is empty"
         raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of those")

@@ -1,0 +1,1 @@
+"""Pictures of a sensor's markers: rendered, and turned into marker positions."""

@@ -1,0 +1,84 @@
+"""Where the object touches, from one view: how far the dots have gone, or how the light has changed.
+
+[Li2024] Section IV-B names both for sensors with one camera and discrete markers.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting".
+"""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+from scipy.spatial import Delaunay, QhullError
+
+from estimation.images.lattice import Reference
+
+ONSET = 0.04
+"""Displacement from which there is contact [pitches]; 0.1 mm would be a tenth on most pads."""
+SHARE = 0.35
+"""Share of the largest dispersion that bounds the region [-]."""
+LIGHT_ONSET = 6.0
+"""Change of grey level, of 255, from which there is contact."""
+
+
+def region_of_dispersion(
+    reference: Reference, displacement: Float[np.ndarray, "m 2"]
+) -> Bool[np.ndarray, " m"]:
+    """The contact region by the dispersion of the translation field.
+
+    A dot's dispersion is the root mean square displacement of it and its neighbours: gel that
+    rests has none, gel that is pressed aside, dragged or twisted has much. The region is the convex
+    hull of where it is large, so that the middle of a twist, which stays in place, belongs to it.
+
+    Args:
+        reference: the dots at rest.
+        displacement: from there [px]; NaN where not seen.
+    """
+    seen = np.isfinite(displacement[:, 0])
+    squared = np.where(seen, np.sum(np.nan_to_num(displacement) ** 2, axis=1), 0.0)
+    with_self = np.concatenate([np.arange(len(seen))[:, None], reference.neighbours], axis=1)
+    known = (with_self >= 0) & seen[with_self]
+    count = np.maximum(known.sum(axis=1), 1)
+    dispersion = np.sqrt(np.where(known, squared[with_self], 0.0).sum(axis=1) / count)
+    if not seen.any() or dispersion[seen].max() < ONSET * reference.pitch:
+        return np.zeros_like(seen)
+    return seen & _hull(reference.position, seen & (dispersion >= SHARE * dispersion[seen].max()))
+
+
+def region_of_light(
+    reference: Reference,
+    before: Shaped[np.ndarray, "h w *colour"],
+    now: Shaped[np.ndarray, "h w *colour"],
+    position: Float[np.ndarray, "m 2"],
+) -> Bool[np.ndarray, " m"]:
+    """The contact region by the change of light since an unloaded picture.
+
+    Args:
+        reference: the dots at rest.
+        before: the unloaded picture.
+        now: the picture of the frame.
+        position: dots of the frame [px]; NaN where not seen.
+    """
+    change = np.abs(_smooth(now, reference.pitch) - _smooth(before, reference.pitch))
+    change = change.max(axis=-1) if change.ndim == 3 else change
+    seen = np.isfinite(position[:, 0])
+    pixel = np.clip(np.rint(np.nan_to_num(position)), 0, np.array(change.shape[::-1]) - 1)
+    level = np.where(seen, change[pixel[:, 1].astype(int), pixel[:, 0].astype(int)], 0.0)
+    if level.max(initial=0.0) < LIGHT_ONSET:
+        return np.zeros_like(seen)
+    return seen & (level >= max(0.5 * LIGHT_ONSET, SHARE * level.max()))
+
+
+def _smooth(image: Shaped[np.ndarray, "h w *colour"], pitch: float) -> np.ndarray:
+    scale = 1.0 / 257.0 if image.dtype == np.uint16 else 1.0
+    return cv2.GaussianBlur(image.astype(np.float32) * np.float32(scale), (0, 0), 0.5 * pitch)
+
+
+def _hull(points: Float[np.ndarray, "m 2"], some: Bool[np.ndarray, " m"]) -> np.ndarray:
+    """The points in the convex hull of some of them."""
+    if some.sum() < 3:
+        return some
+    try:
+        return some | (Delaunay(points[some]).find_simplex(points) >= 0)
+    except QhullError:  # all on one line
+        return some

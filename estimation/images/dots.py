@@ -1,0 +1,204 @@
+"""Dots: seeds from a difference of Gaussians, then a sub-pixel fit of a blurred ellipse, batched.
+
+The fit's profile across the rim is that of a straight edge under a Gaussian blur, ½ erfc(t/√2 s),
+t the distance from the rim: exact for radii large against the blur, and symmetric about the centre
+for all, so that the position is not biased by it.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Shaped
+
+STEPS = 5
+BATCH = 32
+"""Dots are fitted in multiples of this many, so that few sizes are compiled."""
+FAINT = 0.3
+"""Share of the typical seed's strength below which a seed is no dot."""
+
+
+class DotStyle(NamedTuple):
+    """What the dots of a sensor look like.
+
+    Attributes:
+        dark: whether they are darker than what is around them.
+        radius: typical radius [px].
+    """
+
+    dark: bool
+    radius: float
+
+
+class Dots(NamedTuple):
+    """Dots of a picture.
+
+    Attributes:
+        centre: positions [px], x right and y down, the first pixel's middle at 0.
+        covariance: of the position, from the misfit of the fit [px²].
+        axes: symmetric matrices that take the unit circle to each dot's rim [px].
+        contrast: grey level of the background minus that of the dot, taken positive.
+        explained: share of the picture's variance around the dot that the fit explains [-].
+    """
+
+    centre: Float[np.ndarray, "n 2"]
+    covariance: Float[np.ndarray, "n 2 2"]
+    axes: Float[np.ndarray, "n 2 2"]
+    contrast: Float[np.ndarray, " n"]
+    explained: Float[np.ndarray, " n"]
+
+    def take(self, which: Shaped[np.ndarray, " m"]) -> "Dots":
+        """Some of the dots."""
+        return Dots(*(value[which] for value in self))
+
+
+def to_grey(picture: Shaped[np.ndarray, "h w *colour"], dark: bool) -> Float[np.ndarray, "h w"]:
+    """One channel in which dots stand out and coloured light does not, 0 to 255.
+
+    Dark dots are dark in every colour: the brightest channel shows them alone. Bright ones are
+    bright in every colour.
+    """
+    if picture.ndim == 3:
+        picture = picture[..., :3]
+        order = np.maximum if dark else np.minimum
+        picture = order(order(picture[..., 0], picture[..., 1]), picture[..., 2])
+    scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
+    return picture.astype(np.float32) * np.float32(scale)
+
+
+def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarray, "n 2"]:
+    """Pixels (x, y) at which a dot may be: maxima of a difference of Gaussians."""
+    narrow = cv2.GaussianBlur(grey, (0, 0), 0.6 * style.radius)
+    wide = cv2.GaussianBlur(narrow, (0, 0), 0.8 * style.radius)
+    response = wide - narrow if style.dark else narrow - wide
+    side = 2 * int(round(style.radius)) + 1
+    highest = cv2.dilate(response, np.ones((side, side), np.uint8))
+    y, x = np.nonzero((response == highest) & (response > 1.0))
+    strength = response[y, x]
+    if not len(x):
+        return np.zeros((0, 2), dtype=int)
+    typical = np.median(strength[strength > 0.5 * np.percentile(strength, 90)])
+    keep = strength > FAINT * typical
+    return np.stack([x[keep], y[keep]], axis=1)
+
+
+def fit_dots(
+    grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
+) -> Dots:
+    """Fit centre, shape, blur, contrast and a sloping background to every seed.
+
+    Args:
+        grey: the picture, as `to_grey` gives it.
+        seeds: pixels to start from, each within a radius of a dot's centre.
+        style: typical radius, and whether the dots are dark.
+    """
+    count = len(seeds)
+    padded = np.zeros((-(-max(count, 1) // BATCH) * BATCH, 2), dtype=np.int32)
+    padded[:count] = seeds
+    half = int(np.ceil(1.5 * style.radius + 2.0))
+    fitted = _fit(np.asarray(grey, np.float32), padded, np.float32(style.radius), half)
+    offset, covariance, shape, contrast, explained = (np.asarray(x)[:count] for x in fitted)
+    return Dots(
+        centre=seeds + offset.astype(float),
+        covariance=covariance.astype(float),
+        axes=np.linalg.inv(shape.astype(float)) if count else shape.astype(float),
+        contrast=(contrast if style.dark else -contrast).astype(float),
+        explained=explained.astype(float),
+    )
+
+
+@partial(jax.jit, static_argnames="half")
+def _fit(
+    grey: Float[Array, "h w"], seeds: Int[Array, "n 2"], radius: Float[Array, ""], half: int
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Gauss–Newton in all dots at once; parameters: centre, inverse shape, blur, then linear."""
+    steps = jnp.arange(-half, half + 1)
+    dy, dx = (a.ravel().astype(jnp.float32) for a in jnp.meshgrid(steps, steps, indexing="ij"))
+    column, row = seeds[:, :1] + dx.astype(int), seeds[:, 1:] + dy.astype(int)
+    inside = (column >= 0) & (column < grey.shape[1]) & (row >= 0) & (row < grey.shape[0])
+    inside &= dx**2 + dy**2 <= (half + 0.5) ** 2
+    value = grey[jnp.clip(row, 0, grey.shape[0] - 1), jnp.clip(column, 0, grey.shape[1] - 1)]
+    weight = inside.astype(jnp.float32)
+
+    def model(p):
+        x, y = dx - p[:, :1], dy - p[:, 1:2]
+        gx = p[:, 2:3] * x + p[:, 4:5] * y
+        gy = p[:, 4:5] * x + p[:, 3:4] * y
+        size = jnp.sqrt(gx**2 + gy**2 + 1e-6)
+        nx = (p[:, 2:3] * gx + p[:, 4:5] * gy) / size
+        ny = (p[:, 4:5] * gx + p[:, 3:4] * gy) / size
+        slope = jnp.sqrt(nx**2 + ny**2 + 1e-9)
+        t = (size - 1.0) / (slope * p[:, 5:6])
+        inner = 0.5 * jax.lax.erfc(t * np.float32(np.sqrt(0.5)))
+        linear = p[:, 6:7] * inner + p[:, 7:8] + p[:, 8:9] * dx + p[:, 9:10] * dy
+        edge = -p[:, 6:7] * jnp.exp(-0.5 * t**2) * np.float32(1 / np.sqrt(2 * np.pi)) / p[:, 5:6]
+        across = edge / (slope * size)
+        columns = [
+            -edge * nx / slope,
+            -edge * ny / slope,
+            across * gx * x,
+            across * gy * y,
+            across * (gx * y + gy * x),
+            -edge * t,
+            inner,
+            jnp.ones_like(inner),
+            jnp.broadcast_to(dx, inner.shape),
+            jnp.broadcast_to(dy, inner.shape),
+        ]
+        return linear, jnp.stack(columns, axis=1) * weight[:, None]
+
+    def normal_equations(p):
+        fitted, jacobian = model(p)
+        residual = (value - fitted) * weight
+        matrix = jacobian @ jacobian.transpose(0, 2, 1)
+        damping = 1e-5 * jnp.einsum("nii->ni", matrix) + 1e-6
+        matrix = matrix + damping[:, :, None] * jnp.eye(10, dtype=jnp.float32)
+        return matrix, jnp.einsum("nip,np->ni", jacobian, residual), residual
+
+    def step(_, p):
+        matrix, right, _ = normal_equations(p)
+        change = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right[..., None])
+        change = change[..., 0]
+        limit = jnp.concatenate(
+            [jnp.full(2, 0.3) * radius, jnp.full(3, 0.25) / radius, jnp.full(1, 0.4)]
+        ).astype(jnp.float32)
+        share = jnp.max(jnp.abs(change[:, :6]) / limit, axis=1, keepdims=True)
+        p = p + change / jnp.maximum(share, 1.0)
+        return p.at[:, 5].set(jnp.clip(p[:, 5], 0.3, 0.8 * radius))
+
+    total = weight.sum(axis=1)
+    mean = (value * weight).sum(axis=1) / total
+    middle = value[:, value.shape[1] // 2]
+    edge_level = 1.5 * mean - 0.5 * middle
+    start = jnp.stack(
+        [
+            jnp.zeros_like(mean),
+            jnp.zeros_like(mean),
+            jnp.full_like(mean, 1.0) / radius,
+            jnp.full_like(mean, 1.0) / radius,
+            jnp.zeros_like(mean),
+            jnp.full_like(mean, 1.0),
+            middle - edge_level,
+            edge_level,
+            jnp.zeros_like(mean),
+            jnp.zeros_like(mean),
+        ],
+        axis=1,
+    )
+    p = jax.lax.fori_loop(0, STEPS, step, start)
+    matrix, _, residual = normal_equations(p)
+    variance = (residual**2).sum(axis=1) / jnp.maximum(total - 10.0, 1.0)
+    columns = jnp.broadcast_to(jnp.eye(10, 2, dtype=jnp.float32), (len(p), 10, 2))
+    inverse = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), columns)
+    spread = (((value - mean[:, None]) * weight) ** 2).sum(axis=1)
+    shape = jnp.stack([p[:, 2], p[:, 4], p[:, 4], p[:, 3]], axis=1).reshape(-1, 2, 2)
+    return (
+        p[:, :2],
+        inverse[:, :2] * variance[:, None, None],
+        shape,
+        -p[:, 6],
+        1.0 - (residual**2).sum(axis=1) / jnp.maximum(spread, 1e-6),
+    )

@@ -1,0 +1,372 @@
+"""Which dot is which: lattice indices, a reference to count from, and matching without continuity.
+
+Dots of a printed lattice keep their neighbours, however far they move. A frame is matched to the
+reference by that alone: dots that lie where the reference has them, and whose neighbours do too,
+are the gel that nothing has moved; from there the match spreads dot by dot, each step predicted
+from the neighbours found before. Earlier frames play no part, so none can mislead.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from estimation.recording import MarkerLayout, delaunay_neighbours
+
+NEAR = 0.4
+"""Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
+STRETCH = 0.5
+"""Most that the vector to a neighbour may change from the reference among dots at rest [pitches]."""
+REACH = 2.3
+"""Distance up to which dots help to say where one should be [pitches]."""
+AROUND = 12
+"""Most of them."""
+STIFFNESS = 0.1
+"""How much predictions are drawn towards no rotation and no strain, as a share of the data."""
+FIT = 0.06
+"""Distance from a fitted lattice within which a dot is on it [pitches]."""
+STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+
+
+class Lattice(NamedTuple):
+    """Dots with integer lattice coordinates.
+
+    Attributes:
+        dot: numbers of the dots that have coordinates.
+        index: their coordinates.
+        pitch: distance between neighbours [px].
+    """
+
+    dot: Int[np.ndarray, " m"]
+    index: Int[np.ndarray, "m 2"]
+    pitch: float
+
+
+def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
+    """Give dots integer coordinates, spread over neighbours from the most regular place.
+
+    Dots that continue no row are left out; so are those that two paths give different coordinates.
+    """
+    nothing = Lattice(np.zeros(0, dtype=int), np.zeros((0, 2), dtype=int), np.nan)
+    if len(centre) < 9:
+        return nothing
+    tree = KDTree(centre)
+    distance, near = tree.query(centre, 5)
+    pitch = float(np.median(distance[:, 1:4]))
+    vectors = centre[near[:, 1:]] - centre[:, None]
+    short = vectors[distance[:, 1:] < 1.4 * pitch]
+    basis = _common_basis(short, pitch)
+    if basis is None:
+        return nothing
+    spots = centre[:, None] + STEPS @ basis
+    off = tree.query(spots.reshape(-1, 2))[0].reshape(len(centre), 4)
+    start = int(np.argmin(np.sort(off, axis=1)[:, 3]))
+    number = {start: (0, 0)}
+    local = {start: basis}
+    taken = {(0, 0)}
+    queue = deque([start])
+    while queue:
+        i = queue.popleft()
+        for step in STEPS:
+            place = (number[i][0] + int(step[0]), number[i][1] + int(step[1]))
+            off_i, j = tree.query(centre[i] + step @ local[i])
+            j = int(j)
+            if place in taken or j in number or off_i > NEAR * pitch:
+                continue
+            number[j] = place
+            taken.add(place)
+            seen = step @ np.array([[1, 0], [0, 1]])
+            axis = int(np.argmax(np.abs(seen)))
+            frame = local[i].copy()
+            frame[axis] = 0.5 * frame[axis] + 0.5 * seen[axis] * (centre[j] - centre[i])
+            local[j] = frame
+            queue.append(j)
+    dots = np.array(sorted(number))
+    return Lattice(dots, np.array([number[i] for i in dots]), pitch)
+
+
+def _common_basis(
+    vectors: Float[np.ndarray, "m 2"], pitch: float
+) -> Float[np.ndarray, "2 2"] | None:
+    """The two most common vectors between neighbours that are not parallel."""
+    vectors = np.where(
+        (vectors[:, :1] + 1e-3 * vectors[:, 1:] < 0), -vectors, vectors
+    )  # one of each opposite pair
+    if len(vectors) < 8:
+        return None
+    both = np.concatenate([vectors, -vectors])
+    tree = KDTree(both)
+    popular = np.array([len(found) for found in tree.query_ball_point(both, 0.15 * pitch)])
+    first = _mean_near(both, both[np.argmax(popular)], 0.15 * pitch)
+    across = np.abs(first[0] * both[:, 1] - first[1] * both[:, 0]) / np.linalg.norm(first)
+    popular = np.where(across > 0.6 * pitch, popular, 0)
+    if popular.max() < 4:
+        return None
+    second = _mean_near(both, both[np.argmax(popular)], 0.15 * pitch)
+    if abs(first[0]) < abs(second[0]):
+        first, second = second, first
+    return np.stack([first * np.sign(first[0]), second * np.sign(second[1])])
+
+
+def _mean_near(vectors: np.ndarray, target: np.ndarray, radius: float) -> np.ndarray:
+    return vectors[np.linalg.norm(vectors - target, axis=1) < radius].mean(axis=0)
+
+
+class Fitted(NamedTuple):
+    """A regular lattice through the dots that lie on one.
+
+    Attributes:
+        coefficients: of 1, i, j, i², ij, j² for x and y [px]; a lens bends the rows a little.
+        on: which dots lie on it.
+    """
+
+    coefficients: Float[np.ndarray, "6 2"]
+    on: Bool[np.ndarray, " m"]
+
+    def place(self, index: Int[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+        """Where the lattice has its points [px]."""
+        return _terms(index) @ self.coefficients
+
+
+def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 0) -> Fitted:
+    """Fit a regular lattice to as many dots as lie on one, by random samples.
+
+    Samples are cells of the lattice with the longest sides there are: six dots spread over it.
+    """
+    points, terms = centre[lattice.dot], _terms(lattice.index)
+    rng = np.random.default_rng(seed)
+    best = np.zeros(len(points), dtype=bool)
+    for _ in range(500):
+        sample = rng.choice(len(points), 3, replace=False)
+        design = terms[sample][:, :3]
+        if abs(np.linalg.det(design)) < 4.0:
+            continue
+        off = np.linalg.norm(
+            points - terms[:, :3] @ np.linalg.solve(design, points[sample]), axis=1
+        )
+        on = off < 2.0 * FIT * lattice.pitch
+        if on.sum() > best.sum():
+            best = on
+    columns = 6 if best.sum() >= 20 else 3
+    coefficients = np.zeros((6, 2))
+    for _ in range(10):
+        if best.sum() < 6:
+            break
+        coefficients[:columns] = np.linalg.lstsq(
+            terms[best][:, :columns], points[best], rcond=None
+        )[0]
+        best = np.linalg.norm(points - terms @ coefficients, axis=1) < FIT * lattice.pitch
+    return Fitted(coefficients, best)
+
+
+def _terms(index: Int[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 6"]:
+    i, j = index.T.astype(float)
+    return np.stack([np.ones_like(i), i, j, i * i, i * j, j * j], axis=1)
+
+
+class Reference(NamedTuple):
+    """The dots to count from.
+
+    Attributes:
+        position: of each dot [px].
+        neighbours: of each dot, −1 where there is none.
+        around: the nearest others of each dot, nearest first, −1 beyond `REACH`.
+        pitch: distance between neighbours [px].
+        note: what it is, in a sentence.
+    """
+
+    position: Float[np.ndarray, "n 2"]
+    neighbours: Int[np.ndarray, "n k"]
+    around: Int[np.ndarray, "n a"]
+    pitch: float
+    note: str
+
+    def layout(self, mm_per_px: float) -> MarkerLayout:
+        """As a recording has it."""
+        return MarkerLayout(mm_per_px * self.position, self.neighbours)
+
+
+def make_reference(
+    centre: Float[np.ndarray, "n 2"], size: tuple[int, int], unloaded: bool = False
+) -> Reference:
+    """The reference from the dots of one frame.
+
+    Where all dots lie on a regular lattice, or the caller says so, the frame is unloaded and its
+    dots are the reference. Else the lattice is fitted to those that do and stands for all, if they
+    are enough to tell; where they are not, the frame itself must serve, and only changes count.
+
+    Args:
+        centre: dots [px].
+        size: width and height of the picture [px].
+        unloaded: the frame is known to be unloaded.
+
+    Raises:
+        ValueError: too few dots lie on a lattice.
+    """
+    lattice = index_lattice(centre)
+    if len(lattice.dot) < 9:
+        raise ValueError(
+            f"{len(lattice.dot)} dots lie in rows; at least 9 are needed: is this a sensor with "
+            "printed dots?"
+        )
+    fitted = fit_lattice(lattice, centre)
+    share = fitted.on.mean()
+    if unloaded or share > 0.95:
+        position, note = (
+            centre[lattice.dot],
+            "The reference is an unloaded frame: its dots lie on a regular lattice."
+            if not unloaded
+            else "The reference is the frame that was given.",
+        )
+    elif fitted.on.sum() >= 15 and share >= 0.3:
+        position = fitted.place(_inside(fitted, lattice, size))
+        note = (
+            f"The clip starts loaded: the reference is a regular lattice through "
+            f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, those away from "
+            "contact."
+        )
+    else:
+        position = centre[lattice.dot]
+        note = (
+            f"The clip starts loaded, and only {fitted.on.sum()} of {len(fitted.on)} dots lie on "
+            "a regular lattice: the first frame is the reference, and angles count from it."
+        )
+    reach = REACH * lattice.pitch
+    count = min(AROUND + 1, len(position))
+    around = KDTree(position).query(position, count, distance_upper_bound=reach)[1][:, 1:]
+    around = np.where(around < len(position), around, -1)
+    return Reference(
+        position, delaunay_neighbours(position, 1.3), around, lattice.pitch, note
+    )
+
+
+def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:
+    """Coordinates of all lattice points in the picture, and of the dots that have been seen."""
+    low, high = lattice.index.min(axis=0) - 1, lattice.index.max(axis=0) + 2
+    grid = np.stack(np.meshgrid(*map(np.arange, low, high), indexing="ij"), -1).reshape(-1, 2)
+    place = fitted.place(grid)
+    inside = ((place >= 0) & (place <= np.array(size) - 1)).all(axis=1)
+    return np.unique(np.concatenate([grid[inside], lattice.index]), axis=0)
+
+
+def match_dots(
+    reference: Reference,
+    centre: Float[np.ndarray, "n 2"],
+    guess: Float[np.ndarray, "m 2"] | None = None,
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """The dot that each point of the reference is now.
+
+    Args:
+        reference: the reference.
+        centre: dots of the frame [px].
+        guess: where the points may be [px], NaN where unknown; by default where they were at rest.
+
+    Returns:
+        The dots, −1 where not seen; and of these the ones that the match has started from.
+    """
+    match = np.full(len(reference.position), -1)
+    if len(centre) < 4:
+        return match, match
+    tree = KDTree(centre)
+    expected = reference.position if guess is None else guess
+    known = np.flatnonzero(np.isfinite(expected[:, 0]))
+    if not len(known):
+        return match, match
+    off, dot = tree.query(expected[known])
+    back = KDTree(expected[known]).query(centre)[1]
+    mutual = (off < NEAR * reference.pitch) & (back[dot] == np.arange(len(dot)))
+    match[known[mutual]] = dot[mutual]
+    start = match = _largest_piece(reference, centre, match, expected)
+    for _ in range(len(match)):
+        grown = _spread(reference, centre, tree, match)
+        if (grown == match).all():
+            break
+        match = grown
+    place = predict(reference, centre, match)
+    off = np.linalg.norm(place - centre[match], axis=1)
+    return np.where(off > STRETCH * reference.pitch, -1, match), start
+
+
+def _largest_piece(
+    reference: Reference,
+    centre: Float[np.ndarray, "n 2"],
+    match: Int[np.ndarray, " m"],
+    expected: Float[np.ndarray, "m 2"],
+) -> Int[np.ndarray, " m"]:
+    """The largest set of neighbours that have kept their places to each other."""
+    i, slot = np.nonzero(reference.neighbours >= 0)
+    j = reference.neighbours[i, slot]
+    both = (match[i] >= 0) & (match[j] >= 0)
+    i, j = i[both], j[both]
+    moved = (centre[match[j]] - centre[match[i]]) - (expected[j] - expected[i])
+    firm = np.linalg.norm(moved, axis=1) < STRETCH * reference.pitch
+    graph = coo_array((np.ones(firm.sum()), (i[firm], j[firm])), shape=(len(match), len(match)))
+    label = connected_components(graph, directed=False)[1]
+    largest = np.argmax(np.bincount(label[match >= 0], minlength=1))
+    return np.where((label == largest) & (match >= 0), match, -1)
+
+
+def _spread(
+    reference: Reference,
+    centre: Float[np.ndarray, "n 2"],
+    tree: KDTree,
+    match: Int[np.ndarray, " m"],
+) -> Int[np.ndarray, " m"]:
+    """Match the points next to matched ones, where a free dot lies within reach of the guess."""
+    free = np.ones(len(centre), dtype=bool)
+    free[match[match >= 0]] = False
+    known = (reference.neighbours >= 0) & (match[reference.neighbours] >= 0)
+    rim = np.flatnonzero((match < 0) & (known.sum(axis=1) >= 2))
+    if not (len(rim) and free.any()):
+        return match
+    guess = predict(reference, centre, match, rim)
+    off, dot = tree.query(guess, distance_upper_bound=NEAR * reference.pitch)
+    match = match.copy()
+    for k in np.argsort(off):
+        if np.isfinite(off[k]) and free[dot[k]]:
+            match[rim[k]] = dot[k]
+            free[dot[k]] = False
+    return match
+
+
+def predict(
+    reference: Reference,
+    centre: Float[np.ndarray, "n 2"],
+    match: Int[np.ndarray, " m"],
+    points: Int[np.ndarray, " k"] | None = None,
+) -> Float[np.ndarray, "k 2"]:
+    """Where points should be, by a rotation and a strain fitted to the matched ones around each.
+
+    The strain is held back: few points tell it badly.
+
+    Args:
+        reference: the reference.
+        centre: dots of the frame [px].
+        match: the dot that each point of the reference is, −1 where not known.
+        points: of the reference; all by default.
+    """
+    points = np.arange(len(match)) if points is None else points
+    around = reference.around[points]
+    known = (around >= 0) & (match[around] >= 0)
+    to_complex = np.array([1.0, 1.0j])
+    rest, now = reference.position @ to_complex, centre[match] @ to_complex
+    ahead = rest[around] - rest[points][:, None]
+    weight = known / np.maximum(np.abs(ahead) ** 2, 1e-9)
+    weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
+    motion = np.where(known, now[around] - rest[around], 0.0)
+    origin, shift = (weight * ahead).sum(axis=1), (weight * motion).sum(axis=1)
+    arm, motion = ahead - origin[:, None], motion - shift[:, None]
+    # normal equations of motion = turn · arm + strain · conj(arm)
+    size = (weight * np.abs(arm) ** 2).sum(axis=1) * (1.0 + STIFFNESS) + 1e-12
+    mixed = (weight * np.conj(arm) ** 2).sum(axis=1)
+    first = (weight * np.conj(arm) * motion).sum(axis=1)
+    second = (weight * arm * motion).sum(axis=1)
+    determinant = size**2 - np.abs(mixed) ** 2
+    turn = (size * first - mixed * second) / determinant
+    strain = (size * second - np.conj(mixed) * first) / determinant
+    place = rest[points] + shift - turn * origin - strain * np.conj(origin)
+    return np.stack([place.real, place.imag], axis=1)

@@ -1,0 +1,121 @@
+"""Virtual images of dots, with exact truth.
+
+Every dot is an ellipse with a sharp rim, drawn on a grid `OVERSAMPLING` times finer than the
+picture, blurred there and averaged over the pixels: no model of the fit is used to make it.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+OVERSAMPLING = 4
+
+
+class Camera(NamedTuple):
+    """What turns markers into a picture.
+
+    Attributes:
+        width: of the picture [px].
+        height: of the picture [px].
+        mm_per_px: scale in the middle of the picture [mm/px].
+        distortion: radial lens distortion [-]: an image point at distance r from the middle lies
+            at r (1 + distortion (r/R)²), R half the picture's diagonal.
+        blur: standard deviation of the point spread [px].
+        background: grey level between the dots, in the middle of the picture.
+        contrast: grey level of the background minus that of a dot; below 0 for bright dots.
+        shading: share of the light that is missing in the corners [-].
+        noise: standard deviation of each pixel [grey levels].
+    """
+
+    width: int = 640
+    height: int = 480
+    mm_per_px: float = 0.04
+    distortion: float = 0.0
+    blur: float = 1.0
+    background: float = 180.0
+    contrast: float = 120.0
+    shading: float = 0.0
+    noise: float = 2.0
+
+    def project(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Where points of the contact plane [mm] lie in the picture [px], x right and y down."""
+        ideal = points / self.mm_per_px
+        corner = 0.5 * np.hypot(self.width, self.height)
+        stretch = 1.0 + self.distortion * np.sum((ideal / corner) ** 2, axis=1, keepdims=True)
+        return ideal * stretch + 0.5 * np.array([self.width - 1, self.height - 1])
+
+
+def project_discs(
+    camera: Camera,
+    move: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]],
+    reference: Float[np.ndarray, "n 2"],
+    radius: float,
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
+    """Centres and shapes in the picture of discs that deform with the surface they are on.
+
+    Args:
+        camera: the camera.
+        move: takes points of the unloaded surface to where they are now [mm].
+        reference: unloaded centres [mm].
+        radius: of the discs [mm].
+
+    Returns:
+        Centres [px], and the matrices that take the unit circle to each dot's rim [px].
+    """
+    step = np.array([radius, 0.0])
+    sides = [camera.project(move(reference + s * step[::o])) for o in (1, -1) for s in (1, -1)]
+    axes = 0.5 * np.stack([sides[0] - sides[1], sides[2] - sides[3]], axis=-1)
+    return camera.project(move(reference)), axes
+
+
+def render_dots(
+    camera: Camera,
+    centres: Float[np.ndarray, "n 2"],
+    axes: Float[np.ndarray, "n 2 2"],
+    rng: np.random.Generator,
+) -> UInt8[np.ndarray, "height width"]:
+    """A picture of dots.
+
+    Args:
+        camera: the camera.
+        centres: of the dots [px].
+        axes: matrices that take the unit circle to each dot's rim [px].
+        rng: of the noise.
+    """
+    n = OVERSAMPLING
+    margin = 2 * int(np.ceil(4.0 * camera.blur))
+    shape = (n * (camera.height + 2 * margin), n * (camera.width + 2 * margin))
+    cover = np.zeros(shape, dtype=np.float32)
+    for centre, axis in zip(centres, axes, strict=True):
+        _draw(cover, n * (centre + margin) + 0.5 * (n - 1), n * axis)
+    if camera.blur > 0.0:
+        cover = cv2.GaussianBlur(cover, (0, 0), n * camera.blur)
+    cover = cover.reshape(shape[0] // n, n, shape[1] // n, n).mean(axis=(1, 3))
+    cover = cover[margin:-margin, margin:-margin] if margin else cover
+    y, x = np.mgrid[: camera.height, : camera.width]
+    from_middle = np.hypot(x - 0.5 * (camera.width - 1), y - 0.5 * (camera.height - 1))
+    from_middle /= 0.5 * np.hypot(camera.width, camera.height)
+    light = 1.0 - camera.shading * from_middle**2
+    grey = light * (camera.background - camera.contrast * cover)
+    grey += rng.normal(0.0, camera.noise, grey.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def _draw(cover: np.ndarray, centre: np.ndarray, axis: np.ndarray) -> None:
+    """Add the ellipse to the cover, each cell by the share of it that lies inside."""
+    reach = np.linalg.norm(axis, axis=1) + 2.0
+    low = np.maximum(np.floor(centre - reach).astype(int), 0)
+    high = np.minimum(np.ceil(centre + reach).astype(int) + 1, cover.shape[::-1])
+    if (low >= high).any():
+        return
+    y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    inverse = np.linalg.inv(axis)
+    unit = inverse @ np.stack([x.ravel() - centre[0], y.ravel() - centre[1]])
+    size = np.hypot(*unit)
+    slope = np.linalg.norm(inverse.T @ unit, axis=0) / np.maximum(size, 1e-9)
+    inside = np.clip(0.5 - (size - 1.0) / np.maximum(slope, 1e-9), 0.0, 1.0)
+    part = cover[low[1] : high[1], low[0] : high[0]]
+    np.maximum(part, inside.reshape(x.shape), out=part)

@@ -1,0 +1,58 @@
+"""Dots of a picture, and what the dots of a sensor look like where nobody has said so."""
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from estimation.images.dots import Dots, DotStyle, find_seeds, fit_dots, to_grey
+from estimation.images.lattice import index_lattice
+
+RADII = (2.5, 3.5, 5.0, 7.0, 10.0)
+"""Radii that are tried [px]."""
+EXPLAINED = 0.75
+"""Share of the picture around a dot that its fit must explain [-]."""
+FEWEST = 12
+"""Dots in rows from which a picture counts as one of dots."""
+
+
+def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
+    """The dots of a picture: seeds whose fit is a dot of about the typical size and contrast."""
+    dots = fit_dots(grey, find_seeds(grey, style), style)
+    size = np.sqrt(np.abs(np.linalg.det(dots.axes))) / style.radius
+    good = (dots.explained > EXPLAINED) & (size > 0.5) & (size < 1.8) & (dots.contrast > 3.0)
+    good &= np.isfinite(dots.covariance).all(axis=(1, 2))
+    good &= (dots.centre > -1.0).all(axis=1)
+    good &= (dots.centre < np.array(grey.shape[::-1])).all(axis=1)
+    if good.any():
+        good &= dots.contrast > 0.4 * np.median(dots.contrast[good])
+    return dots.take(good)
+
+
+def find_style(
+    picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = None
+) -> DotStyle:
+    """Polarity and radius with which most dots line up in rows.
+
+    Args:
+        picture: a picture of the sensor.
+        dark: whether the dots are dark, where that is known.
+
+    Raises:
+        ValueError: no dots in rows, whatever their size and polarity.
+    """
+    best, most = None, 0.0
+    for polarity in (True, False) if dark is None else (dark,):
+        grey = to_grey(picture, polarity)
+        for radius in RADII:
+            dots = find_dots(grey, DotStyle(polarity, radius))
+            lattice = index_lattice(dots.centre)
+            count = len(lattice.dot)
+            found = float(np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))) if count else 0.0
+            score = count * float(np.mean(dots.explained)) if count else 0.0
+            if count >= max(FEWEST, 0.5 * len(dots.centre)) and score > most:
+                best, most = DotStyle(polarity, round(found, 2)), score
+    if best is None:
+        raise ValueError(
+            "no dots that lie in rows were found in the first usable frame: this sensor seems to "
+            "have no printed dots, or they are smaller than 2 px or larger than 12 px in radius"
+        )
+    return best

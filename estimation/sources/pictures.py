@@ -1,0 +1,212 @@
+"""Pictures over time: a folder of images, a video or a camera, one after the other.
+
+Time stamps come from a sidecar table (`times.csv` in the folder, `NAME.csv` beside a video; columns
+`frame` and `time_s`), else from the video's container or the camera's clock. A folder without a
+table is counted at `RATE` pictures per second.
+"""
+
+import csv
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Shaped
+from PIL import Image, UnidentifiedImageError
+
+VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+CAMERAS = ("camera:", "/dev/video")
+RATE = 30.0
+LARGEST = 50_000_000
+"""Most pixels of a picture; more is refused before anything is decoded."""
+BLACK = 8.0
+WHITE = 247.0
+"""Mean grey levels, of 255, below and above which a picture shows nothing."""
+
+
+class Picture(NamedTuple):
+    """A picture as the source delivers it.
+
+    Attributes:
+        image: grey or BGR, 8 or 16 bit; None where there is none.
+        time: time stamp [s].
+        number: the source's.
+        flaw: why it cannot be used, empty where it can.
+    """
+
+    image: Shaped[np.ndarray, "h w *colour"] | None
+    time: float
+    number: int
+    flaw: str = ""
+
+
+def is_camera(path: Path) -> bool:
+    """Whether the path names a camera: `camera:0`, or its device."""
+    return str(path).startswith(CAMERAS)
+
+
+def is_pictures(path: Path) -> bool:
+    """Whether there are pictures at the path: a video, a folder of images or a camera."""
+    if is_camera(path) or path.suffix.lower() in VIDEOS:
+        return True
+    return path.is_dir() and any(one.suffix.lower() in IMAGES for one in path.iterdir())
+
+
+def read_pictures(path: Path) -> Iterator[Picture]:
+    """The pictures at a path, in order.
+
+    A picture that cannot be read, or is of another size than the first, comes with its flaw. A
+    source that ends early, by damage or because a camera is gone, just ends: its last picture
+    then says so.
+
+    Args:
+        path: a video, a folder of images, or a camera: `camera:0` or its device, `/dev/video0`.
+
+    Raises:
+        ValueError: no pictures there, or of a size beyond `LARGEST`.
+        ImportError: a video, and PyAV is not installed.
+        OSError: it cannot be opened.
+    """
+    if is_camera(path):
+        source = _read_camera(str(path))
+    elif path.is_dir():
+        source = _read_folder(path)
+    else:
+        source = _read_video(path)
+    size = None
+    for picture in source:
+        if picture.image is not None and not picture.flaw:
+            shape = picture.image.shape[:2]
+            size = size or shape
+            if shape != size:
+                flaw = (
+                    f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
+                )
+                yield picture._replace(flaw=flaw)
+                continue
+            picture = picture._replace(flaw=_exposure(picture.image))
+        yield picture
+
+
+def _exposure(image: Shaped[np.ndarray, "h w *colour"]) -> str:
+    level = float(image.mean()) * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0)
+    if level < BLACK:
+        return "the picture is black"
+    return "the picture is saturated" if level > WHITE else ""
+
+
+def _check_size(width: int, height: int, what: Path) -> None:
+    if width * height > LARGEST:
+        raise ValueError(
+            f"{what} declares {width}×{height} pixels; more than {LARGEST // 10**6} million are "
+            "not read: scale it down"
+        )
+    if width * height == 0:
+        raise ValueError(f"{what} declares no size: it is damaged")
+
+
+def _read_folder(folder: Path) -> Iterator[Picture]:
+    files = sorted(one for one in folder.iterdir() if one.suffix.lower() in IMAGES)
+    if not files:
+        raise ValueError(f"{folder} holds no images")
+    stamps = _read_times(folder / "times.csv")
+    for number, file in enumerate(files):
+        stamp = stamps.get(number, np.nan) if stamps else number / RATE
+        try:
+            with Image.open(file) as header:
+                _check_size(*header.size, file)
+        except (UnidentifiedImageError, OSError):
+            yield Picture(None, stamp, number, f"{file.name} is no image or damaged")
+            continue
+        except Image.DecompressionBombError as error:
+            raise ValueError(f"{file}: {error}") from error
+        image = cv2.imread(str(file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+        if image is None:
+            yield Picture(None, stamp, number, f"{file.name} is damaged")
+        elif image.dtype not in (np.uint8, np.uint16):
+            yield Picture(None, stamp, number, f"{file.name} is not of 8 or 16 bit")
+        else:
+            yield Picture(image, stamp, number)
+
+
+def _read_video(path: Path) -> Iterator[Picture]:
+    try:
+        import av
+    except ImportError as error:
+        raise ValueError(
+            "videos are read with PyAV, which is not installed: `pip install contactmodel[video]`"
+        ) from error
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} does not exist")
+    stamps = _read_times(path.with_suffix(".csv"))
+    try:
+        container = av.open(str(path))
+    except (av.FFmpegError, OSError) as error:
+        raise ValueError(f"{path} is no video, or damaged ({error})") from error
+    with container:
+        if not container.streams.video:
+            raise ValueError(f"{path} has no pictures in it, only sound or text")
+        stream = container.streams.video[0]
+        _check_size(stream.width, stream.height, path)
+        stream.codec_context.thread_count = 1
+        rate = float(stream.average_rate or RATE)
+        number = -1
+        try:
+            for frame in container.decode(stream):
+                number += 1
+                _check_size(frame.width, frame.height, path)
+                stamp = float(frame.time) if frame.time is not None else number / rate
+                grey = frame.format.name.startswith("gray")
+                wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
+                flaw = "the picture is damaged" if frame.is_corrupt else ""
+                image = frame.to_ndarray(format=wanted)
+                yield Picture(image, stamps.get(number, stamp), number, flaw)
+        except av.FFmpegError as error:
+            stamp = stamps.get(number + 1, (number + 1) / rate)
+            yield Picture(None, stamp, number + 1, f"the video is damaged from here on ({error})")
+            return
+        short = stream.frames - number - 1
+        if short > 0:
+            stamp = stamps.get(number + 1, (number + 1) / rate)
+            yield Picture(
+                None, stamp, number + 1, f"the video ends here: {short} frames it declares lack"
+            )
+
+
+def _read_camera(name: str) -> Iterator[Picture]:
+    device = name.removeprefix("camera:")
+    capture = cv2.VideoCapture(int(device) if device.isdigit() else device)
+    if not capture.isOpened():
+        raise OSError(f"the camera {name} cannot be opened: is it plugged in, and free?")
+    start, number = time.monotonic(), 0
+    try:
+        while True:
+            there, image = capture.read()
+            now = time.monotonic() - start
+            if not there:
+                yield Picture(None, now, number, "the camera has gone")
+                return
+            yield Picture(image, now, number)
+            number += 1
+    finally:
+        capture.release()
+
+
+def _read_times(path: Path) -> dict[int, float]:
+    """Time stamps by frame number; none without a table.
+
+    Raises:
+        ValueError: the table is not one of time stamps.
+    """
+    if not path.is_file():
+        return {}
+    with path.open(newline="", encoding="utf-8") as file:
+        try:
+            return {int(row["frame"]): float(row["time_s"]) for row in csv.DictReader(file)}
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(
+                f"{path} must have columns `frame` and `time_s` with a number in each row ({error})"
+            ) from error
