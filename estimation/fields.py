@@ -70,9 +70,7 @@ def measure_fields(
     rotation = np.asarray(mean_line_rotation(gradient)) if stencils.gridded else polar
     usable = np.isfinite(rotation)
     if frame.contact is None:
-        contact, centre = find_contact(
-            stencils, displacement, indentation, usable, onset_mm, share
-        )
+        contact, centre = find_contact(stencils, displacement, indentation, usable, onset_mm, share)
     else:
         contact, centre = known_contact(stencils, displacement, frame.contact & usable)
     return Fields(

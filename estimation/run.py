@@ -49,7 +49,7 @@ class Settings:
     contact_share: float = SHARE
     stick_share: float = STICK_SHARE
     constants: Mapping[str, Any] = field(default_factory=dict)
-    images: ImageSettings = ImageSettings()
+    images: ImageSettings = field(default_factory=ImageSettings)
     grasp: bool = False
 
 

@@ -1,4 +1,4 @@
-"""Where the object touches, from one view: how far the dots have gone, or how the light has changed.
+"""Where the object touches, from one view: how far dots have gone, or how light has changed.
 
 [Li2024] Section IV-B names both for sensors with one camera and discrete markers.
 

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
 STEPS = 5
-BATCH = 32
-"""Dots are fitted in multiples of this many, so that few sizes are compiled."""
+BATCH = 64
+"""Dots fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
 FAINT = 0.3
 """Share of the typical seed's strength below which a seed is no dot."""
 
@@ -74,7 +74,7 @@ def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarra
     narrow = cv2.GaussianBlur(grey, (0, 0), 0.6 * style.radius)
     wide = cv2.GaussianBlur(narrow, (0, 0), 0.8 * style.radius)
     response = wide - narrow if style.dark else narrow - wide
-    side = 2 * int(round(style.radius)) + 1
+    side = 2 * round(style.radius) + 1
     highest = cv2.dilate(response, np.ones((side, side), np.uint8))
     y, x = np.nonzero((response == highest) & (response > 1.0))
     strength = response[y, x]
@@ -95,32 +95,38 @@ def fit_dots(
         seeds: pixels to start from, each within a radius of a dot's centre.
         style: typical radius, and whether the dots are dark.
     """
-    count = len(seeds)
-    padded = np.zeros((-(-max(count, 1) // BATCH) * BATCH, 2), dtype=np.int32)
-    padded[:count] = seeds
     half = int(np.ceil(1.5 * style.radius + 2.0))
-    fitted = _fit(np.asarray(grey, np.float32), padded, np.float32(style.radius), half)
-    offset, covariance, shape, contrast, explained = (np.asarray(x)[:count] for x in fitted)
+    grey = cv2.copyMakeBorder(grey, half, half, half, half, cv2.BORDER_CONSTANT, value=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(grey, (2 * half + 1, 2 * half + 1))
+    parts = []
+    for start in range(0, max(len(seeds), 1), BATCH):
+        some = np.zeros((BATCH, 2), dtype=int)
+        count = len(seeds[start : start + BATCH])
+        some[:count] = seeds[start : start + BATCH]
+        fitted = _fit(windows[some[:, 1], some[:, 0]], np.float32(style.radius), half)
+        parts.append([np.asarray(one)[:count] for one in fitted])
+    offset, covariance, shape, contrast, explained = (
+        np.concatenate(one).astype(float) for one in zip(*parts, strict=True)
+    )
     return Dots(
-        centre=seeds + offset.astype(float),
-        covariance=covariance.astype(float),
-        axes=np.linalg.inv(shape.astype(float)) if count else shape.astype(float),
-        contrast=(contrast if style.dark else -contrast).astype(float),
-        explained=explained.astype(float),
+        centre=seeds + offset,
+        covariance=covariance,
+        axes=np.linalg.inv(shape),
+        contrast=contrast if style.dark else -contrast,
+        explained=explained,
     )
 
 
 @partial(jax.jit, static_argnames="half")
 def _fit(
-    grey: Float[Array, "h w"], seeds: Int[Array, "n 2"], radius: Float[Array, ""], half: int
+    windows: Float[Array, "n side side"], radius: Float[Array, ""], half: int
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Gauss–Newton in all dots at once; parameters: centre, inverse shape, blur, then linear."""
     steps = jnp.arange(-half, half + 1)
     dy, dx = (a.ravel().astype(jnp.float32) for a in jnp.meshgrid(steps, steps, indexing="ij"))
-    column, row = seeds[:, :1] + dx.astype(int), seeds[:, 1:] + dy.astype(int)
-    inside = (column >= 0) & (column < grey.shape[1]) & (row >= 0) & (row < grey.shape[0])
-    inside &= dx**2 + dy**2 <= (half + 0.5) ** 2
-    value = grey[jnp.clip(row, 0, grey.shape[0] - 1), jnp.clip(column, 0, grey.shape[1] - 1)]
+    value = windows.reshape(len(windows), -1)
+    inside = jnp.isfinite(value) & (dx**2 + dy**2 <= (half + 0.5) ** 2)
+    value = jnp.where(inside, value, 0.0)
     weight = inside.astype(jnp.float32)
 
     def model(p):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Float, Shaped, UInt8
 
 LEAST_CORRELATION = 0.6
 """Correlation with the keyframe below which the imprint has lost its place."""
@@ -123,7 +123,7 @@ def paint_out(
     dots: Float[np.ndarray, "n 2"],
     radius: float,
     region: Float[np.ndarray, "k 2"],
-) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+) -> tuple[Float[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
     """The imprint's texture with the dots and the slow change of light taken off, and its mask.
 
     Returns:

@@ -20,7 +20,7 @@ from estimation.recording import MarkerLayout, delaunay_neighbours
 NEAR = 0.4
 """Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
 STRETCH = 0.5
-"""Most that the vector to a neighbour may change from the reference among dots at rest [pitches]."""
+"""Most that the vector to a neighbour may change among dots at rest [pitches]."""
 REACH = 2.3
 """Distance up to which dots help to say where one should be [pitches]."""
 AROUND = 12
@@ -37,12 +37,12 @@ class Lattice(NamedTuple):
 
     Attributes:
         dot: numbers of the dots that have coordinates.
-        index: their coordinates.
+        coordinates: theirs.
         pitch: distance between neighbours [px].
     """
 
     dot: Int[np.ndarray, " m"]
-    index: Int[np.ndarray, "m 2"]
+    coordinates: Int[np.ndarray, "m 2"]
     pitch: float
 
 
@@ -55,7 +55,7 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     if len(centre) < 9:
         return nothing
     tree = KDTree(centre)
-    distance, near = tree.query(centre, 5)
+    distance, near = _nearest(tree, centre, 5)
     pitch = float(np.median(distance[:, 1:4]))
     vectors = centre[near[:, 1:]] - centre[:, None]
     short = vectors[distance[:, 1:] < 1.4 * pitch]
@@ -63,7 +63,7 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     if basis is None:
         return nothing
     spots = centre[:, None] + STEPS @ basis
-    off = tree.query(spots.reshape(-1, 2))[0].reshape(len(centre), 4)
+    off = _nearest(tree, spots.reshape(-1, 2))[0].reshape(len(centre), 4)
     start = int(np.argmin(np.sort(off, axis=1)[:, 3]))
     number = {start: (0, 0)}
     local = {start: basis}
@@ -73,16 +73,14 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
         i = queue.popleft()
         for step in STEPS:
             place = (number[i][0] + int(step[0]), number[i][1] + int(step[1]))
-            off_i, j = tree.query(centre[i] + step @ local[i])
-            j = int(j)
+            off_i, j = (x.item() for x in _nearest(tree, centre[i] + step @ local[i]))
             if place in taken or j in number or off_i > NEAR * pitch:
                 continue
             number[j] = place
             taken.add(place)
-            seen = step @ np.array([[1, 0], [0, 1]])
-            axis = int(np.argmax(np.abs(seen)))
+            axis = int(np.argmax(np.abs(step)))
             frame = local[i].copy()
-            frame[axis] = 0.5 * frame[axis] + 0.5 * seen[axis] * (centre[j] - centre[i])
+            frame[axis] = 0.5 * frame[axis] + 0.5 * step[axis] * (centre[j] - centre[i])
             local[j] = frame
             queue.append(j)
     dots = np.array(sorted(number))
@@ -112,6 +110,12 @@ def _common_basis(
     return np.stack([first * np.sign(first[0]), second * np.sign(second[1])])
 
 
+def _nearest(tree: KDTree, points: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Distances to the nearest points of the tree, and their numbers."""
+    distance, number = tree.query(points, count)
+    return np.asarray(distance), np.asarray(number)
+
+
 def _mean_near(vectors: np.ndarray, target: np.ndarray, radius: float) -> np.ndarray:
     return vectors[np.linalg.norm(vectors - target, axis=1) < radius].mean(axis=0)
 
@@ -135,9 +139,9 @@ class Fitted(NamedTuple):
 def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 0) -> Fitted:
     """Fit a regular lattice to as many dots as lie on one, by random samples.
 
-    Samples are cells of the lattice with the longest sides there are: six dots spread over it.
+    Three dots, not in a row and not next to each other, tell an affine lattice.
     """
-    points, terms = centre[lattice.dot], _terms(lattice.index)
+    points, terms = centre[lattice.dot], _terms(lattice.coordinates)
     rng = np.random.default_rng(seed)
     best = np.zeros(len(points), dtype=bool)
     for _ in range(500):
@@ -237,20 +241,18 @@ def make_reference(
         )
     reach = REACH * lattice.pitch
     count = min(AROUND + 1, len(position))
-    around = KDTree(position).query(position, count, distance_upper_bound=reach)[1][:, 1:]
-    around = np.where(around < len(position), around, -1)
-    return Reference(
-        position, delaunay_neighbours(position, 1.3), around, lattice.pitch, note
-    )
+    distance, around = _nearest(KDTree(position), position, count)
+    around = np.where(distance < reach, around, -1)[:, 1:]
+    return Reference(position, delaunay_neighbours(position, 1.3), around, lattice.pitch, note)
 
 
 def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:
     """Coordinates of all lattice points in the picture, and of the dots that have been seen."""
-    low, high = lattice.index.min(axis=0) - 1, lattice.index.max(axis=0) + 2
+    low, high = lattice.coordinates.min(axis=0) - 1, lattice.coordinates.max(axis=0) + 2
     grid = np.stack(np.meshgrid(*map(np.arange, low, high), indexing="ij"), -1).reshape(-1, 2)
     place = fitted.place(grid)
     inside = ((place >= 0) & (place <= np.array(size) - 1)).all(axis=1)
-    return np.unique(np.concatenate([grid[inside], lattice.index]), axis=0)
+    return np.unique(np.concatenate([grid[inside], lattice.coordinates]), axis=0)
 
 
 def match_dots(
@@ -276,8 +278,8 @@ def match_dots(
     known = np.flatnonzero(np.isfinite(expected[:, 0]))
     if not len(known):
         return match, match
-    off, dot = tree.query(expected[known])
-    back = KDTree(expected[known]).query(centre)[1]
+    off, dot = _nearest(tree, expected[known])
+    back = _nearest(KDTree(expected[known]), centre)[1]
     mutual = (off < NEAR * reference.pitch) & (back[dot] == np.arange(len(dot)))
     match[known[mutual]] = dot[mutual]
     start = match = _largest_piece(reference, centre, match, expected)
@@ -324,10 +326,10 @@ def _spread(
     if not (len(rim) and free.any()):
         return match
     guess = predict(reference, centre, match, rim)
-    off, dot = tree.query(guess, distance_upper_bound=NEAR * reference.pitch)
+    off, dot = _nearest(tree, guess)
     match = match.copy()
     for k in np.argsort(off):
-        if np.isfinite(off[k]) and free[dot[k]]:
+        if off[k] < NEAR * reference.pitch and free[dot[k]]:
             match[rim[k]] = dot[k]
             free[dot[k]] = False
     return match

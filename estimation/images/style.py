@@ -1,15 +1,18 @@
 """Dots of a picture, and what the dots of a sensor look like where nobody has said so."""
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from estimation.images.dots import Dots, DotStyle, find_seeds, fit_dots, to_grey
 from estimation.images.lattice import index_lattice
 
-RADII = (2.5, 3.5, 5.0, 7.0, 10.0)
-"""Radii that are tried [px]."""
+RADII = (3.5, 2.5, 5.0, 7.0, 10.0)
+"""Radii that are tried [px], on pictures scaled so that all are the first."""
 EXPLAINED = 0.75
 """Share of the picture around a dot that its fit must explain [-]."""
+COVERED = 0.3
+"""Share of the picture that the rows must cover: a sensor's dots are all over it [-]."""
 FEWEST = 12
 """Dots in rows from which a picture counts as one of dots."""
 
@@ -27,9 +30,7 @@ def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
     return dots.take(good)
 
 
-def find_style(
-    picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = None
-) -> DotStyle:
+def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = None) -> DotStyle:
     """Polarity and radius with which most dots line up in rows.
 
     Args:
@@ -41,18 +42,26 @@ def find_style(
     """
     best, most = None, 0.0
     for polarity in (True, False) if dark is None else (dark,):
-        grey = to_grey(picture, polarity)
+        original = to_grey(picture, polarity)
         for radius in RADII:
-            dots = find_dots(grey, DotStyle(polarity, radius))
+            scale = RADII[0] / radius
+            grey = cv2.resize(original, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            dots = find_dots(grey, DotStyle(polarity, RADII[0]))
             lattice = index_lattice(dots.centre)
             count = len(lattice.dot)
             found = float(np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))) if count else 0.0
             score = count * float(np.mean(dots.explained)) if count else 0.0
-            if count >= max(FEWEST, 0.5 * len(dots.centre)) and score > most:
-                best, most = DotStyle(polarity, round(found, 2)), score
+            enough = count >= max(FEWEST, 0.5 * len(dots.centre))
+            if enough and score > most and _covers(dots.centre[lattice.dot], grey) > COVERED:
+                best, most = DotStyle(polarity, round(found / scale, 2)), score
     if best is None:
         raise ValueError(
             "no dots that lie in rows were found in the first usable frame: this sensor seems to "
             "have no printed dots, or they are smaller than 2 px or larger than 12 px in radius"
         )
     return best
+
+
+def _covers(points: Float[np.ndarray, "n 2"], grey: Float[np.ndarray, "h w"]) -> float:
+    """Share of the picture inside the hull of points."""
+    return cv2.contourArea(cv2.convexHull(points.astype(np.float32))) / grey.size

@@ -27,9 +27,7 @@ class DotTracker:
         self.last = np.full(reference.position.shape, np.nan)
         self.relocked = 0
 
-    def update(
-        self, centre: Float[np.ndarray, "n 2"]
-    ) -> tuple[Int[np.ndarray, " m"], str]:
+    def update(self, centre: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " m"], str]:
         """The dot that each point of the reference is now, −1 where not seen; and what is wrong.
 
         A dot that would have jumped from one frame to the next is left out of the frame.

@@ -82,9 +82,7 @@ def read_pictures(path: Path) -> Iterator[Picture]:
             shape = picture.image.shape[:2]
             size = size or shape
             if shape != size:
-                flaw = (
-                    f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
-                )
+                flaw = f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
                 yield picture._replace(flaw=flaw)
                 continue
             picture = picture._replace(flaw=_exposure(picture.image))
@@ -135,6 +133,7 @@ def _read_folder(folder: Path) -> Iterator[Picture]:
 def _read_video(path: Path) -> Iterator[Picture]:
     try:
         import av
+        from av.error import FFmpegError
     except ImportError as error:
         raise ValueError(
             "videos are read with PyAV, which is not installed: `pip install contactmodel[video]`"
@@ -144,7 +143,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
     stamps = _read_times(path.with_suffix(".csv"))
     try:
         container = av.open(str(path))
-    except (av.FFmpegError, OSError) as error:
+    except (FFmpegError, OSError) as error:
         raise ValueError(f"{path} is no video, or damaged ({error})") from error
     with container:
         if not container.streams.video:
@@ -164,7 +163,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
                 flaw = "the picture is damaged" if frame.is_corrupt else ""
                 image = frame.to_ndarray(format=wanted)
                 yield Picture(image, stamps.get(number, stamp), number, flaw)
-        except av.FFmpegError as error:
+        except FFmpegError as error:
             stamp = stamps.get(number + 1, (number + 1) / rate)
             yield Picture(None, stamp, number + 1, f"the video is damaged from here on ({error})")
             return

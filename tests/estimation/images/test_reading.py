@@ -1,0 +1,199 @@
+"""Pictures as recordings: videos, folders, and what can be wrong with them."""
+
+import csv
+
+import av
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from estimation.__main__ import app
+from estimation.images.imprint import ImprintFollower
+from estimation.sources import ImageSettings, find_recordings, read_images, read_recording
+from estimation.sources.pictures import read_pictures
+from tests.estimation.images.scenes import REST, picture, real, twisted
+
+ANGLES = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    rng = np.random.default_rng(0)
+    return [picture(twisted(angle, rigid=50.0), rng) for angle in ANGLES]
+
+
+def write_folder(folder, images):
+    folder.mkdir()
+    for i, image in enumerate(images):
+        cv2.imwrite(str(folder / f"{i:04}.png"), image)
+    return folder
+
+
+def write_video(path, images):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=25)
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = "gray"
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+        container.mux(stream.encode())
+    return path
+
+
+def rotation_of_the_middle(recording):
+    """Rigid rotation of the dots that were turned rigidly [deg]."""
+    rest = recording.layout.reference
+    inner = np.linalg.norm(rest - np.array([160.0, 120.0]), axis=1) < 50.0
+    to_complex = np.array([1.0, 1.0j])
+    before = rest[inner] @ to_complex
+    after = recording.positions[:, inner] @ to_complex
+    arm = before - before.mean()
+    return np.degrees(np.angle((np.conj(arm) * (after - after.mean(axis=1)[:, None])).sum(axis=1)))
+
+
+def test_video_and_folder_give_the_same(pictures, tmp_path):
+    video = read_recording(write_video(tmp_path / "clip.mkv", pictures))
+    folder = read_recording(write_folder(tmp_path / "clip", pictures))
+    assert np.array_equal(video.positions, folder.positions)
+    assert video.unit == "px"
+    assert video.time == pytest.approx(np.arange(len(ANGLES)) / 25.0)
+    # 13 dots with a lever of 35 px and 0.01 px of noise: 0.005°, five times that
+    assert rotation_of_the_middle(video) == pytest.approx(ANGLES, abs=0.025)
+    assert "unloaded" in " ".join(video.notes)
+    assert not video.contact[0].any()
+    assert video.contact[-1].any()
+
+
+def test_scale_turns_px_to_mm(pictures, tmp_path):
+    folder = write_folder(tmp_path / "clip", pictures[:2])
+    in_px = read_images(folder)
+    in_mm = read_images(folder, ImageSettings(mm_per_px=0.04, unloaded=0))
+    assert in_mm.unit == "mm"
+    assert in_mm.positions == pytest.approx(0.04 * in_px.positions)
+
+
+def test_sidecar_gives_the_time(pictures, tmp_path):
+    folder = write_folder(tmp_path / "clip", pictures[:3])
+    (folder / "times.csv").write_text("frame,time_s\n0,1.0\n1,1.5\n2,1.6\n")
+    assert [p.time for p in read_pictures(folder)] == [1.0, 1.5, 1.6]
+    (folder / "times.csv").write_text("frame,when\n0,1.0\n")
+    with pytest.raises(ValueError, match="time_s"):
+        list(read_pictures(folder))
+
+
+def test_bad_pictures_are_labelled(pictures, tmp_path):
+    images = list(pictures)
+    images[1] = np.zeros_like(images[1])
+    images[2] = np.full_like(images[2], 255)
+    images[3] = images[3][:200]
+    folder = write_folder(tmp_path / "clip", images)
+    (folder / "0004.png").write_bytes(b"no image")
+    recording = read_recording(folder)
+    words = ["", "black", "saturated", "320×200", "0004.png", "", ""]
+    for flaw, word in zip(recording.flaws, words, strict=True):
+        assert word in flaw
+        assert bool(flaw) == bool(word)
+    assert recording.valid[-1].all()
+
+
+def test_a_truncated_video_keeps_what_was_read(pictures, tmp_path):
+    path = write_video(tmp_path / "clip.mkv", pictures)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(0.6 * len(content))])
+    recording = read_recording(path)
+    assert 1 < len(recording) <= len(ANGLES)
+    assert recording.valid[0].all()
+
+
+def test_what_is_no_video_is_refused(tmp_path):
+    path = tmp_path / "clip.avi"
+    path.write_bytes(b"not a video" * 100)
+    with pytest.raises(ValueError, match="no video, or damaged"):
+        read_recording(path)
+
+
+def test_a_bomb_is_refused_before_it_is_decoded(tmp_path):
+    folder = tmp_path / "bomb"
+    folder.mkdir()
+    header = np.zeros((1, 1), np.uint8)
+    cv2.imwrite(str(folder / "0.png"), header)
+    content = bytearray((folder / "0.png").read_bytes())
+    content[16:24] = (30000).to_bytes(4, "big") * 2
+    import zlib
+
+    content[29:33] = zlib.crc32(bytes(content[12:29])).to_bytes(4, "big")
+    (folder / "0.png").write_bytes(bytes(content))
+    with pytest.raises(ValueError, match=r"30000|bomb"):
+        read_recording(folder)
+
+
+def test_nothing_usable_is_refused(tmp_path):
+    black = [np.zeros((240, 320), np.uint8)] * 2
+    with pytest.raises(ValueError, match="black"):
+        read_recording(write_folder(tmp_path / "clip", black))
+    grey = [np.full((240, 320), 99, np.uint8)] * 2
+    with pytest.raises(ValueError, match="no dots that lie in rows"):
+        read_recording(write_folder(tmp_path / "flat", grey))
+
+
+def test_a_camera_that_goes_leaves_what_it_gave(pictures, monkeypatch):
+    class Unplugged:
+        def __init__(self, device):
+            assert device == 0
+            self.left = list(pictures[:3])
+
+        def isOpened(self):
+            return True
+
+        def read(self):
+            return (True, self.left.pop(0)) if self.left else (False, None)
+
+        def release(self):
+            pass
+
+    monkeypatch.setattr(cv2, "VideoCapture", Unplugged)
+    (path,) = find_recordings(__import__("pathlib").Path("camera:0"))
+    recording = read_recording(path)
+    assert recording.flaws == ("", "", "", "the camera has gone")
+    assert recording.valid[:3].all()
+
+
+def test_wrong_settings_are_refused(pictures, tmp_path):
+    with pytest.raises(ValueError, match="scale"):
+        ImageSettings(mm_per_px=-1.0)
+    folder = write_folder(tmp_path / "clip", pictures[:2])
+    with pytest.raises(ValueError, match="no frame 9"):
+        read_images(folder, ImageSettings(unloaded=9))
+    with pytest.raises(ValueError, match="dots lie in rows"):
+        read_images(folder, ImageSettings(dark=False, radius=4.3))
+
+
+def test_the_imprint_turns_with_the_object_not_with_the_dots():
+    rng = np.random.default_rng(2)
+    pattern = cv2.GaussianBlur(rng.normal(0, 60, (240, 320)).astype(np.float32), (0, 0), 4.0)
+    follower = ImprintFollower()
+    dots = picture(REST, rng).astype(np.float32)
+    found = []
+    for degrees in (0.0, 4.0, 8.0, 12.0, 16.0, 20.0):
+        # OpenCV counts angles counter-clockwise on the screen: from y to x
+        warp = cv2.getRotationMatrix2D((160.0, 120.0), -degrees, 1.0)
+        turned = cv2.warpAffine(pattern, warp, (320, 240), borderMode=cv2.BORDER_REFLECT)
+        image = np.clip(dots + turned, 0, 255).astype(np.uint8)
+        region = np.array([[90.0, 60.0], [230.0, 60.0], [230.0, 180.0], [90.0, 180.0]])
+        found.append(np.degrees(follower.update(image, REST, 4.3, region).angle))
+    # one registration is good to 0.1° here; two keyframes
+    assert found == pytest.approx([0.0, 4.0, 8.0, 12.0, 16.0, 20.0], abs=0.3)
+
+
+def test_run_on_a_published_clip(tmp_path):
+    clip = real("incipient-slip-detection", "screw_driver_blue_gray", "exp_num_1", "camera_2.avi")
+    done = CliRunner().invoke(app, ["run", str(clip), "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    with (tmp_path / "angles.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 450
+    # rotation of the imprint, read by eye-checked registration, good to 1°
+    for frame, imprint in ((30, -11.5), (60, -11.6), (90, -11.3)):
+        assert float(rows[frame]["angle_deg"]) == pytest.approx(imprint, abs=1.5)
+    assert any(row["state"] == "macro_slip" for row in rows[120:160])
