@@ -19,6 +19,8 @@ from estimation.recording import MarkerLayout, delaunay_neighbours
 
 NEAR = 0.4
 """Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
+SURE = 0.3
+"""Farthest a dot may lie from where all its neighbours together have it [pitches]."""
 STRETCH = 0.5
 """Most that the vector to a neighbour may change among dots at rest [pitches]."""
 REACH = 2.3
@@ -288,9 +290,23 @@ def match_dots(
         if (grown == match).all():
             break
         match = grown
+    return (_drop_doubtful(reference, centre, match) if guess is None else match), start
+
+
+def _drop_doubtful(
+    reference: Reference, centre: Float[np.ndarray, "n 2"], match: Int[np.ndarray, " m"]
+) -> Int[np.ndarray, " m"]:
+    """Leave out dots that are not where the others have them, or nearer to another's place."""
     place = predict(reference, centre, match)
-    off = np.linalg.norm(place - centre[match], axis=1)
-    return np.where(off > STRETCH * reference.pitch, -1, match), start
+    there = np.flatnonzero((match >= 0) & np.isfinite(place[:, 0]))
+    if not len(there):
+        return np.full_like(match, -1)
+    off = np.linalg.norm(place[there] - centre[match[there]], axis=1)
+    owner = there[_nearest(KDTree(place[there]), centre[match[there]])[1]]
+    sure = there[(owner == there) & (off < SURE * reference.pitch)]
+    kept = np.full_like(match, -1)
+    kept[sure] = match[sure]
+    return kept
 
 
 def _largest_piece(

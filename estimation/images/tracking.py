@@ -9,6 +9,8 @@ JUMP = 0.5
 """Distance from one frame to the next beyond which a dot is not taken for the same [pitches]."""
 AGREEMENT = 0.5
 """Share of the dots at rest on which the last frame and the reference must agree."""
+FIRST = 0.8
+"""The same in a frame that stands alone: more strain than that may have led the match astray."""
 LOST = 0.4
 """Share of the reference's dots below which a frame counts as not tracked."""
 
@@ -43,12 +45,15 @@ class DotTracker:
             else:
                 self.relocked += 1
                 self.last[:] = np.nan
-        now = np.where((match >= 0)[:, None], centre[match] if len(centre) else np.nan, np.nan)
+        now = np.full(self.last.shape, np.nan)
+        now[match >= 0] = centre[match[match >= 0]]
         jumped = np.linalg.norm(now - self.last, axis=1) > JUMP * self.reference.pitch
         match = np.where(jumped, -1, match)
-        self.last = now
+        before, self.last = self.last, now
         seen = int((match >= 0).sum())
-        flaw = ""
-        if seen < LOST * len(match):
-            flaw = f"only {seen} of {len(match)} dots were recognised"
-        return match, flaw
+        alone = not np.isfinite(before).any()
+        needed = (FIRST if alone else LOST) * min(len(match), max(len(centre), LOST * len(match)))
+        if seen < needed:
+            self.last = before
+            return match, f"only {seen} of {len(match)} dots were recognised"
+        return match, ""

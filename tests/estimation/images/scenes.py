@@ -14,8 +14,8 @@ GRID = np.stack(np.meshgrid(np.arange(12), np.arange(9), indexing="xy"), -1).res
 REST = GRID * PITCH + np.array([26.0, 24.0])
 
 
-def twisted(degrees, rigid=20.0, still=118.0):
-    """The dots at rest, turned about the middle: rigidly up to one radius, not at all beyond another [px]."""
+def twisted(degrees, rigid=0.0, still=118.0):
+    """The dots at rest, turned: rigidly up to one radius, not at all beyond another [px]."""
     middle = np.array([160.0, 120.0])
     arm = REST - middle
     distance = np.linalg.norm(arm, axis=1)
