@@ -14,6 +14,7 @@ from rich.table import Column, Table
 from contactmodel.simulation import read_simulation, run_simulation, write_results
 from contactmodel.solution import stack_steps
 from contactmodel.verify import CHECKS, Row, convergence
+from contactmodel.verify_layers import LAYER_CHECKS
 
 app = typer.Typer(
     help="Contact of two elastic bodies with friction.",
@@ -64,7 +65,7 @@ def verify(
 ) -> None:
     """Compare the model with closed forms, laws and itself; exit status 1 if a row fails."""
     rows: list[Row] = []
-    for check in track(CHECKS, "Checking", console=errors):
+    for check in track((*CHECKS, *LAYER_CHECKS), "Checking", console=errors):
         rows += check(cells)
     with errors.status("Orders of convergence from 32² to 256²"):
         rows += convergence()

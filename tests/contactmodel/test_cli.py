@@ -117,6 +117,7 @@ def test_shipped_examples_can_be_read():
 def test_verify_tells_by_its_exit_status(monkeypatch, error, status):
     row = verify.Row("a row", 1.0, 1.0, error, 1.0, "nothing")
     monkeypatch.setattr(cli, "CHECKS", (lambda count: [row],))
+    monkeypatch.setattr(cli, "LAYER_CHECKS", ())
     monkeypatch.setattr(cli, "convergence", list)
     result = RUN.invoke(cli.app, ["verify"])
     assert result.exit_code == status

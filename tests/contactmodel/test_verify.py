@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from contactmodel import verify
+from contactmodel.verify_layers import LAYER_CHECKS, check_thin_layer
 
 # the gradients' rows have tests of their own, against the same differences
 FAST = [check for check in verify.CHECKS if check is not verify.check_gradients]
+FAST += [check_thin_layer]  # the other extensions have tests of their own, too
 
 
 @pytest.mark.parametrize("check", FAST, ids=lambda check: check.__name__)
@@ -23,7 +25,9 @@ def test_wrong_numbers_do_not_pass():
 
 @pytest.mark.slow
 def test_rows_agree_at_the_published_grid():
-    rows = [row for check in verify.CHECKS for row in check(128)] + verify.convergence()
+    rows = [
+        row for check in (*verify.CHECKS, *LAYER_CHECKS) for row in check(128)
+    ] + verify.convergence()
     assert not [row for row in rows if not row.passed]
 
 
