@@ -241,18 +241,18 @@ class Compliance(eqx.Module):
         """w_S + w_B by a traction [mm]."""
         return -jnp.sum(convolve(1j * self.coupling, traction), axis=0)
 
-    def unpress(self, displacement: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
-        """Roughly the inverse of `press`: the inverse on the doubled grid ([Vollebregt2014]).
+    def inverse(self) -> "Compliance":
+        """Roughly the inverse, but for the coupling: that of each wave ([Vollebregt2014]).
 
         A uniform pressure does not move an incompressible layer; it counts as the next wave.
         """
         next_wave = jnp.minimum(self.normal[1, 0], self.normal[0, 1])
-        return convolve(1.0 / self.normal.at[0, 0].max(next_wave), displacement)
-
-    def undrag(self, displacement: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
-        """Roughly the inverse of `drag`."""
         xx, yy, xy = self.shear
-        return _apply(jnp.stack([yy, xx, -xy]) / (xx * yy - xy**2), displacement)
+        return Compliance(
+            normal=1.0 / self.normal.at[0, 0].max(next_wave),
+            shear=jnp.stack([yy, xx, -xy]) / (xx * yy - xy**2),
+            coupling=jnp.zeros_like(self.coupling),
+        )
 
     @property
     def stiffest(self) -> Float[Array, ""]:

@@ -24,6 +24,8 @@ from contactmodel.linear import Iterations, Operator, attach_derivative, conjuga
 _FORCING = 0.1  # each Newton step solves its linear system to this; tighter buys nothing
 _NEWTON_STEPS = 25  # conjugate gradients within it at most
 _HALVINGS = 6
+_STILL = 10.0  # slip below this many tolerances is none
+_NEAR_LIMIT = 1e-3  # short of μp by less, a cell may be taken for sliding
 
 
 class Sets(NamedTuple):
@@ -53,20 +55,29 @@ def find_sets(
     traction: Float[Array, "2 nx ny"],
     slip: Float[Array, "2 nx ny"],
     limit: Float[Array, "nx ny"],
+    stiffest: Float[Array, ""],
 ) -> Sets:
     """What sticks and what slides: the latter carries μp, and its slip does not pull it back.
+
+    A cell short of μp slides if its slip would take it there by the shortest step down the
+    gradient. At the rim μp is so small that rounding hides what that step gains.
 
     Args:
         traction: τ [MPa].
         slip: increment of slip s [mm].
         limit: μp [MPa].
+        stiffest: bound on the compliance [mm/MPa].
     """
     contact = limit > 0.0
     margin = max(1e-9, 16.0 * float(jnp.finfo(limit.dtype).eps))
     square = jnp.sum(traction**2, axis=0)
     along = jnp.sum(traction * slip, axis=0)
-    slide = contact & (square >= (limit * (1.0 - margin)) ** 2) & (along >= 0.0) & (square > 0.0)
-    size = jnp.sqrt(jnp.where(slide, square, 1.0))
+    size = jnp.sqrt(jnp.where(square > 0.0, square, 1.0))
+    short = limit - size
+    at_limit = (short <= margin * limit) | (
+        (short <= _NEAR_LIMIT * limit) & (short * size * stiffest <= along)
+    )
+    slide = contact & at_limit & (along >= 0.0) & (square > 0.0)
     bound = jnp.where(slide, limit, 1.0)
     return Sets(
         stick=contact & ~slide,
@@ -74,6 +85,33 @@ def find_sets(
         normal=jnp.where(slide, traction / size, 0.0),
         stiffness=jnp.where(slide, along / (size * bound), 0.0),
     )
+
+
+def find_sliding(
+    compliance: Compliance,
+    traction: Float[Array, "2 nx ny"],
+    drive: Float[Array, "2 nx ny"],
+    slip: Float[Array, "2 nx ny"],
+    pressure: Float[Array, "nx ny"],
+    limit: Float[Array, "nx ny"],
+    rtol: float,
+) -> Bool[Array, "nx ny"]:
+    """Cells in contact that slide by more than the solver leaves to those that stick.
+
+    Args:
+        compliance: of the pair.
+        traction: τ [MPa].
+        drive: b [mm].
+        slip: increment of slip s [mm].
+        pressure: p [MPa].
+        limit: μp [MPa].
+        rtol: tolerance that the traction was solved to [-].
+    """
+    contact = pressure > 0.0
+    at_limit = find_sets(traction, slip, limit, compliance.stiffest).slide | (limit <= 0.0)
+    square = jnp.sum(drive**2, axis=0)
+    typical = jnp.sum(jnp.where(contact, square, 0.0)) / jnp.maximum(jnp.sum(contact), 1)
+    return contact & at_limit & (jnp.sum(slip**2, axis=0) > (_STILL * rtol) ** 2 * typical)
 
 
 def solve_traction(
@@ -112,14 +150,14 @@ def solve_traction(
     scale = jnp.sqrt(jnp.sum(jnp.where(contact, drive, 0.0) ** 2) / count)
 
     def violation(state: _State) -> Array:
-        wrong = _violation(state.traction, state.slip, limit)
+        wrong = _violation(compliance, state.traction, state.slip, limit)
         return jnp.sqrt(wrong / count) / jnp.maximum(scale, tiny)
 
     def go_on(state: _State) -> Array:
         return (violation(state) > rtol) & (state.steps < max_steps)
 
     def step(state: _State) -> _State:
-        sets = find_sets(state.traction, state.slip, limit)
+        sets = find_sets(state.traction, state.slip, limit, compliance.stiffest)
         tangent, precondition = _newton_system(compliance, sets)
         direction, inner = conjugate_gradients(
             tangent,
@@ -128,7 +166,7 @@ def solve_traction(
             rtol=_FORCING,
             max_steps=_NEWTON_STEPS,
         )
-        traction, slip, trials = _descend(compliance, drive, limit, state, direction)
+        traction, slip, trials = _descend(compliance, drive, limit, state, sets, direction)
         return _State(traction, slip, state.steps + 1, state.applications + inner + trials)
 
     start = _confine(start, limit)
@@ -158,7 +196,7 @@ def attach_traction(
         max_steps: as of `solve_traction`.
     """
     traction, fixed, still, bound = jax.lax.stop_gradient((traction, compliance, drive, limit))
-    sets = find_sets(traction, still - fixed.drag(traction), bound)
+    sets = find_sets(traction, still - fixed.drag(traction), bound, fixed.stiffest)
 
     def residual(traction: Array) -> Array:
         held = jnp.where(sets.slide, limit * sets.normal, traction)
@@ -173,19 +211,25 @@ def attach_traction(
 
 
 def _descend(
-    compliance: Compliance, drive: Array, limit: Array, state: _State, direction: Array
+    compliance: Compliance,
+    drive: Array,
+    limit: Array,
+    state: _State,
+    sets: Sets,
+    direction: Array,
 ) -> tuple[Array, Array, Array]:
     """A step along the direction, halved until the energy falls; else one down the gradient."""
     work = jnp.sum(jnp.abs(state.slip * state.traction))
     rounding = 100.0 * jnp.finfo(work.dtype).eps * work  # below it, only the residual tells
-    before = _violation(state.traction, state.slip, limit)
+    before = _violation(compliance, state.traction, state.slip, limit)
+    origin = jnp.where(sets.slide, limit * sets.normal, state.traction)
 
     def attempt(move: Array) -> tuple[Array, Array, Array]:
-        traction = _confine(state.traction + move, limit)
+        traction = _confine(origin + move, limit)
         slip = drive - compliance.drag(traction)
         gain = jnp.sum((state.slip + slip) * (traction - state.traction))
         promise = jnp.sum(state.slip * (traction - state.traction))
-        nearer = (gain >= -rounding) & (_violation(traction, slip, limit) < before)
+        nearer = (gain >= -rounding) & (_violation(compliance, traction, slip, limit) < before)
         return traction, slip, (gain > 1e-4 * jnp.abs(promise)) | nearer
 
     def go_on(carry) -> Array:
@@ -208,9 +252,12 @@ def _descend(
     return traction, slip, trials
 
 
-def _violation(traction: Array, slip: Array, limit: Array) -> Array:
-    """Sum of the squares of the slip that Coulomb's law forbids."""
-    return jnp.sum(_along(find_sets(traction, slip, limit), slip) ** 2)
+def _violation(compliance: Compliance, traction: Array, slip: Array, limit: Array) -> Array:
+    """Sum of the squares of the slip that Coulomb's law forbids, and of what sliding cells lack."""
+    stiffest = compliance.stiffest
+    sets = find_sets(traction, slip, limit, stiffest)
+    lack = jnp.where(sets.slide, limit - jnp.sum(traction * sets.normal, axis=0), 0.0)
+    return jnp.sum(_along(sets, slip) ** 2) + jnp.sum((stiffest * lack) ** 2)
 
 
 def _newton_system(compliance: Compliance, sets: Sets) -> tuple[Operator, Operator]:
@@ -218,9 +265,8 @@ def _newton_system(compliance: Compliance, sets: Sets) -> tuple[Operator, Operat
 
     Across the circle of a sliding cell and outside the contact it is the identity.
     """
-    # diagonal of the preconditioner: the mean over all waves of the inverse compliance
-    xx, yy, xy = compliance.shear
-    diagonal = jnp.mean(0.5 * (xx + yy) / (xx * yy - xy**2))
+    inverse = compliance.inverse()
+    diagonal = jnp.mean(0.5 * (inverse.shear[0] + inverse.shear[1]))  # of the inverse, all waves
     weight = 1.0 / jnp.sqrt(1.0 + diagonal * sets.stiffness)
 
     def tangent(change: Array) -> Array:
@@ -230,7 +276,7 @@ def _newton_system(compliance: Compliance, sets: Sets) -> tuple[Operator, Operat
 
     def precondition(defect: Array) -> Array:
         free = _along(sets, defect)
-        return _along(sets, weight * compliance.undrag(weight * free)) + (defect - free)
+        return _along(sets, weight * inverse.drag(weight * free)) + (defect - free)
 
     return tangent, precondition
 

@@ -52,6 +52,7 @@ def solve_pressure(
         Pressure [MPa], and what the solver did.
     """
     compliance, gap, start = jax.lax.stop_gradient((compliance, gap, start))
+    inverse = compliance.inverse()
 
     def violation(state: _State) -> Array:
         return _violation(state.pressure, state.gap, gap)
@@ -62,7 +63,7 @@ def solve_pressure(
     def step(state: _State) -> _State:
         contact: Bool[Array, "nx ny"] = (state.pressure > 0.0) | (state.gap < 0.0)
         defect = jnp.where(contact, -state.gap, 0.0)
-        improved = jnp.where(contact, compliance.unpress(defect), 0.0)
+        improved = jnp.where(contact, inverse.press(defect), 0.0)
         # Polak and Ribière: where the set has changed much, the old direction drops out
         turn = jnp.sum(improved * (defect - state.defect)) / state.descent
         direction = improved + jnp.maximum(turn, 0.0) * jnp.where(contact, state.direction, 0.0)
@@ -125,6 +126,7 @@ def attach_pressure(
         max_steps: iterations of the linear solve at most.
     """
     fixed, contact = jax.lax.stop_gradient((compliance, pressure > 0.0))
+    inverse = fixed.inverse()
 
     def residual(pressure: Array) -> Array:
         return jnp.where(contact, compliance.press(pressure) + gap, 0.0)
@@ -133,7 +135,7 @@ def attach_pressure(
         return jnp.where(contact, fixed.press(jnp.where(contact, change, 0.0)), change)
 
     def precondition(defect: Array) -> Array:
-        return jnp.where(contact, fixed.unpress(jnp.where(contact, defect, 0.0)), defect)
+        return jnp.where(contact, inverse.press(jnp.where(contact, defect, 0.0)), defect)
 
     return attach_derivative(
         pressure, residual, tangent, precondition, rtol=rtol, max_steps=max_steps

@@ -43,6 +43,30 @@ class Pose(eqx.Module):
             turned = jnp.stack([-versine * x - s * y, s * x - versine * y])
         return self.shift.reshape(2, *ones) + turned
 
+    def increment(
+        self, last: "Pose", moved: Float[Array, "2 ..."], points: Float[Array, "2 ..."]
+    ) -> Float[Array, "2 ..."]:
+        """In-plane displacement of the rigid object since the pose before [mm]; for one pose.
+
+        The object turns about where its centre has come to. What counts is therefore where a
+        point of the object is now: a point that sticks was carried round by the twist, a point
+        that slides stayed behind.
+
+        Args:
+            last: the pose before.
+            moved: by how much the object's surface at `points` has moved since it touched, its
+                own deformation left out, at the pose before [mm].
+            points: of the undeformed surface [mm].
+        """
+        if self.linear:
+            return self.displacement(points) - last.displacement(points)
+        centre = self.centre.reshape(2, *[1] * (points.ndim - 1))
+        centre_moved = last.displacement(centre)
+        still = jnp.zeros_like(self.shift)
+        turn = Pose(self.approach, still, self.twist - last.twist, still)
+        turned = turn.displacement(points + moved - centre - centre_moved)
+        return turned + self.displacement(centre) - centre_moved
+
 
 def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:
     """A path that runs straight from pose to pose, without the first.

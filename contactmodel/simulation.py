@@ -5,6 +5,7 @@ is a file of its own, so that a run that was interrupted goes on where it stoppe
 """
 
 import csv
+import hashlib
 import os
 import tomllib
 from collections.abc import Callable, Iterator
@@ -27,6 +28,7 @@ from contactmodel.indenters import (
     Cylinder,
     Domed,
     Ellipsoid,
+    HeightMap,
     Paraboloid,
     Placed,
     RoundPunch,
@@ -53,13 +55,13 @@ class Simulation:
     """What a configuration file asks for.
 
     Attributes:
-        text: the file.
+        text: the file, and below it the hashes of the maps that it names.
         grid: cells.
         elastomer: S.
         object_: B.
         indenter: shape of B, where it touches.
         path: motion of B.
-        friction_coefficient: μ [-].
+        friction_coefficient: μ, a number or a map of the grid [-].
         marker_depth: below the elastomer's surface, where `u_marker` is written [mm].
     """
 
@@ -69,7 +71,7 @@ class Simulation:
     object_: AbstractBody
     indenter: AbstractIndenter
     path: Pose
-    friction_coefficient: float
+    friction_coefficient: float | np.ndarray
     marker_depth: float
 
     def __len__(self) -> int:
@@ -81,7 +83,7 @@ def read_simulation(path: str | Path) -> Simulation:
     """Read a configuration file, or a shipped example by its name.
 
     Raises:
-        FileNotFoundError: neither a file nor an example.
+        FileNotFoundError: neither a file nor an example, or a map that it names is not there.
         ValueError: keys that are missing, unknown or have wrong values.
     """
     example = EXAMPLES / f"{path}.toml"
@@ -91,7 +93,7 @@ def read_simulation(path: str | Path) -> Simulation:
     source = Path(path) if Path(path).is_file() else example
     text = source.read_text(encoding="utf-8")
     try:
-        return _parse(text)
+        return _parse(text, _Maps(Path(path).parent))
     except KeyError as error:
         raise ValueError(f"{path}: the key {error} is missing") from error
     except (TypeError, ValueError) as error:
@@ -179,22 +181,48 @@ def _solve(simulation: Simulation, index: int, previous: ContactSolution | None)
     )
 
 
-def _parse(text: str) -> Simulation:
+class _Maps:
+    """Reads the maps that a configuration names, and notes their hashes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.hashes = ""
+
+    def read(self, name: str) -> np.ndarray:
+        """An array from a `.npy` file, its place relative to the configuration."""
+        file = self.folder / name
+        try:
+            values = np.asarray(np.load(file), dtype=float)
+        except ValueError as error:
+            raise ValueError(f"{name} is no .npy file of numbers ({error})") from error
+        self.hashes += f"# {name}: sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}\n"
+        return values
+
+
+def _parse(text: str, maps: _Maps) -> Simulation:
     known = {"grid", "elastomer", "object", "indenter", "contact", "motion"}
     tables = _only(tomllib.loads(text), "the file", known)
     grid = _only(tables["grid"], "grid", {"cells", "size_mm"})
     cells, size = _pair(grid, "cells"), _pair(grid, "size_mm")
-    contact = _only(tables["contact"], "contact", {"friction_coefficient"})
+    friction = _friction(tables["contact"], maps)
+    indenter = _indenter(tables["indenter"], tables["elastomer"], maps)
     return Simulation(
-        text=text,
+        text=text + maps.hashes,
         grid=Grid((cells[0], cells[1]), (float(size[0]), float(size[1]))),
         elastomer=_body(tables["elastomer"], "elastomer", {"dome_radius_mm", "marker_depth_mm"}),
         object_=_body(tables["object"], "object", set()) if tables["object"] else Rigid(),
-        indenter=_indenter(tables["indenter"], tables["elastomer"]),
+        indenter=indenter,
         path=_path(tables["motion"]),
-        friction_coefficient=float(contact["friction_coefficient"]),
+        friction_coefficient=friction,
         marker_depth=float(tables["elastomer"].get("marker_depth_mm", 0.0)),
     )
+
+
+def _friction(table: dict[str, Any], maps: _Maps) -> float | np.ndarray:
+    _only(table, "contact", {"friction_coefficient", "friction_coefficient_file"})
+    if "friction_coefficient_file" in table:
+        return maps.read(table["friction_coefficient_file"])
+    return float(table["friction_coefficient"])
 
 
 def _body(table: dict[str, Any], name: str, others: set[str]) -> HalfSpace | Layer:
@@ -206,21 +234,30 @@ def _body(table: dict[str, Any], name: str, others: set[str]) -> HalfSpace | Lay
     return HalfSpace(*material)
 
 
-def _indenter(table: dict[str, Any], elastomer: dict[str, Any]) -> AbstractIndenter:
+def _indenter(table: dict[str, Any], elastomer: dict[str, Any], maps: _Maps) -> AbstractIndenter:
+    position = table.get("position_mm", [0.0, 0.0])
+    placed = Placed(_shape(table, maps), position, np.radians(table.get("angle_deg", 0.0)))
+    dome = elastomer.get("dome_radius_mm")
+    return placed if dome is None else Domed(placed, dome)
+
+
+def _shape(table: dict[str, Any], maps: _Maps) -> AbstractIndenter:
     shape = table["shape"]
+    placing = {"shape", "position_mm", "angle_deg"}
+    if shape == "height_map":
+        _only(table, "indenter of shape height_map", {*placing, "heights_mm_file", "spacing_mm"})
+        dx, dy = _pair(table, "spacing_mm")
+        return HeightMap(maps.read(table["heights_mm_file"]), (float(dx), float(dy)))
     if shape not in SHAPES:
-        raise ValueError(f"unknown shape {shape!r}; known are {', '.join(SHAPES)}")
+        raise ValueError(f"unknown shape {shape!r}; known are height_map, {', '.join(SHAPES)}")
     kind, names = SHAPES[shape]
     keys = {f"{name}_mm" for name in names}
-    _only(table, f"indenter of shape {shape}", {"shape", "position_mm", "angle_deg", *keys})
+    _only(table, f"indenter of shape {shape}", {*placing, *keys})
     sizes = {name: table[f"{name}_mm"] for name in names if f"{name}_mm" in table}
     missing = set(names) - set(sizes) - {"edge_radius"}
     if missing:
         raise KeyError(f"{missing.pop()}_mm")
-    position = table.get("position_mm", [0.0, 0.0])
-    placed = Placed(kind(**sizes), position, np.radians(table.get("angle_deg", 0.0)))
-    dome = elastomer.get("dome_radius_mm")
-    return placed if dome is None else Domed(placed, dome)
+    return kind(**sizes)
 
 
 def _path(table: dict[str, Any]) -> Pose:

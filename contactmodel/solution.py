@@ -23,8 +23,6 @@ from contactmodel.grid import Grid
 from contactmodel.linear import Iterations
 from contactmodel.pose import Pose
 
-_AT_LIMIT = 1e-6  # a cell slides if its traction is this close to μp, relative
-
 
 class RESULTS(eqx.Enumeration):
     """How a solve ended. All but `successful` and `no_contact` are failures."""
@@ -68,9 +66,11 @@ class ContactSolution(eqx.Module):
         pressure: p on both bodies [MPa].
         traction: τ on the elastomer; the object carries −τ [MPa].
         gap: between the deformed surfaces [mm].
-        slip: s, motion of B's surface against S's since the path began, beyond the contact as
-            well [mm].
-        slip_increment: its share in the last step [mm].
+        sliding: cells in contact that slide in the last step; none while the object rests.
+        slip: s of Eq. 1, of points that lay on each other when the path began; beyond the contact
+            as well [mm].
+        slip_increment: what B's surface moved in the last step past the points of S where it then
+            was; the sum over the steps is s where a point sticks, and for small twists [mm].
         dissipated_energy: since the path began [N·mm].
         result: how the solve ended.
         normal: iterations of the pressure.
@@ -85,6 +85,7 @@ class ContactSolution(eqx.Module):
     pressure: Float[Array, "*path nx ny"]
     traction: Float[Array, "*path 2 nx ny"]
     gap: Float[Array, "*path nx ny"]
+    sliding: Bool[Array, "*path nx ny"]
     slip: Float[Array, "*path 2 nx ny"]
     slip_increment: Float[Array, "*path 2 nx ny"]
     dissipated_energy: Float[Array, "*path"]
@@ -102,13 +103,6 @@ class ContactSolution(eqx.Module):
     def contact(self) -> Bool[Array, "*path nx ny"]:
         """Cells under pressure."""
         return self.pressure > 0.0
-
-    @property
-    def sliding(self) -> Bool[Array, "*path nx ny"]:
-        """Cells in contact whose traction has reached μp."""
-        limit = self.friction_coefficient * self.pressure
-        square = jnp.sum(self.traction**2, axis=-3)
-        return self.contact & (square >= ((1.0 - _AT_LIMIT) * limit) ** 2)
 
     @property
     def stick(self) -> Bool[Array, "*path nx ny"]:

@@ -12,15 +12,14 @@ from contactmodel.bodies import AbstractBody, Rigid
 from contactmodel.checks import is_traced, non_negative
 from contactmodel.compliance import Compliance, pair_compliance
 from contactmodel.coupling import Load, Tractions, solve_tractions
+from contactmodel.friction import find_sliding
 from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter
 from contactmodel.linear import Iterations
 from contactmodel.pose import Pose
 from contactmodel.solution import RESULTS, ContactSolution
 
-# Cells at the rim carry less than single precision resolves; the friction may then end at 1e-1 to
-# 1e-3 where the pressure reaches 1e-5, and `result` tells.
-_SINGLE_PRECISION_FLOOR = 1e-3
+_SINGLE_PRECISION_FLOOR = 1e-5  # of the residuals; rounding leaves them at 1e-6 to 5e-6
 
 
 def solve_contact(
@@ -110,6 +109,7 @@ def solve_path(
 class _Memory(NamedTuple):
     """What the next step needs of the one before."""
 
+    pose: Pose
     pressure: Array
     traction: Array
     slip: Array
@@ -123,6 +123,7 @@ class _Step(NamedTuple):
     pressure: Array
     traction: Array
     gap: Array
+    sliding: Array
     slip: Array
     slip_increment: Array
     dissipated_energy: Array
@@ -164,10 +165,15 @@ def _solve_all(
 
     def advance(last: _Memory, pose: Pose) -> tuple[_Memory, _Step]:
         step = _step(compliance, indenter, pose, grid, friction, last, rtol, max_steps)
-        return _Memory(step.pressure, step.traction, step.slip, step.dissipated_energy), step
+        return _recall(step), step
 
     _, steps = jax.lax.scan(advance, last, path)
     return _gather(elastomer, object_, grid, friction, steps)
+
+
+def _recall(step: "_Step | ContactSolution") -> _Memory:
+    """What the next step needs of this one."""
+    return _Memory(step.pose, step.pressure, step.traction, step.slip, step.dissipated_energy)
 
 
 def _gather(
@@ -196,7 +202,8 @@ def _step(
     """The contact at a pose, from the one before."""
     points = jnp.asarray(grid.points, last.pressure.dtype)
     undeformed = _in_precision_of(indenter.height(points) - pose.approach, pose)
-    motion = pose.displacement(points) - last.slip
+    carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
+    motion = carried + pose.increment(last.pose, carried, points)
     end = solve_tractions(
         compliance,
         Load(undeformed, motion, friction_coefficient),
@@ -205,13 +212,17 @@ def _step(
         max_steps=max_steps,
     )
     pressure, traction = end.pressure, end.traction
-    increment = motion - compliance.pull(pressure) - compliance.drag(traction)
+    limit, pulled = friction_coefficient * pressure, compliance.pull(pressure)
+    dragged = compliance.drag(traction)
+    increment = motion - pulled - dragged
+    sliding = find_sliding(compliance, traction, motion - pulled, increment, pressure, limit, rtol)
     return _Step(
         pose=pose,
         pressure=pressure,
         traction=traction,
         gap=undeformed + compliance.press(pressure) + compliance.lift(traction),
-        slip=last.slip + increment,
+        sliding=sliding,
+        slip=pose.displacement(points) - pulled - dragged,
         slip_increment=increment,
         dissipated_energy=last.dissipated_energy + jnp.sum(traction * increment) * grid.cell_area,
         result=_judge(end, rtol),
@@ -258,12 +269,17 @@ def _remember(previous: ContactSolution | None, pose: Pose, grid: Grid) -> _Memo
     if previous is None:
         dtype = pose.approach.dtype
         none, still = jnp.zeros(grid.shape, dtype), jnp.zeros((2, *grid.shape), dtype)
-        return _Memory(none, still, still, jnp.zeros((), dtype))
+        zero = jnp.zeros((), dtype)
+        first = jnp.asarray(pose.centre, dtype).reshape(-1, 2)[0]
+        rest = Pose(zero, jnp.zeros(2, dtype), zero, first, pose.linear)
+        return _Memory(rest, none, still, still, zero)
     if previous.grid != grid:
         raise ValueError(f"the contact before has the {previous.grid}, this one the {grid}")
     if previous.pressure.ndim != 2:
         raise ValueError("previous is a path; take its last step: jax.tree.map(lambda x: x[-1], …)")
-    return _Memory(previous.pressure, previous.traction, previous.slip, previous.dissipated_energy)
+    if previous.pose.linear != pose.linear:
+        raise ValueError("this pose and the one before must both be linear, or neither")
+    return _recall(previous)
 
 
 def _check(

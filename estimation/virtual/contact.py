@@ -73,7 +73,6 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
     twist = np.pad(np.asarray(path.pose.twist), (unloaded, 0))
     area = np.asarray(path.stick).sum(axis=(1, 2)) * path.grid.cell_area
     slid = np.logical_or.accumulate(contact & ~sticking, axis=0)
-    moves = np.pad(np.asarray(path.slip_increment).any(axis=(1, 2, 3)), (unloaded, 0))
     return Truth(
         angle=np.where(touching, twist, np.nan),
         contact=contact,
@@ -81,7 +80,7 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
         sticking=sticking,
         stick_radius=np.pad(np.sqrt(area / np.pi), (unloaded, 0)),
         moment=np.pad(np.asarray(path.moment), (unloaded, 0)),
-        macro_slip=touching & moves & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
+        macro_slip=touching & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
         stiffness_ratio=float(stiffness_ratio(path.elastomer, path.object_)),
     )
 

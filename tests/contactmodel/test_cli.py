@@ -32,6 +32,9 @@ approach_mm = 0.5
 steps = 2
 twist_deg = 4.0
 """
+SHAPE_FROM_FILE = """shape = "height_map"
+heights_mm_file = "ball.npy"
+spacing_mm = [0.25, 0.25]"""
 
 
 @pytest.fixture
@@ -122,3 +125,31 @@ def test_verify_tells_by_its_exit_status(monkeypatch, error, status):
     result = RUN.invoke(cli.app, ["verify"])
     assert result.exit_code == status
     assert ("FAILED" in result.stdout) == bool(status)
+
+
+def test_maps_of_height_and_friction_come_from_files(config, tmp_path):
+    x = 0.25 * (np.arange(65) - 32)
+    np.save(tmp_path / "ball.npy", (x[:, None] ** 2 + x**2) / 40.0)
+    np.save(tmp_path / "mu.npy", np.full((24, 24), 0.5))
+    text = SMALL.replace('shape = "sphere"\nradius_mm = 20.0', SHAPE_FROM_FILE).replace(
+        "friction_coefficient = 0.5", 'friction_coefficient_file = "mu.npy"'
+    )
+    (tmp_path / "maps.toml").write_text(text, encoding="utf-8")
+    out = ["--out", str(tmp_path / "maps")]
+    assert RUN.invoke(cli.app, ["simulate", str(tmp_path / "maps.toml"), *out]).exit_code == 0
+    ball = ["simulate", str(config), "--out", str(tmp_path / "ball")]
+    assert RUN.invoke(cli.app, ball).exit_code == 0
+    moment, sphere = (float(table(tmp_path / name)[-1]["moment_nmm"]) for name in ("maps", "ball"))
+    # the paraboloid is lower than the sphere by r²/4R² of its height, the map bilinear: percents
+    assert moment == pytest.approx(sphere, rel=0.03)
+    np.save(tmp_path / "mu.npy", np.full((24, 24), 0.1))  # the same file, another map
+    changed = RUN.invoke(cli.app, ["simulate", str(tmp_path / "maps.toml"), *out])
+    assert changed.exit_code == 2
+    assert "another simulation" in changed.output
+    np.save(tmp_path / "mu.npy", np.full((24, 20), 0.5))
+    misfit = ["simulate", str(tmp_path / "maps.toml"), "--out", str(tmp_path / "misfit")]
+    refused = RUN.invoke(cli.app, misfit)
+    assert refused.exit_code == 2
+    assert "map of shape (24, 24)" in refused.output
+    (tmp_path / "mu.npy").unlink()
+    assert "mu.npy" in RUN.invoke(cli.app, misfit).output
