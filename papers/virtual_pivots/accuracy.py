@@ -17,6 +17,7 @@ from estimation.estimators import METHODS
 from estimation.noise import Noise
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.virtual_pivots import settings
 
 
@@ -30,6 +31,7 @@ class Accuracy(NamedTuple):
         answered: which draws were answered.
         inside: which intervals hold the truth.
         counts: which draws count.
+        limit: mean absolute error at the Cramér–Rao bound of the true stick region [deg].
     """
 
     methods: tuple[str, ...]
@@ -38,6 +40,7 @@ class Accuracy(NamedTuple):
     answered: Bool[np.ndarray, "noises ratios angles draws methods"]
     inside: Bool[np.ndarray, "noises ratios angles draws methods"]
     counts: Bool[np.ndarray, "noises ratios angles draws"]
+    limit: Float[np.ndarray, "noises ratios angles draws"]
 
 
 def compute(
@@ -60,7 +63,7 @@ def compute(
     )
     error = np.zeros((*shape, len(METHODS)))
     answered, inside = np.zeros(error.shape, dtype=bool), np.zeros(error.shape, dtype=bool)
-    counts = np.zeros(shape, dtype=bool)
+    counts, limit = np.zeros(shape, dtype=bool), np.zeros(shape)
     for case in track(list(np.ndindex(shape))):
         noise_um, ratio = settings.NOISES_UM[case[0]], settings.FRICTION_RATIOS[case[1]]
         truth = float(settings.ANGLES_DEG[case[2]])
@@ -75,6 +78,8 @@ def compute(
         counts[case] = stick.sum() >= settings.FIRM_MARKERS
         if not counts[case]:
             continue
+        points = layout.reference[:, :2]
+        limit[case] = MEAN_ABSOLUTE * np.degrees(angle_limit(points, stick, model.noise))
         for i, method in enumerate(METHODS):
             noise = Noise.given(1e-3 * noise_um)
             estimate = Tracker(layout, method, noise=noise).update(frame)
@@ -83,7 +88,7 @@ def compute(
             low, high = np.degrees([estimate.low, estimate.high])
             inside[(*case, i)] = low <= truth <= high
     angle = np.array(settings.ANGLES_DEG, dtype=float)
-    return Accuracy(tuple(METHODS), angle, error, answered, inside, counts)
+    return Accuracy(tuple(METHODS), angle, error, answered, inside, counts, limit)
 
 
 def tables(result: Accuracy) -> dict[str, list[dict[str, object]]]:
@@ -145,6 +150,10 @@ def plot(result: Accuracy) -> Figure:
                 for a in range(len(result.angle))
             ]
             axis.semilogy(result.angle, error, "o-", ms=3, lw=1.2, label=method)
+        bound = [
+            result.limit[n, :, a][result.counts[n, :, a]].mean() for a in range(len(result.angle))
+        ]
+        axis.semilogy(result.angle, bound, "k--", lw=1, label="Cramér–Rao bound")
         axis.axhline(
             settings.PAPER_ERROR_DEG, color="0.5", ls="--", lw=1, label="paper, hardware: 0.17°"
         )
