@@ -1,6 +1,7 @@
 """Converters of fields: numbers become arrays, wrong values are refused.
 
-Outside `jit` the error is a ValueError, inside it a RuntimeError when the program runs.
+Outside `jit` the error is a ValueError. Inside it is a RuntimeError when the program runs, with
+the words in front under `equinox.filter_jit`, and wrapped in JAX's own under `jax.jit`.
 """
 
 from collections.abc import Sequence

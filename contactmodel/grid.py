@@ -17,18 +17,26 @@ class Grid:
         size: length along x and y [mm].
 
     Raises:
-        ValueError: fewer than two cells or a size that is not positive.
+        ValueError: not two whole numbers of at least 2 cells, or not two positive lengths.
     """
 
     shape: tuple[int, int]
     size: tuple[float, float]
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        if min(self.shape) < 2:
-            raise ValueError(f"a grid needs at least 2 cells along x and y, got {self.shape}")
-        if not all(np.isfinite(length) and length > 0 for length in self.size):
-            raise ValueError(f"the size of a grid must be above 0 mm, got {self.size}")
+        """Check the numbers, and keep them as tuples, which `jit` can compare."""
+        shape, size = np.asarray(self.shape), np.asarray(self.size)
+        if shape.shape != (2,) or shape.dtype.kind not in "iu" or shape.min() < 2:
+            raise ValueError(
+                f"a grid needs at least 2 cells along x and y, whole numbers, got {self.shape}"
+            )
+        lengths = size.shape == (2,) and size.dtype.kind in "iuf"
+        if not lengths or not np.all(np.isfinite(size) & (size > 0)):
+            raise ValueError(
+                f"the size of a grid along x and y must be above 0 mm, got {self.size}"
+            )
+        object.__setattr__(self, "shape", tuple(shape.tolist()))
+        object.__setattr__(self, "size", tuple(size.astype(float).tolist()))
 
     @property
     def spacing(self) -> tuple[float, float]:

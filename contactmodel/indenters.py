@@ -13,7 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.checks import is_traced, non_negative, number, positive
+from contactmodel.checks import Numbers, is_traced, non_negative, number, positive, refuse
 
 _SIDE_SLOPE = 1e3
 
@@ -92,8 +92,13 @@ class RoundPunch(AbstractIndenter):
         edge_radius: of the rounding, 0 for a sharp edge [mm].
     """
 
-    radius: Float[Array, ""] = eqx.field(converter=positive)
-    edge_radius: Float[Array, ""] = eqx.field(converter=non_negative, default=0.0)
+    radius: Float[Array, ""]
+    edge_radius: Float[Array, ""]
+
+    def __init__(self, radius: Numbers, edge_radius: Numbers = 0.0) -> None:
+        """Keep the sizes; ValueError if the rounding is larger than the face."""
+        self.radius = positive(radius)
+        self.edge_radius = _edge(edge_radius, self.radius)
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """0 on the flat, then the arc of the edge [mm]."""
@@ -109,8 +114,13 @@ class SquarePunch(AbstractIndenter):
         edge_radius: of the rounding, 0 for sharp edges [mm].
     """
 
-    width: Float[Array, ""] = eqx.field(converter=positive)
-    edge_radius: Float[Array, ""] = eqx.field(converter=non_negative, default=0.0)
+    width: Float[Array, ""]
+    edge_radius: Float[Array, ""]
+
+    def __init__(self, width: Numbers, edge_radius: Numbers = 0.0) -> None:
+        """Keep the sizes; ValueError if the rounding is larger than the face."""
+        self.width = positive(width)
+        self.edge_radius = _edge(edge_radius, 0.5 * self.width)
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """0 on the flat, then the arc of the edges [mm]."""
@@ -202,9 +212,17 @@ def _length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
     return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
 
 
+def _edge(edge_radius: Numbers, half_width: Float[Array, ""]) -> Float[Array, ""]:
+    """The radius of an edge, if the face has room for it."""
+    edge = non_negative(edge_radius)
+    message = "an edge radius must not be above the radius or half the width of the punch"
+    return refuse(edge, edge > half_width, message)
+
+
 def _arc(distance: Float[Array, "..."], radius: Float[Array, ""]) -> Float[Array, "..."]:
     """R − √(R² − d²), continued by a steep side from d = R."""
     inside = distance < radius
     square = jnp.where(inside, radius**2 - distance**2, 1.0)
     rise = distance**2 / jnp.where(inside, radius + jnp.sqrt(square), 1.0)
-    return jnp.where(inside, rise, radius + _SIDE_SLOPE * (distance - radius))
+    side = radius + _SIDE_SLOPE * (distance - radius)
+    return jnp.where(inside, rise, jnp.where(distance > 0.0, side, 0.0))

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from contactmodel.checks import number
+from contactmodel.checks import Numbers, number
 
 
 class Pose(eqx.Module):
@@ -26,11 +27,42 @@ class Pose(eqx.Module):
             have it, and not by the rotation (R − I) r that sticking points really follow.
     """
 
-    approach: Float[Array, "*path"] = eqx.field(converter=number)
-    shift: Float[Array, "*path 2"] = eqx.field(converter=number, default=(0.0, 0.0))
-    twist: Float[Array, "*path"] = eqx.field(converter=number, default=0.0)
-    centre: Float[Array, "*path 2"] = eqx.field(converter=number, default=(0.0, 0.0))
-    linear: bool = eqx.field(static=True, default=False)
+    approach: Float[Array, "*path"]
+    shift: Float[Array, "*path 2"]
+    twist: Float[Array, "*path"]
+    centre: Float[Array, "*path 2"]
+    linear: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        approach: Numbers,
+        shift: Numbers = (0.0, 0.0),
+        twist: Numbers = 0.0,
+        centre: Numbers = (0.0, 0.0),
+        *,
+        linear: bool = False,
+    ) -> None:
+        """Keep the motion; what is given once holds for the whole path.
+
+        Raises:
+            ValueError: numbers that are not finite, or shapes that do not fit each other.
+        """
+        heights, angles = number(approach), number(twist)
+        vectors = [_vector(shift, "shift"), _vector(centre, "centre")]
+        shapes = [heights.shape, angles.shape, *(vector.shape[:-1] for vector in vectors)]
+        try:
+            path = jnp.broadcast_shapes(*shapes)
+        except ValueError as error:
+            raise ValueError(
+                "approach, twist, shift and centre of a path need the same number of steps, or "
+                f"one value for all; got the shapes {shapes}"
+            ) from error
+        precision = jnp.result_type(heights, angles, *vectors)
+        self.approach = jnp.broadcast_to(heights, path).astype(precision)
+        self.shift = jnp.broadcast_to(vectors[0], (*path, 2)).astype(precision)
+        self.twist = jnp.broadcast_to(angles, path).astype(precision)
+        self.centre = jnp.broadcast_to(vectors[1], (*path, 2)).astype(precision)
+        self.linear = linear
 
     def displacement(self, points: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
         """In-plane displacement of the rigid object at points [mm]; for one pose."""
@@ -74,12 +106,30 @@ def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:
     Args:
         poses: where the legs begin and end.
         steps: poses of each leg.
+
+    Raises:
+        ValueError: fewer than two poses, or steps that are not one whole number from 1 per leg.
     """
+    if len(poses) < 2 or len(steps) != len(poses) - 1:
+        raise ValueError(
+            "a path runs between two poses or more, with a number of steps for each leg between "
+            f"them; got {len(poses)} poses and {len(steps)} numbers of steps"
+        )
+    for count in steps:
+        if not isinstance(count, int | np.integer) or count < 1:
+            raise ValueError(f"the steps of a leg must be a whole number from 1, got {count!r}")
     legs = []
     for start, end, count in zip(poses[:-1], poses[1:], steps, strict=True):
         share = jnp.arange(1, count + 1) / count
         legs.append(jax.tree.map(lambda a, b, t=share: _between(a, b, t), start, end))
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), *legs)
+
+
+def _vector(value: Numbers, name: str) -> Array:
+    vector = number(value)
+    if vector.shape[-1:] != (2,):
+        raise ValueError(f"the {name} of a pose has two components, x and y; got {value!r}")
+    return vector
 
 
 def _between(start: Array, end: Array, share: Float[Array, " steps"]) -> Array:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Real
 
 from contactmodel.arrays import AnyArray
 from contactmodel.bodies import AbstractBody
@@ -144,7 +144,7 @@ class ContactSolution(eqx.Module):
         return jnp.stack(components, axis=-3)
 
     def elastomer_displacement_at(
-        self, points: Float[AnyArray, "n 2"], depth: ArrayLike = 0.0
+        self, points: Real[AnyArray, "n 2"], depth: ArrayLike = 0.0
     ) -> Float[Array, "*path n 3"]:
         """Displacement of points of the undeformed elastomer, markers for example [mm].
 
@@ -152,15 +152,15 @@ class ContactSolution(eqx.Module):
             points: anywhere, on the grid or beyond [mm].
             depth: of the points below the surface [mm].
         """
-        points = jnp.asarray(points)
+        points = jnp.asarray(points, self.pressure.dtype)
         u, v, w = self._at(self.elastomer, self.traction, points, _below_surface(depth))
         return jnp.stack([u, v, -w], axis=-1)
 
     def object_displacement_at(
-        self, points: Float[AnyArray, "n 2"], depth: ArrayLike = 0.0
+        self, points: Real[AnyArray, "n 2"], depth: ArrayLike = 0.0
     ) -> Float[Array, "*path n 3"]:
         """The same of the object, by its deformation alone [mm]."""
-        points = jnp.asarray(points)
+        points = jnp.asarray(points, self.pressure.dtype)
         components = self._at(self.object_, -self.traction, points, _below_surface(depth))
         return jnp.stack(components, axis=-1)
 

@@ -295,7 +295,9 @@ def _check(
     """Shapes and precision, known before anything runs."""
     if isinstance(elastomer, Rigid) and isinstance(object_, Rigid):
         raise ValueError("both bodies are rigid; one has to give way")
-    if pose.approach.ndim != int(path):
+    if not 0.0 < rtol < 1.0:
+        raise ValueError(f"rtol is relative: it must lie between 0 and 1, got {rtol}")
+    if pose.approach.ndim != int(path) or not pose.approach.size:
         wanted = "a path of poses (make_path)" if path else "one pose; solve_path takes a path"
         raise ValueError(f"expected {wanted}, got an approach of shape {pose.approach.shape}")
     shape = jnp.shape(friction_coefficient)

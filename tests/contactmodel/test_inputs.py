@@ -1,0 +1,140 @@
+"""Poses, paths, grids and shapes as users write them, right and wrong."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jaxtyping
+import numpy as np
+import pytest
+
+from contactmodel import (
+    Grid,
+    HalfSpace,
+    Paraboloid,
+    Pose,
+    Rigid,
+    RoundPunch,
+    Sphere,
+    SquarePunch,
+    make_path,
+    solve_contact,
+    solve_path,
+)
+
+GRID = Grid((32, 32), (10.0, 10.0))
+PAD = HalfSpace(1.0, 0.5)
+BALL = Paraboloid(30.0)
+
+
+def solve(indenter=BALL, pose=None, **how):
+    pose = pose or Pose(0.3, twist=0.05)
+    return solve_contact(PAD, Rigid(), indenter, pose, GRID, 0.5, **how)
+
+
+@pytest.fixture
+def unchecked():
+    """As users run it: without the type checks of the tests."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture(scope="module")
+def path():
+    """Three steps, so that a mix-up of steps and components cannot pass."""
+    poses = [Pose(0.0), Pose(0.3), Pose(0.3, shift=(0.01, 0.02), twist=0.05)]
+    return solve_path(PAD, Rigid(), BALL, make_path(poses, [1, 2]), GRID, 0.5)
+
+
+def test_methods_of_a_path_are_those_of_its_steps(path):
+    points = np.array([[0.3, -0.2], [6.0, 1.0]])
+    fields = {
+        "on the grid": lambda s: s.elastomer_displacement(),
+        "at points": lambda s: s.elastomer_displacement_at(points),
+        "rotation": lambda s: s.elastomer_rotation(),
+    }
+    for name, field in fields.items():
+        steps = jnp.stack([field(path.at_step(i)) for i in range(3)])
+        # rounding of sums over 32² cells in another order
+        np.testing.assert_allclose(field(path), steps, atol=1e-13, err_msg=name)
+
+
+def test_points_may_be_whole_numbers(path):
+    last = path.at_step(-1)
+    whole = last.elastomer_displacement_at(np.array([[1, -2], [0, 3]]))
+    real = last.elastomer_displacement_at(np.array([[1.0, -2.0], [0.0, 3.0]]))
+    np.testing.assert_array_equal(whole, real)
+
+
+def test_what_is_given_once_holds_for_the_whole_path():
+    held = Pose(0.3, twist=np.linspace(0.0, 0.1, 3), centre=(1.0, 0.0))
+    np.testing.assert_array_equal(held.approach, [0.3, 0.3, 0.3])
+    np.testing.assert_array_equal(held.centre, [[1.0, 0.0]] * 3)
+    assert held.shift.shape == (3, 2)
+
+
+def test_single_precision_only_if_every_number_is():
+    assert Pose(jnp.float32(0.3), twist=0.1).approach.dtype == jnp.float64
+    two = jnp.zeros(2, jnp.float32)
+    single = Pose(jnp.float32(0.3), two, jnp.float32(0.1), two)
+    assert single.approach.dtype == single.centre.dtype == jnp.float32
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_grid_takes_lists():
+    shape: Any = [32, 32]
+    size: Any = [10, 10.0]
+    assert Grid(shape, size) == GRID
+    assert hash(Grid(shape, size)) == hash(GRID)
+
+
+def refused() -> dict[str, tuple[Any, str]]:
+    start, end = Pose(0.0), Pose(1.0)
+    return {
+        "fractional steps": (lambda n: make_path([start, end], [n]), "whole number from 1"),
+        "steps from 1": (lambda _: make_path([start, end], [0]), "whole number from 1, got 0"),
+        "no leg": (lambda _: make_path([start], []), "two poses or more"),
+        "one leg too many": (lambda _: make_path([start, end], [1, 1]), "2 numbers of steps"),
+        "shift": (lambda _: Pose(1.0, shift=(0.1,)), "two components"),
+        "centre": (lambda _: Pose(1.0, centre=(0.0, 0.0, 0.0)), "two components"),
+        "shapes": (lambda _: Pose(np.ones(3), twist=np.ones(2)), "same number of steps"),
+        "no steps": (lambda _: solve_path(PAD, Rigid(), BALL, Pose(np.ones(0)), GRID, 0.5), "path"),
+        "cells": (lambda n: Grid((n, 8), (1.0, 1.0)), "whole numbers"),
+        "three lengths": (lambda n: Grid((8, 8, *[8] * int(n)), (1.0, 1.0)), "x and y"),
+        "round edge": (lambda _: RoundPunch(2.0, 5.0), "edge radius"),
+        "square edge": (lambda _: SquarePunch(3.0, 1.6), "edge radius"),
+        "loose rtol": (lambda _: solve(rtol=10.0), "between 0 and 1, got 10"),
+        "no rtol": (lambda _: solve(rtol=0.0), "between 0 and 1"),
+        "NaN rtol": (lambda _: solve(rtol=np.nan), "between 0 and 1"),
+    }
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("case", refused())
+def test_wrong_inputs_are_refused(case):
+    act, words = refused()[case]
+    with pytest.raises(ValueError, match=words):
+        act(2.5)
+
+
+def test_wrong_values_inside_jit_keep_their_words():
+    height = eqx.filter_jit(lambda edge: RoundPunch(2.0, edge).height(jnp.zeros(2)))
+    assert float(height(1.0)) == 0.0
+    with pytest.raises(RuntimeError, match="edge radius must not be above"):
+        height(3.0)
+
+
+@pytest.mark.parametrize("punch", [lambda e: RoundPunch(3.0, e), lambda e: SquarePunch(6.0, e)])
+def test_a_sharp_edge_has_the_derivative_of_a_hardly_rounded_one(punch):
+    """On the flat and on the side; the arc itself is 0 wide."""
+    points = jnp.asarray([[0.0, 1.0, 2.9, 4.0], [0.0, 2.0, 0.0, 0.0]])
+    slope = jax.jacfwd(lambda e: punch(e).height(points))(0.0)
+    change = (punch(1e-3).height(points) - punch(0.0).height(points)) / 1e-3
+    np.testing.assert_allclose(slope, change, atol=1e-9)  # both are linear there
+
+
+@pytest.mark.parametrize("punch", [RoundPunch(3.0), SquarePunch(6.0), Sphere(20.0)])
+def test_the_lowest_point_is_0(punch):
+    assert float(punch.height(jnp.zeros(2))) == 0.0
