@@ -65,6 +65,9 @@ def run(
         int | None,
         typer.Option(help="Number of an unloaded frame.", rich_help_panel=PICTURES),
     ] = None,
+    preview: Annotated[
+        bool, typer.Option("--preview", help="Write an annotated video.", rich_help_panel=PICTURES)
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of the virtual pivot.")] = 0,
     noise_um: Annotated[
         float | None,
@@ -150,6 +153,7 @@ def run(
         contact_share=contact_share,
         stick_share=stick_share,
         images=ImageSettings(mm_per_px, dot_radius_px, dark_dots, unloaded_frame),
+        preview=preview,
         grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},
     )

@@ -13,6 +13,7 @@ from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS
 from estimation.files import check_writable
 from estimation.grasp import compare_fingers
+from estimation.images.preview import write_preview
 from estimation.noise import Noise, estimate_noise
 from estimation.outline import follow_outline
 from estimation.recording import Recording
@@ -20,6 +21,7 @@ from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_o
 from estimation.result import Estimate, Result, State
 from estimation.softness import ScalarSoftness
 from estimation.sources import ImageSettings, find_recordings, read_recording
+from estimation.sources.pictures import is_pictures
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -38,6 +40,7 @@ class Settings:
         stick_share: share of the contact's markers from which the state is `stick` [-].
         constants: of the chosen method.
         images: what is known of pictures.
+        preview: write an annotated video of each recording that was read from pictures.
         grasp: the two recordings are two fingers that hold one object.
     """
 
@@ -50,6 +53,7 @@ class Settings:
     stick_share: float = STICK_SHARE
     constants: Mapping[str, Any] = field(default_factory=dict)
     images: ImageSettings = field(default_factory=ImageSettings)
+    preview: bool = False
     grasp: bool = False
 
 
@@ -116,6 +120,8 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
             write_run(run, folder)
             runs.append(run)
             lines += _tell(run, folder)
+            if settings.preview:
+                lines.append(_preview(run, folder, settings))
         if interrupted:
             lines.append("interrupted: the frames done so far are written")
             break
@@ -250,6 +256,18 @@ def _compare(runs: Sequence[Run], out: Path) -> list[str]:
             (grasp.free, f"slope {grasp.free.slope:.3f} ± {grasp.free.errors[0]:.3f}"),
         )
     ]
+
+
+def _preview(run: Run, folder: Path, settings: Settings) -> str:
+    """Write the annotated video, where the recording was read from pictures."""
+    path = folder / "preview.avi"
+    if run.recording.contact is None or not is_pictures(Path(run.recording.source)):
+        return f"no preview: {run.recording.name} was not read from pictures"
+    try:
+        write_preview(run.recording, run.results[run.method], settings.images.scale, path)
+    except ValueError as error:
+        return f"no preview: {error}"
+    return f"annotated video: {path}"
 
 
 def _folder_names(names: Sequence[str]) -> list[str]:

@@ -197,3 +197,15 @@ def test_run_on_a_published_clip(tmp_path):
     for frame, imprint in ((30, -11.5), (60, -11.6), (90, -11.3)):
         assert float(rows[frame]["angle_deg"]) == pytest.approx(imprint, abs=1.5)
     assert any(row["state"] == "macro_slip" for row in rows[120:160])
+
+
+def test_preview_shows_every_frame(pictures, tmp_path):
+    folder = write_folder(tmp_path / "clip", pictures)
+    out = tmp_path / "out"
+    done = CliRunner().invoke(
+        app, ["run", str(folder), "--out", str(out), "--preview", "--noise-um", "10"]
+    )
+    assert done.exit_code == 0, done.output
+    frames = list(read_pictures(out / "preview.avi"))
+    assert len(frames) == len(pictures)
+    assert frames[0].image.shape == (3 * 240 + 52, 3 * 320, 3)

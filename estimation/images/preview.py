@@ -1,0 +1,79 @@
+"""A video of the pictures with what was found drawn into them."""
+
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from estimation.recording import Recording
+from estimation.result import Result
+from estimation.sources.pictures import is_camera, read_pictures
+
+ENLARGED = 3
+STICKS, SLIPS, ELSEWHERE = (60, 220, 60), (60, 60, 240), (200, 200, 200)
+LINE = 26
+
+
+def write_preview(recording: Recording, result: Result, mm_per_px: float, path: Path) -> None:
+    """Write an annotated video: dots that stick, slip or are elsewhere, state and angles.
+
+    Args:
+        recording: read from pictures, which are read again.
+        result: of one method.
+        mm_per_px: scale of the recording; 1 where its lengths are in px.
+        path: of the video, an `.avi`; it appears whole or not at all.
+
+    Raises:
+        ValueError: the pictures cannot be read again.
+        OSError: the video cannot be written.
+    """
+    source = Path(recording.source)
+    if is_camera(source):
+        raise ValueError("a camera's pictures are not kept: there is no preview of them")
+    rate = 1.0 / max(float(np.median(np.diff(recording.time))), 1e-3) if len(recording) > 1 else 25
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        draft = Path(folder) / path.name
+        writer, size = None, (0, 0)
+        for row, picture in zip(range(len(result.time)), read_pictures(source), strict=False):
+            if picture.image is None:
+                continue
+            image = annotate(picture.image, recording, result, row, mm_per_px)
+            if writer is None:
+                size = (image.shape[1], image.shape[0])
+                writer = cv2.VideoWriter(str(draft), cv2.VideoWriter.fourcc(*"MJPG"), rate, size)
+            if (image.shape[1], image.shape[0]) == size:
+                writer.write(image)
+        if writer is None or not writer.isOpened():
+            raise OSError(f"{path} cannot be written as a video")
+        writer.release()
+        draft.replace(path)
+
+
+def annotate(
+    picture: np.ndarray, recording: Recording, result: Result, row: int, mm_per_px: float
+) -> np.ndarray:
+    """One picture, enlarged, with what was found drawn into it."""
+    image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
+    image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image[..., :3]
+    image = cv2.resize(image, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_LINEAR)
+    image = cv2.copyMakeBorder(image, 0, 2 * LINE, 0, 0, cv2.BORDER_CONSTANT, value=(0, 0, 0))
+    spots = ENLARGED * recording.positions[row] / mm_per_px + 0.5 * (ENLARGED - 1)
+    for i in np.flatnonzero(recording.valid[row]):
+        x, y = np.rint(spots[i]).astype(int)
+        sticks, touches = result.stick[row, i], result.contact[row, i]
+        colour = STICKS if sticks else SLIPS if touches else ELSEWHERE
+        cv2.circle(image, (int(x), int(y)), 7, colour, 2, cv2.LINE_AA)
+    angle, turned = np.degrees(result.angle[row]), np.nan
+    if recording.imprint is not None:
+        turned = np.degrees(recording.imprint[row, 0])
+    texts = (
+        f"frame {result.source_index[row]}  {result.state[row]}  {result.reason[row]}",
+        f"angle {angle:.1f} deg  imprint {turned:.1f} deg  difference {angle - turned:.1f} deg",
+    )
+    for line, text in enumerate(texts):
+        place = (8, image.shape[0] - 2 * LINE + (line + 1) * LINE - 8)
+        cv2.putText(
+            image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA
+        )
+    return image
