@@ -1,6 +1,6 @@
 """Solves per second of the atlas with one worker and with two: `python -m tests.benchmarks.sweep`.
 
-Sixty-four paths of 40 steps on 64² cells, spread over the whole table. The clock starts when every
+Twenty-four paths of 40 steps on 64² cells, spread over the whole table. The clock starts when every
 worker has given back its first batch: starting and compiling are left out.
 """
 
@@ -13,7 +13,7 @@ from papers.model_error import atlas
 from papers.sweeps import local_processes
 from papers.sweeps.executors import Batch
 
-CASES = 64
+CASES = 24
 NAME = "papers.model_error.atlas"
 
 
