@@ -1,0 +1,135 @@
+"""The solver's own loops beside those of JAX's libraries, in one run, after compilation.
+
+`python -m tests.benchmarks.loops [CELLS …]`: the linear system of a half sliding contact by our
+conjugate gradients, lineax's and JAX's; the pressure by our bounded conjugate gradients and by
+optimistix's minimiser without bounds on p = q². All are given the same preconditioner where they
+take one, and stop at the same residual.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import lineax
+import numpy as np
+import optimistix
+from jaxtyping import Array
+from rich.console import Console
+from rich.table import Table
+
+from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel.compliance import pair_compliance
+from contactmodel.friction import _along, _newton_system, find_sets
+from contactmodel.linear import conjugate_gradients
+from contactmodel.normal import pressure_residual, solve_pressure
+
+LAPS = 7
+RTOL = 1e-8
+MOST = 2000
+FRICTION = 0.5
+APPROACH, TWIST = 0.9, 0.1
+
+
+def main() -> None:
+    """Print the table."""
+    jax.config.update("jax_enable_x64", True)
+    table = Table("cells", "problem", "loop", "steps", "residual", "time [ms]")
+    for cells in map(int, sys.argv[1:] or ("64", "128")):
+        for problem, loops in (("linear", linear_loops), ("pressure", pressure_loops)):
+            for loop, steps, residual, duration in measure(loops(cells)):
+                row = (f"{cells}²", problem, loop, steps, f"{residual:.1e}", f"{duration:.1f}")
+                table.add_row(*row)
+    Console().print(table)
+
+
+def linear_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
+    """Steps (−1: not told) and residual of each loop on a Newton system of the friction."""
+    grid = Grid((cells, cells), (20.0, 20.0))
+    pad = HalfSpace(0.2, 0.48)
+    pose = Pose(APPROACH, twist=TWIST)
+    end = solve_contact(pad, Rigid(), Paraboloid(40.0), pose, grid, FRICTION)
+    compliance = pair_compliance(pad, Rigid(), grid)
+    limit = FRICTION * end.pressure
+    sets = find_sets(end.traction, end.slip_increment, limit, compliance.stiffest)
+    tangent, precondition = _newton_system(compliance, sets)
+    x, y = jnp.asarray(grid.points)
+    rhs = _along(sets, jnp.stack([-y, x]))
+
+    def rms(field: Array) -> Array:
+        return jnp.sqrt(jnp.mean(field**2))
+
+    def told(solution: Array, steps: Array | int) -> tuple[Array, Array]:
+        return jnp.asarray(steps), rms(tangent(solution) - rhs) / rms(rhs)
+
+    def ours() -> tuple[Array, Array]:
+        return told(*conjugate_gradients(tangent, rhs, precondition, rtol=RTOL, max_steps=MOST))
+
+    def by_lineax() -> tuple[Array, Array]:
+        structure = jax.eval_shape(lambda: rhs)
+        tag = lineax.positive_semidefinite_tag
+        matrix, inverse = (
+            lineax.FunctionLinearOperator(operator, structure, tag)
+            for operator in (tangent, precondition)
+        )
+        solver = lineax.CG(
+            rtol=0.0, atol=RTOL * rms(rhs), norm=rms, stabilise_every=None, max_steps=MOST
+        )
+        options = {"preconditioner": inverse}
+        end = lineax.linear_solve(matrix, rhs, solver, options=options, throw=False)
+        return told(end.value, end.stats["num_steps"])
+
+    def by_jax() -> tuple[Array, Array]:
+        cg = jax.scipy.sparse.linalg.cg
+        return told(cg(tangent, rhs, M=precondition, tol=RTOL, maxiter=MOST)[0], -1)
+
+    return {"ours": ours, "lineax.CG": by_lineax, "jax.scipy cg": by_jax}
+
+
+def pressure_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
+    """Steps and residual of each loop on the pressure at a given approach."""
+    grid = Grid((cells, cells), (20.0, 20.0))
+    compliance = pair_compliance(HalfSpace(0.2, 0.48), Rigid(), grid)
+    gap = Paraboloid(40.0).height(jnp.asarray(grid.points)) - APPROACH
+
+    def ours() -> tuple[Array, Array]:
+        start = jnp.zeros(grid.shape)
+        pressure, done = solve_pressure(compliance, gap, start=start, rtol=RTOL, max_steps=MOST)
+        return done.steps, pressure_residual(compliance, gap, pressure)
+
+    def by_optimistix() -> tuple[Array, Array]:
+        def energy(root: Array, _: None) -> Array:
+            pressure = root**2
+            return jnp.sum(pressure * (0.5 * compliance.press(pressure) + gap))
+
+        start = jnp.sqrt(jnp.maximum(-gap, 0.0) / jnp.max(compliance.normal)) + 1e-3
+        solver = optimistix.LBFGS(rtol=1e-12, atol=1e-12)
+        end = optimistix.minimise(energy, solver, start, max_steps=MOST, throw=False)
+        return end.stats["num_steps"], pressure_residual(compliance, gap, end.value**2)
+
+    return {"ours": ours, "optimistix.LBFGS, p = q²": by_optimistix}
+
+
+def measure(
+    loops: dict[str, Callable[[], tuple[Array, Array]]],
+) -> list[tuple[str, str, float, float]]:
+    """Name, steps, residual and milliseconds of each, medians of laps in turn."""
+    compiled = {name: jax.jit(loop) for name, loop in loops.items()}
+    ends = {name: jax.block_until_ready(loop()) for name, loop in compiled.items()}
+    laps = [[_time(loop) for loop in compiled.values()] for _ in range(LAPS)]
+    rows = []
+    for (name, (steps, residual)), duration in zip(ends.items(), np.median(laps, 0), strict=True):
+        told = "not told" if int(steps) < 0 else str(int(steps))
+        rows.append((name, told, float(residual), 1e3 * float(duration)))
+    return rows
+
+
+def _time(loop: Callable) -> float:
+    start = time.perf_counter()
+    jax.block_until_ready(loop())
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    main()
