@@ -94,6 +94,7 @@ class MarginTracker:
     """Follows angle and moment frame by frame; the cost of a frame is bounded."""
 
     def __init__(self) -> None:
+        """Begin with nothing known."""
         self._points: list[tuple[float, float]] = []
         self._sign = 0.0
         self._guess: Float[np.ndarray, " 3"] | None = None
@@ -147,6 +148,17 @@ def follow_margin(result: Result) -> tuple[list[Margin], list[Branch | None]]:
             margins.append(Margin() if state == State.MACRO_SLIP else margin)
         branches.append(tracker.branch)
     return margins, branches
+
+
+def last_branch(result: Result) -> Branch | None:
+    """The branch as known in the last frame that holds and has a margin."""
+    margins, branches = follow_margin(result)
+    told = [
+        branch
+        for margin, branch in zip(margins, branches, strict=True)
+        if np.isfinite(margin.angle_left)
+    ]
+    return told[-1] if told else None
 
 
 def fit_branch(

@@ -14,6 +14,7 @@ from matplotlib.patches import Rectangle
 
 from contactmodel.rotation import slip_curl_difference
 from estimation.grasp import Grasp
+from estimation.margin import last_branch
 from estimation.recording import Recording
 from estimation.result import Result, State
 
@@ -186,6 +187,38 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     bottom.set_ylabel("difference [°]")
     bottom.set_xlabel(f"time since the first frame of {names[0]} [s]")
     bottom.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def plot_moment(results: Mapping[str, Result]) -> Figure:
+    """Moment against angle, and the branch of partial-slip torsion fitted while it held.
+
+    Args:
+        results: by name, with moments.
+    """
+    figure, axes = plt.subplots(
+        1, len(results), figsize=(5.2 * len(results), 4.2), squeeze=False, layout="constrained"
+    )
+    for axis, (name, result) in zip(axes[0], results.items(), strict=True):
+        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
+            axis.plot(
+                np.degrees(result.angle[where]),
+                result.moment[where],
+                ".",
+                color=colour,
+                label=label,
+            )
+        branch = last_branch(result)
+        if branch is not None:
+            furthest = np.nanmax(branch.sign * (result.angle - branch.start))
+            angle = branch.start + branch.sign * np.linspace(0.0, furthest, 200)
+            label = f"Lubkin, Masing: limit {branch.limit:.1f} N·mm, rms {branch.rms:.2f} N·mm"
+            axis.plot(np.degrees(angle), branch.moment(angle), "k", lw=1.1, label=label)
+        axis.set_title(name, fontsize=9)
+        axis.set_xlabel("object's angle [°]")
+        axis.set_ylabel("moment [N·mm]")
+        axis.legend(fontsize=8, frameon=False)
     return figure
 
 

@@ -19,7 +19,15 @@ from matplotlib.figure import Figure
 
 from estimation.files import write_whole
 from estimation.grasp import Fit, Grasp
-from estimation.plots import choose_frames, plot_angles, plot_grasp, plot_maps, plot_overview
+from estimation.margin import follow_margin, last_branch
+from estimation.plots import (
+    choose_frames,
+    plot_angles,
+    plot_grasp,
+    plot_maps,
+    plot_moment,
+    plot_overview,
+)
 from estimation.recording import Recording
 from estimation.result import Result, State
 from estimation.virtual.recording import Truth
@@ -65,7 +73,7 @@ class Run:
 
 
 def write_run(run: Run, folder: Path) -> None:
-    """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and the pictures.
+    """Write `angles.csv`, `angles_all.csv`, `margin.csv`, `summary.json`, `report.html`, pictures.
 
     Raises:
         OSError: a file cannot be written; those that are there are whole.
@@ -73,6 +81,7 @@ def write_run(run: Run, folder: Path) -> None:
     main = run.results[run.method]
     write_whole(folder / "angles.csv", _table([main]))
     write_whole(folder / "angles_all.csv", _table(run.results.values(), name_method=True))
+    write_whole(folder / "margin.csv", _margins(main))
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     references = {}
@@ -108,12 +117,13 @@ def write_overview(runs: Sequence[Run], folder: Path) -> None:
     write_whole(folder / "report.html", page)
 
 
-def write_grasp(grasp: Grasp, names: Sequence[str], folder: Path) -> None:
-    """Write `comparison.csv`, `grasp.json` and `grasp.png`, two fingers on the first one's clock.
+def write_grasp(grasp: Grasp, results: Mapping[str, Result], folder: Path) -> None:
+    """Write `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`, on the first's clock.
 
     Raises:
         OSError: a file cannot be written.
     """
+    names = list(results)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
@@ -139,9 +149,45 @@ def write_grasp(grasp: Grasp, names: Sequence[str], folder: Path) -> None:
         "second": names[1],
         "slope_fixed": _describe_fit(grasp.fixed),
         "slope_free": _describe_fit(grasp.free),
+        "branches": {name: _describe_branch(result) for name, result in results.items()},
     }
     write_whole(folder / "grasp.json", json.dumps(figures, indent=2, ensure_ascii=False) + "\n")
     write_whole(folder / "grasp.png", figure_png(plot_grasp(grasp, names)))
+    write_whole(folder / "moment.png", figure_png(plot_moment(results)))
+
+
+def _describe_branch(result: Result) -> dict[str, Any] | None:
+    """The branch of moment against angle while it held; nothing where the data cannot tell."""
+    branch = last_branch(result)
+    if branch is None:
+        return None
+    return {
+        "limit_Nmm": _number(branch.limit),
+        "limit_standard_error_Nmm": _number(branch.limit * np.sqrt(branch.covariance[0, 0])),
+        "stiffness_Nmm_per_deg": _number(np.radians(branch.stiffness)),
+        "start_deg": _number(np.degrees(branch.start)),
+        "start_moment_Nmm": _number(branch.sign * branch.start_moment),
+        "rms_Nmm": _number(branch.rms),
+        "points": branch.points,
+    }
+
+
+def _margins(result: Result) -> str:
+    """Margin before macro slip as CSV, a row per frame; empty where it cannot be told."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = ("angle_left", "angle_left_low", "angle_left_high")
+    columns = [f"{name}_deg" for name in names]
+    columns += [f"{name.replace('angle', 'moment')}_Nmm" for name in names]
+    writer.writerow(("time_s", "state", "stick_ratio", *columns))
+    margins, _ = follow_margin(result)
+    for i, margin in enumerate(margins):
+        contact = result.contact[i].sum()
+        ratio = np.sqrt(result.stick[i].sum() / contact) if contact else np.nan
+        values = (ratio, *np.degrees(margin[:3]), *margin[3:])
+        shown = (f"{value:.6f}" if np.isfinite(value) else "" for value in values)
+        writer.writerow((f"{result.time[i]:.6f}", result.state[i], *shown))
+    return text.getvalue()
 
 
 def _describe_fit(fit: Fit) -> dict[str, Any]:

@@ -247,7 +247,12 @@ def _compare(runs: Sequence[Run], out: Path) -> list[str]:
         grasp = compare_fingers(*(run.results[run.method] for run in runs))
     except ValueError as error:
         return [f"no comparison: {error}"]
-    write_grasp(grasp, [run.recording.name for run in runs], out)
+    names = _folder_names([run.recording.name for run in runs])
+    write_grasp(
+        grasp,
+        {name: run.results[run.method] for name, run in zip(names, runs, strict=True)},
+        out,
+    )
     return [
         f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip, {what}, clock "
         f"offset {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s"

@@ -73,7 +73,9 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     first, second, _ = fingers
     inputs = [Input(first), Input(second)]
     outcome = run_all(inputs, tmp_path, Settings(grasp=True), Progress(disable=True))
-    assert {"comparison.csv", "grasp.json", "grasp.png"} <= {p.name for p in tmp_path.iterdir()}
+    assert {"comparison.csv", "grasp.json", "grasp.png", "moment.png"} <= {
+        p.name for p in tmp_path.iterdir()
+    }
     figures = json.loads((tmp_path / "grasp.json").read_text())
     assert figures["slope_fixed"]["slope"] == 1.0
     assert figures["slope_free"]["slope_standard_error"] > 0
