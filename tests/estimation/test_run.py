@@ -17,7 +17,15 @@ from estimation.virtual.recording import simulate_pivot
 from tests.cases import domed_pad, lift
 
 ANGLES = np.radians(np.linspace(0.0, 10.0, 20))
-FILES = {"angles.csv", "angles_all.csv", "summary.json", "report.html", "angles.png", "maps.png"}
+FILES = {
+    "angles.csv",
+    "angles_all.csv",
+    "margin.csv",
+    "summary.json",
+    "report.html",
+    "angles.png",
+    "maps.png",
+}
 
 
 @pytest.fixture
