@@ -39,7 +39,6 @@ class Pose(eqx.Module):
         shift: Numbers = (0.0, 0.0),
         twist: Numbers = 0.0,
         centre: Numbers = (0.0, 0.0),
-        *,
         linear: bool = False,
     ) -> None:
         """Keep the motion; what is given once holds for the whole path.
