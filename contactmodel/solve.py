@@ -271,7 +271,7 @@ def _remember(previous: ContactSolution | None, pose: Pose, grid: Grid) -> _Memo
         none, still = jnp.zeros(grid.shape, dtype), jnp.zeros((2, *grid.shape), dtype)
         zero = jnp.zeros((), dtype)
         first = jnp.asarray(pose.centre, dtype).reshape(-1, 2)[0]
-        rest = Pose(zero, jnp.zeros(2, dtype), zero, first, pose.linear)
+        rest = Pose(zero, jnp.zeros(2, dtype), zero, first, linear=pose.linear)
         return _Memory(rest, none, still, still, zero)
     if previous.grid != grid:
         raise ValueError(f"the contact before has the {previous.grid}, this one the {grid}")
