@@ -54,6 +54,12 @@ def simulate(
     except (OSError, ValueError, RuntimeError) as error:
         errors.print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
         raise typer.Exit(2) from error
+    apart = sum(not bool(solution.contact.any()) for solution in solutions)
+    if apart:
+        errors.print(
+            f"{apart} of {len(solutions)} steps do not touch: a larger approach would",
+            highlight=False,
+        )
     console.print(f"{len(solutions)} steps, path.csv and pictures in {out}", highlight=False)
 
 

@@ -23,6 +23,8 @@ import optimistix as optx
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from contactmodel.checks import positive, refuse
+
 Density = Callable[[Array], Array]
 
 
@@ -68,9 +70,12 @@ def hertz_from_approach(
         approach: δ [mm].
         radius_of_curvature: R of the gap r²/2R [mm].
         contact_modulus: E*, 1/E* = (1−ν_S)/2G_S + (1−ν_B)/2G_B [MPa].
+
+    Raises:
+        ValueError: a radius or modulus that is not above 0.
     """
-    delta, curvature = jnp.asarray(approach), jnp.asarray(radius_of_curvature)
-    modulus = jnp.asarray(contact_modulus)
+    delta, curvature = jnp.asarray(approach), positive(radius_of_curvature)
+    modulus = positive(contact_modulus)
     a = _root(curvature * delta)
     return Hertz(
         radius=a,
@@ -225,15 +230,18 @@ def torsion_displacement(
     """
     r, c, a = (jnp.asarray(value)[..., None] for value in (r, stick_radius, radius))
     edge = jnp.where(r <= c, c, jnp.where(r <= a, r, a))  # not clip: it halves slopes at c and a
-    s, ds = _between(edge[..., 0], a[..., 0])  # punches that hold r
+    # punches that hold r; with c = 0 they are all at r = 0, which stays where it is
+    s, ds = _between(jnp.where(edge > 0.0, edge, a)[..., 0], a[..., 0])
     inner = r[..., 0] * jnp.sum(density(s) * ds, axis=-1)
-    far = jnp.where(r <= c, c, r)  # punches that do not: s = r sin α
+    # punches that do not, s = r sin α; where there are none, any length will do
+    far = jnp.where(r <= c, jnp.where(c > 0.0, c, a), r)
     low, high = _arcsin(c / far), _arcsin(edge / far)
     alpha = low + (high - low) * _POINTS
     s = far * jnp.sin(alpha)
     lag = 2.0 / jnp.pi * far * (alpha - jnp.sin(alpha) * jnp.cos(alpha))
     ds = far * jnp.cos(alpha) * (high - low) * _WEIGHTS
-    return inner + jnp.sum(density(s) * lag * ds, axis=-1)
+    lagging = density(jnp.where(s > 0.0, s, a)) * lag * ds
+    return inner + jnp.sum(lagging, axis=-1)
 
 
 def lubkin_twist(stick_ratio: ArrayLike, friction_ratio: ArrayLike) -> Array:
@@ -242,8 +250,13 @@ def lubkin_twist(stick_ratio: ArrayLike, friction_ratio: ArrayLike) -> Array:
     Args:
         stick_ratio: κ = c/a, 0 < κ ≤ 1 [-].
         friction_ratio: μp0/2G* [-].
+
+    Raises:
+        ValueError: κ outside (0, 1].
     """
-    first, second = complete_elliptic(stick_ratio)
+    kappa = jnp.asarray(stick_ratio)
+    kappa = refuse(kappa, ~((kappa > 0) & (kappa <= 1)), "κ = c/a must lie in (0, 1]")
+    first, second = complete_elliptic(kappa)
     return jnp.asarray(friction_ratio) * (first - second)
 
 
@@ -325,7 +338,7 @@ def mindlin_shift(
     Exact for ν = 0; for other ν the traction is not quite along the force.
 
     Args:
-        shear_force: Q < μP [N].
+        shear_force: Q of either sign, |Q| ≤ μP [N].
         friction_coefficient: μ [-].
         force: P [N].
         radius: a [mm].
@@ -333,11 +346,17 @@ def mindlin_shift(
 
     Returns:
         Shift of one body against the other [mm] and κ = c/a [-].
+
+    Raises:
+        ValueError: a tangential force that friction cannot carry, or a radius not above 0.
     """
     limit = jnp.asarray(friction_coefficient) * jnp.asarray(force)
-    rest = 1.0 - jnp.asarray(shear_force) / limit
-    scale = 3.0 * limit / (16.0 * jnp.asarray(radius)) * jnp.asarray(tangential_compliance)
-    return scale * (1.0 - jnp.cbrt(rest) ** 2), jnp.cbrt(rest)
+    shear = jnp.asarray(shear_force)
+    shear = refuse(shear, ~(jnp.abs(shear) <= limit), "friction carries no more than |Q| = μP")
+    sign = jnp.where(shear < 0.0, -1.0, 1.0)
+    rest = 1.0 - sign * shear / limit
+    scale = 3.0 * limit / (16.0 * positive(radius)) * jnp.asarray(tangential_compliance)
+    return sign * scale * (1.0 - jnp.cbrt(rest) ** 2), jnp.cbrt(rest)
 
 
 def masing(virgin: Callable[[Any], Any], turns: Sequence[Any], twist: Any) -> Any:

@@ -174,7 +174,8 @@ def mean_line_rotation(
 ) -> Float[AnyArray, "*batch"]:
     """Mean angle of the two orthogonal line elements ([Li2024] Eq. 8 for finite rotations).
 
-    Exact for a rotation of any size. Under strain it is not the rotation: it depends on which
+    Exact for a rotation by less than half a turn; near it, strain may put one element beyond and
+    the mean is wrong by half a turn. Under strain it is not the rotation: it depends on which
     two elements were chosen, and its mean over all choices is `polar_rotation`.
     """
     along_x, along_y = line_element_rotations(deformation_gradient)

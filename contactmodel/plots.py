@@ -92,6 +92,8 @@ def _arrows(axes: Axes, solution: ContactSolution, field) -> None:
     thin = (slice(None), slice(every // 2, None, every), slice(every // 2, None, every))
     (x, y), (u, v) = solution.grid.points[thin], np.asarray(field)[thin]
     some = np.hypot(u, v) > 0.0
+    if not some.any():
+        return
     axes.quiver(x[some], y[some], u[some], v[some], angles="xy", pivot="mid", color="white")
 
 

@@ -8,6 +8,8 @@ import csv
 import hashlib
 import os
 import tomllib
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import resources
@@ -103,13 +105,17 @@ def read_simulation(path: str | Path) -> Simulation:
 def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, ContactSolution]]:
     """Solve step by step, write each, and go on from what the folder already holds.
 
+    A step whose file is damaged is solved again.
+
     Yields:
         Number of the step, from 1, and its contact.
 
     Raises:
-        ValueError: the folder holds another simulation.
+        ValueError: the folder is a file, or holds another simulation.
         RuntimeError: a step that failed.
     """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file; choose a folder to write to")
     steps = folder / "steps"
     steps.mkdir(parents=True, exist_ok=True)
     copy = folder / "config.toml"
@@ -119,14 +125,14 @@ def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, 
     last: ContactSolution | None = None
     for index in range(len(simulation)):
         file = steps / f"{index + 1:04d}.npz"
-        if file.is_file():
-            last = load_step(simulation, file)
-        else:
+        done = _load_if_whole(simulation, file)
+        if done is None:
             try:
-                last = _solve(simulation, index, last)
+                done = _solve(simulation, index, last)
             except RuntimeError as error:
                 raise RuntimeError(f"step {index + 1} of {len(simulation)}: {error}") from error
-            save_step(simulation, last, file)
+            save_step(simulation, done, file)
+        last = done
         yield index + 1, last
 
 
@@ -165,8 +171,16 @@ def load_step(simulation: Simulation, file: Path) -> ContactSolution:
     """Read what `save_step` has written."""
     skeleton = eqx.filter_eval_shape(lambda: _solve(simulation, 0, None))
     leaves, tree = jax.tree_util.tree_flatten_with_path(skeleton)
-    with np.load(file) as arrays:
+    with file.open("rb") as stream, np.load(stream) as arrays:  # closes a damaged file, too
         return jax.tree.unflatten(tree, [jnp.asarray(arrays[_key(path)]) for path, _ in leaves])
+
+
+def _load_if_whole(simulation: Simulation, file: Path) -> ContactSolution | None:
+    """A step that was solved before, if its file is there and can be read."""
+    try:
+        return load_step(simulation, file)
+    except (FileNotFoundError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
+        return None
 
 
 def _solve(simulation: Simulation, index: int, previous: ContactSolution | None) -> ContactSolution:
@@ -202,19 +216,22 @@ class _Maps:
 def _parse(text: str, maps: _Maps) -> Simulation:
     known = {"grid", "elastomer", "object", "indenter", "contact", "motion"}
     tables = _only(tomllib.loads(text), "the file", known)
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            raise ValueError(f"{name} must be a table, [{name}], got {table!r}")
     grid = _only(tables["grid"], "grid", {"cells", "size_mm"})
-    cells, size = _pair(grid, "cells"), _pair(grid, "size_mm")
+    cells, size = _list(grid, "cells", "xy"), _list(grid, "size_mm", "xy")
     friction = _friction(tables["contact"], maps)
     indenter = _indenter(tables["indenter"], tables["elastomer"], maps)
     return Simulation(
         text=text + maps.hashes,
-        grid=Grid((cells[0], cells[1]), (float(size[0]), float(size[1]))),
+        grid=Grid(_whole(cells), (float(size[0]), float(size[1]))),
         elastomer=_body(tables["elastomer"], "elastomer", {"dome_radius_mm", "marker_depth_mm"}),
         object_=_body(tables["object"], "object", set()) if tables["object"] else Rigid(),
         indenter=indenter,
         path=_path(tables["motion"]),
         friction_coefficient=friction,
-        marker_depth=float(tables["elastomer"].get("marker_depth_mm", 0.0)),
+        marker_depth=_number({"marker_depth_mm": 0.0} | tables["elastomer"], "marker_depth_mm"),
     )
 
 
@@ -222,23 +239,25 @@ def _friction(table: dict[str, Any], maps: _Maps) -> float | np.ndarray:
     _only(table, "contact", {"friction_coefficient", "friction_coefficient_file"})
     if "friction_coefficient_file" in table:
         return maps.read(table["friction_coefficient_file"])
-    return float(table["friction_coefficient"])
+    return _number(table, "friction_coefficient")
 
 
 def _body(table: dict[str, Any], name: str, others: set[str]) -> HalfSpace | Layer:
     """A layer where a thickness is given, else a half-space."""
     _only(table, name, {"shear_modulus_mpa", "poisson_ratio", "thickness_mm", *others})
-    material = table["shear_modulus_mpa"], table["poisson_ratio"]
+    material = _number(table, "shear_modulus_mpa"), _number(table, "poisson_ratio")
     if "thickness_mm" in table:
-        return Layer(*material, table["thickness_mm"])
+        return Layer(*material, _number(table, "thickness_mm"))
     return HalfSpace(*material)
 
 
 def _indenter(table: dict[str, Any], elastomer: dict[str, Any], maps: _Maps) -> AbstractIndenter:
-    position = table.get("position_mm", [0.0, 0.0])
-    placed = Placed(_shape(table, maps), position, np.radians(table.get("angle_deg", 0.0)))
-    dome = elastomer.get("dome_radius_mm")
-    return placed if dome is None else Domed(placed, dome)
+    place = {"position_mm": [0.0, 0.0], "angle_deg": 0.0} | table
+    angle = np.radians(_number(place, "angle_deg"))
+    placed = Placed(_shape(table, maps), _list(place, "position_mm", "xy"), angle)
+    if "dome_radius_mm" not in elastomer:
+        return placed
+    return Domed(placed, _number(elastomer, "dome_radius_mm"))
 
 
 def _shape(table: dict[str, Any], maps: _Maps) -> AbstractIndenter:
@@ -246,47 +265,69 @@ def _shape(table: dict[str, Any], maps: _Maps) -> AbstractIndenter:
     placing = {"shape", "position_mm", "angle_deg"}
     if shape == "height_map":
         _only(table, "indenter of shape height_map", {*placing, "heights_mm_file", "spacing_mm"})
-        dx, dy = _pair(table, "spacing_mm")
+        dx, dy = _list(table, "spacing_mm", "xy")
         return HeightMap(maps.read(table["heights_mm_file"]), (float(dx), float(dy)))
-    if shape not in SHAPES:
+    if not isinstance(shape, str) or shape not in SHAPES:
         raise ValueError(f"unknown shape {shape!r}; known are height_map, {', '.join(SHAPES)}")
     kind, names = SHAPES[shape]
     keys = {f"{name}_mm" for name in names}
     _only(table, f"indenter of shape {shape}", {*placing, *keys})
-    sizes = {name: table[f"{name}_mm"] for name in names if f"{name}_mm" in table}
-    missing = set(names) - set(sizes) - {"edge_radius"}
-    if missing:
-        raise KeyError(f"{missing.pop()}_mm")
-    return kind(**sizes)
+    given = {"edge_radius_mm": 0.0} | table
+    return kind(**{name: _size(given, f"{name}_mm") for name in names})
+
+
+def _size(table: dict[str, Any], key: str) -> Any:
+    return _list(table, key, "xyz") if key == "semi_axes_mm" else _number(table, key)
 
 
 def _path(table: dict[str, Any]) -> Pose:
     _only(table, "motion", {"centre_mm", "legs"})
-    centre = np.asarray(table.get("centre_mm", [0.0, 0.0]), dtype=float)
+    centre = _list({"centre_mm": [0.0, 0.0]} | table, "centre_mm", "xy")
     state: dict[str, Any] = {"approach_mm": 0.0, "shift_mm": [0.0, 0.0], "twist_deg": 0.0}
     poses, steps = [_pose(state, centre)], []
     for number, leg in enumerate(table["legs"], start=1):
-        _only(leg, f"leg {number} of the motion", {"steps", *state})
-        if leg["steps"] < 1:
-            raise ValueError(f"leg {number} of the motion needs at least one step")
+        name = f"leg {number} of the motion"
+        _only(leg, name, {"steps", *state})
+        count = leg["steps"]
+        if type(count) is not int or count < 1:
+            raise ValueError(f"{name} needs at least one step, a whole number, got {count!r}")
         state = state | {key: value for key, value in leg.items() if key != "steps"}
-        steps.append(leg["steps"])
-        poses.append(_pose(state, centre))
+        steps.append(count)
+        try:
+            poses.append(_pose(state, centre))
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
     if not steps:
         raise ValueError("the motion has no legs")
     return make_path(poses, steps)
 
 
-def _pose(state: dict[str, Any], centre: np.ndarray) -> Pose:
-    twist = np.radians(state["twist_deg"])
-    return Pose(state["approach_mm"], np.asarray(state["shift_mm"], dtype=float), twist, centre)
+def _pose(state: dict[str, Any], centre: list[float]) -> Pose:
+    twist = np.radians(_number(state, "twist_deg"))
+    return Pose(_number(state, "approach_mm"), _list(state, "shift_mm", "xy"), twist, centre)
 
 
-def _pair(table: dict[str, Any], key: str) -> list[Any]:
+def _number(table: dict[str, Any], key: str) -> float:
     value = table[key]
-    if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"{key} needs two numbers, [along x, along y], got {value!r}")
-    return value
+    if type(value) not in (int, float):  # true and false are not
+        raise ValueError(f"{key} must be a number, got {value!r}")
+    return float(value)
+
+
+def _list(table: dict[str, Any], key: str, axes: str) -> list[float]:
+    """One number for each axis."""
+    value = table[key]
+    numbers = isinstance(value, list) and all(type(item) in (int, float) for item in value)
+    if not numbers or len(value) != len(axes):
+        along = ", ".join(f"along {axis}" for axis in axes)
+        raise ValueError(f"{key} must be {len(axes)} numbers, [{along}], got {value!r}")
+    return [float(item) for item in value]
+
+
+def _whole(cells: list[float]) -> tuple[int, int]:
+    if any(not count.is_integer() for count in cells):
+        raise ValueError(f"cells must be whole numbers, got {cells}")
+    return int(cells[0]), int(cells[1])
 
 
 def _only(table: dict[str, Any], name: str, known: set[str]) -> dict[str, Any]:

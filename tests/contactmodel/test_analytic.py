@@ -389,3 +389,33 @@ def test_masing_is_a_stack_of_sliding_springs(path):
             lambda t: np.sum(stiffness * np.clip(t, -limits, limits)), turns, twist
         )
         same(moment, np.sum(stiffness * stretch), abs=1e-12)
+
+
+def test_nothing_turns_in_the_middle_when_all_of_it_slips():
+    u = analytic.torsion_displacement(np.array([0.0, 1.0]), DENSITY, 0.0, A)
+    hardly = analytic.torsion_displacement(np.array([0.0, 1.0]), DENSITY, 1e-9 * A, A)
+    assert float(u[0]) == 0.0
+    same(u[1], hardly[1], rel=1e-6)  # the quadrature of a stick region that is hardly there
+
+
+def test_a_shift_has_the_sign_of_its_force():
+    forth, ratio = analytic.mindlin_shift(0.7, 0.5, 4.0, 3.0, 2.0)
+    back, same_ratio = analytic.mindlin_shift(-0.7, 0.5, 4.0, 3.0, 2.0)
+    assert float(back) == -float(forth) < 0.0
+    assert float(same_ratio) == float(ratio)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda: analytic.mindlin_shift(2.1, 0.5, 4.0, 3.0, 2.0), "friction carries no more"),
+        (lambda: analytic.mindlin_shift(1.0, 0.5, 4.0, -3.0, 2.0), "above 0"),
+        (lambda: analytic.lubkin_twist(1.5, 0.1), r"\(0, 1\], got 1.5"),
+        (lambda: analytic.lubkin_twist(np.array([0.5, 0.0]), 0.1), r"\(0, 1\]"),
+        (lambda: analytic.hertz_from_approach(0.1, -1.0, 1.0), "above 0"),
+        (lambda: analytic.hertz_from_approach(0.1, 1.0, 0.0), "above 0"),
+    ],
+)
+def test_what_no_contact_can_have_is_refused(wrong, words):
+    with pytest.raises(ValueError, match=words):
+        wrong()

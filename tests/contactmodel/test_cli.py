@@ -62,10 +62,15 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
         assert fields["pressure"].shape == (24, 24)
         assert fields["traction"].shape == (2, 24, 24)
     kept = (out / "steps" / "0002.npz").stat().st_mtime_ns
-    (out / "steps" / "0003.npz").unlink()
+    last = out / "steps" / "0003.npz"
+    last.write_bytes(last.read_bytes()[:1000])  # cut short
     second = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
     assert second.exit_code == 0
     assert (out / "steps" / "0002.npz").stat().st_mtime_ns == kept
+    assert table(out) == rows
+    last.write_bytes(b"")
+    third = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
+    assert third.exit_code == 0, third.output
     assert table(out) == rows
     assert not list(out.rglob(".part-*"))
     config.write_text(SMALL.replace("4.0", "5.0"), encoding="utf-8")
@@ -82,8 +87,26 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
         ("poisson_ratio = 0.48", "poisson_ratio = 0.48\nthickness_mm = 0.0", "above 0"),
         ("radius_mm", "radius_m", "unknown key"),
         ('"sphere"', '"pyramid"', "unknown shape"),
-        ("cells = [24, 24]", "cells = 24", "two numbers"),
+        ("cells = [24, 24]", "cells = 24", "cells must be 2 numbers"),
+        ("cells = [24, 24]", "cells = [24.5, 24]", "cells must be whole numbers, got [24.5, 24.0]"),
         ("steps = 2", "steps = 0", "at least one step"),
+        ("steps = 2", "steps = 4.5", "a whole number, got 4.5"),
+        ("steps = 2", 'steps = "4"', "leg 2 of the motion needs at least one step, a whole number"),
+        ("shear_modulus_mpa = 0.2", 'shear_modulus_mpa = "soft"', "shear_modulus_mpa must be"),
+        (
+            "poisson_ratio = 0.48",
+            "poisson_ratio = true",
+            "poisson_ratio must be a number, got True",
+        ),
+        ('"sphere"', '["a"]', "unknown shape ['a']"),
+        (
+            "radius_mm = 20.0",
+            "radius_mm = 20.0\nposition_mm = [0.0]",
+            "position_mm must be 2 numbers",
+        ),
+        ("[motion]", "[motion]\ncentre_mm = [0, 0, 0]", "centre_mm must be 2 numbers"),
+        ("twist_deg = 4.0", "shift_mm = 1.0", "leg 2 of the motion: shift_mm must be 2 numbers"),
+        ("[object]", "", "object"),
         ("radius_mm = 20.0", "", "radius_mm"),
         ("[motion]", "[motion", "line"),
     ],
@@ -94,6 +117,22 @@ def test_wrong_configurations_are_told(config, tmp_path, old, new, words):
     assert result.exit_code == 2
     assert words in " ".join(result.stderr.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_an_output_that_is_a_file_is_told(config, tmp_path):
+    out = tmp_path / "out"
+    out.write_text("mine", encoding="utf-8")
+    result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
+    assert result.exit_code == 2
+    assert "is a file; choose a folder" in " ".join(result.stderr.split())
+    assert out.read_text(encoding="utf-8") == "mine"
+
+
+def test_without_contact_it_says_so(config, tmp_path):
+    config.write_text(SMALL.replace("approach_mm = 0.5", "approach_mm = -0.5"), encoding="utf-8")
+    result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0  # and no picture warns of an empty mean: warnings are errors
+    assert "3 of 3 steps do not touch" in " ".join(result.stderr.split())
 
 
 def test_a_missing_file_names_the_examples(tmp_path):

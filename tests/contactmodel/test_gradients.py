@@ -101,7 +101,10 @@ def test_batches_meet_single_solves():
         {8: 0.0, 6: 0.0, 7: 0.0},  # no motion
         {9: 1e6},  # full stick
         {8: 2.0},  # full slip
-        {9: 0.0},  # no friction
+        pytest.param(
+            {9: 0.0},
+            marks=pytest.mark.xfail(strict=True, reason="dM/dμ is 0 where there is no friction"),
+        ),
         {5: 0.0},  # first touch
         {5: -0.1},  # apart
         {1: 0.5, 3: 0.5},  # incompressible
@@ -109,11 +112,20 @@ def test_batches_meet_single_solves():
     ],
     ids=str,
 )
-def test_gradients_are_finite_at_the_corners(changes):
+def test_gradients_at_the_corners_meet_differences(changes):
+    """Along a direction that leads from the corner into what is allowed."""
     values = VALUES
     for i, value in changes.items():
         values = values.at[i].set(value)
-    assert bool(jnp.all(jnp.isfinite(GRADIENT(values))))
+    into = jnp.asarray([1.0, -0.3, 0.6, -0.2, 0.5, 0.7, 0.4, -0.3, 0.8, 0.9, -0.6, 0.2])
+    into = into * jnp.maximum(jnp.abs(values), 0.01)
+    step = 1e-5
+    here, near, far = (MOMENT(values + n * step * into) for n in range(3))
+    difference = float(4.0 * near - 3.0 * here - far) / (2.0 * step)  # one-sided, second order
+    gradient = GRADIENT(values)
+    assert bool(jnp.all(jnp.isfinite(gradient)))
+    # cells that change state within the step; the solver's 1e-11 over it
+    assert float(gradient @ into) == pytest.approx(difference, rel=1e-3, abs=1e-5)
 
 
 def test_edge_radius_has_a_derivative():
@@ -138,3 +150,5 @@ def test_slope_of_the_moment_is_that_of_the_stick_region():
     slope = jax.grad(lambda t: verify.solve_hertz(64, twist=t).moment)(twist)
     exact = 16.0 / 3.0 * case.shear_modulus * (0.7 * verify.RADIUS) ** 3
     assert float(slope) == pytest.approx(exact, rel=2e-2)  # cells counted whole, 3 % of the radius
+    full = jax.grad(lambda t: verify.solve_hertz(64, twist=t).moment)(1e3 * twist)
+    assert abs(float(full)) < 1e-6 * exact  # nothing sticks
