@@ -7,6 +7,7 @@ from typing import Annotated
 import jax
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 
 from estimation import datasets
@@ -23,6 +24,7 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
 )
 console = Console(stderr=True)
 PICTURES = "Pictures of dots"
@@ -68,7 +70,7 @@ def run(
     preview: Annotated[
         bool, typer.Option("--preview", help="Write an annotated video.", rich_help_panel=PICTURES)
     ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of the virtual pivot.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual pivot.")] = 0,
     noise_um: Annotated[
         float | None,
         typer.Option(help="Marker noise per in-plane coordinate [µm]; else from the recording."),
@@ -182,7 +184,7 @@ def main() -> None:
     try:
         app()
     except (ValueError, OSError) as error:
-        console.print(f"[red]error:[/red] {error}", highlight=False)
+        console.print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
         sys.exit(2)
 
 

@@ -32,6 +32,8 @@ def check_writable(folder: Path) -> None:
     Raises:
         OSError: it is a file, or it cannot be written to.
     """
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"{folder} is a file: give the name of a folder")
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder):
         pass

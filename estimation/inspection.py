@@ -9,7 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
 
+from estimation.contact import ONSET_MM
 from estimation.recording import Recording
 
 FROZEN_STEPS = 5
@@ -18,26 +20,42 @@ FROZEN_STEPS = 5
 One or two do happen to good markers whose coordinates are rounded."""
 
 
+PITCHES = (0.05, 20.0)
+"""Distances between markers that a tactile sensor may have [mm]."""
+
+
 def inspect_recording(recording: Recording) -> Recording:
     """The recording with its flaws found: `flaws`, `valid` and `notes` filled in.
 
-    A frame is flawed when its time stamp is missing or out of order, when it shows no marker, or
-    when all its positions are exactly zero. A marker is not valid where it has no position and
-    where it is frozen (`frozen_markers`). Frames missing at the source are counted in the notes.
-    Displacements play no part: sensors that report exact zeros while unloaded are not at fault.
-    Inspecting twice changes nothing, and flaws that a reader has set stay.
+    A frame is flawed when its time stamp is missing or out of order, when it shows no marker, when
+    all its positions are exactly zero, or when they are exactly those of the frame before, as from
+    a sensor that hangs (but for the reference itself, which some sensors report while unloaded). A
+    marker is not valid where it has no position and where it is frozen (`frozen_markers`). Frames
+    missing at the source are counted in the notes. Lengths that suggest another unit, or a z axis
+    the other way round, get a note. Inspecting twice
+    changes nothing, and flaws that a reader has set stay.
+
+    Raises:
+        ValueError: no two time stamps are in order.
     """
     seen = np.all(np.isfinite(recording.positions), axis=-1)
     frozen = frozen_markers(recording.positions, seen)
     valid = recording.valid & seen & ~frozen
     zero = (recording.positions == 0).all(axis=-1)
     blank = seen.any(axis=1) & (zero | ~seen).all(axis=1)
+    timed, disordered = np.isfinite(recording.time), disordered_times(recording.time)
+    if timed.sum() > 2 and (timed & ~disordered).sum() == 1:
+        raise ValueError(
+            f"{recording.name}: the clock stands still or runs backwards, none of {timed.sum()} "
+            "time stamps is after another: give the frames in order, with their times in seconds"
+        )
     reasons = {
-        "no time stamp": ~np.isfinite(recording.time),
-        "time stamp not after an earlier frame's": disordered_times(recording.time),
+        "no time stamp": ~timed,
+        "time stamp not after an earlier frame's": disordered,
         "all marker positions are zero": blank,
         "no marker was seen": ~seen.any(axis=1),
         "no marker can be used": ~valid.any(axis=1),
+        "repeats the frame before": repeated_frames(recording, seen),
     }
     flaws = list(recording.flaws or ("",) * len(recording))
     for reason, where in reasons.items():
@@ -48,6 +66,7 @@ def inspect_recording(recording: Recording) -> Recording:
         *_count("a marker was not seen", ~seen),
         *_count("a marker was frozen while the others moved", frozen),
         *_flaw_notes(flaws),
+        *_length_notes(recording, valid & ~blank[:, None]),
     ]
     notes = recording.notes + tuple(note for note in found if note not in recording.notes)
     return replace(recording, valid=valid & ~blank[:, None], flaws=tuple(flaws), notes=notes)
@@ -76,6 +95,17 @@ def frozen_markers(
             if stop - start >= FROZEN_STEPS:
                 frozen[moving[start] : moving[stop - 1] + 2, marker] = True
     return frozen & seen
+
+
+def repeated_frames(
+    recording: Recording, seen: Bool[np.ndarray, "frames n"]
+) -> Bool[np.ndarray, " frames"]:
+    """Frames that show every marker exactly where the frame before does, and not at rest."""
+    positions = recording.positions
+    changed = (positions[1:] != positions[:-1]).any(axis=-1) & (seen[1:] | seen[:-1])
+    at_rest = ((positions == recording.layout.reference).all(axis=-1) | ~seen).all(axis=1)
+    repeated = ~changed.any(axis=1) & seen[1:].any(axis=1) & ~at_rest[1:]
+    return np.concatenate([[False], repeated])
 
 
 def disordered_times(time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
@@ -113,6 +143,24 @@ def _index_notes(recording: Recording) -> list[str]:
         )
     if (steps < 1).any():
         notes.append(f"the frame numbers do not increase in {int((steps < 1).sum())} places")
+    return notes
+
+
+def _length_notes(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
+    """Hints at a wrong unit of length, and at a z axis that points into the pad."""
+    if recording.unit != "mm":
+        return []
+    reference, notes = recording.layout.reference, []
+    pitch = float(np.median(KDTree(reference).query(reference, 2)[0][:, 1]))
+    if not PITCHES[0] <= pitch <= PITCHES[1]:
+        notes.append(f"the markers lie {pitch:.2g} mm apart: are the lengths in mm?")
+    if reference.shape[1] == 3 and valid.any():
+        inward, outward = np.quantile((recording.positions - reference)[valid, 2], (0.01, 0.99))
+        if outward > max(-inward, ONSET_MM):
+            notes.append(
+                f"the markers move out of the pad, by up to {outward:.2g} mm: does z point out of "
+                "the elastomer?"
+            )
     return notes
 
 

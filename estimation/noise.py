@@ -68,7 +68,7 @@ def estimate_noise(recording: Recording) -> Noise:
     markers and frames that jump.
 
     Raises:
-        ValueError: too few markers, or too few frames of the right distance.
+        ValueError: too few markers, too few frames of the right distance, or no scatter.
     """
     layout = recording.layout
     displacement = recording.positions - layout.reference
@@ -89,6 +89,11 @@ def estimate_noise(recording: Recording) -> Noise:
             f"the noise cannot be estimated from {len(recording)} frames: it takes frames "
             f"i, i + {WHITE_LAGS.start} and i + {2 * WHITE_LAGS.start} of the source that show "
             f"{FEWEST_SAMPLES} markers; give the noise, or record longer"
+        )
+    if not (white[:2] > 0).all():
+        raise ValueError(
+            "the noise cannot be estimated: the positions do not scatter, as if rounded or "
+            "repeated; give the noise"
         )
     variance = white / 6  # of x[t+l] − 2 x[t] + x[t−l] with the three independent
     plane = float(variance[:2].mean())

@@ -12,11 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from contactmodel.rotation import slip_curl_difference
 from estimation.grasp import Grasp
 from estimation.margin import last_branch
 from estimation.recording import Recording
 from estimation.result import Result, State
+from estimation.slip import find_slip_curl
+from estimation.softness import ScalarSoftness
 
 STATE_COLOURS = {
     State.NO_CONTACT: "#e6e6e6",
@@ -80,14 +81,16 @@ def plot_angles(
     return figure
 
 
-def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain: float) -> Figure:
+def plot_maps(
+    recording: Recording, result: Result, frames: Sequence[int], softness: ScalarSoftness
+) -> Figure:
     """Rotation, stick and slip, and curl of the slip at chosen frames, seen from the object.
 
     Args:
         recording: the recording.
         result: of one method.
         frames: rows of the recording.
-        gain: 1 + k of [Li2024] Eq. (11) [-].
+        softness: that the result was corrected for.
     """
     figure, axes = plt.subplots(
         3, len(frames), figsize=(2.1 * len(frames) + 1.0, 7.0), squeeze=False, layout="constrained"
@@ -95,12 +98,8 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain:
     shown = result.contact[frames]
     rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
     rotation_scale = _colour_scale(rotation)
-    curl = np.full_like(rotation, np.nan)
-    for row, i in enumerate(frames):
-        if result.stick[i].sum() >= 3:
-            stick = float(np.nanmean(result.rotation[i][result.stick[i]]))
-            curl[row] = slip_curl_difference(result.rotation[i], stick, gain - 1.0)
-    curl[~shown] = np.nan
+    k, load_term = softness.stiffness_ratio, softness.load_term
+    curl = np.stack([find_slip_curl(result, i, k, load_term) for i in frames])
     curl_scale = _colour_scale(curl)
     x, y = recording.layout.reference[:, 0], recording.layout.reference[:, 1]
     for column, i in enumerate(frames):
@@ -116,7 +115,7 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int], gain:
             axis.set_aspect("equal")
             axis.tick_params(labelsize=7)
     figure.colorbar(rotation_scale, ax=axes[0, :], label="φ [°]", aspect=15)
-    figure.colorbar(curl_scale, ax=axes[2, :], label="rot(slip), Eq. 11 [rad]", aspect=15)
+    figure.colorbar(curl_scale, ax=axes[2, :], label="rot(slip), Eq. 9 [rad]", aspect=15)
     handles = [
         Line2D([], [], marker="o", ls="", color=colour, label=label)
         for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))

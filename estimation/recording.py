@@ -14,6 +14,12 @@ def _expect_shape(name: str, array: np.ndarray, *shape: int) -> None:
         raise ValueError(f"`{name}` has shape {array.shape}; it must be {shape} to fit the rest")
 
 
+def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
+    """Raise a ValueError unless every valid marker is somewhere."""
+    if not np.isfinite(positions[valid]).all():
+        raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
+
+
 @dataclass(frozen=True)
 class MarkerLayout:
     """The markers of a sensor in its unloaded state.
@@ -167,7 +173,7 @@ class Frame:
             NaN where unknown.
 
     Raises:
-        ValueError: the arrays do not fit each other.
+        ValueError: the arrays do not fit each other, or a valid marker has no position.
     """
 
     positions: Float[np.ndarray, "n d"]
@@ -182,6 +188,7 @@ class Frame:
     def __post_init__(self) -> None:
         """Check that the parts fit."""
         _expect_shape("valid", self.valid, *self.positions.shape[:1])
+        _expect_positions(self.positions, self.valid)
 
 
 @dataclass(frozen=True)
@@ -257,8 +264,7 @@ class Recording:
             raise ValueError(f"`unit` is {self.unit!r}; it must be mm or px")
         if self.flaws and len(self.flaws) != frames:
             raise ValueError(f"{len(self.flaws)} `flaws` for {frames} frames: give one for each")
-        if not np.isfinite(self.positions[self.valid]).all():
-            raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
+        _expect_positions(self.positions, self.valid)
 
     def __len__(self) -> int:
         """Number of frames."""

@@ -14,7 +14,8 @@ class State(StrEnum):
 
     `no_contact`: the stick centre has moved by less than the onset. `stick`: at least the share
     `stick_share` of the contact region's markers stick. `incipient`: fewer, but at least three.
-    `macro_slip`: fewer than three. `unknown`: the frame cannot be used, its reason says why.
+    `macro_slip`: fewer than three. `unknown`: the frame cannot be used, or what seems to stick
+    moves as no one body; the reason says which.
     """
 
     NO_CONTACT = "no_contact"

@@ -211,7 +211,7 @@ def _put_together(
             "onset_mm": settings.onset_mm,
             "contact_share": settings.contact_share,
             "stick_share": settings.stick_share,
-            **settings.constants,
+            **prepared.trackers[settings.method].constants,
         },
         notes=notes,
         truth=truth,
@@ -224,7 +224,7 @@ def _reference_notes(result: Result) -> tuple[str, ...]:
     if not states:
         return ("No frame of this recording can be used.",)
     if all(state == State.NO_CONTACT for state in states):
-        return ("There is no contact in this recording.",)
+        return (f"There is no contact in the {len(states)} usable frames of {len(result.state)}.",)
     if states[0] != State.NO_CONTACT:
         start = "There is contact from the first usable frame on: "
         first = next(i for i, state in enumerate(result.state) if state != State.UNKNOWN)
@@ -290,6 +290,8 @@ def _tell(run: Run, folder: Path) -> list[str]:
         f"{run.recording.name}: {main.answered.sum()} of {len(main.time)} frames answered, "
         f"{main.state.count(State.MACRO_SLIP)} in macro slip; see {folder / 'report.html'}"
     ]
+    if not main.answered.any():
+        lines += [f"  {note}" for note in (*run.recording.notes, *run.notes)]
     if run.truth is not None:
         for name, figures in summarise(run)["methods"].items():
             firm, all_answered = (

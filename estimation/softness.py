@@ -68,8 +68,8 @@ class ScalarSoftness:
 def read_softness(path: Path) -> ScalarSoftness:
     """Read a softness file.
 
-    A TOML file with `format_version = 1`, `stiffness_ratio` k [-], `load_term_rad` L [rad] and,
-    if known, `covariance`, the 2×2 matrix of (k, L).
+    A TOML file with `format_version = 1`, `stiffness_ratio` k [-] and, if known, `load_term_rad`
+    L [rad] and `covariance`, the 2×2 matrix of (k, L).
 
     Raises:
         OSError: the file cannot be read.
@@ -87,11 +87,16 @@ def read_softness(path: Path) -> ScalarSoftness:
     known = {"stiffness_ratio", "load_term_rad", "covariance"}
     if unknown := sorted(set(content) - known):
         raise ValueError(f"{path}: unknown key {unknown[0]!r}; known are {sorted(known)}")
+    if "stiffness_ratio" not in content:
+        raise ValueError(f"{path} has no stiffness_ratio: give k, 0 for a rigid object")
+    for name in known - {"covariance"}:
+        if isinstance(content.get(name), bool):
+            raise ValueError(f"{path}: {name} is {content[name]}; it must be a number")
     try:
         rows = content.get("covariance", [[0.0, 0.0], [0.0, 0.0]])
         (kk, kl), (lk, ll) = ((float(value) for value in row) for row in rows)
         return ScalarSoftness(
-            stiffness_ratio=float(content.get("stiffness_ratio", 0.0)),
+            stiffness_ratio=float(content["stiffness_ratio"]),
             load_term=float(content.get("load_term_rad", 0.0)),
             covariance=((kk, kl), (lk, ll)),
         )

@@ -27,14 +27,14 @@ def check_positive(name: str, value: float) -> float:
     return value
 
 
-def check_count(name: str, value: int) -> int:
-    """The value, if it is at least 1.
+def check_count(name: str, value: int, least: int = 1) -> int:
+    """The value, if it is not below the least that makes sense.
 
     Raises:
         ValueError: it is not.
     """
-    if value < 1:
-        raise ValueError(f"{name} is {value}; it must be at least 1")
+    if value < least:
+        raise ValueError(f"{name} is {value}; it must be at least {least}")
     return value
 
 

@@ -63,20 +63,30 @@ class Tracker:
         self.estimator = _make_estimator(
             method, self.stencils, noise, 1.0 + softness.stiffness_ratio, constants
         )
+        self.constants = _own_constants(method) | constants
         self.softness = softness
+        self._time = -np.inf
         self.onset_mm = check_positive("onset_mm", onset_mm)
         self.contact_share = _check_share("contact_share", contact_share)
         self.stick_share = _check_share("stick_share", stick_share)
 
     def update(self, frame: Frame) -> Estimate:
-        """What is known after the next frame. A frame that cannot be used is labelled."""
+        """What is known after the next frame.
+
+        A frame that cannot be used is labelled and otherwise left out: one with a flaw that its
+        source has found, without a time stamp or with one that is not after the last frame's, with
+        all positions zero, or with too few markers.
+
+        Raises:
+            ValueError: the frame is not of this layout.
+        """
         if frame.positions.shape[0] != len(self.stencils.reference):
             raise ValueError(
                 f"the frame has {frame.positions.shape[0]} markers, the layout "
                 f"{len(self.stencils.reference)}"
             )
-        if frame.flaw:
-            return self._label(frame, State.UNKNOWN, frame.flaw)
+        if flaw := frame.flaw or self._find_flaw(frame):
+            return self._label(frame, State.UNKNOWN, flaw)
         if frame.valid.sum() < MIN_STICK_MARKERS:
             return self._label(frame, State.UNKNOWN, f"{frame.valid.sum()} usable markers")
         fields = measure_fields(
@@ -99,12 +109,26 @@ class Tracker:
             stick=gel.stick,
         )
 
+    def _find_flaw(self, frame: Frame) -> str:
+        """What a frame and the one before it show to be wrong; empty where nothing is."""
+        last = self._time
+        if not np.isfinite(frame.time):
+            return "no time stamp"
+        self._time = frame.time
+        if frame.time <= last:
+            return "time stamp not after the last frame's"
+        if not frame.positions.any():
+            return "all marker positions are zero"
+        return ""
+
     def _judge(self, fields: Fields, gel: Measurement, told: bool) -> tuple[State, str]:
         """State of the contact, and why there is no angle; whether the source told the contact."""
         if not fields.contact.any():
             if told:
                 return State.NO_CONTACT, "no contact"
             return State.NO_CONTACT, f"no contact: moved by less than {self.onset_mm:g} mm"
+        if gel.reason:
+            return State.UNKNOWN, gel.reason
         if not np.isfinite(gel.angle):
             return State.MACRO_SLIP, "too few markers stick"
         if not gel.stick.any():
@@ -139,14 +163,21 @@ def _make_estimator(
     constants: dict[str, Any],
 ) -> Estimator:
     make = (METHODS | RIVALS)[method]
-    known = set(signature(make).parameters) - {"stencils", "noise"}
-    own = sorted(known - {"gain"})
+    own = _own_constants(method)
     for name in constants:
         if name not in own:
             raise ValueError(
-                f"{method} has no constant {name!r}; it has {', '.join(own) or 'none'}"
+                f"{method} has no constant {name!r}; it has {', '.join(sorted(own)) or 'none'}"
             )
-    return make(stencils, noise, **({"gain": gain} if "gain" in known else {}), **constants)
+    takes_gain = "gain" in signature(make).parameters
+    return make(stencils, noise, **({"gain": gain} if takes_gain else {}), **constants)
+
+
+def _own_constants(method: str) -> dict[str, Any]:
+    """A method's constants at their defaults."""
+    parameters = signature((METHODS | RIVALS)[method]).parameters
+    others = ("stencils", "noise", "gain")
+    return {name: one.default for name, one in parameters.items() if name not in others}
 
 
 def _check_share(name: str, value: float) -> float:

@@ -17,14 +17,16 @@ class Measurement(NamedTuple):
         low: lower end of the 95 % interval [rad].
         high: upper end of the 95 % interval [rad].
         stick: the markers that stick.
+        reason: why there is no angle, where that is not that too few markers stick.
     """
 
     angle: float
     low: float
     high: float
     stick: Bool[np.ndarray, " n"]
+    reason: str = ""
 
     @classmethod
-    def none(cls, stick: Bool[np.ndarray, " n"]) -> "Measurement":
-        """Too few markers stick for an angle."""
-        return cls(np.nan, np.nan, np.nan, stick)
+    def none(cls, stick: Bool[np.ndarray, " n"], reason: str = "") -> "Measurement":
+        """No angle: too few markers stick, unless another reason is given."""
+        return cls(np.nan, np.nan, np.nan, stick, reason)

@@ -57,7 +57,9 @@ class Paper:
         self.floor = float(np.radians(check_positive("angle_floor_deg", angle_floor_deg)))
         self._recent: deque[tuple[float, float]] = deque(maxlen=check_count("window", window))
         self.zero_drift = zero_drift
-        self.min_stick_markers = check_count("min_stick_markers", min_stick_markers)
+        self.min_stick_markers = check_count(
+            "min_stick_markers", min_stick_markers, MIN_STICK_MARKERS
+        )
         self._drift = np.zeros(len(stencils.reference))
         self._unloaded = 0
 

@@ -71,7 +71,9 @@ class Rigid:
         self.threshold = check_positive("threshold", threshold)
         noise_floor = 3.0 * stencils.rotation_noise(self.noise_mm) / threshold
         self.max_strain = check_positive("max_strain", max_strain)
-        self.min_stick_markers = check_count("min_stick_markers", min_stick_markers)
+        self.min_stick_markers = check_count(
+            "min_stick_markers", min_stick_markers, MIN_STICK_MARKERS
+        )
         self.floor = max(
             float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor
         )
@@ -80,9 +82,12 @@ class Rigid:
         """Rotation of the elastomer where it sticks, from the fields of the next frame."""
         if not fields.contact.any():
             return Measurement.none(fields.contact)
-        fit = self.fit(fields)
+        nothing = np.zeros_like(fields.contact)
+        fit = self._fit_segment(fields)
         if fit is None:
-            return Measurement.none(np.zeros_like(fields.contact))
+            return Measurement.none(nothing)
+        if fit.strain > self.max_strain:
+            return Measurement.none(nothing, f"no rigid core: strain {fit.strain:.2g}")
         error = Z95 * fit.standard_error
         return Measurement(
             angle=fit.angle,
@@ -96,6 +101,11 @@ class Rigid:
 
         None where too few markers have moved as one body.
         """
+        fit = self._fit_segment(fields, since)
+        return fit if fit is not None and fit.strain <= self.max_strain else None
+
+    def _fit_segment(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
+        """The fit of what Eq. (15) keeps, however much it strains; None for too few markers."""
         if since is not None:
             turned = fields.rotation - since.rotation
             contact = fields.contact & since.contact & np.isfinite(turned)
@@ -116,8 +126,7 @@ class Rigid:
         if segment.sum() < self.min_stick_markers:
             return None
         fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since)
-        holds = fit.stick.sum() >= self.min_stick_markers and fit.strain <= self.max_strain
-        return fit if holds else None
+        return fit if fit.stick.sum() >= self.min_stick_markers else None
 
 
 class RigidFit(NamedTuple):
@@ -198,9 +207,8 @@ def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
     misfit = float(np.sum(np.abs(residual) ** 2))
     spread = 2.0 / (9.0 * freedom)
     limit = freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3  # 99 % of χ²: Wilson, Hilferty
-    if misfit <= limit * noise_mm**2:
-        return noise_mm
-    return max(float(np.sqrt(misfit / freedom)), 1e-9)
+    scale = noise_mm if misfit <= limit * noise_mm**2 else float(np.sqrt(misfit / freedom))
+    return max(scale, 1e-9)
 
 
 def _undetected_slip(
@@ -231,6 +239,7 @@ def _undetected_slip(
     inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
     outer = stencils.neighbours[inner, slot]
     beyond = ~stick[outer] & np.isfinite(before[outer] + after[outer])
+    beyond &= before[outer] != motion.origin  # no arm, no lead
     inner, outer = inner[beyond], outer[beyond]
     if not len(outer):
         return 0.0

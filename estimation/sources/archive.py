@@ -41,13 +41,14 @@ FORMAT_VERSION = 1
 SUFFIX = ".npz"
 
 
-def write_archive(recording: Recording, path: Path) -> None:
+def write_archive(recording: Recording, path: str | Path) -> None:
     """Write a recording; the file appears whole or not at all.
 
     Raises:
         ValueError: the file's name does not end in `.npz`.
         OSError: the folder cannot be written to, or the disk is full.
     """
+    path = Path(path)
     if path.suffix != SUFFIX:
         raise ValueError(f"{path} must end in {SUFFIX}, by which archives are found again")
     layout = recording.layout
@@ -78,13 +79,14 @@ def write_archive(recording: Recording, path: Path) -> None:
     write_whole(path, buffer.getvalue())
 
 
-def read_archive(path: Path) -> Recording:
+def read_archive(path: str | Path) -> Recording:
     """Read a recording that `write_archive` has written.
 
     Raises:
         ValueError: no archive of this kind, of a newer version, damaged, or inconsistent.
         OSError: the file cannot be read.
     """
+    path = Path(path)
     entries = _read_entries(path)
     version = entries.get("format_version")
     if version is None or version.shape != () or version.dtype.kind not in "iu":

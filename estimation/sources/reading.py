@@ -15,7 +15,7 @@ EXPECTED = (
 )
 
 
-def read_recording(path: Path, images: ImageSettings | None = None) -> Recording:
+def read_recording(path: str | Path, images: ImageSettings | None = None) -> Recording:
     """Read the one recording at `path` and inspect it.
 
     Args:
@@ -37,7 +37,7 @@ def read_recording(path: Path, images: ImageSettings | None = None) -> Recording
     return inspect_recording(reader(found[0]))
 
 
-def find_recordings(path: Path) -> list[Path]:
+def find_recordings(path: str | Path) -> list[Path]:
     """The recordings at `path`: itself, or those in it, in the order of their names.
 
     Raises:
@@ -45,6 +45,7 @@ def find_recordings(path: Path) -> list[Path]:
         ValueError: there is something else there.
         OSError: the folder cannot be read.
     """
+    path = Path(path)
     if is_camera(path):
         return [path]
     if not path.exists():

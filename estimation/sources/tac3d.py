@@ -48,7 +48,7 @@ def is_tac3d(folder: Path) -> bool:
     return any((folder / f"{name}.npy").exists() for name in (POSITIONS, DISPLACEMENTS))
 
 
-def read_tac3d(folder: Path) -> Recording:
+def read_tac3d(folder: str | Path) -> Recording:
     """Read a folder of Tac3D arrays.
 
     Raises:
@@ -56,6 +56,7 @@ def read_tac3d(folder: Path) -> Recording:
         ValueError: an array is damaged, not numeric, or does not fit the others.
         OSError: a file cannot be read.
     """
+    folder = Path(folder)
     missing = [f"{name}.npy" for name in NEEDED if not (folder / f"{name}.npy").exists()]
     if missing:
         raise FileNotFoundError(
@@ -163,6 +164,6 @@ def _read_index(folder: Path, frames: int) -> Int[np.ndarray, " frames"]:
     index = _read_optional(folder, "index", (frames,))
     if index is None:
         return np.arange(frames)
-    if not np.isfinite(index).all():
-        raise ValueError(f"{folder / 'index'}.npy must hold whole numbers only")
+    if not (np.abs(index) < 2**53).all() or (index != np.rint(index)).any():
+        raise ValueError(f"{folder / 'index'}.npy must hold whole numbers below 2^53 only")
     return index.astype(int)

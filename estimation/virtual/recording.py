@@ -140,8 +140,13 @@ def simulate_pivot(
 
     Returns:
         The recording, and the truth of its frames.
+
+    Raises:
+        ValueError: a leg without frames.
     """
     model = model or PivotModel()
+    if min(frames) < 1:
+        raise ValueError(f"frames is {tuple(frames)}; every leg takes at least 1")
     legs = zip(angles_deg[:-1], angles_deg[1:], frames, strict=True)
     twist = np.radians(np.concatenate([np.linspace(a, b, count + 1)[1:] for a, b, count in legs]))
     load = np.r_[np.zeros(unloaded), np.arange(1, pressing + 1) / pressing, np.ones(len(twist))]

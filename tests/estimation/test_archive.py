@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from estimation.recording import MarkerLayout, Recording, layout_markers
 from estimation.sources import archive, read_archive, read_recording, write_archive
+from tests.cases import lift
 
 WORDS = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=12)
 
@@ -178,3 +179,8 @@ def test_every_flipped_byte_is_either_harmless_or_refused(recording, tmp_path):
 
 def test_the_documented_version_is_the_written_one(recording, tmp_path):
     assert f"Format version {archive.FORMAT_VERSION} has" in archive.__doc__
+
+
+def test_paths_may_be_text(tmp_path):
+    write_archive(lift([0.0]), str(tmp_path / "one.npz"))
+    assert len(read_recording(str(tmp_path / "one.npz"))) == len(lift([0.0]))

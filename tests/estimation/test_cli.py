@@ -73,3 +73,27 @@ def test_unknown_data_set(command):
     code, _, err = command("fetch", "tac3d-dance")
     assert code == 2
     assert "tac3d-pivot" in err
+
+
+def test_help_keeps_units(command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    _, out, _ = command("run", "--help")
+    for text in ("contact [mm]", "next [frames]", "stick [frames]", "in-plane coordinate [µm]"):
+        assert text in " ".join(out.split())
+
+
+def test_paths_with_brackets_survive_in_messages(command, tmp_path):
+    code, _, err = command("run", tmp_path / "[red]lift.npz", "--out", tmp_path / "out")
+    assert code == 2
+    assert "[red]lift.npz" in err.replace(" ", "")
+    assert code == 2
+
+
+def test_a_file_for_a_folder_and_a_seed_below_zero(command, tmp_path):
+    write_archive(lift([0.0, 0.05]), tmp_path / "lift.npz")
+    code, _, err = command("run", tmp_path / "lift.npz", "--out", tmp_path / "lift.npz")
+    assert code == 2
+    assert "is a file: give the name of a folder" in err
+    code, _, err = command("run", "--seed", "-1", "--out", tmp_path / "out")
+    assert code == 2
+    assert "--seed" in err

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from estimation.estimators import METHODS, Paper, Rigid
-from estimation.estimators.rigid import BIWEIGHT_CUT, BIWEIGHT_ERROR
+from estimation.estimators.plane import Motion
+from estimation.estimators.rigid import BIWEIGHT_CUT, BIWEIGHT_ERROR, _scale, _undetected_slip
 from estimation.fields import measure_fields
 from estimation.noise import Noise
 from estimation.recording import MarkerLayout
@@ -202,3 +203,22 @@ def test_fewer_than_three_sticking_markers_give_no_angle():
         assert reading.stick.sum() < 3 or np.isfinite(reading.angle)
     strict = METHODS["paper_strict"](stencils, MICRON).update(fields)
     assert np.isnan(strict.angle)
+
+
+def test_a_neighbour_without_an_arm_leaves_the_interval_finite():
+    """A marker that has slipped in the middle of a ring lies on the ring's own centre."""
+    layout = domed_pad((5, 5))
+    stencils = make_stencils(layout)
+    before = layout.reference[:, 0] + 1j * layout.reference[:, 1]
+    stick = (np.abs(before) > 0.5) & (np.abs(before) < 1.5)
+    after = before.copy()
+    after[~stick] += 1e-2
+    lag = _undetected_slip(
+        stencils, Motion(1.0, 0.0, 0.0), before, after, stick, stick / 8.0, scale=1e-3
+    )
+    assert np.isfinite(lag)
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 1e-12])
+def test_a_perfect_fit_has_a_scale_to_divide_by(noise_mm):
+    assert _scale(np.zeros(9, dtype=complex), noise_mm) > 0.0

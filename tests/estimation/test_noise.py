@@ -5,6 +5,7 @@ import pytest
 
 from estimation.noise import estimate_noise
 from estimation.recording import Recording, layout_markers
+from tests.cases import lift
 
 FRAMES = 60
 
@@ -132,3 +133,9 @@ def test_too_few_markers_say_what_to_do():
     )
     with pytest.raises(ValueError, match=r"12 markers.*give the noise"):
         estimate_noise(recording)
+
+
+def test_positions_without_scatter_have_no_noise_to_tell():
+    still = lift(np.zeros(40), noise_mm=0.0)
+    with pytest.raises(ValueError, match="do not scatter"):
+        estimate_noise(still)

@@ -173,10 +173,15 @@ def test_softness_files(tmp_path):
     ("text", "message"),
     [
         ("stiffness_ratio = 0.3", "format_version is None"),
+        ("format_version = 1\nload_term_rad = 0.1", "no stiffness_ratio"),
+        ("format_version = 1\nstiffness_ratio = true", "must be a number"),
         ("format_version = 2", "format_version is 2"),
         ("format_version = 1\nk = 0.3", "unknown key 'k'"),
         ("format_version = 1\nstiffness_ratio = -1", "must be ≥ 0"),
-        ("format_version = 1\ncovariance = [[1, 2], [2, 1]]", "negative eigenvalues"),
+        (
+            "format_version = 1\nstiffness_ratio = 0\ncovariance = [[1, 2], [2, 1]]",
+            "negative eigenvalues",
+        ),
         ("format_version = 1\ncovariance = [1, 2]", "soft.toml"),
         ("k =", "not a TOML file"),
     ],
@@ -186,3 +191,43 @@ def test_bad_softness_files(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
         read_softness(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"positions": np.zeros((400, 3))}, "all marker positions are zero"),
+        ({"time": np.nan}, "no time stamp"),
+        ({"time": 0.0}, "time stamp not after the last frame's"),
+    ],
+)
+def test_a_live_frame_that_cannot_be_used_does_not_end_the_contact(change, reason):
+    frames = list(lift(ANGLES))
+    tracker = Tracker(lift(ANGLES).layout, noise=MICRON)
+    clean = Tracker(lift(ANGLES).layout, noise=MICRON)
+    for frame in frames[:20]:
+        tracker.update(frame)
+        clean.update(frame)
+    bad = tracker.update(replace(frames[20], **change))
+    assert (bad.state, bad.reason) == (State.UNKNOWN, reason)
+    assert tracker.update(frames[21]).angle == clean.update(frames[21]).angle
+
+
+def test_what_strains_as_no_one_body_is_unknown_not_slip():
+    result = estimate_angles(lift(ANGLES), "rigid", noise=Noise.given(1e-5), max_strain=1e-5)
+    refused = [i for i, reason in enumerate(result.reason) if reason.startswith("no rigid core")]
+    assert refused
+    assert all(result.state[i] == State.UNKNOWN for i in refused)
+
+
+def test_fewer_markers_than_a_rigid_motion_needs_are_refused():
+    for method in ("tracked", "rigid", "paper"):
+        with pytest.raises(ValueError, match="min_stick_markers is 2; it must be at least 3"):
+            Tracker(domed_pad(), method, min_stick_markers=2)
+
+
+def test_constants_left_alone_are_known():
+    tracker = Tracker(domed_pad(), "paper", window=7)
+    assert tracker.constants["window"] == 7
+    assert tracker.constants["min_stick_markers"] == 3
+    assert "gain" not in Tracker(domed_pad(), "tracked").constants

@@ -134,3 +134,8 @@ def test_an_object_that_hardly_rubs_slips_at_once_and_turns_on(ratio):
     # Lubkin's limit, at −30° reached to rounding
     assert truth.moment[-1] == pytest.approx(-3 * np.pi / 16 * force * 5.0, rel=1e-9)
     assert truth.macro_slip[-20:].all()
+
+
+def test_a_leg_without_frames_is_refused():
+    with pytest.raises(ValueError, match="every leg takes at least 1"):
+        simulate_pivot(frames=(-1, 5, 5))
