@@ -226,9 +226,9 @@ def test_what_is_no_recording_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="is empty: expected"):
         find_recordings(tmp_path / "empty")
-    (tmp_path / "movie.avi").touch()
+    (tmp_path / "movie.txt").touch()
     with pytest.raises(ValueError, match="a file of another kind: expected"):
-        find_recordings(tmp_path / "movie.avi")
+        find_recordings(tmp_path / "movie.txt")
     with pytest.raises(ValueError, match="holds no recording"):
         find_recordings(tmp_path)
     one = write(tmp_path / "one", press()) / "index.npy"
