@@ -87,7 +87,7 @@ class Rigid:
         if fit is None:
             return Measurement.none(nothing)
         if fit.strain > self.max_strain:
-            return Measurement.none(nothing, f"no rigid core: strain {fit.strain:.2g}")
+            return Measurement.none(nothing, f"no rigid core: strain beyond {self.max_strain:g}")
         error = Z95 * fit.standard_error
         return Measurement(
             angle=fit.angle,

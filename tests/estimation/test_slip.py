@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from estimation.noise import Noise
-from estimation.plots import plot_maps
 from estimation.slip import find_slip_curl
 from estimation.softness import ScalarSoftness
 from estimation.tracker import estimate_angles
@@ -67,9 +66,3 @@ def test_a_contact_first_seen_slipped_is_counted_from_there(pivot):
     curl = find_slip_curl(result, 0)
     np.testing.assert_array_equal(curl[result.contact[0]], 0.0)
     assert np.isnan(curl[~result.contact[0]]).all()
-
-
-def test_maps_are_drawn(pivot):
-    recording, _, result = pivot
-    figure = plot_maps(recording, result, [0, 40, 60], ScalarSoftness())
-    figure.savefig("/tmp/fixest_maps.png")
