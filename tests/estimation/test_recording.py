@@ -243,6 +243,7 @@ def test_frames_of_zeros_and_without_markers_are_flawed():
         ([5, 6, 7, 0, 1], [3, 4]),
         ([0, np.nan, 1, 2, 3], [1]),
         ([np.inf, 0, 1, 2, 3], [0]),
+        ([1, 1, 1, 1, 1], [1, 2, 3, 4]),
     ],
 )
 def test_time_stamps_out_of_order_are_flawed(time, bad):
