@@ -6,7 +6,9 @@ based on the multi-level multi-summation and conjugate gradient techniques".
 conjugate gradients, deflation, and an FFT-based preconditioner" (BCCG).
 
 Minimise ½ p·Cp + p·g₀ over p ≥ 0, g₀ the gap at p = 0. The loop is our own: the minimisers of
-JAX's libraries take neither bounds nor the preconditioner on which the few iterations rest.
+JAX's libraries take neither bounds nor the preconditioner on which the few iterations rest. On 64²
+cells optimistix's L-BFGS on p = q² stops after 519 steps at a residual of 0.5, this one after 13 at
+2e-9 (`tests/benchmarks/loops.py`).
 """
 
 from typing import NamedTuple

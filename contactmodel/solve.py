@@ -40,6 +40,10 @@ def solve_contact(
     Pressure and friction act on each other unless the bodies have the same (1−2ν)/G, a rigid
     object on an incompressible half-space among them; both are solved together (`coupling`).
 
+    Derivatives are first ones, on the cells that touch, stick and slide: a second derivative misses
+    what their change adds, and so does a first one where only the contact's edge moves, as of the
+    moment with respect to the approach under full stick.
+
     Args:
         elastomer: S.
         object_: B, made of this.
