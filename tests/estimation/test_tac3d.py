@@ -289,3 +289,11 @@ def test_published_noise_is_about_a_micrometre_in_plane_and_several_along_z(publ
         assert 2e-3 < noise.normal < 7e-3
         assert 0.6 < noise.correlation[0] < 0.85
         assert 0.25 < noise.correlation[1] < 0.45
+
+
+@pytest.mark.parametrize("number", [1e300, 2.5, np.nan])
+def test_frame_numbers_that_are_no_whole_numbers_are_refused(tmp_path, number):
+    index = np.arange(FRAMES, dtype=float)
+    index[3] = number
+    with pytest.raises(ValueError, match="whole numbers below"):
+        read_recording(write(tmp_path, press(), index=index))
