@@ -123,9 +123,11 @@ class Tracked:
         if len(self._sights) < self.mature_age:
             return False
         before = self._sights[-self.mature_age]
-        apart = (axis.angle - before.axis.angle) - self.gain * (angle - before.angle)
+        turned = axis.angle - before.axis.angle
+        apart = turned - self.gain * (angle - before.angle)
         doubt = 3.0 * np.hypot(axis.standard_error, before.axis.standard_error)
-        return bool(abs(apart) > max(self.slip, doubt))
+        # an outline that stands still while the gel turns is not the object's, or unseen
+        return bool(min(abs(apart), abs(turned)) > max(self.slip, doubt))
 
     def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement) -> Measurement:
         """The angle by the outline, until markers stick to what it shows."""

@@ -143,3 +143,18 @@ def test_keyframes_stay_few(pivot):
     for frame in recording:
         tracker.update(frame)
         assert len(tracker.estimator.incremental.keyframes) <= MAX_KEYFRAMES
+
+
+def test_an_outline_that_stands_still_does_not_take_over_from_a_gel_that_turns():
+    layout, angle = domed_pad(), np.concatenate([[0.0], np.linspace(0.0, 12.0, 25)])
+    positions = [
+        pressed_by_an_ellipsoid(turn_about_z(layout.reference, a), 0.0, noise=0.0)
+        for a in np.radians(angle)
+    ]
+    positions[0] = layout.reference
+    noise = np.random.default_rng(0).normal(size=(len(angle), 400, 3)) * [1e-3, 1e-3, 3e-3]
+    result = estimate_angles(
+        recording_of(layout, np.stack(positions) + noise), "tracked", noise=MICRON
+    )
+    assert State.MACRO_SLIP not in result.state
+    np.testing.assert_allclose(np.degrees(result.angle[1:]), angle[1:], atol=0.1)
