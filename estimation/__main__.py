@@ -17,6 +17,7 @@ from estimation.noise import Noise
 from estimation.run import Settings, gather_recordings, run_all
 from estimation.softness import read_softness
 from estimation.sources import ImageSettings
+from estimation.sources.images import READERS
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE
 
 app = typer.Typer(
@@ -27,7 +28,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 console = Console(stderr=True)
-PICTURES = "Pictures of dots"
+PICTURES = "Pictures of markers"
 CONSTANTS = "Constants of the method; each has its own"
 
 
@@ -66,6 +67,10 @@ def run(
     unloaded_frame: Annotated[
         int | None,
         typer.Option(help="Number of an unloaded frame.", rich_help_panel=PICTURES),
+    ] = None,
+    marker: Annotated[
+        str | None,
+        typer.Option(help=f"Kind of markers: {', '.join(READERS)}.", rich_help_panel=PICTURES),
     ] = None,
     preview: Annotated[
         bool, typer.Option("--preview", help="Write an annotated video.", rich_help_panel=PICTURES)
@@ -154,7 +159,7 @@ def run(
         onset_mm=onset_mm,
         contact_share=contact_share,
         stick_share=stick_share,
-        images=ImageSettings(mm_per_px, dot_radius_px, dark_dots, unloaded_frame),
+        images=ImageSettings(mm_per_px, dot_radius_px, dark_dots, unloaded_frame, marker),
         preview=preview,
         grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},

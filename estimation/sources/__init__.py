@@ -1,7 +1,8 @@
 """Readers: what sensors and archives write, as a `Recording`."""
 
 from estimation.sources.archive import read_archive, write_archive
-from estimation.sources.images import ImageSettings, read_images
+from estimation.sources.images import read_images
+from estimation.sources.markers import ImageSettings
 from estimation.sources.reading import find_recordings, read_recording
 from estimation.sources.tac3d import read_tac3d
 

@@ -5,7 +5,8 @@ from pathlib import Path
 from estimation.inspection import inspect_recording
 from estimation.recording import Recording
 from estimation.sources.archive import SUFFIX, read_archive
-from estimation.sources.images import ImageSettings, read_images
+from estimation.sources.images import read_images
+from estimation.sources.markers import ImageSettings
 from estimation.sources.pictures import is_camera, is_pictures
 from estimation.sources.tac3d import is_tac3d, read_tac3d
 
@@ -19,7 +20,7 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
     """Read the one recording at `path` and inspect it.
 
     Args:
-        path: a folder of Tac3D arrays, an archive of ours, or pictures of printed dots.
+        path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
         images: what is known of the pictures.
 
     Raises:
