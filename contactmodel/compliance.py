@@ -241,6 +241,25 @@ class Compliance(eqx.Module):
         """w_S + w_B by a traction [mm]."""
         return -jnp.sum(convolve(1j * self.coupling, traction), axis=0)
 
+    def displace(
+        self, pressure: Float[Array, "nx ny"], traction: Float[Array, "2 nx ny"]
+    ) -> tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]:
+        """w_S + w_B and u_S − u_B by both: press and lift, pull and drag [mm]."""
+        nx, ny = pressure.shape
+        xx, yy, xy = self.shear
+        x, y = 1j * self.coupling
+        tractions = jnp.concatenate([pressure[None], traction])
+        p, fx, fy = jnp.fft.rfft2(tractions, s=(2 * nx, 2 * ny))
+        waves = jnp.stack(
+            [
+                self.normal * p - x * fx - y * fy,
+                x * p + xx * fx + xy * fy,
+                y * p + xy * fx + yy * fy,
+            ]
+        )
+        all_three = jnp.fft.irfft2(waves, s=(2 * nx, 2 * ny))[..., :nx, :ny]
+        return all_three[0], all_three[1:]
+
     def inverse(self) -> "Compliance":
         """Roughly the inverse, but for the coupling: that of each wave ([Vollebregt2014]).
 

@@ -5,21 +5,19 @@ given traction the pressure is the minimum of one convex energy, for a given pre
 that of another (`normal`, `friction`), but the two together are not one minimum: they are solved in
 turn until the pressure needs no more steps, with less of the new traction if they do not approach.
 Bodies with the same (1−2ν)/G need one turn.
-
-The derivative is that of the fixed point τ = T(τ) of such a turn, (1 − T′) dτ = ∂T.
 """
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
-from contactmodel.friction import attach_traction, solve_traction
-from contactmodel.linear import Iterations, Operator, minimal_residual
-from contactmodel.normal import attach_pressure, pressure_residual, solve_pressure
+from contactmodel.derivative import attach_derivative
+from contactmodel.friction import solve_traction
+from contactmodel.linear import Iterations
+from contactmodel.normal import pressure_residual, solve_pressure
 
 MAX_TURNS = 60
 _APPROACH = 0.7  # residual after a turn by that before; above it, the next turn takes half as much
@@ -67,13 +65,6 @@ class _State(NamedTuple):
     share: Float[Array, ""]  # of the new traction in it
 
 
-class _Task(NamedTuple):
-    """All that the solution depends on."""
-
-    compliance: Compliance
-    load: Load
-
-
 def solve_tractions(
     compliance: Compliance,
     load: Load,
@@ -94,13 +85,17 @@ def solve_tractions(
     Returns:
         Pressure and traction, differentiable with respect to the compliance and the load.
     """
-    return _take_turns(_Task(compliance, load), start, rtol, max_steps)
+    end = _take_turns(*jax.lax.stop_gradient((compliance, load, start)), rtol, max_steps)
+    pressure, traction = attach_derivative(
+        end.pressure, end.traction, compliance, *load, rtol=rtol, max_steps=max_steps
+    )
+    return end._replace(pressure=pressure, traction=traction)
 
 
-@eqx.filter_custom_jvp
-def _take_turns(task: _Task, start: tuple[Array, Array], rtol: float, max_steps: int) -> Tractions:
+def _take_turns(
+    compliance: Compliance, load: Load, start: tuple[Array, Array], rtol: float, max_steps: int
+) -> Tractions:
     """Pressure for the traction, traction for the pressure, until the pressure stays."""
-    compliance, load = task
     how = {"rtol": rtol, "max_steps": max_steps}
 
     def turn(state: _State) -> _State:
@@ -135,38 +130,6 @@ def _take_turns(task: _Task, start: tuple[Array, Array], rtol: float, max_steps:
     begin = Tractions(*start, none, none, zero, true, true)
     one = jnp.ones((), load.gap.dtype)
     return jax.lax.while_loop(go_on, turn, _State(begin, begin.traction, one)).found
-
-
-@_take_turns.def_jvp
-def _take_turns_jvp(primals, tangents):
-    """The derivative of the fixed point; that of the start is 0."""
-    task, start, rtol, max_steps = primals
-    end = _take_turns(task, start, rtol, max_steps)
-    how = {"rtol": rtol, "max_steps": max_steps}
-
-    def press(task: _Task, traction: Array) -> Array:
-        gap = task.load.gap + task.compliance.lift(traction)
-        return attach_pressure(end.pressure, task.compliance, gap, **how)
-
-    def turn(task: _Task, traction: Array) -> Array:
-        pressure = press(task, traction)
-        drive = task.load.motion - task.compliance.pull(pressure)
-        limit = task.load.friction * pressure
-        return attach_traction(end.traction, task.compliance, drive, limit, **how)
-
-    def derivative(change: Array) -> Array:
-        return jax.jvp(lambda traction: turn(task, traction), (end.traction,), (change,))[1]
-
-    def solve(operator: Operator, rhs: Array) -> Array:
-        return minimal_residual(operator, rhs, rtol=rtol, max_steps=MAX_TURNS)
-
-    _, pushed = eqx.filter_jvp(lambda task: turn(task, end.traction), (task,), (tangents[0],))
-    dtraction = jax.lax.custom_linear_solve(
-        lambda change: change - derivative(change), pushed, solve, transpose_solve=solve
-    )
-    _, dpressure = eqx.filter_jvp(press, (task, end.traction), (tangents[0], dtraction))
-    still = jax.tree.map(lambda _: None, end)
-    return end, still._replace(pressure=dpressure, traction=dtraction)
 
 
 def _add(before: Iterations, now: Iterations) -> Iterations:

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
-from contactmodel.linear import Iterations, Operator, attach_derivative, conjugate_gradients
+from contactmodel.linear import Iterations, Operator, conjugate_gradients
 
 _FORCING = 0.1  # each Newton step solves its linear system to this; tighter buys nothing
 _NEWTON_STEPS = 25  # conjugate gradients within it at most
@@ -42,6 +42,11 @@ class Sets(NamedTuple):
     slide: Bool[Array, "nx ny"]
     normal: Float[Array, "2 nx ny"]
     stiffness: Float[Array, "nx ny"]
+
+    def along(self, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
+        """The part of a field in which cells are free: all that stick, or along their circle."""
+        across = jnp.sum(field * self.normal, axis=0) * self.normal
+        return jnp.where(self.stick, field, jnp.where(self.slide, field - across, 0.0))
 
 
 class _State(NamedTuple):
@@ -126,7 +131,7 @@ def solve_traction(
     """Traction on the elastomer, |τ| ≤ μp, that sticks or slides along the slip.
 
     By Newton steps on the present sets, each cut back until the energy falls. Derivatives stop
-    here; see `attach_traction`.
+    here; see `derivative`.
 
     The residual is the root mean square, over the cells in contact, of the slip that sticking
     cells have, of the slip across τ and of the slip against τ that sliding cells have, divided by
@@ -158,11 +163,15 @@ def solve_traction(
 
     def step(state: _State) -> _State:
         sets = find_sets(state.traction, state.slip, limit, compliance.stiffest)
-        tangent, precondition = _newton_system(compliance, sets)
+
+        def tangent(change: Array) -> Array:
+            free = sets.along(change)
+            return sets.along(compliance.drag(free)) + sets.stiffness * free + (change - free)
+
         direction, inner = conjugate_gradients(
             tangent,
-            _along(sets, state.slip),
-            precondition,
+            sets.along(state.slip),
+            make_preconditioner(compliance, sets),
             rtol=_FORCING,
             max_steps=_NEWTON_STEPS,
         )
@@ -174,40 +183,6 @@ def solve_traction(
     state = _State(start, drive - compliance.drag(start), 0 * one, one)
     end = jax.lax.while_loop(go_on, step, state)
     return end.traction, Iterations(end.steps, end.applications, violation(end))
-
-
-def attach_traction(
-    traction: Float[Array, "2 nx ny"],
-    compliance: Compliance,
-    drive: Float[Array, "2 nx ny"],
-    limit: Float[Array, "nx ny"],
-    *,
-    rtol: float,
-    max_steps: int,
-) -> Float[Array, "2 nx ny"]:
-    """The solution, differentiable with respect to compliance, drive and limit.
-
-    Args:
-        traction: the solution [MPa].
-        compliance: of the pair.
-        drive: b [mm].
-        limit: μp [MPa].
-        rtol: tolerance of the linear solve [-].
-        max_steps: as of `solve_traction`.
-    """
-    traction, fixed, still, bound = jax.lax.stop_gradient((traction, compliance, drive, limit))
-    sets = find_sets(traction, still - fixed.drag(traction), bound, fixed.stiffest)
-
-    def residual(traction: Array) -> Array:
-        held = jnp.where(sets.slide, limit * sets.normal, traction)
-        free = _along(sets, compliance.drag(held) - drive)
-        size = jnp.sum(traction * sets.normal, axis=0)
-        return free + jnp.where(sets.slide, size - limit, 0.0) * sets.normal
-
-    tangent, precondition = _newton_system(fixed, sets)
-    return attach_derivative(
-        traction, residual, tangent, precondition, rtol=rtol, max_steps=_NEWTON_STEPS * max_steps
-    )
 
 
 def _descend(
@@ -257,34 +232,25 @@ def _violation(compliance: Compliance, traction: Array, slip: Array, limit: Arra
     stiffest = compliance.stiffest
     sets = find_sets(traction, slip, limit, stiffest)
     lack = jnp.where(sets.slide, limit - jnp.sum(traction * sets.normal, axis=0), 0.0)
-    return jnp.sum(_along(sets, slip) ** 2) + jnp.sum((stiffest * lack) ** 2)
+    return jnp.sum(sets.along(slip) ** 2) + jnp.sum((stiffest * lack) ** 2)
 
 
-def _newton_system(compliance: Compliance, sets: Sets) -> tuple[Operator, Operator]:
-    """Derivative of the residual on the sets, and roughly its inverse.
+def make_preconditioner(compliance: Compliance, sets: Sets) -> Operator:
+    """Roughly the inverse of the tangential system on the sets; identity where cells are not free.
 
-    Across the circle of a sliding cell and outside the contact it is the identity.
+    Args:
+        compliance: of the pair.
+        sets: which cells are free, and how.
     """
     inverse = compliance.inverse()
     diagonal = jnp.mean(0.5 * (inverse.shear[0] + inverse.shear[1]))  # of the inverse, all waves
     weight = 1.0 / jnp.sqrt(1.0 + diagonal * sets.stiffness)
 
-    def tangent(change: Array) -> Array:
-        free = _along(sets, change)
-        pulled = _along(sets, compliance.drag(free)) + sets.stiffness * free
-        return pulled + (change - free)
-
     def precondition(defect: Array) -> Array:
-        free = _along(sets, defect)
-        return _along(sets, weight * inverse.drag(weight * free)) + (defect - free)
+        free = sets.along(defect)
+        return sets.along(weight * inverse.drag(weight * free)) + (defect - free)
 
-    return tangent, precondition
-
-
-def _along(sets: Sets, field: Array) -> Array:
-    """The part of a field in which the cells are free: all of it, or along their circle."""
-    across = jnp.sum(field * sets.normal, axis=0) * sets.normal
-    return jnp.where(sets.stick, field, jnp.where(sets.slide, field - across, 0.0))
+    return precondition
 
 
 def _confine(traction: Array, limit: Array) -> Array:

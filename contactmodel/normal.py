@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
-from contactmodel.linear import Iterations, attach_derivative
+from contactmodel.linear import Iterations
 
 
 class _State(NamedTuple):
@@ -41,7 +41,7 @@ def solve_pressure(
     """Pressure p ≥ 0 that leaves a gap ≥ 0, and none where p > 0, by conjugate gradients.
 
     The set of cells in contact is revised at every iteration. Derivatives stop here; see
-    `attach_pressure`.
+    `derivative`.
 
     Args:
         compliance: of the pair.
@@ -108,40 +108,6 @@ def pressure_residual(
         pressure: p [MPa].
     """
     return _violation(pressure, compliance.press(pressure) + gap, gap)
-
-
-def attach_pressure(
-    pressure: Float[Array, "nx ny"],
-    compliance: Compliance,
-    gap: Float[Array, "nx ny"],
-    *,
-    rtol: float,
-    max_steps: int,
-) -> Float[Array, "nx ny"]:
-    """The solution, differentiable with respect to the compliance and the gap.
-
-    Args:
-        pressure: the solution [MPa].
-        compliance: of the pair.
-        gap: at p = 0 [mm].
-        rtol: tolerance of the linear solve [-].
-        max_steps: iterations of the linear solve at most.
-    """
-    fixed, contact = jax.lax.stop_gradient((compliance, pressure > 0.0))
-    inverse = fixed.inverse()
-
-    def residual(pressure: Array) -> Array:
-        return jnp.where(contact, compliance.press(pressure) + gap, 0.0)
-
-    def tangent(change: Array) -> Array:  # the identity outside the contact, where nothing changes
-        return jnp.where(contact, fixed.press(jnp.where(contact, change, 0.0)), change)
-
-    def precondition(defect: Array) -> Array:
-        return jnp.where(contact, inverse.press(jnp.where(contact, defect, 0.0)), defect)
-
-    return attach_derivative(
-        pressure, residual, tangent, precondition, rtol=rtol, max_steps=max_steps
-    )
 
 
 def _violation(pressure: Array, gap: Array, undeformed: Array) -> Array:
