@@ -7,6 +7,8 @@ GMRES solves them for dp and w at once, and `jax.lax.custom_linear_solve` makes 
 mode of it.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jax.scipy.sparse.linalg import gmres
@@ -54,10 +56,13 @@ def attach_derivative(
     change = jax.lax.stop_gradient(defect) - defect  # 0, but its derivative is not
     press, rub = fixed.inverse().press, make_preconditioner(fixed, sets)
 
-    def tangent(unknown: Array) -> Array:  # the identity where nothing may change
+    def tangent(unknown: Array, *, transposed: bool = False) -> Array:
         dp, free = jnp.where(contact, unknown[0], 0.0), sets.along(unknown[1:])
-        w, u = fixed.displace(dp, free + mu * dp * sets.normal)
+        along = mu * sets.normal  # of dτ by dp
+        w, u = fixed.displace(dp, free if transposed else free + along * dp)
+        w = w + jnp.sum(along * u, axis=0) if transposed else w
         slip = sets.along(u) + sets.stiffness * free
+        # the identity where nothing may change
         return jnp.stack([jnp.where(contact, w, unknown[0]), *(slip + unknown[1:] - free)])
 
     def precondition(defect: Array) -> Array:
@@ -75,7 +80,10 @@ def attach_derivative(
             solve_method="incremental",
         )[0]
 
-    unknown = jax.lax.custom_linear_solve(tangent, change, solve, transpose_solve=solve)
+    def solve_transposed(_: Operator, rhs: Array) -> Array:  # JAX's transpose takes longer
+        return solve(partial(tangent, transposed=True), rhs)
+
+    unknown = jax.lax.custom_linear_solve(tangent, change, solve, solve_transposed)
     dp, free = unknown[0], unknown[1:]
     return p + dp, carried + free + mu * dp * sets.normal
 

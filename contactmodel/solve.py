@@ -1,4 +1,4 @@
-"""Solve a contact: pressure, then friction, for one pose or along a path."""
+"""Solve a contact for one pose or along a path of poses, pressure and friction together."""
 
 from typing import Any, NamedTuple
 
