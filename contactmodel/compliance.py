@@ -122,11 +122,12 @@ def cell_integrals(
     """
     xp = x.__array_namespace__()
     z = xp.asarray(depth)
-    k, l = x + 0.5 * spacing[0], x - 0.5 * spacing[0]  # noqa: E741
-    m, n = y + 0.5 * spacing[1], y - 0.5 * spacing[1]
+    right, left = x + 0.5 * spacing[0], x - 0.5 * spacing[0]
+    upper, lower = y + 0.5 * spacing[1], y - 0.5 * spacing[1]
 
     def corners(primitive):
-        return primitive(k, m) - primitive(l, m) - primitive(k, n) + primitive(l, n)
+        across = primitive(right, upper) - primitive(left, upper)
+        return across - primitive(right, lower) + primitive(left, lower)
 
     def length(s, t):  # √(s²+t²+z²), its derivative 0 at 0
         square = s**2 + t**2 + z**2

@@ -9,6 +9,7 @@ Bodies with the same (1−2ν)/G need one turn.
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -85,17 +86,15 @@ def solve_tractions(
     Returns:
         Pressure and traction, differentiable with respect to the compliance and the load.
     """
-    end = _take_turns(*jax.lax.stop_gradient((compliance, load, start)), rtol, max_steps)
-    pressure, traction = attach_derivative(
-        end.pressure, end.traction, compliance, *load, rtol=rtol, max_steps=max_steps
-    )
-    return end._replace(pressure=pressure, traction=traction)
+    return _take_turns((compliance, load), start, rtol, max_steps)
 
 
+@eqx.filter_custom_jvp
 def _take_turns(
-    compliance: Compliance, load: Load, start: tuple[Array, Array], rtol: float, max_steps: int
+    task: tuple[Compliance, Load], start: tuple[Array, Array], rtol: float, max_steps: int
 ) -> Tractions:
     """Pressure for the traction, traction for the pressure, until the pressure stays."""
+    compliance, load = task
     how = {"rtol": rtol, "max_steps": max_steps}
 
     def turn(state: _State) -> _State:
@@ -130,6 +129,21 @@ def _take_turns(
     begin = Tractions(*start, none, none, zero, true, true)
     one = jnp.ones((), load.gap.dtype)
     return jax.lax.while_loop(go_on, turn, _State(begin, begin.traction, one)).found
+
+
+@_take_turns.def_jvp
+def _take_turns_jvp(primals, tangents):
+    """The derivative of what was found; that of the start is 0."""
+    task, start, rtol, max_steps = primals
+    end = _take_turns(task, start, rtol, max_steps)
+
+    def attach(task: tuple[Compliance, Load]) -> tuple[Array, Array]:
+        found = end.pressure, end.traction
+        return attach_derivative(*found, task[0], *task[1], rtol=rtol, max_steps=max_steps)
+
+    _, (dpressure, dtraction) = eqx.filter_jvp(attach, (task,), (tangents[0],))
+    still = jax.tree.map(lambda _: None, end)
+    return end, still._replace(pressure=dpressure, traction=dtraction)
 
 
 def _add(before: Iterations, now: Iterations) -> Iterations:

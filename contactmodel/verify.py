@@ -274,9 +274,8 @@ def check_laws(count: int) -> list[Row]:
     stuck = jnp.where(solution.stick, slipped, 0.0)
     pressure, *traction = jax.random.normal(jax.random.key(0), (3, count, count))
     zero = jnp.zeros_like(pressure)
-    fields = lambda s: (s.pressure, s.traction)  # noqa: E731
-    pressed = eqx.tree_at(fields, solution, (pressure, jnp.stack([zero, zero])))
-    sheared = eqx.tree_at(fields, solution, (zero, jnp.stack(traction)))
+    pressed = _loaded(solution, pressure, jnp.stack([zero, zero]))
+    sheared = _loaded(solution, zero, jnp.stack(traction))
     work = jnp.sum(jnp.stack(traction) * pressed.elastomer_displacement()[:2])
     other = jnp.sum(-pressure * sheared.elastomer_displacement()[2])
     why = "tolerance of the solver, 1e-9"
@@ -291,6 +290,11 @@ def check_laws(count: int) -> list[Row]:
                jnp.max(wrong) / (FRICTION * peak * jnp.max(slipped)), 1e-6, why),
         _relative("Reciprocity: τ·u(p) = p·w(τ)", work, other, 1e-10, "rounding"),
     ]  # fmt: skip
+
+
+def _loaded(solution: ContactSolution, pressure: Array, traction: Array) -> ContactSolution:
+    """A solution under other tractions, of which only the displacement is asked."""
+    return eqx.tree_at(lambda s: (s.pressure, s.traction), solution, (pressure, traction))
 
 
 def check_equilibrium(count: int) -> list[Row]:
