@@ -23,7 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 console = Console()
-_TABLE_WIDTH = 165  # whatever the terminal: a row may wrap there, but nothing is cut
+_TABLE_WIDTH = 165  # whatever the terminal: words may wrap there, but nothing is cut
 errors = Console(stderr=True)
 
 
@@ -76,7 +76,8 @@ def verify(
     with errors.status("Orders of convergence from 32² to 256²"):
         rows += convergence()
     names = ("what", "model", "expected", "error", "tolerance", "verdict", "limited by")
-    table = Table(*(Column(name, no_wrap=True) for name in names), box=None)
+    words = ("what", "limited by")
+    table = Table(*(Column(name, no_wrap=name not in words) for name in names), box=None)
     for row in rows:
         verdict = "[green]ok[/green]" if row.passed else "[red]FAILED[/red]"
         numbers = [f"{row.value:.7g}", f"{row.expected:.7g}", f"{row.error:.1e}"]

@@ -157,13 +157,14 @@ def test_shipped_examples_can_be_read():
 
 @pytest.mark.parametrize(("error", "status"), [(0.5, 0), (2.0, 1), (float("nan"), 1)])
 def test_verify_tells_by_its_exit_status(monkeypatch, error, status):
-    row = verify.Row("a row", 1.0, 1.0, error, 1.0, "nothing")
+    row = verify.Row("a row " * 20, 1.234567, 1.0, error, 1.0, "nothing " * 10)
     monkeypatch.setattr(cli, "CHECKS", (lambda count: [row],))
     monkeypatch.setattr(cli, "LAYER_CHECKS", ())
     monkeypatch.setattr(cli, "convergence", list)
     result = RUN.invoke(cli.app, ["verify"])
     assert result.exit_code == status
     assert ("FAILED" in result.stdout) == bool(status)
+    assert "1.234567" in result.stdout and "…" not in result.stdout
 
 
 def test_maps_of_height_and_friction_come_from_files(config, tmp_path):
