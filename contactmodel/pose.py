@@ -21,7 +21,7 @@ class Pose(eqx.Module):
     Attributes:
         approach: δ, by which the undeformed bodies would overlap [mm].
         shift: along x and y [mm].
-        twist: θ about the centre [rad, counter-clockwise].
+        twist: θ about the centre; by less than a radian in a step [rad, counter-clockwise].
         centre: point that the twist leaves where it is [mm].
         linear: whether the twist moves points by θ × r, as the closed forms of linear elasticity
             have it, and not by the rotation (R − I) r that sticking points really follow.

@@ -56,7 +56,7 @@ class Row(NamedTuple):
     @property
     def passed(self) -> bool:
         """Whether the error is within the tolerance; NaN is not."""
-        return self.error <= self.tolerance
+        return bool(self.error <= self.tolerance)
 
 
 def by_cell(tolerance: float, order: float, count: int) -> float:

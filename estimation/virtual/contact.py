@@ -1,6 +1,7 @@
 """Virtual recordings of any contact the model can solve: every shape, path and pair of bodies."""
 
 import numpy as np
+from scipy.interpolate import interpn
 
 from contactmodel.bodies import stiffness_ratio
 from contactmodel.solution import ContactSolution
@@ -69,6 +70,9 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
         np.pad(_at_markers(path, np.asarray(mask), points), ((unloaded, 0), (0, 0)))
         for mask in (path.contact, path.stick)
     )
+    axes, on_grid = (path.grid.x, path.grid.y), np.moveaxis(np.asarray(path.slip), (0, 1), (2, 3))
+    within = interpn(axes, on_grid, points, bounds_error=False, fill_value=0.0)
+    slip = np.pad(np.moveaxis(within, 0, 1), ((unloaded, 0), (0, 0), (0, 0)))
     touching = np.pad(np.asarray(path.contact).any(axis=(1, 2)), (unloaded, 0))
     twist = np.pad(np.asarray(path.pose.twist), (unloaded, 0))
     area = np.asarray(path.stick).sum(axis=(1, 2)) * path.grid.cell_area
@@ -78,6 +82,7 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
         contact=contact,
         stick=contact & ~slid,
         sticking=sticking,
+        slip=np.where(contact[..., None], slip, 0.0),
         stick_radius=np.pad(np.sqrt(area / np.pi), (unloaded, 0)),
         moment=np.pad(np.asarray(path.moment), (unloaded, 0)),
         macro_slip=touching & (sticking.sum(axis=1) < MIN_STICK_MARKERS),

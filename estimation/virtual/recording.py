@@ -62,6 +62,7 @@ class Truth(NamedTuple):
         contact: markers under the object.
         stick: markers that have stuck ever since they were under full load.
         sticking: markers that do not slip now, whatever they did before the last reversal.
+        slip: of the object against the elastomer at each marker in contact, along x and y [mm].
         stick_radius: radius within which they do not slip now [mm]; 0 without contact.
         moment: of the object on the sensor about z [N·mm].
         macro_slip: frames with contact in which fewer than three markers do not slip.
@@ -73,6 +74,7 @@ class Truth(NamedTuple):
     contact: Bool[np.ndarray, "frames n"]
     stick: Bool[np.ndarray, "frames n"]
     sticking: Bool[np.ndarray, "frames n"]
+    slip: Float[np.ndarray, "frames n 2"]
     stick_radius: Float[np.ndarray, " frames"]
     moment: Float[np.ndarray, " frames"]
     macro_slip: Bool[np.ndarray, " frames"]
@@ -245,9 +247,9 @@ def _deform(
     turned, stick_radius, moment = _twist(model, r, np.nan_to_num(twist))
     radius = model.contact_radius * np.sqrt(load)[:, None]
     depth, stretch = _press(model, r, load)
-    c, s = np.cos(turned), np.sin(turned)
-    x = stretch * (c * points[:, 0] - s * points[:, 1])
-    y = stretch * (s * points[:, 0] + c * points[:, 1])
+    surface = stretch[..., None] * _turn(points, turned)
+    held = (1.0 + model.stiffness_ratio) * turned  # of the object, had it stuck
+    slip = _turn(points, np.nan_to_num(twist)[:, None]) - _turn(points, held)
     touching = load > 0
     contact = r < radius
     stick_radius = np.where(touching, stick_radius, 0.0)
@@ -258,12 +260,21 @@ def _deform(
         contact=contact,
         stick=contact & (r < ever[:, None]),
         sticking=sticking,
+        slip=np.where(contact[..., None], slip, 0.0),
         stick_radius=stick_radius,
         moment=np.where(touching, moment, 0.0),
         macro_slip=touching & (twist != 0) & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
         stiffness_ratio=model.stiffness_ratio,
     )
-    return np.stack([x, y, -depth], axis=-1), truth
+    return np.concatenate([surface, -depth[..., None]], axis=-1), truth
+
+
+def _turn(
+    points: Float[np.ndarray, "n 2"], angle: Float[np.ndarray, "frames k"]
+) -> Float[np.ndarray, "frames n 2"]:
+    """Points turned about the origin [mm]."""
+    (x, y), c, s = points.T, np.cos(angle), np.sin(angle)
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def _twist(

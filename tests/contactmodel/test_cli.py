@@ -164,7 +164,8 @@ def test_verify_tells_by_its_exit_status(monkeypatch, error, status):
     result = RUN.invoke(cli.app, ["verify"])
     assert result.exit_code == status
     assert ("FAILED" in result.stdout) == bool(status)
-    assert "1.234567" in result.stdout and "…" not in result.stdout
+    assert "1.234567" in result.stdout
+    assert "…" not in result.stdout
 
 
 def test_maps_of_height_and_friction_come_from_files(config, tmp_path):

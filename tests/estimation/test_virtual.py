@@ -27,6 +27,11 @@ def test_markers_that_stick_go_where_the_object_takes_them(pivot):
         slipped = truth.contact[i] & ~truth.sticking[i]
         behind = np.linalg.norm(recording.positions[i, :, :2] - turned, axis=1)
         assert (behind[slipped] > 1e-9).all()
+        # the slip in the truth is what they lag; pressed, they stand up to 1.2 % off their places
+        lag = np.linalg.norm(truth.slip[i], axis=1)
+        assert np.abs(lag[stick]).max() < 1e-9
+        contact = truth.contact[i]
+        np.testing.assert_allclose(lag[contact], behind[contact], rtol=0.012, atol=1e-9)
 
 
 def test_moment_follows_lubkin_on_first_loading(pivot):

@@ -53,6 +53,14 @@ def test_the_solver_and_the_closed_forms_make_the_same_recording(path):
     assert np.mean(truth.contact != exact.contact) < 0.02  # two of 144 on cells of the rim
     assert np.mean(truth.sticking[3:] != exact.sticking[3:]) < 0.03
     assert truth.stiffness_ratio == 0.0
+    # across the radius only: along it they differ as their positions do
+    x, y = layout.reference[:, :2].T
+    along, expected = (
+        (x * slip[..., 1] - y * slip[..., 0]) / np.hypot(x, y) for slip in (truth.slip, exact.slip)
+    )
+    inner = truth.contact & exact.contact & (np.hypot(x, y) < 4.5)  # at the rim a root begins
+    assert expected[inner].max() > 0.1
+    np.testing.assert_allclose(along[inner], expected[inner], atol=0.01)  # 3 % of the largest
 
 
 def test_sticking_markers_go_where_the_object_takes_them(path):
