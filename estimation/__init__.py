@@ -12,6 +12,7 @@ from estimation.outline import follow_outline
 from estimation.plots import plot_angles, plot_grasp, plot_maps, plot_overview
 from estimation.recording import Frame, MarkerLayout, Recording, layout_markers
 from estimation.result import Estimate, Result, State
+from estimation.sensor import Elastomer, Lens, Sensor, read_sensor, write_sensor
 from estimation.softness import ScalarSoftness, read_softness
 from estimation.sources import ImageSettings, find_recordings, read_recording, write_archive
 from estimation.tracker import Tracker, estimate_angles
@@ -20,16 +21,19 @@ from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 __all__ = [
     "METHODS",
     "RIVALS",
+    "Elastomer",
     "Estimate",
     "Frame",
     "Grasp",
     "ImageSettings",
+    "Lens",
     "MarkerLayout",
     "Noise",
     "PivotModel",
     "Recording",
     "Result",
     "ScalarSoftness",
+    "Sensor",
     "State",
     "Tracker",
     "Truth",
@@ -45,7 +49,9 @@ __all__ = [
     "plot_maps",
     "plot_overview",
     "read_recording",
+    "read_sensor",
     "read_softness",
     "simulate_pivot",
     "write_archive",
+    "write_sensor",
 ]

@@ -1,6 +1,7 @@
 """Command line: `python -m estimation run|fetch`."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
 from estimation.noise import Noise
 from estimation.run import Settings, gather_recordings, run_all
+from estimation.sensor import Sensor, read_sensor
 from estimation.softness import read_softness
 from estimation.sources import ImageSettings
 from estimation.sources.images import READERS
@@ -52,6 +54,10 @@ def run(
     grasp: Annotated[
         bool, typer.Option("--grasp", help="Two recordings of fingers that hold one object.")
     ] = False,
+    sensor: Annotated[
+        Path | None,
+        typer.Option(help="TOML file that describes the sensor; options override it."),
+    ] = None,
     mm_per_px: Annotated[
         float | None,
         typer.Option(help="Scale [mm/px]; else lengths stay in px.", rich_help_panel=PICTURES),
@@ -151,15 +157,20 @@ def run(
         "slip_deg": slip_deg,
         "shape_change": shape_change,
     }
+    told = {"mm_per_px": mm_per_px, "radius": dot_radius_px, "dark": dark_dots, "marker": marker}
+    described = replace(
+        Sensor() if sensor is None else read_sensor(sensor),
+        **{name: value for name, value in told.items() if value is not None},
+    )
     settings = Settings(
         method=method,
         softness=RIGID_OBJECT if softness is None else read_softness(softness),
-        noise=None if noise_um is None else Noise.given(noise_um * 1e-3),
+        noise=described.noise if noise_um is None else Noise.given(noise_um * 1e-3),
         seed=seed,
         onset_mm=onset_mm,
         contact_share=contact_share,
         stick_share=stick_share,
-        images=ImageSettings(mm_per_px, dot_radius_px, dark_dots, unloaded_frame, marker),
+        images=ImageSettings(described, unloaded_frame),
         preview=preview,
         grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},

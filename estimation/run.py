@@ -269,7 +269,7 @@ def _preview(run: Run, folder: Path, settings: Settings) -> str:
     if run.recording.contact is None or not is_pictures(Path(run.recording.source)):
         return f"no preview: {run.recording.name} was not read from pictures"
     try:
-        write_preview(run.recording, run.results[run.method], settings.images.scale, path)
+        write_preview(run.recording, run.results[run.method], settings.images.sensor, path)
     except ValueError as error:
         return f"no preview: {error}"
     return f"annotated video: {path}"

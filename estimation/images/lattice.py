@@ -241,11 +241,21 @@ def make_reference(
             f"The clip starts loaded, and only {fitted.on.sum()} of {len(fitted.on)} dots lie on "
             "a regular lattice: the first frame is the reference, and angles count from it."
         )
-    reach = REACH * lattice.pitch
+    return lay_reference(position, note)
+
+
+def lay_reference(position: Float[np.ndarray, "n 2"], note: str) -> Reference:
+    """The reference of dots at known places [px].
+
+    Raises:
+        ValueError: fewer than three dots, or all on one line.
+    """
+    neighbours = delaunay_neighbours(position, 1.3)
     count = min(AROUND + 1, len(position))
     distance, around = _nearest(KDTree(position), position, count)
-    around = np.where(distance < reach, around, -1)[:, 1:]
-    return Reference(position, delaunay_neighbours(position, 1.3), around, lattice.pitch, note)
+    pitch = float(np.median(distance[:, 1:4]))
+    around = np.where(distance < REACH * pitch, around, -1)[:, 1:]
+    return Reference(position, neighbours, around, pitch, note)
 
 
 def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimation.recording import Recording
 from estimation.result import Result
+from estimation.sensor import Sensor
 from estimation.sources.pictures import is_camera, read_pictures
 
 ENLARGED = 3
@@ -15,13 +16,13 @@ STICKS, SLIPS, ELSEWHERE = (60, 220, 60), (60, 60, 240), (200, 200, 200)
 LINE = 26
 
 
-def write_preview(recording: Recording, result: Result, mm_per_px: float, path: Path) -> None:
+def write_preview(recording: Recording, result: Result, sensor: Sensor, path: Path) -> None:
     """Write an annotated video: dots that stick, slip or are elsewhere, state and angles.
 
     Args:
         recording: read from pictures, which are read again.
         result: of one method.
-        mm_per_px: scale of the recording; 1 where its lengths are in px.
+        sensor: what the recording was read with.
         path: of the video, an `.avi`; it appears whole or not at all.
 
     Raises:
@@ -38,7 +39,7 @@ def write_preview(recording: Recording, result: Result, mm_per_px: float, path: 
         for row, picture in zip(range(len(result.time)), read_pictures(source), strict=False):
             if picture.image is None:
                 continue
-            image = annotate(picture.image, recording, result, row, mm_per_px)
+            image = annotate(picture.image, recording, result, row, sensor)
             if writer is None:
                 size = (image.shape[1], image.shape[0])
                 writer = cv2.VideoWriter(str(draft), cv2.VideoWriter.fourcc(*"MJPG"), rate, size)
@@ -51,14 +52,14 @@ def write_preview(recording: Recording, result: Result, mm_per_px: float, path: 
 
 
 def annotate(
-    picture: np.ndarray, recording: Recording, result: Result, row: int, mm_per_px: float
+    picture: np.ndarray, recording: Recording, result: Result, row: int, sensor: Sensor
 ) -> np.ndarray:
     """One picture, enlarged, with what was found drawn into it."""
     image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
     image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image[..., :3]
     image = cv2.resize(image, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_LINEAR)
     image = cv2.copyMakeBorder(image, 0, 2 * LINE, 0, 0, cv2.BORDER_CONSTANT, value=(0, 0, 0))
-    spots = ENLARGED * recording.positions[row] / mm_per_px + 0.5 * (ENLARGED - 1)
+    spots = ENLARGED * sensor.to_pixels(recording.positions[row]) + 0.5 * (ENLARGED - 1)
     for i in np.flatnonzero(recording.valid[row]):
         x, y = np.rint(spots[i]).astype(int)
         sticks, touches = result.stick[row, i], result.contact[row, i]

@@ -8,10 +8,11 @@ from jaxtyping import Bool, Float, Shaped
 from estimation.images.contact import region_of_dispersion, region_of_light
 from estimation.images.dots import DotStyle, to_grey
 from estimation.images.imprint import ImprintFollower
-from estimation.images.lattice import Reference, make_reference
+from estimation.images.lattice import Reference, lay_reference, make_reference
 from estimation.images.style import find_dots, find_style
 from estimation.images.tracking import DotTracker
 from estimation.recording import Recording
+from estimation.sensor import Sensor
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
 from estimation.sources.pictures import Picture, read_pictures
 
@@ -31,12 +32,11 @@ class DotReader(MarkerReader):
             ValueError: there are no dots in rows in it.
         """
         assert first.image is not None
-        self.style = _style(first.image, settings)
-        dots = find_dots(to_grey(first.image, self.style.dark), self.style)
+        self.sensor = settings.sensor
+        self.style = _style(first.image, self.sensor)
         given = settings.unloaded is not None
-        height, width = first.image.shape[:2]
-        self.reference: Reference = make_reference(dots.centre, (width, height), unloaded=given)
         self.rest = first.image if given else None
+        self.reference = self._make_reference(first.image, given)
         self.tracker = DotTracker(self.reference)
         self.imprint = ImprintFollower()
         self.light = False
@@ -49,13 +49,16 @@ class DotReader(MarkerReader):
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, (count, 2), picture.flaw or "no picture")
         dots = find_dots(to_grey(picture.image, self.style.dark), self.style)
-        match, flaw = self.tracker.update(dots.centre)
+        straight = self.sensor.straighten(dots.centre)
+        match, flaw = self.tracker.update(straight)
         if flaw:
             return Row.of_none(picture, (count, 2), flaw)
-        position = np.where((match >= 0)[:, None], dots.centre[match], np.nan)
-        contact = self._contact(picture.image, position)
+        seen = (match >= 0)[:, None]
+        position = np.where(seen, straight[match], np.nan)
+        in_picture = np.where(seen, dots.centre[match], np.nan)
+        contact = self._contact(picture.image, position, in_picture)
         turned = self.imprint.update(
-            picture.image, dots.centre, self.style.radius, position[contact]
+            picture.image, dots.centre, self.style.radius, in_picture[contact]
         )
         return Row(
             position=position,
@@ -76,12 +79,28 @@ class DotReader(MarkerReader):
             f"The contact region is found by {by}.",
         )
 
+    def _make_reference(
+        self, image: Shaped[np.ndarray, "h w *colour"], unloaded: bool
+    ) -> Reference:
+        """The sensor description's, unless an unloaded picture is at hand."""
+        told = self.sensor.reference
+        if told is not None and not unloaded:
+            return lay_reference(
+                told[:, :2] / self.sensor.scale, "The reference is the sensor description's."
+            )
+        dots = find_dots(to_grey(image, self.style.dark), self.style)
+        size = (image.shape[1], image.shape[0])
+        return make_reference(self.sensor.straighten(dots.centre), size, unloaded)
+
     def _contact(
-        self, image: Shaped[np.ndarray, "h w *colour"], position: Float[np.ndarray, "m 2"]
+        self,
+        image: Shaped[np.ndarray, "h w *colour"],
+        position: Float[np.ndarray, "m 2"],
+        in_picture: Float[np.ndarray, "m 2"],
     ) -> Bool[np.ndarray, " m"]:
         """The contact region: by light where an unloaded picture is known and it changes."""
         if self.rest is not None:
-            region = region_of_light(self.reference, self.rest, image, position)
+            region = region_of_light(self.reference, self.rest, image, in_picture)
             if region.sum() >= 3:
                 self.light = True
                 return region
@@ -92,11 +111,11 @@ READERS: dict[str, type[MarkerReader]] = {"dots": DotReader}
 """The kinds of markers there are."""
 
 
-def _style(image: Shaped[np.ndarray, "h w *colour"], settings: ImageSettings) -> DotStyle:
-    if settings.radius is not None and settings.dark is not None:
-        return DotStyle(settings.dark, settings.radius)
-    found = find_style(image, settings.dark)
-    return found if settings.radius is None else found._replace(radius=settings.radius)
+def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
+    if sensor.radius is not None and sensor.dark is not None:
+        return DotStyle(sensor.dark, sensor.radius)
+    found = find_style(image, sensor.dark)
+    return found if sensor.radius is None else found._replace(radius=sensor.radius)
 
 
 def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
@@ -139,7 +158,9 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
 
 def _make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
     """The reader for the kind of markers that was given; dots by default."""
-    kind = "dots" if settings.marker is None else settings.marker
+    assert first.image is not None
+    settings.sensor.expect_size(first.image.shape[1], first.image.shape[0])
+    kind = "dots" if settings.sensor.marker is None else settings.sensor.marker
     if kind not in READERS:
         raise ValueError(f"no markers of kind {kind!r}; there are {', '.join(READERS)}")
     return READERS[kind](first, settings)

@@ -5,52 +5,38 @@ markers are listed in `READERS` of `estimation.sources.images`.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from estimation.recording import MarkerLayout
+from estimation.sensor import Sensor
 from estimation.sources.pictures import Picture
 
 
 @dataclass(frozen=True)
 class ImageSettings:
-    """What is known of a sensor's pictures; what is not said is found out.
+    """What is known of a recording's pictures; what is not said is found out.
 
     Attributes:
-        mm_per_px: scale [mm/px]; without it lengths stay in px.
-        radius: of the dots [px].
-        dark: whether they are darker than what is around them.
+        sensor: what took them.
         unloaded: number of an unloaded frame, to be the reference.
-        marker: kind of markers, one of `READERS`.
-
-    Raises:
-        ValueError: a length that is not above 0.
     """
 
-    mm_per_px: float | None = None
-    radius: float | None = None
-    dark: bool | None = None
+    sensor: Sensor = field(default_factory=Sensor)
     unloaded: int | None = None
-    marker: str | None = None
-
-    def __post_init__(self) -> None:
-        """Check the lengths."""
-        for name, value in (("the scale", self.mm_per_px), ("the dots' radius", self.radius)):
-            if value is not None and not 0.0 < value < np.inf:
-                raise ValueError(f"{name} is {value}; it must be a number above 0")
 
     @property
     def scale(self) -> float:
         """mm/px, or 1 where lengths stay in px."""
-        return 1.0 if self.mm_per_px is None else self.mm_per_px
+        return self.sensor.scale
 
     @property
     def unit(self) -> str:
         """Of lengths."""
-        return "px" if self.mm_per_px is None else "mm"
+        return self.sensor.unit
 
 
 class Row(NamedTuple):

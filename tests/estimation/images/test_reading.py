@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from estimation.__main__ import app
 from estimation.images.imprint import ImprintFollower
+from estimation.sensor import Sensor
 from estimation.sources import ImageSettings, find_recordings, read_images, read_recording
 from estimation.sources.pictures import read_pictures
 from tests.estimation.images.scenes import REST, picture, real, twisted
@@ -68,7 +69,7 @@ def test_video_and_folder_give_the_same(pictures, tmp_path):
 def test_scale_turns_px_to_mm(pictures, tmp_path):
     folder = write_folder(tmp_path / "clip", pictures[:2])
     in_px = read_images(folder)
-    in_mm = read_images(folder, ImageSettings(mm_per_px=0.04, unloaded=0))
+    in_mm = read_images(folder, ImageSettings(Sensor(mm_per_px=0.04), unloaded=0))
     assert in_mm.unit == "mm"
     assert in_mm.positions == pytest.approx(0.04 * in_px.positions)
 
@@ -161,12 +162,12 @@ def test_a_camera_that_goes_leaves_what_it_gave(pictures, monkeypatch):
 
 def test_wrong_settings_are_refused(pictures, tmp_path):
     with pytest.raises(ValueError, match="scale"):
-        ImageSettings(mm_per_px=-1.0)
+        Sensor(mm_per_px=-1.0)
     folder = write_folder(tmp_path / "clip", pictures[:2])
     with pytest.raises(ValueError, match="no frame 9"):
         read_images(folder, ImageSettings(unloaded=9))
     with pytest.raises(ValueError, match="dots lie in rows"):
-        read_images(folder, ImageSettings(dark=False, radius=4.3))
+        read_images(folder, ImageSettings(Sensor(dark=False, radius=4.3)))
 
 
 def test_the_imprint_turns_with_the_object_not_with_the_dots():
