@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float32, UInt8
 
 OVERSAMPLING = 4
 
@@ -39,6 +39,17 @@ class Camera(NamedTuple):
     contrast: float = 120.0
     shading: float = 0.0
     noise: float = 2.0
+
+    @property
+    def margin(self) -> int:
+        """Width of the rim around the picture that the blur reaches into [px]."""
+        return 2 * int(np.ceil(4.0 * self.blur))
+
+    @property
+    def fine_shape(self) -> tuple[int, int]:
+        """Height and width of the fine grid that markers are drawn on, its rim included."""
+        height, width = self.height + 2 * self.margin, self.width + 2 * self.margin
+        return OVERSAMPLING * height, OVERSAMPLING * width
 
     def project(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Where points of the contact plane [mm] lie in the picture [px], x right and y down."""
@@ -85,15 +96,28 @@ def render_dots(
         axes: matrices that take the unit circle to each dot's rim [px].
         rng: of the noise.
     """
-    n = OVERSAMPLING
-    margin = 2 * int(np.ceil(4.0 * camera.blur))
-    shape = (n * (camera.height + 2 * margin), n * (camera.width + 2 * margin))
-    cover = np.zeros(shape, dtype=np.float32)
+    n, margin = OVERSAMPLING, camera.margin
+    cover = np.zeros(camera.fine_shape, dtype=np.float32)
     for centre, axis in zip(centres, axes, strict=True):
         _draw(cover, n * (centre + margin) + 0.5 * (n - 1), n * axis)
+    return expose(camera, cover, rng)
+
+
+def expose(
+    camera: Camera, cover: Float32[np.ndarray, "fine_height fine_width"], rng: np.random.Generator
+) -> UInt8[np.ndarray, "height width"]:
+    """Blur, light, noise and rounding, from what is printed.
+
+    Args:
+        camera: the camera.
+        cover: share of print, on the grid of `Camera.fine_shape`.
+        rng: of the noise.
+    """
+    n, margin = OVERSAMPLING, camera.margin
     if camera.blur > 0.0:
         cover = cv2.GaussianBlur(cover, (0, 0), n * camera.blur)
-    cover = cover.reshape(shape[0] // n, n, shape[1] // n, n).mean(axis=(1, 3))
+    rows, columns = (size // n for size in camera.fine_shape)
+    cover = cover.reshape(rows, n, columns, n).mean(axis=(1, 3))
     cover = cover[margin:-margin, margin:-margin] if margin else cover
     y, x = np.mgrid[: camera.height, : camera.width]
     from_middle = np.hypot(x - 0.5 * (camera.width - 1), y - 0.5 * (camera.height - 1))

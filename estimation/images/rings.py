@@ -1,0 +1,143 @@
+"""The two-ring circular detector of an x-corner, and the seeds it is tried on.
+
+[Li2024] Fig. 5(a): where edges cross two circles about a corner, four edge lines follow, and their
+mean is the angle of the line features. [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient
+Slip-Based Rotation Measurement via Visuotactile Sensing During In-Hand Object Pivoting".
+
+An x-corner has two edges. Going round it from x to y, one edge is crossed from dark to bright, the
+other from bright to dark: the rising edge comes first in all arrays here, the falling one second.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+SAMPLES = 64
+"""Points on each circle."""
+INNER, OUTER = 0.4, 0.85
+"""Radii of the circles, of that of the window."""
+FAINT = 0.3
+"""Share of the typical seed's strength below which a seed is no corner."""
+LEAST_CONTRAST = 8.0
+"""Grey levels, of 255, between bright and dark."""
+
+
+class Rings(NamedTuple):
+    """What the two-ring detector finds at each seed.
+
+    Attributes:
+        position: where the two edges meet [px].
+        angles: of the rising and the falling edge [rad, from x to y, modulo π].
+        contrast: bright minus dark.
+        level: half-way between.
+        good: whether both circles are crossed four times, and the edges fit together.
+    """
+
+    position: Float[np.ndarray, "n 2"]
+    angles: Float[np.ndarray, "n 2"]
+    contrast: Float[np.ndarray, " n"]
+    level: Float[np.ndarray, " n"]
+    good: Bool[np.ndarray, " n"]
+
+    def take(self, which: Shaped[np.ndarray, " m"]) -> "Rings":
+        """Some of the corners."""
+        return Rings(*(value[which] for value in self))
+
+
+def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarray, "n 2"]:
+    """Pixels (x, y) at which an x-corner may be: the strongest saddles of the blurred picture.
+
+    Args:
+        grey: the picture, 0 to 255.
+        radius: of the window about a corner [px].
+    """
+    smooth = cv2.GaussianBlur(grey, (0, 0), radius / 5.0)
+    xx, yy, xy = (
+        cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3) for order in ((2, 0), (0, 2), (1, 1))
+    )
+    response = (16.0 / 4.0) * xy * xy - xx * yy
+    side = 2 * round(0.5 * radius) + 1
+    highest = cv2.dilate(response, np.ones((side, side), np.uint8))
+    y, x = np.nonzero((response == highest) & (response > 1e-3))
+    strength = response[y, x]
+    if not len(x):
+        return np.zeros((0, 2), dtype=int)
+    keep = strength > FAINT * np.percentile(strength, 90)
+    return np.stack([x[keep], y[keep]], axis=1)
+
+
+def read_rings(
+    grey: Float[np.ndarray, "h w"], centre: Float[np.ndarray, "n 2"], radius: float
+) -> Rings:
+    """Edge crossings on two circles, and the edges through them.
+
+    Args:
+        grey: the picture, 0 to 255.
+        centre: of the circles, within a tenth of the radius of a corner [px].
+        radius: of the window about a corner [px].
+    """
+    turn = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    radii = radius * np.array([INNER, OUTER])
+    at = centre[:, None, None] + radii[:, None, None] * circle
+    at = at.reshape(len(centre), 2 * SAMPLES, 2).astype(np.float32)
+    value = cv2.remap(grey, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    value = value.reshape(len(centre), 2, SAMPLES)
+    ordered = np.sort(value, axis=-1)
+    bright = ordered[..., -SAMPLES // 4 :].mean(axis=(1, 2))
+    dark = ordered[..., : SAMPLES // 4].mean(axis=(1, 2))
+    level = 0.5 * (bright + dark)
+    inside = ((centre > radius - 0.5) & (centre < np.array(grey.shape[::-1]) - radius)).all(axis=1)
+    crossing, good = _crossings(value - level[:, None, None])
+    good &= inside & (bright - dark > LEAST_CONTRAST)
+    points = radii[:, None] * np.exp(1j * crossing)
+    points = points.transpose(0, 2, 1)  # corner, crossing, circle
+    line = points[..., 1] - points[..., 0]
+    # opposite crossings are of one edge: its line runs through both
+    direction = line[:, :2] - line[:, 2:]
+    direction /= np.maximum(np.abs(direction), 1e-9)
+    angles = np.angle(direction) % np.pi
+    middle = points.mean(axis=2)
+    middle = 0.5 * (middle[:, :2] + middle[:, 2:])
+    off = np.imag(np.conj(direction) * middle)  # distance of each line from the circles' centre
+    sine = np.imag(np.conj(direction[:, 0]) * direction[:, 1])
+    good &= np.abs(sine) > 0.4
+    sine = np.where(good, sine, 1.0)
+    meet = (off[:, 0] * direction[:, 1] - off[:, 1] * direction[:, 0]) / sine
+    position = centre + np.stack([meet.real, meet.imag], axis=1)
+    good &= np.abs(meet) < 0.35 * radius
+    return Rings(position, angles, bright - dark, level, good)
+
+
+def _crossings(
+    value: Float[np.ndarray, "n 2 samples"],
+) -> tuple[Float[np.ndarray, "n 2 4"], Bool[np.ndarray, " n"]]:
+    """Angles of the four crossings of each circle, rising, falling, rising, falling.
+
+    Returns:
+        The angles [rad], 0 where there are not four; and whether there are four on both circles
+        that belong together.
+    """
+    above = value > 0.0
+    after = np.roll(above, -1, axis=-1)
+    cross = above != after
+    good = (cross.sum(axis=-1) == 4).all(axis=-1)
+    share = value / np.where(cross, value - np.roll(value, -1, axis=-1), 1.0)
+    found = np.zeros((len(value), 2, 4))
+    _, _, at = np.nonzero(cross & good[:, None, None])
+    at = at.reshape(-1, 2, 4)
+    exact = at + np.take_along_axis(share[good], at, axis=-1)
+    falls = np.take_along_axis(above[good], at[..., :1], axis=-1)
+    exact = np.where(falls, np.roll(exact, -1, axis=-1), exact)
+    exact *= 2.0 * np.pi / SAMPLES
+    # the outer circle's first rising crossing may be the inner one's second
+    apart = np.angle(np.exp(1j * (exact[:, 1] - exact[:, 0])))
+    other = np.angle(np.exp(1j * (np.roll(exact[:, 1], 2, axis=-1) - exact[:, 0])))
+    swap = np.abs(other).sum(axis=-1) < np.abs(apart).sum(axis=-1)
+    exact[:, 1] = np.where(swap[:, None], np.roll(exact[:, 1], 2, axis=-1), exact[:, 1])
+    apart = np.where(swap[:, None], other, apart)
+    found[good] = exact
+    good[good] = (np.abs(apart) < 0.5).all(axis=-1)
+    return found, good
