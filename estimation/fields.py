@@ -29,7 +29,7 @@ class Fields(NamedTuple):
         normals: unit normals of the surface as it is now.
         rotation: φ, the mean rotation of two orthogonal lines, those nearest the grid's [rad].
             Without a grid no pair of lines is singled out; φ is then the mean over all pairs, the
-            polar rotation.
+            polar rotation. Where the source has measured the lines itself, φ is theirs.
         polar_rotation: rotation of the polar decomposition [rad].
         contact: markers of the contact region; none where there is no contact.
         centre: the stick centre, a marker of the contact region; −1 where there is no contact.
@@ -68,6 +68,8 @@ def measure_fields(
     normals, gradient = _surface_gradient(stencils, positions)
     polar = np.asarray(polar_rotation(gradient))
     rotation = np.asarray(mean_line_rotation(gradient)) if stencils.gridded else polar
+    if frame.rotation is not None:
+        rotation = np.where(frame.valid & np.isfinite(frame.rotation), frame.rotation, rotation)
     usable = np.isfinite(rotation)
     if frame.contact is None:
         contact, centre = find_contact(stencils, displacement, indentation, usable, onset_mm, share)

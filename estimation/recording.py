@@ -171,6 +171,8 @@ class Frame:
         contact: the contact region, where the source knows it; else the displacements tell.
         imprint: rotation of what the object prints through the gel, and its standard error [rad];
             NaN where unknown.
+        rotation: of the line features at each marker [rad], where the source measures it and the
+            markers' neighbours need not tell; NaN where unknown.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -184,6 +186,7 @@ class Frame:
     flaw: str = ""
     contact: Bool[np.ndarray, " n"] | None = None
     imprint: tuple[float, float] = (float("nan"), float("nan"))
+    rotation: Float[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
@@ -211,6 +214,7 @@ class Recording:
         contact: the contact region in each frame, if the source knows it.
         imprint: rotation of what the object prints through the gel, and its standard error [rad],
             in each frame, if the source has it; NaN where it has lost its place.
+        rotation: of the line features at each marker [rad], if the source measures it.
         unit: of lengths, mm, or px where the source has no scale.
         name: short name, used for folders and titles.
         source: where the recording came from.
@@ -232,6 +236,7 @@ class Recording:
     flaws: tuple[str, ...] = ()
     contact: Bool[np.ndarray, "frames n"] | None = None
     imprint: Float[np.ndarray, "frames 2"] | None = None
+    rotation: Float[np.ndarray, "frames n"] | None = None
     unit: str = "mm"
     name: str = "recording"
     source: str = ""
@@ -260,6 +265,8 @@ class Recording:
             _expect_shape("contact", self.contact, *self.valid.shape)
         if self.imprint is not None:
             _expect_shape("imprint", self.imprint, frames, 2)
+        if self.rotation is not None:
+            _expect_shape("rotation", self.rotation, *self.valid.shape)
         if self.unit not in ("mm", "px"):
             raise ValueError(f"`unit` is {self.unit!r}; it must be mm or px")
         if self.flaws and len(self.flaws) != frames:
@@ -275,7 +282,7 @@ class Recording:
         per_frame = ("positions", "valid", "time", "source_index", "force", "moment", "forces")
         cut = {
             name: value[:frames]
-            for name in (*per_frame, "flaws", "contact", "imprint")
+            for name in (*per_frame, "flaws", "contact", "imprint", "rotation")
             if (value := getattr(self, name)) is not None
         }
         return replace(self, **cut)
@@ -294,4 +301,5 @@ class Recording:
                 imprint=(np.nan, np.nan)
                 if self.imprint is None
                 else (float(self.imprint[i, 0]), float(self.imprint[i, 1])),
+                rotation=None if self.rotation is None else self.rotation[i],
             )

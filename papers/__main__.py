@@ -31,6 +31,7 @@ ITEMS = {
         "reversals",
         "marker_depth",
     ),
+    "marker_images": ("corners",),
     "virtual_pivots": ("accuracy", "reversal"),
 }
 """Items of each paper: modules with `compute`, `plot` and `tables`, and `numbers` where something

@@ -35,12 +35,12 @@ class Board(NamedTuple):
 
     Attributes:
         piece: number of the piece each corner belongs to, the largest 0; −1 for none.
-        index: lattice coordinates, of which each piece has its own.
+        place: lattice coordinates, of which each piece has its own.
         turn: which of the corner's four half edges leads along the first coordinate.
     """
 
     piece: Int[np.ndarray, " n"]
-    index: Int[np.ndarray, "n 2"]
+    place: Int[np.ndarray, "n 2"]
     turn: Int[np.ndarray, " n"]
 
 
@@ -118,7 +118,7 @@ def _link(corners: Corners, pitch: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _nearest_slot(
-    heading: Float[np.ndarray, "n k"], directions: Float[np.ndarray, "n #k 4"]
+    heading: Float[np.ndarray, "n k"], directions: Float[np.ndarray, "#n #k 4"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far a heading is from the nearest of four directions [rad], and which that is."""
     off = np.abs((heading[..., None] - directions + np.pi) % (2.0 * np.pi) - np.pi)
@@ -167,12 +167,10 @@ class Cells(NamedTuple):
     code: Int[np.ndarray, "rows-1 columns-1"]
 
 
-def read_cells(
-    grey: Float[np.ndarray, "h w"], corners: Corners, board: Board, piece: int
-) -> Cells:
+def read_cells(grey: Float[np.ndarray, "h w"], corners: Corners, board: Board, piece: int) -> Cells:
     """Colour and code of the cells between the corners of a piece."""
     members = np.flatnonzero(board.piece == piece)
-    index = board.index[members] - board.index[members].min(axis=0)
+    index = board.place[members] - board.place[members].min(axis=0)
     corner = np.full(index.max(axis=0) + 1, -1)
     corner[tuple(index.T)] = members
     around = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]])
@@ -180,7 +178,9 @@ def read_cells(
     middle = corners.position[around].mean(axis=0).astype(np.float32)
     if not middle.size:
         return Cells(corner, np.zeros(seen.shape, dtype=int), np.zeros(seen.shape, dtype=int))
-    value = cv2.remap(grey, middle, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    value = cv2.remap(
+        grey, middle[..., 0], middle[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     bright = np.where(board.turn[around[0]] % 2 == 0, 1, -1)
     off = (value - corners.level[around].mean(axis=0)) * bright
     share = off / (0.5 * corners.contrast[around].mean(axis=0))

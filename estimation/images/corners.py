@@ -32,6 +32,9 @@ ROUND = 1.2
 """The window is a square less what lies farther from the corner than this, in its half sides."""
 EXPLAINED = 0.8
 """Share of the picture around a corner that its fit must explain [-]."""
+ODD = 15.0
+"""Share that a fit may leave unexplained, over that of the typical corner: the rim of what covers
+the pattern makes corners of its own."""
 
 
 class CornerStyle(NamedTuple):
@@ -103,6 +106,8 @@ def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
     good &= np.isfinite(corners.covariance).all(axis=(1, 2))
     if good.any():
         good &= corners.contrast > 0.3 * np.median(corners.contrast[good])
+        left = 1.0 - corners.explained
+        good &= left < ODD * np.median(left[good])
     return corners.take(good)
 
 
@@ -209,9 +214,9 @@ def _fit(
     zeros = jnp.zeros((len(start), 2), jnp.float32)
     total = weight.sum(axis=1)
     p = jnp.concatenate([start, zeros], axis=1)
-    factor, misfit, share = None, total, total
-    for _ in range(STEPS):
-        p, factor, misfit, share = step(p)
+    for _ in range(STEPS - 1):
+        p = step(p)[0]
+    p, factor, misfit, share = step(p)
     variance = misfit / jnp.maximum(total - 9.0, 1.0)
     columns = jnp.broadcast_to(jnp.eye(9, 4, dtype=jnp.float32), (len(p), 9, 4))
     inverse = jax.scipy.linalg.cho_solve((factor, True), columns)

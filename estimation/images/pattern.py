@@ -68,9 +68,7 @@ class CornerTruth(NamedTuple):
 def project_corners(project: Project, pattern: Pattern) -> CornerTruth:
     """Where the corners are, and how their edges lie."""
     corners, step = pattern.corners(), 1e-4 * pattern.pitch
-    along = [
-        project(corners + step * axis) - project(corners - step * axis) for axis in np.eye(2)
-    ]
+    along = [project(corners + step * axis) - project(corners - step * axis) for axis in np.eye(2)]
     angles = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in along], axis=1)
     return CornerTruth(project(corners), angles)
 
@@ -92,7 +90,8 @@ def render_pattern(
     cells = _unproject(project, pattern, pixels) / pattern.pitch
     cells += 0.5 * (np.array(pattern.shape[::-1]) + 1)  # 0 at the first cell's outer side
     cells = cells.reshape(*x.shape, 2)
-    per_px = np.stack([np.hypot(*np.gradient(cells[..., i])) for i in (0, 1)], axis=-1)
+    slopes = [np.gradient(cells[..., i]) for i in (0, 1)]
+    per_px = np.stack([np.hypot(down, right) for down, right in slopes], axis=-1)
     fine, width = (
         [cv2.resize(one[..., i].astype(np.float32), shape[::-1]) for i in (0, 1)]
         for one in (cells, per_px / OVERSAMPLING)
@@ -112,7 +111,9 @@ def _print(pattern: Pattern, at: list[np.ndarray], width: list[np.ndarray]) -> n
         inside *= np.clip((count - place) / wide + 0.5, 0.0, 1.0)
     cover = 0.5 + 0.5 * sign
     if pattern.code is not None:
-        x, y = (np.clip(np.floor(a), 0, n).astype(int) for a, n in zip(at, (columns, rows), strict=True))
+        x, y = (
+            np.clip(np.floor(a), 0, n).astype(int) for a, n in zip(at, (columns, rows), strict=True)
+        )
         off = np.hypot(at[0] - x - 0.5, at[1] - y - 0.5)
         dot = np.clip((DOT - off) / (0.5 * (width[0] + width[1])) + 0.5, 0.0, 1.0)
         dot *= pattern.code[y, x]

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.fft import next_fast_len
 from scipy.spatial import KDTree
 
 from estimation.images.board import Board, Cells, spin
@@ -102,7 +101,7 @@ def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
     """Quarter turns and shift of the one likely position, None where there is not just one."""
     known = int(np.abs(cells.code).sum())
     reference, size = plan.cells, max(cells.code.shape)
-    shape = [next_fast_len(one + size - 1) for one in reference.code.shape]
+    shape = [1 << (one + size - 2).bit_length() for one in reference.code.shape]
     ahead = np.fft.rfft2(_channels(reference), shape)
     scores, shifts = [], []
     for quarter in range(4):

@@ -78,12 +78,17 @@ def read_rings(
         centre: of the circles, within a tenth of the radius of a corner [px].
         radius: of the window about a corner [px].
     """
+    if not len(centre):
+        none = np.zeros(0)
+        return Rings(centre, np.zeros((0, 2)), none, none, none > 0)
     turn = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     radii = radius * np.array([INNER, OUTER])
     at = centre[:, None, None] + radii[:, None, None] * circle
     at = at.reshape(len(centre), 2 * SAMPLES, 2).astype(np.float32)
-    value = cv2.remap(grey, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    value = cv2.remap(
+        grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     value = value.reshape(len(centre), 2, SAMPLES)
     ordered = np.sort(value, axis=-1)
     bright = ordered[..., -SAMPLES // 4 :].mean(axis=(1, 2))

@@ -13,6 +13,7 @@ from estimation.images.style import find_dots, find_style
 from estimation.images.tracking import DotTracker
 from estimation.recording import Recording
 from estimation.sensor import Sensor
+from estimation.sources.corners import CornerReader
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
 from estimation.sources.pictures import Picture, read_pictures
 
@@ -107,7 +108,7 @@ class DotReader(MarkerReader):
         return region_of_dispersion(self.reference, position - self.reference.position)
 
 
-READERS: dict[str, type[MarkerReader]] = {"dots": DotReader}
+READERS: dict[str, type[MarkerReader]] = {"dots": DotReader, "corners": CornerReader}
 """The kinds of markers there are."""
 
 
@@ -179,6 +180,9 @@ def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
 def _to_recording(path: Path, reader: MarkerReader, rows: list[Row]) -> Recording:
     position = reader.scale * np.stack([row.position for row in rows])
     contact = [row.contact for row in rows if row.contact is not None]
+    imprint = np.array([[row.imprint, row.imprint_error] for row in rows])
+    unknown = np.full(position.shape[1], np.nan)
+    rotation = [unknown if row.rotation is None else row.rotation for row in rows]
     lengths = ("Lengths are in px: no scale was given.",) if reader.unit == "px" else ()
     return Recording(
         layout=reader.layout,
@@ -187,7 +191,8 @@ def _to_recording(path: Path, reader: MarkerReader, rows: list[Row]) -> Recordin
         time=np.array([row.time for row in rows]),
         source_index=np.array([row.number for row in rows]),
         contact=np.stack(contact) if len(contact) == len(rows) else None,
-        imprint=np.array([[row.imprint, row.imprint_error] for row in rows]),
+        imprint=imprint if np.isfinite(imprint).any() else None,
+        rotation=np.stack(rotation) if np.isfinite(rotation).any() else None,
         flaws=tuple(row.flaw for row in rows),
         unit=reader.unit,
         name=path.stem if path.parent.name == "" else f"{path.parent.name}-{path.stem}",

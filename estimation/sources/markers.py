@@ -50,6 +50,7 @@ class Row(NamedTuple):
         flaw: why the picture cannot be used, empty where it can.
         imprint: rotation of what the object prints [rad], NaN where unknown.
         imprint_error: its standard error [rad].
+        rotation: of the line features at each marker [rad], None where only positions are known.
     """
 
     position: Float[np.ndarray, "m d"]
@@ -59,6 +60,7 @@ class Row(NamedTuple):
     flaw: str = ""
     imprint: float = float("nan")
     imprint_error: float = float("nan")
+    rotation: Float[np.ndarray, " m"] | None = None
 
     @classmethod
     def of_none(cls, picture: Picture, shape: tuple[int, int], flaw: str) -> "Row":

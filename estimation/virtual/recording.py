@@ -154,7 +154,7 @@ def simulate_pivot(
     load = np.r_[np.zeros(unloaded), np.arange(1, pressing + 1) / pressing, np.ones(len(twist))]
     twist = np.r_[np.full(unloaded, np.nan), np.zeros(pressing), twist]
     layout = lay_out_markers(model)
-    positions, truth = _deform(model, layout, load, twist)
+    positions, truth = deform(model, layout, load, twist)
     force = np.zeros((len(load), 3))
     force[:, 2] = -_normal_force(model, load)
     camera = Camera((model.noise, model.normal_noise), rate, dropped, jitter, noise_window, seed)
@@ -208,7 +208,7 @@ def simulate_frame(
         The markers, the frame, and the markers that stick.
     """
     layout = lay_out_markers(model)
-    positions, truth = _deform(model, layout, np.ones(1), np.array([angle]))
+    positions, truth = deform(model, layout, np.ones(1), np.array([angle]))
     positions = positions[0] + rng.normal(size=positions[0].shape) * _noise_scale(model)
     frame = Frame(
         positions=positions,
@@ -235,7 +235,7 @@ def lay_out_markers(model: PivotModel) -> MarkerLayout:
     )
 
 
-def _deform(
+def deform(
     model: PivotModel,
     layout: MarkerLayout,
     load: Float[np.ndarray, " frames"],
@@ -244,9 +244,9 @@ def _deform(
     """Positions without noise, and the truth, for loads (share of the approach) and twists."""
     points = layout.reference[:, :2]
     r = np.hypot(points[:, 0], points[:, 1])
-    turned, stick_radius, moment = _twist(model, r, np.nan_to_num(twist))
+    turned, stick_radius, moment = twist_rotation(model, r, np.nan_to_num(twist))
     radius = model.contact_radius * np.sqrt(load)[:, None]
-    depth, stretch = _press(model, r, load)
+    depth, stretch = press_depth(model, r, load)
     surface = stretch[..., None] * _turn(points, turned)
     held = (1.0 + model.stiffness_ratio) * turned  # of the object, had it stuck
     slip = _turn(points, np.nan_to_num(twist)[:, None]) - _turn(points, held)
@@ -277,7 +277,7 @@ def _turn(
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
-def _twist(
+def twist_rotation(
     model: PivotModel, r: Float[np.ndarray, " n"], twist: Float[np.ndarray, " frames"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotation of the elastomer at each radius, stick radius and moment, along a path of twists."""
@@ -316,7 +316,7 @@ def _twist(
     )
 
 
-def _press(
+def press_depth(
     model: PivotModel, r: Float[np.ndarray, " n"], load: Float[np.ndarray, " frames"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth of each point [mm], and the factor by which its radius has changed [-]."""

@@ -1,0 +1,216 @@
+"""X-corners followed from picture to picture, each picture placed in the reference by itself."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, Int, Shaped
+
+from estimation.images.board import Board, Cells, connect_corners, read_cells
+from estimation.images.corners import Corners, CornerStyle, find_corners
+from estimation.images.lattice import Lattice, fit_lattice
+from estimation.images.placing import SMALLEST, Plan, place_board
+
+PITCHES = (23.0, 15.0, 10.0, 34.0)
+"""Distances between corners that are tried [px]."""
+FEWEST = 12
+"""Corners in one piece from which a picture counts as one of a checkerboard."""
+COVERED = 0.2
+"""Share of the picture that they must cover."""
+LOST = 0.3
+"""Share of the reference's corners below which a picture counts as not recognised."""
+RESTS = 0.95
+"""Share of the corners on a regular lattice from which a picture counts as unloaded."""
+
+
+class Seen(NamedTuple):
+    """The reference's corners as they are in a picture; NaN where not seen.
+
+    Attributes:
+        position: of each [px].
+        variance: of it per coordinate [px²].
+        heading: directions of the edges along the two lattice coordinates [rad].
+        heading_variance: of the mean of the two [rad²].
+        flaw: why the picture cannot be used, empty where it can.
+    """
+
+    position: Float[np.ndarray, "m 2"]
+    variance: Float[np.ndarray, " m"]
+    heading: Float[np.ndarray, "m 2"]
+    heading_variance: Float[np.ndarray, " m"]
+    flaw: str = ""
+
+
+class CornerTracker:
+    """Says where the corners of the reference are, picture by picture.
+
+    Attributes:
+        style: what the corners look like.
+        plan: the reference.
+        rest: the corners in it.
+        note: what the reference is, in a sentence.
+    """
+
+    def __init__(self, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False) -> None:
+        """Learn corners and reference from a picture.
+
+        Args:
+            picture: of the sensor.
+            unloaded: it is known to be unloaded.
+
+        Raises:
+            ValueError: there is no checkerboard in it.
+        """
+        grey = to_light(picture)
+        self.style = find_corner_style(grey)
+        corners, board, pieces = self._look(grey)
+        cells = pieces[0]
+        index = np.argwhere(cells.corner >= 0)
+        members = cells.corner[tuple(index.T)]
+        number = np.full(cells.corner.shape, -1)
+        number[tuple(index.T)] = np.arange(len(index))
+        taken, turn = corners.take(members), board.turn[members]
+        self.rest, self.note = _rest(taken, turn, index, unloaded)
+        self.plan = Plan(
+            cells=cells._replace(corner=number),
+            position=self.rest.position,
+            heading=self.rest.heading[:, 0],
+            pitch=self.style.pitch,
+        )
+
+    def find(self, picture: Shaped[np.ndarray, "h w *colour"]) -> Seen:
+        """The reference's corners in the next picture."""
+        corners, board, pieces = self._look(to_light(picture))
+        placed = place_board(self.plan, corners, board, pieces)
+        here = placed.corner >= 0
+        flaw = ""
+        if here.sum() < max(LOST * len(here), SMALLEST):
+            flaw = f"only {here.sum()} of {len(here)} corners were recognised"
+            if placed.left_out:
+                flaw += f"; {placed.left_out} lie in pieces whose place cannot be told"
+            here[:] = False
+        seen = _seen(corners.take(placed.corner[here]), placed.turn[here])
+        everywhere = [np.full((len(here), *part.shape[1:]), np.nan) for part in seen[:4]]
+        for whole, part in zip(everywhere, seen[:4], strict=True):
+            whole[here] = part
+        position, variance, heading, heading_variance = everywhere
+        return Seen(position, variance, heading, heading_variance, flaw)
+
+    def describe(self) -> str:
+        """What the pattern looks like, and what identities rest on, in sentences."""
+        what = (
+            f"{len(self.plan.position)} x-corners, {self.plan.pitch:.1f} px apart, "
+            f"blur {self.style.blur:.2f} px. "
+        )
+        if self.plan.coded:
+            return what + "The cells carry a code: each piece of the pattern tells its own place."
+        return what + (
+            "The cells carry no code: the pattern repeats, and its place is told by the corners "
+            "that rest. A jump of the whole view by two cells between pictures could not be seen."
+        )
+
+    def _look(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Corners, Board, list[Cells]]:
+        corners = find_corners(grey, self.style)
+        board = connect_corners(corners, self.style.pitch)
+        sizes = np.bincount(board.piece[board.piece >= 0], minlength=1)
+        pieces = [
+            read_cells(grey, corners, board, int(piece))
+            for piece in np.flatnonzero(sizes >= SMALLEST)
+        ]
+        return corners, board, pieces
+
+
+def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w"]:
+    """Grey level of a picture, 0 to 255."""
+    if picture.ndim == 3:
+        picture = cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_BGR2GRAY)
+    scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
+    return picture.astype(np.float32) * np.float32(scale)
+
+
+def find_corner_style(grey: Float32[np.ndarray, "h w"]) -> CornerStyle:
+    """Pitch and blur of the checkerboard in a picture.
+
+    Raises:
+        ValueError: there is none.
+    """
+    best, most = None, 0
+    for pitch in PITCHES:
+        style: CornerStyle | None = CornerStyle(pitch)
+        for _ in range(2):
+            style = style and _refined(grey, style)
+        if style is None:
+            continue
+        corners = find_corners(grey, style)
+        count = len(corners.position)
+        hull = cv2.convexHull(corners.position.astype(np.float32)) if count else None
+        if hull is not None and count > most and cv2.contourArea(hull) > COVERED * grey.size:
+            best, most = style, count
+    if best is None:
+        raise ValueError(
+            "no checkerboard was found in the first usable frame: this sensor seems to have no "
+            "continuous marker pattern, or its corners are less than 8 px apart"
+        )
+    return best
+
+
+def _refined(grey: Float32[np.ndarray, "h w"], style: CornerStyle) -> CornerStyle | None:
+    """The style of the largest piece that another style finds, None where that is too small."""
+    corners = find_corners(grey, style)
+    board = connect_corners(corners, style.pitch)
+    whole = np.flatnonzero(board.piece == 0)
+    if len(whole) < FEWEST:
+        return None
+    pitch = _pitch(corners.position[whole], board.place[whole])
+    return CornerStyle(pitch, float(np.median(corners.blur[whole])))
+
+
+def _pitch(position: Float[np.ndarray, "n 2"], index: Int[np.ndarray, "n 2"]) -> float:
+    """Mean distance between lattice neighbours [px], by the area of a cell."""
+    terms = np.column_stack([np.ones(len(index)), index])
+    affine = np.linalg.lstsq(terms, position, rcond=None)[0][1:]
+    return float(np.sqrt(abs(np.linalg.det(affine))))
+
+
+def _seen(corners: Corners, turn: Int[np.ndarray, " n"]) -> Seen:
+    """Positions, and the edges along the lattice coordinates, of corners."""
+    rows = np.arange(len(turn))
+    directions = corners.directions
+    heading = np.stack([directions[rows, turn], directions[rows, (turn + 1) % 4]], axis=1)
+    return Seen(
+        position=corners.position,
+        variance=0.5 * np.einsum("nii->n", corners.covariance[:, :2, :2]),
+        heading=heading,
+        heading_variance=0.25 * corners.covariance[:, 2:, 2:].sum(axis=(1, 2)),
+    )
+
+
+def _rest(
+    corners: Corners, turn: Int[np.ndarray, " m"], index: Int[np.ndarray, "m 2"], unloaded: bool
+) -> tuple[Seen, str]:
+    """The corners at rest, measured or on a lattice fitted to those that rest; and what it is."""
+    seen = _seen(corners, turn)
+    if unloaded:
+        return seen, "The reference is the frame that was given."
+    pitch = _pitch(corners.position, index)
+    fitted = fit_lattice(Lattice(np.arange(len(index)), index, pitch), corners.position)
+    if fitted.on.mean() > RESTS:
+        note = "The reference is an unloaded frame: its corners lie on a regular lattice."
+        return seen, note
+    if fitted.on.sum() < 15 or fitted.on.mean() < 0.3:
+        note = (
+            f"The clip starts loaded, and only {fitted.on.sum()} of {len(index)} corners lie on a "
+            "regular lattice: the first frame is the reference, and angles count from it."
+        )
+        return seen, note
+    place = fitted.place(index)
+    ahead = [
+        fitted.place(index + step) - fitted.place(index - step) for step in np.eye(2, dtype=int)
+    ]
+    heading = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in ahead], axis=1)
+    none = np.zeros(len(index))
+    note = (
+        f"The clip starts loaded: the reference is a regular lattice through {fitted.on.sum()} of "
+        f"{len(index)} corners of the first frame, those away from contact."
+    )
+    return Seen(place, none, heading, none), note

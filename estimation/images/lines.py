@@ -1,0 +1,90 @@
+"""Rotation of the line features at a marker: of its own edges, of the lines to its neighbours.
+
+[Li2024] Fig. 5(a) takes the edges through an x-corner, Fig. 5(b) the lines between markers. The
+first are local, the second longer and so more precise; both are taken here, each with the weight
+that its variance gives it.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting".
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+class Rotation(NamedTuple):
+    """Mean rotation of two lines at each marker.
+
+    Attributes:
+        angle: φ [rad, from x to y]; NaN where unknown.
+        variance: of it [rad²]; infinite where unknown.
+    """
+
+    angle: Float[np.ndarray, " m"]
+    variance: Float[np.ndarray, " m"]
+
+
+def rotation_of_edges(
+    rest: Float[np.ndarray, "m 2"],
+    now: Float[np.ndarray, "m 2"],
+    variance: Float[np.ndarray, " m"],
+) -> Rotation:
+    """Mean rotation of both edges through each corner.
+
+    Args:
+        rest: directions of the two edges at rest [rad].
+        now: their directions now [rad]; NaN where not seen.
+        variance: of the mean of the two, at rest and now together [rad²].
+    """
+    angle = _mean(now - rest)
+    return Rotation(angle, np.where(np.isfinite(angle), variance, np.inf))
+
+
+def rotation_of_lines(
+    neighbours: Int[np.ndarray, "m 4"],
+    rest: Float[np.ndarray, "m 2"],
+    now: Float[np.ndarray, "m 2"],
+    variance: Float[np.ndarray, " m"],
+) -> Rotation:
+    """Mean rotation of the two lines through each marker's opposite neighbours.
+
+    A line ends at the marker itself where a neighbour is not seen.
+
+    Args:
+        neighbours: of each marker, those of a line one after the other; −1 for none.
+        rest: positions at rest.
+        now: positions now; NaN where not seen.
+        variance: of each marker's position per coordinate, at rest and now together.
+    """
+    itself = np.arange(len(rest))
+    seen = (neighbours >= 0) & np.isfinite(now[neighbours, 0])
+    ends = np.where(seen, neighbours, itself[:, None]).reshape(-1, 2, 2)
+    complex_rest, complex_now = (points @ np.array([1.0, 1.0j]) for points in (rest, now))
+    before = complex_rest[ends[..., 1]] - complex_rest[ends[..., 0]]
+    after = complex_now[ends[..., 1]] - complex_now[ends[..., 0]]
+    there = np.abs(before) > 0
+    turned = np.where(there, np.angle(after * np.conj(before)), np.nan)
+    length = np.where(there & np.isfinite(after), np.abs(after), np.nan)
+    angle = _mean(turned)
+    spread = 0.25 * (variance[ends].sum(axis=-1) / length**2).sum(axis=1)
+    return Rotation(angle, np.where(np.isfinite(angle), spread, np.inf))
+
+
+def fuse_rotations(one: Rotation, other: Rotation) -> Rotation:
+    """The mean of two independent measurements, weighted by their variances."""
+    weights = np.stack([1.0 / one.variance, 1.0 / other.variance])
+    total = weights.sum(axis=0)
+    known = total > 0
+    total = np.where(known, total, 1.0)
+    apart = np.angle(np.exp(1j * (other.angle - one.angle)))
+    both = one.angle + weights[1] / total * apart
+    angle = np.where(weights[0] == 0, other.angle, np.where(weights[1] == 0, one.angle, both))
+    return Rotation(np.where(known, angle, np.nan), np.where(known, 1.0 / total, np.inf))
+
+
+def _mean(turned: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:
+    """Mean of two angles that are less than half a turn apart."""
+    between = np.angle(np.exp(1j * (turned[:, 1] - turned[:, 0])))
+    return np.angle(np.exp(1j * (turned[:, 0] + 0.5 * between)))

@@ -1,0 +1,102 @@
+"""Recordings from pictures of a continuous marker pattern: a checkerboard's x-corners."""
+
+import numpy as np
+from jaxtyping import Int
+
+from estimation.images.board import STEP
+from estimation.images.contact import region_of_dispersion
+from estimation.images.corner_tracking import CornerTracker, Seen
+from estimation.images.lattice import Reference
+from estimation.images.lines import Rotation, fuse_rotations, rotation_of_edges, rotation_of_lines
+from estimation.images.placing import Plan
+from estimation.recording import MarkerLayout
+from estimation.sensor import Sensor
+from estimation.sources.markers import ImageSettings, MarkerReader, Row
+from estimation.sources.pictures import Picture
+
+
+class CornerReader(MarkerReader):
+    """Turns pictures of a checkerboard, one after the other, into marker positions."""
+
+    def __init__(self, first: Picture, settings: ImageSettings) -> None:
+        """Learn corners and reference from a picture.
+
+        Raises:
+            ValueError: there is no checkerboard in it.
+        """
+        assert first.image is not None
+        self.sensor = settings.sensor
+        self.tracker = CornerTracker(first.image, unloaded=settings.unloaded is not None)
+        plan = self.tracker.plan
+        self.rest = straighten(self.sensor, self.tracker.rest)
+        self.scale, self.unit = settings.scale, settings.unit
+        self.neighbours = lattice_neighbours(plan.cells.corner)
+        self.layout = lay_out(plan, settings.scale * self.rest.position)
+        around = np.full((len(plan.position), 0), -1)
+        self.reference = Reference(
+            self.rest.position, self.layout.neighbours, around, plan.pitch, self.tracker.note
+        )
+
+    def read(self, picture: Picture) -> Row:
+        """Positions, contact and rotation of the line features in the next picture."""
+        shape = self.reference.position.shape
+        if picture.flaw or picture.image is None:
+            return Row.of_none(picture, shape, picture.flaw or "no picture")
+        seen = straighten(self.sensor, self.tracker.find(picture.image))
+        if seen.flaw:
+            return Row.of_none(picture, shape, seen.flaw)
+        displacement = seen.position - self.reference.position
+        return Row(
+            position=seen.position,
+            contact=region_of_dispersion(self.reference, displacement),
+            time=picture.time,
+            number=picture.number,
+            rotation=measure_rotation(self.neighbours, self.rest, seen).angle,
+        )
+
+    def notes(self) -> tuple[str, ...]:
+        """What the pattern looks like, what the reference is, and what identities rest on."""
+        return (
+            self.tracker.describe(),
+            self.reference.note,
+            "The contact region is found by the dispersion of the translation field.",
+        )
+
+
+def straighten(sensor: Sensor, seen: Seen) -> Seen:
+    """Corners and their edges as they would be without the lens's distortion."""
+    if sensor.lens is None:
+        return seen
+    position = sensor.straighten(seen.position)
+    ahead = [
+        sensor.straighten(seen.position + np.stack([np.cos(one), np.sin(one)], axis=1)) - position
+        for one in seen.heading.T
+    ]
+    heading = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in ahead], axis=1)
+    return seen._replace(position=position, heading=heading)
+
+
+def lattice_neighbours(corner: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "m 4"]:
+    """Neighbours of each corner, those before and after it along a line side by side."""
+    padded = np.pad(corner, 1, constant_values=-1)
+    at = np.argwhere(corner >= 0) + 1
+    around = [padded[tuple((at + step).T)] for step in STEP[[2, 0, 3, 1]]]
+    neighbours = np.full((len(at), 4), -1)
+    neighbours[corner[tuple((at - 1).T)]] = np.stack(around, axis=1)
+    return neighbours
+
+
+def lay_out(plan: Plan, reference: np.ndarray) -> MarkerLayout:
+    """The corners at rest, as a recording has them."""
+    corner = plan.cells.corner
+    shape = (int(corner.shape[0]), int(corner.shape[1])) if (corner >= 0).all() else None
+    return MarkerLayout(reference, lattice_neighbours(corner), shape)
+
+
+def measure_rotation(neighbours: Int[np.ndarray, "m 4"], rest: Seen, now: Seen) -> Rotation:
+    """Rotation of the edges and of the lines to the neighbours, fused by their variances."""
+    edges = rotation_of_edges(
+        rest.heading, now.heading, rest.heading_variance + now.heading_variance
+    )
+    lines = rotation_of_lines(neighbours, rest.position, now.position, rest.variance + now.variance)
+    return fuse_rotations(edges, lines)

@@ -1,0 +1,194 @@
+"""X-corners: the fit of a saddle and the two-ring detector beside what no estimator can do better.
+
+Pictures of 400 corners, the pattern laid and turned at random. Two bounds are shown: of a square
+window of 19 px with blur, contrast and grey level unknown, and of the fit's own window and nine
+unknowns, a sloping background, the pixels' width and rounding included.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+from scipy.spatial import KDTree
+from scipy.special import erf
+
+from estimation.images.corners import ROUND, CornerStyle, fit_corners
+from estimation.images.pattern import CornerTruth, Pattern, project_corners, render_pattern
+from estimation.images.render import Camera
+from estimation.images.rings import find_saddles, read_rings
+from papers.marker_images import settings
+
+METHODS = ("saddle fit", "two rings")
+
+
+class CornerErrors(NamedTuple):
+    """Errors of each method at each noise; NaN where a corner was not found.
+
+    Attributes:
+        position: measured minus true, of x and y [px].
+        angle: of the mean of both edges [rad].
+        claimed: standard deviations that the fit claims, of a coordinate [px] and that angle [rad].
+    """
+
+    position: Float[np.ndarray, "noises methods corners 2"]
+    angle: Float[np.ndarray, "noises methods corners"]
+    claimed: Float[np.ndarray, "noises corners 2"]
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> CornerErrors:
+    """Render and measure.
+
+    Args:
+        quick: one picture for each noise.
+        track: wraps the outer loop, to show progress.
+    """
+    rng = np.random.default_rng(0)
+    pictures = settings.QUICK_CORNER_PICTURES if quick else settings.CORNER_PICTURES
+    style = CornerStyle(settings.PITCH)
+    found = []
+    for noise, _ in track([(n, p) for n in settings.NOISES for p in range(pictures)]):
+        camera = Camera(noise=noise, blur=settings.BLUR, contrast=settings.CONTRAST)
+        pattern = Pattern((20, 20), settings.PITCH * camera.mm_per_px)
+        turn = np.exp(1j * rng.uniform(-0.1, 0.1))
+        shift = camera.mm_per_px * rng.uniform(-0.5, 0.5, 2)
+
+        def project(points, camera=camera, turn=turn, shift=shift):
+            turned = points @ np.array([1.0, 1.0j]) * turn
+            return camera.project(np.stack([turned.real, turned.imag], axis=1) + shift)
+
+        truth = project_corners(project, pattern)
+        grey = render_pattern(camera, project, pattern, rng).astype(np.float32)
+        rings = read_rings(grey, find_saddles(grey, style.radius).astype(float), style.radius)
+        rings = rings.take(rings.good)
+        fitted = fit_corners(grey, rings, style)
+        variance = np.stack(
+            [fitted.covariance[:, 0, 0], 0.25 * fitted.covariance[:, 2:, 2:].sum(axis=(1, 2))]
+        )
+        nearest = KDTree(fitted.position).query(truth.position)[1]
+        found.append(
+            (
+                *_errors(truth, fitted.position, fitted.angles),
+                *_errors(truth, rings.position, rings.angles),
+                np.sqrt(variance.T)[nearest],
+            )
+        )
+    saddle, angle, ring, ring_angle, claimed = (
+        np.stack(one).reshape(len(settings.NOISES), pictures * 400, *one[0].shape[1:])
+        for one in zip(*found, strict=True)
+    )
+    return CornerErrors(
+        np.stack([saddle, ring], axis=1), np.stack([angle, ring_angle], axis=1), claimed
+    )
+
+
+def _errors(
+    truth: CornerTruth, position: Float[np.ndarray, "n 2"], angles: Float[np.ndarray, "n 2"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the corners next to the true ones; NaN where there is none within 1 px."""
+    distance, nearest = KDTree(position).query(truth.position)
+    off = position[nearest] - truth.position
+    rising, falling = angles[nearest].T
+    mean = rising + 0.5 * ((falling - rising) % np.pi)
+    turned = (mean - truth.angles.mean(axis=1) + np.pi / 4) % (np.pi / 2) - np.pi / 4
+    missing = np.asarray(distance) > 1.0
+    return np.where(missing[:, None], np.nan, off), np.where(missing, np.nan, turned)
+
+
+def corner_limit(
+    noise: float,
+    window: Bool[np.ndarray, "side side"],
+    blur: float,
+    contrast: float,
+    sloping: bool,
+) -> tuple[float, float]:
+    """Cramér–Rao bound of a corner with edges along the pixels' rows and columns.
+
+    Unknown are position, both angles, blur, contrast and grey level, and its slope if there is one.
+
+    Args:
+        noise: of each pixel, white [grey levels].
+        window: the pixels that are used, the corner in their middle.
+        blur: standard deviation of the point spread [px].
+        contrast: of bright and dark [grey levels].
+        sloping: whether the background has an unknown slope.
+
+    Returns:
+        Standard deviations of a coordinate [px], and of the mean of both angles [rad].
+    """
+    half = len(window) // 2
+    y, x = (one[window] for one in np.mgrid[-half : half + 1, -half : half + 1])
+
+    def model(p: np.ndarray) -> np.ndarray:
+        edges = [
+            (np.cos(a) * (y - p[1]) - np.sin(a) * (x - p[0])) / (np.sqrt(2.0) * p[4])
+            for a in p[2:4]
+        ]
+        return p[5] * erf(edges[0]) * erf(edges[1]) + p[6] + p[7] * x + p[8] * y
+
+    at = np.array([0.0, 0.0, 0.0, np.pi / 2, blur, 0.5 * contrast, 0.0, 0.0, 0.0])
+    step = 1e-5
+    columns = [
+        (model(at + step * one) - model(at - step * one)) / (2.0 * step)
+        for one in np.eye(9)[: 9 if sloping else 7]
+    ]
+    covariance = noise**2 * np.linalg.inv(np.array(columns) @ np.array(columns).T)
+    return float(np.sqrt(covariance[0, 0])), float(np.sqrt(0.25 * covariance[2:4, 2:4].sum()))
+
+
+def limits(noise: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Bounds of position [px] and angle [rad]: of the plain square window, and of the fit's own."""
+    half = int(CornerStyle(settings.PITCH).radius)
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    own = np.hypot(x, y) <= ROUND * CornerStyle(settings.PITCH).radius
+    exact_blur, exact_noise = np.sqrt(settings.BLUR**2 + 1.0 / 12.0), np.sqrt(noise**2 + 1.0 / 12.0)
+    return (
+        corner_limit(noise, np.ones_like(own), settings.BLUR, settings.CONTRAST, sloping=False),
+        corner_limit(exact_noise, own, exact_blur, settings.CONTRAST, sloping=True),
+    )
+
+
+def tables(result: CornerErrors) -> dict[str, list[dict[str, object]]]:
+    """One row per noise and method."""
+    rows = []
+    for n, noise in enumerate(settings.NOISES):
+        square, own = limits(noise)
+        for m, method in enumerate(METHODS):
+            off, turned = result.position[n, m], result.angle[n, m]
+            seen = np.isfinite(turned)
+            position, angle = float(np.std(off[seen])), float(np.std(turned[seen]))
+            claimed = np.sqrt(np.mean(result.claimed[n][seen] ** 2, axis=0))
+            rows.append(
+                {
+                    "noise": noise,
+                    "method": method,
+                    "found [%]": round(100.0 * float(seen.mean()), 2),
+                    "position [px]": round(position, 4),
+                    "bias [px]": round(float(np.abs(off[seen].mean(axis=0)).max()), 5),
+                    "claimed [px]": round(float(claimed[0]), 4) if m == 0 else None,
+                    "square's bound [px]": round(square[0], 4),
+                    "own bound [px]": round(own[0], 4),
+                    "angle [°]": round(float(np.degrees(angle)), 4),
+                    "claimed [°]": round(float(np.degrees(claimed[1])), 4) if m == 0 else None,
+                    "square's bound [°]": round(float(np.degrees(square[1])), 4),
+                    "own bound [°]": round(float(np.degrees(own[1])), 4),
+                }
+            )
+    return {"": rows}
+
+
+def plot(result: CornerErrors) -> Figure:
+    """Distribution of the errors of position and angle, both methods, each noise."""
+    figure, axes = plt.subplots(2, len(settings.NOISES), figsize=(9, 6), layout="constrained")
+    for n, noise in enumerate(settings.NOISES):
+        for m, method in enumerate(METHODS):
+            off, turned = result.position[n, m].ravel(), np.degrees(result.angle[n, m])
+            axes[0, n].hist(off[np.isfinite(off)], 80, histtype="step", density=True, label=method)
+            turned = turned[np.isfinite(turned)]
+            axes[1, n].hist(turned, 80, histtype="step", density=True, label=method)
+        axes[0, n].set(title=f"noise {noise:g} levels", xlabel="position error [px]")
+        axes[1, n].set_xlabel("angle error [°]")
+    axes[0, 0].legend()
+    return figure
