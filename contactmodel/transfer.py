@@ -35,12 +35,13 @@ class ScalarTransfer(NamedTuple):
 
     Attributes:
         stiffness_ratio: k [-].
-        load: L_yx − L_xy, counter-clockwise: the object turns by (1 + k) φ + load/2 [rad].
+        load_term: L = L_xy − L_yx, in the paper's sign as everywhere: the object turns by
+            (1 + k) φ − L/2, counter-clockwise [rad].
         residual: root mean square of what they leave of the object's rotation [rad].
     """
 
     stiffness_ratio: Float[Array, ""]
-    load: Float[Array, ""]
+    load_term: Float[Array, ""]
     residual: Float[Array, ""]
 
 
@@ -66,4 +67,4 @@ def fit_scalar_transfer(
     mean = jnp.sum(weight * rest) / count
     spread = jnp.sum(weight * (rest - mean) ** 2) / count
     root = jnp.sqrt(jnp.where(spread > 0.0, spread, 1.0)) * (spread > 0.0)
-    return ScalarTransfer(k, 2.0 * mean, root)
+    return ScalarTransfer(k, -2.0 * mean, root)

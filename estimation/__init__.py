@@ -13,7 +13,7 @@ from estimation.plots import plot_angles, plot_grasp, plot_maps, plot_overview
 from estimation.recording import Frame, MarkerLayout, Recording, layout_markers
 from estimation.result import Estimate, Result, State
 from estimation.sensor import Elastomer, Lens, Sensor, read_sensor, write_sensor
-from estimation.softness import ScalarSoftness, read_softness
+from estimation.softness import ScalarSoftness, Softness, read_softness, write_softness
 from estimation.sources import ImageSettings, find_recordings, read_recording, write_archive
 from estimation.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
@@ -34,6 +34,7 @@ __all__ = [
     "Result",
     "ScalarSoftness",
     "Sensor",
+    "Softness",
     "State",
     "Tracker",
     "Truth",
@@ -54,4 +55,5 @@ __all__ = [
     "simulate_pivot",
     "write_archive",
     "write_sensor",
+    "write_softness",
 ]

@@ -17,7 +17,6 @@ from estimation.margin import last_branch
 from estimation.recording import Recording
 from estimation.result import Result, State
 from estimation.slip import find_slip_curl
-from estimation.softness import ScalarSoftness
 
 STATE_COLOURS = {
     State.NO_CONTACT: "#e6e6e6",
@@ -81,16 +80,13 @@ def plot_angles(
     return figure
 
 
-def plot_maps(
-    recording: Recording, result: Result, frames: Sequence[int], softness: ScalarSoftness
-) -> Figure:
+def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Figure:
     """Rotation, stick and slip, and curl of the slip at chosen frames, seen from the object.
 
     Args:
         recording: the recording.
         result: of one method.
         frames: rows of the recording.
-        softness: that the result was corrected for.
     """
     figure, axes = plt.subplots(
         3, len(frames), figsize=(2.1 * len(frames) + 1.0, 7.0), squeeze=False, layout="constrained"
@@ -98,8 +94,7 @@ def plot_maps(
     shown = result.contact[frames]
     rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
     rotation_scale = _colour_scale(rotation)
-    k, load_term = softness.stiffness_ratio, softness.load_term
-    curl = np.stack([find_slip_curl(result, i, k, load_term) for i in frames])
+    curl = np.stack([find_slip_curl(result, i) for i in frames])
     curl_scale = _colour_scale(curl)
     x, y = recording.layout.reference[:, 0], recording.layout.reference[:, 1]
     for column, i in enumerate(frames):

@@ -167,6 +167,7 @@ class Frame:
         time: time stamp [s].
         source_index: number the source gave the frame.
         moment: moment about the contact normal [N·mm], NaN where unknown.
+        normal_force: pressing force [N], NaN where unknown.
         flaw: why the frame cannot be used, empty where it can.
         contact: the contact region, where the source knows it; else the displacements tell.
         imprint: rotation of what the object prints through the gel, and its standard error [rad];
@@ -183,6 +184,7 @@ class Frame:
     time: float
     source_index: int
     moment: float = float("nan")
+    normal_force: float = float("nan")
     flaw: str = ""
     contact: Bool[np.ndarray, " n"] | None = None
     imprint: tuple[float, float] = (float("nan"), float("nan"))
@@ -296,6 +298,7 @@ class Recording:
                 time=float(self.time[i]),
                 source_index=int(self.source_index[i]),
                 moment=float("nan") if self.moment is None else float(self.moment[i, 2]),
+                normal_force=float("nan") if self.force is None else -float(self.force[i, 2]),
                 flaw=self.flaws[i] if self.flaws else "",
                 contact=None if self.contact is None else self.contact[i],
                 imprint=(np.nan, np.nan)

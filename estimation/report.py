@@ -30,7 +30,6 @@ from estimation.plots import (
 )
 from estimation.recording import Recording
 from estimation.result import Result, State
-from estimation.softness import ScalarSoftness
 from estimation.virtual.recording import Truth
 
 FIRM_MARKERS = 10
@@ -90,10 +89,9 @@ def write_run(run: Run, folder: Path) -> None:
         references["contact outline (from the first angle)"] = _outline_from(run.outline, main)
     if run.truth is not None:
         references["truth"] = run.truth.angle
-    softness = ScalarSoftness(run.settings["stiffness_ratio"], run.settings["load_term_rad"])
     pictures = {
         "angles.png": plot_angles(run.results, run.method, references),
-        "maps.png": plot_maps(run.recording, main, choose_frames(main), softness),
+        "maps.png": plot_maps(run.recording, main, choose_frames(main)),
     }
     images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():

@@ -40,6 +40,9 @@ class Estimate(NamedTuple):
         rotation: φ of each marker [rad]; NaN where unknown.
         contact: markers of the contact region.
         stick: markers that stick.
+        stiffness_ratio: k that the angle was corrected with [-].
+        load_term: L that it was corrected with [rad].
+        covered: whether the softness holds for a contact like this one.
     """
 
     time: float
@@ -53,6 +56,9 @@ class Estimate(NamedTuple):
     rotation: Float[np.ndarray, " n"]
     contact: Bool[np.ndarray, " n"]
     stick: Bool[np.ndarray, " n"]
+    stiffness_ratio: float = 0.0
+    load_term: float = 0.0
+    covered: bool = True
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,9 @@ class Result:
         rotation: φ of each marker [rad]; NaN where unknown.
         contact: markers of the contact region.
         stick: markers that stick.
+        stiffness_ratio: k that each angle was corrected with [-].
+        load_term: L that it was corrected with [rad].
+        covered: frames for which the softness holds.
     """
 
     method: str
@@ -86,6 +95,9 @@ class Result:
     rotation: Float[np.ndarray, "frames n"]
     contact: Bool[np.ndarray, "frames n"]
     stick: Bool[np.ndarray, "frames n"]
+    stiffness_ratio: Float[np.ndarray, " frames"]
+    load_term: Float[np.ndarray, " frames"]
+    covered: Bool[np.ndarray, " frames"]
 
     @classmethod
     def gather(cls, method: str, estimates: Sequence[Estimate]) -> "Result":

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.progress import Progress
 
+from contactmodel.rotation import object_rotation
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS
@@ -19,7 +20,7 @@ from estimation.outline import follow_outline
 from estimation.recording import Recording
 from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_overview, write_run
 from estimation.result import Estimate, Result, State
-from estimation.softness import ScalarSoftness
+from estimation.softness import Softness
 from estimation.sources import ImageSettings, find_recordings, read_recording
 from estimation.sources.pictures import is_pictures
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
@@ -45,7 +46,7 @@ class Settings:
     """
 
     method: str = DEFAULT_METHOD
-    softness: ScalarSoftness = RIGID_OBJECT
+    softness: Softness = RIGID_OBJECT
     noise: Noise | None = None
     seed: int = 0
     onset_mm: float = ONSET_MM
@@ -193,6 +194,7 @@ def _put_together(
     columns = zip(prepared.trackers, zip(*estimates, strict=True), strict=True)
     results = {method: Result.gather(method, column) for method, column in columns}
     notes += _reference_notes(results[settings.method])
+    notes += _softness_notes(results[settings.method])
     noise = prepared.noise
     return Run(
         recording=recording,
@@ -205,9 +207,7 @@ def _put_together(
                 None if noise is None else round(1e3 * noise.in_plane, 4)
             ),
             "noise_from": "given" if settings.noise else "recording" if noise else "misfit",
-            "stiffness_ratio": settings.softness.stiffness_ratio,
-            "load_term_rad": settings.softness.load_term,
-            "softness_covariance": [list(row) for row in settings.softness.covariance],
+            "softness": settings.softness.content(),
             "onset_mm": settings.onset_mm,
             "contact_share": settings.contact_share,
             "stick_share": settings.stick_share,
@@ -228,7 +228,8 @@ def _reference_notes(result: Result) -> tuple[str, ...]:
     if states[0] != State.NO_CONTACT:
         start = "There is contact from the first usable frame on: "
         first = next(i for i, state in enumerate(result.state) if state != State.UNKNOWN)
-        if result.angle[first] == 0.0:
+        zero = object_rotation(0.0, result.stiffness_ratio[first], result.load_term[first])
+        if result.angle[first] == zero:
             return (
                 start + "it had already slipped against the unloaded reference shape, so angles "
                 "are counted from that frame.",
@@ -239,6 +240,18 @@ def _reference_notes(result: Result) -> tuple[str, ...]:
             "them.",
         )
     return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
+
+
+def _softness_notes(result: Result) -> tuple[str, ...]:
+    """Where the object's softness is told beyond the contacts that it was found on."""
+    beyond = int((result.answered & ~result.covered).sum())
+    if not beyond:
+        return ()
+    return (
+        f"{beyond} of {int(result.answered.sum())} angles are of contacts unlike those that the "
+        "softness was found on (turned further, pressed otherwise or of another size): they and "
+        "their intervals are extrapolated.",
+    )
 
 
 def _compare(runs: Sequence[Run], out: Path) -> list[str]:

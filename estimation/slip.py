@@ -11,9 +11,7 @@ from contactmodel.rotation import object_rotation, slip_curl_of_rotation
 from estimation.result import Result, State
 
 
-def find_slip_curl(
-    result: Result, frame: int, stiffness_ratio: float = 0.0, load_term: float = 0.0
-) -> Float[np.ndarray, " n"]:
+def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
     """rot(s) at each marker since the angle has been counted ([Li2024] Eq. 9) [rad].
 
     The object's angle is the estimated one. What sticks now is no measure of it: after a reversal
@@ -23,13 +21,13 @@ def find_slip_curl(
     Args:
         result: of one method.
         frame: row of the recording.
-        stiffness_ratio: k of the result's softness [-].
-        load_term: L of the result's softness [rad].
 
     Returns:
         NaN outside the contact region and where the angle is unknown.
     """
-    start = _counted_from(result, frame, float(object_rotation(0.0, stiffness_ratio, load_term)))
+    stiffness_ratio = float(result.stiffness_ratio[frame])
+    load_term = float(result.load_term[frame])
+    start = _counted_from(result, frame)
     rotation = result.rotation[frame] - (0.0 if start is None else result.rotation[start])
     curl = slip_curl_of_rotation(
         rotation, stiffness_ratio, load_term, clockwise=-float(result.angle[frame])
@@ -37,11 +35,12 @@ def find_slip_curl(
     return np.where(result.contact[frame], np.asarray(curl), np.nan)
 
 
-def _counted_from(result: Result, frame: int, zero: float) -> int | None:
+def _counted_from(result: Result, frame: int) -> int | None:
     """The frame of this contact whose angle was set to zero; None for the unloaded shape."""
+    zero = np.asarray(object_rotation(0.0, result.stiffness_ratio, result.load_term))
     for i in range(frame, -1, -1):
         if result.state[i] == State.NO_CONTACT:
             return None
-        if result.angle[i] == zero:
+        if result.angle[i] == zero[i]:
             return i
     return None

@@ -1,19 +1,91 @@
 """Softness of the object: what Eq. (13) adds to the rotation of the elastomer.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
-Visuotactile Sensing During In-Hand Object Pivoting", Eq. (13).
+Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (2), (12) and (13).
+
+L is the paper's L_xy − L_yx everywhere in this project, so that counter-clockwise the object has
+turned by (1 + k) φ − L/2.
 """
 
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from contactmodel.rotation import object_rotation
 from estimation.estimators.measurement import Z95, Measurement
+from estimation.fields import Fields
+from estimation.files import toml_text, write_whole
 
 FORMAT_VERSION = 1
+Range = tuple[float, float]
+Covariance = tuple[tuple[float, float], tuple[float, float]]
+
+
+class Contact(NamedTuple):
+    """What a softness may ask about the contact of one frame.
+
+    Attributes:
+        fields: of the frame.
+        normal_force: pressing force [N]; NaN where the source does not have it.
+    """
+
+    fields: Fields
+    normal_force: float = float("nan")
+
+    @property
+    def radius(self) -> float:
+        """Radius of a disc whose points lie as far from their centre, root mean square [mm]."""
+        points = self.fields.positions[self.fields.contact, :2]
+        if not len(points):
+            return float("nan")
+        return float(np.sqrt(2.0 * np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+
+
+@runtime_checkable
+class Softness(Protocol):
+    """Turns the rotation of an elastomer into that of the object that sticks to it."""
+
+    @property
+    def stiffness_ratio(self) -> float:
+        """A typical k [-], for what must be known before there is a contact."""
+        ...
+
+    def at(self, contact: Contact) -> "ScalarSoftness":
+        """The k and L that stand for it in one contact.
+
+        Raises:
+            ValueError: the contact lacks what the softness needs to know.
+        """
+        ...
+
+    def content(self) -> dict[str, Any]:
+        """What stands in its file, `kind` first: plain values and tables of such."""
+        ...
+
+
+class Validity(NamedTuple):
+    """The contacts that a softness was found on, each as lowest and highest value.
+
+    Attributes:
+        rotation: φ of the elastomer [rad].
+        normal_force: [N].
+        contact_radius: of the contact region, see `Contact.radius` [mm].
+    """
+
+    rotation: Range = (-np.inf, np.inf)
+    normal_force: Range = (-np.inf, np.inf)
+    contact_radius: Range = (-np.inf, np.inf)
+
+    def covers(self, rotation: float, contact: Contact) -> bool:
+        """Whether a contact is like those; what is not known of it does not speak against it."""
+        values = (rotation, contact.normal_force, contact.radius)
+        return not any(
+            value < low or value > high for value, (low, high) in zip(values, self, strict=True)
+        )
 
 
 @dataclass(frozen=True)
@@ -22,8 +94,12 @@ class ScalarSoftness:
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
-        load_term: L = L_xy − L_yx [rad], in the paper's sign.
+        load_term: L = L_xy − L_yx [rad], in the paper's sign; per newton of the normal force
+            [rad/N] where `load_by_force`.
         covariance: of (k, L), row by row.
+        load_by_force: whether L grows in proportion to the normal force.
+        validity: the contacts that it was found on.
+        provenance: where it came from, for readers: recordings, reference, sensor, versions.
 
     Raises:
         ValueError: k below 0, or a covariance that is none.
@@ -31,7 +107,10 @@ class ScalarSoftness:
 
     stiffness_ratio: float = 0.0
     load_term: float = 0.0
-    covariance: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    covariance: Covariance = ((0.0, 0.0), (0.0, 0.0))
+    load_by_force: bool = False
+    validity: Validity = field(default_factory=Validity)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -51,6 +130,25 @@ class ScalarSoftness:
                 "without negative eigenvalues"
             )
 
+    def at(self, contact: Contact) -> "ScalarSoftness":
+        """Itself, or with L for the contact's normal force where it grows with that.
+
+        Raises:
+            ValueError: L grows with a force that is not known.
+        """
+        if not self.load_by_force:
+            return self
+        force = contact.normal_force
+        if not np.isfinite(force):
+            raise ValueError("the load term needs the normal force, which this frame does not have")
+        (kk, kl), (_, ll) = self.covariance
+        return ScalarSoftness(
+            self.stiffness_ratio,
+            self.load_term * force,
+            ((kk, kl * force), (kl * force, ll * force**2)),
+            validity=self.validity,
+        )
+
     def correct(self, gel: Measurement) -> tuple[float, float, float]:
         """The object's angle and the ends of its 95 % interval [rad, counter-clockwise].
 
@@ -64,12 +162,35 @@ class ScalarSoftness:
         above = np.hypot(gain * (gel.high - gel.angle), spread)
         return angle, float(angle - below), float(angle + above)
 
+    def content(self) -> dict[str, Any]:
+        """What stands in its file."""
+        return {
+            "kind": "scalar",
+            "stiffness_ratio": self.stiffness_ratio,
+            "load_term_rad": self.load_term,
+            "load_by_force": self.load_by_force,
+            "covariance": [list(row) for row in self.covariance],
+            "validity": _shown_validity(self.validity),
+            "provenance": dict(self.provenance),
+        }
 
-def read_softness(path: Path) -> ScalarSoftness:
+
+def write_softness(softness: Softness, path: Path) -> None:
+    """Write a softness as a file that `read_softness` reads.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write_whole(path, toml_text({"format_version": FORMAT_VERSION} | softness.content()))
+
+
+def read_softness(path: Path) -> Softness:
     """Read a softness file.
 
     A TOML file with `format_version = 1`, `stiffness_ratio` k [-] and, if known, `load_term_rad`
-    L [rad] and `covariance`, the 2×2 matrix of (k, L).
+    L [rad, or rad/N with `load_by_force = true`], `covariance`, the 2×2 matrix of (k, L), a table
+    `validity` with `rotation_deg`, `normal_force_N` and `contact_radius_mm`, each as lowest and
+    highest value, and a table `provenance` of anything that readers should know.
 
     Raises:
         OSError: the file cannot be read.
@@ -84,21 +205,61 @@ def read_softness(path: Path) -> ScalarSoftness:
         raise ValueError(
             f"{path}: format_version is {version}; this version reads {FORMAT_VERSION}"
         )
-    known = {"stiffness_ratio", "load_term_rad", "covariance"}
-    if unknown := sorted(set(content) - known):
-        raise ValueError(f"{path}: unknown key {unknown[0]!r}; known are {sorted(known)}")
-    if "stiffness_ratio" not in content:
-        raise ValueError(f"{path} has no stiffness_ratio: give k, 0 for a rigid object")
-    for name in known - {"covariance"}:
-        if isinstance(content.get(name), bool):
-            raise ValueError(f"{path}: {name} is {content[name]}; it must be a number")
+    kind = content.pop("kind", "scalar")
+    if kind not in READERS:
+        raise ValueError(f"{path}: no kind {kind!r} of softness; there are {', '.join(READERS)}")
     try:
-        rows = content.get("covariance", [[0.0, 0.0], [0.0, 0.0]])
-        (kk, kl), (lk, ll) = ((float(value) for value in row) for row in rows)
-        return ScalarSoftness(
-            stiffness_ratio=float(content["stiffness_ratio"]),
-            load_term=float(content.get("load_term_rad", 0.0)),
-            covariance=((kk, kl), (lk, ll)),
-        )
+        return READERS[kind](content)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _read_scalar(content: dict[str, Any]) -> ScalarSoftness:
+    known = {"stiffness_ratio", "load_term_rad", "load_by_force", "covariance"}
+    known |= {"validity", "provenance"}
+    if unknown := sorted(set(content) - known):
+        raise ValueError(f"unknown key {unknown[0]!r}; known are {sorted(known)}")
+    if "stiffness_ratio" not in content:
+        raise ValueError("no stiffness_ratio: give k, 0 for a rigid object")
+    for name in ("stiffness_ratio", "load_term_rad"):
+        if isinstance(content.get(name), bool):
+            raise ValueError(f"{name} is {content[name]}; it must be a number")
+    by_force = content.get("load_by_force", False)
+    if not isinstance(by_force, bool):
+        raise ValueError(f"load_by_force is {by_force!r}; it must be true or false")
+    rows = content.get("covariance", [[0.0, 0.0], [0.0, 0.0]])
+    (kk, kl), (lk, ll) = ((float(value) for value in row) for row in rows)
+    return ScalarSoftness(
+        stiffness_ratio=float(content["stiffness_ratio"]),
+        load_term=float(content.get("load_term_rad", 0.0)),
+        covariance=((kk, kl), (lk, ll)),
+        load_by_force=by_force,
+        validity=_read_validity(content.get("validity", {})),
+        provenance=dict(content.get("provenance", {})),
+    )
+
+
+READERS: dict[str, Callable[[dict[str, Any]], Softness]] = {"scalar": _read_scalar}
+"""What makes a softness of a file's content, by its `kind`."""
+
+_VALIDITY_KEYS = ("rotation_deg", "normal_force_N", "contact_radius_mm")
+
+
+def _shown_validity(validity: Validity) -> dict[str, list[float]]:
+    """The ranges that are bounded, in the units of the file."""
+    shown = (tuple(np.degrees(validity.rotation).tolist()), *validity[1:])
+    pairs = zip(_VALIDITY_KEYS, shown, strict=True)
+    return {name: list(ends) for name, ends in pairs if np.isfinite(ends).all()}
+
+
+def _read_validity(content: dict[str, Any]) -> Validity:
+    if unknown := sorted(set(content) - set(_VALIDITY_KEYS)):
+        raise ValueError(f"unknown key {unknown[0]!r}; validity has {', '.join(_VALIDITY_KEYS)}")
+    ranges = []
+    for name in _VALIDITY_KEYS:
+        low, high = (float(value) for value in content.get(name, (-np.inf, np.inf)))
+        if not low <= high:
+            raise ValueError(f"validity: {name} is [{low}, {high}]; give the lower end first")
+        ranges.append((low, high))
+    rotation = tuple(np.radians(ranges[0]).tolist())
+    return Validity((rotation[0], rotation[1]), *ranges[1:])

@@ -11,7 +11,7 @@ from estimation.fields import Fields, measure_fields
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Frame, MarkerLayout, Recording
 from estimation.result import Estimate, Result, State
-from estimation.softness import ScalarSoftness
+from estimation.softness import Contact, ScalarSoftness, Softness
 from estimation.stencils import Stencils, make_stencils
 from estimation.stick import MIN_STICK_MARKERS, check_positive
 
@@ -32,7 +32,7 @@ class Tracker:
         method: str = DEFAULT_METHOD,
         *,
         noise: Noise | None = None,
-        softness: ScalarSoftness = RIGID_OBJECT,
+        softness: Softness = RIGID_OBJECT,
         onset_mm: float = ONSET_MM,
         contact_share: float = SHARE,
         stick_share: float = STICK_SHARE,
@@ -94,7 +94,12 @@ class Tracker:
         )
         gel = self.estimator.update(fields)
         state, reason = self._judge(fields, gel, told=frame.contact is not None)
-        angle, low, high = self.softness.correct(gel)
+        contact = Contact(fields, frame.normal_force)
+        try:
+            softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
+        except ValueError as error:
+            return self._label(frame, State.UNKNOWN, str(error))
+        angle, low, high = softness.correct(gel)
         return Estimate(
             time=frame.time,
             source_index=frame.source_index,
@@ -107,6 +112,9 @@ class Tracker:
             rotation=fields.rotation,
             contact=fields.contact,
             stick=gel.stick,
+            stiffness_ratio=softness.stiffness_ratio,
+            load_term=softness.load_term,
+            covered=softness.validity.covers(gel.angle, contact),
         )
 
     def _find_flaw(self, frame: Frame) -> str:

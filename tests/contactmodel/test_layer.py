@@ -23,6 +23,7 @@ from contactmodel import (
 )
 from contactmodel.compliance import cell_integrals, grid_coefficients
 from contactmodel.layer import base_kernels, base_transfer, half_space_transfer
+from contactmodel.rotation import object_rotation
 from contactmodel.solution import ContactSolution
 
 GRID = Grid((32, 32), (10.0, 10.0))
@@ -299,11 +300,18 @@ def test_scalar_transfer_of_half_spaces_is_exact_and_of_a_layer_larger():
     object_ = HalfSpace(2.0, 0.3)
     exact = fit_scalar_transfer(solve_contact(HalfSpace(1.0, 0.48), object_, BALL, pose, GRID, 0.5))
     assert float(exact.stiffness_ratio) == pytest.approx(0.5, rel=1e-10)
-    assert abs(float(exact.load)) < 1e-12
+    assert abs(float(exact.load_term)) < 1e-12
     solution = solve_contact(Layer(1.0, 0.48, 2.0), object_, BALL, pose, GRID, 0.5)
     fit = fit_scalar_transfer(solution)
     assert 0.5 < float(fit.stiffness_ratio) < 1.0
     assert 0.0 < float(fit.residual) < 0.1 * 0.05  # a tenth of the twist
+    # By Eq. (13) k and L give the mean angle by which the two surfaces have turned apart: L's sign.
+    region = np.asarray(solution.contact)
+    phi = np.asarray(solution.elastomer_rotation())[region]
+    apart = phi - np.asarray(solution.object_rotation())[region]
+    assert abs(float(fit.load_term)) > 1e-4
+    turned = object_rotation(phi.mean(), float(fit.stiffness_ratio), float(fit.load_term))
+    assert turned == pytest.approx(apart.mean(), rel=1e-12)
     assert fit_scalar_transfer(
         solve_contact(HalfSpace(1.0, 0.48), object_, BALL, Pose(0.3), GRID, 0.5)
     ).stiffness_ratio == pytest.approx(0.0, abs=1.0)

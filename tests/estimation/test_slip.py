@@ -45,7 +45,7 @@ def test_softness_leaves_the_curl_of_what_sticks_at_zero(pivot):
     soft = ScalarSoftness(0.3, 0.02)
     result = estimate_angles(recording, noise=MICRON, softness=soft)
     frame = int(np.nanargmax(truth.angle))
-    curl = find_slip_curl(result, frame, soft.stiffness_ratio, soft.load_term)
+    curl = find_slip_curl(result, frame)
     assert np.abs(curl[always_stuck(recording, truth, frame)]).max() < 1.3 * STUCK
 
 

@@ -9,7 +9,6 @@ from estimation.estimators import METHODS
 from estimation.inspection import inspect_recording
 from estimation.noise import Noise
 from estimation.result import State
-from estimation.softness import ScalarSoftness, read_softness
 from estimation.tracker import Tracker, estimate_angles
 from tests.cases import domed_pad, lift
 
@@ -143,54 +142,6 @@ def test_wrong_settings_are_refused():
     tracker = Tracker(layout)
     with pytest.raises(ValueError, match="196 markers, the layout 400"):
         tracker.update(next(iter(lift(ANGLES, layout=domed_pad((14, 14))))))
-
-
-def test_softness_scales_the_angle_and_widens_the_interval():
-    recording = lift(ANGLES)
-    rigid = estimate_angles(recording, noise=MICRON)
-    soft = ScalarSoftness(0.5, 0.02, ((0.01, 0.0), (0.0, 0.0)))
-    corrected = estimate_angles(recording, noise=MICRON, softness=soft)
-    answered = rigid.answered
-    expected = 1.5 * rigid.angle - 0.01
-    np.testing.assert_allclose(corrected.angle[answered], expected[answered], atol=1e-14)
-    half = (corrected.high - corrected.angle)[answered]
-    from_noise = 1.5 * (rigid.high - rigid.angle)[answered]
-    from_softness = 1.959964 * 0.1 * np.abs(rigid.angle[answered])
-    np.testing.assert_allclose(half, np.hypot(from_noise, from_softness), rtol=1e-10)
-
-
-def test_softness_files(tmp_path):
-    path = tmp_path / "soft.toml"
-    path.write_text("format_version = 1\nstiffness_ratio = 0.3\nload_term_rad = 0.01\n")
-    assert read_softness(path) == ScalarSoftness(0.3, 0.01)
-    path.write_text(
-        "format_version = 1\nstiffness_ratio = 0.3\ncovariance = [[1e-4, 2e-5], [2e-5, 1e-5]]\n"
-    )
-    assert read_softness(path).covariance == ((1e-4, 2e-5), (2e-5, 1e-5))
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("stiffness_ratio = 0.3", "format_version is None"),
-        ("format_version = 1\nload_term_rad = 0.1", "no stiffness_ratio"),
-        ("format_version = 1\nstiffness_ratio = true", "must be a number"),
-        ("format_version = 2", "format_version is 2"),
-        ("format_version = 1\nk = 0.3", "unknown key 'k'"),
-        ("format_version = 1\nstiffness_ratio = -1", "must be ≥ 0"),
-        (
-            "format_version = 1\nstiffness_ratio = 0\ncovariance = [[1, 2], [2, 1]]",
-            "negative eigenvalues",
-        ),
-        ("format_version = 1\ncovariance = [1, 2]", "soft.toml"),
-        ("k =", "not a TOML file"),
-    ],
-)
-def test_bad_softness_files(tmp_path, text, message):
-    path = tmp_path / "soft.toml"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message):
-        read_softness(path)
 
 
 @pytest.mark.parametrize(
