@@ -1,0 +1,435 @@
+"""Numbers of a contact fitted to displacement fields and forces, through the contact model.
+
+[Levenberg1944] K. Levenberg, "A method for the solution of certain non-linear problems in least
+squares"; [Marquardt1963] D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
+parameters"; the loop is optimistix's.
+
+What is sought are coordinates, the logarithm of a number whose bounds are above 0 and else the
+number itself; a sigmoid keeps them between the bounds. Residuals are in standard deviations.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float
+from scipy.stats import chi2
+
+from calibration.forward import FieldModel, Prediction, Unknown
+
+Z95 = 1.959964
+"""Half-width of a 95 % interval in standard errors."""
+
+LARGEST_ERROR = 0.25
+"""Standard error, of a logarithm or a coordinate, above which a number counts as undetermined."""
+
+LARGEST_SHARE = 0.125
+"""The same, by the distance of the bounds."""
+
+_AT_BOUND = 0.02  # of the distance of the bounds, or of a standard error
+_RTOL, _ATOL = 1e-3, 1e-6  # of a step and of what it changes: below a tenth of the errors
+_START_SHARE = 0.8  # of the distance of the bounds from which random starts are drawn
+
+
+class FieldData(NamedTuple):
+    """What was measured; NaN where it was not.
+
+    Attributes:
+        displacement: of the markers, frame by frame [mm].
+        displacement_error: standard deviation along x, y, z [mm].
+        force: of the object on the elastomer [N]; None if not measured.
+        force_error: standard deviation [N].
+        moment: about z through the origin [N·mm]; None if not measured.
+        moment_error: standard deviation [N·mm].
+    """
+
+    displacement: Float[np.ndarray, "frames n 3"]
+    displacement_error: tuple[float, float, float] = (1e-3, 1e-3, 3e-3)
+    force: Float[np.ndarray, "frames 3"] | None = None
+    force_error: float = 0.02
+    moment: Float[np.ndarray, " frames"] | None = None
+    moment_error: float = 0.2
+
+
+@dataclass(frozen=True)
+class FieldFit:
+    """What was found, and what was not.
+
+    Attributes:
+        names: of the numbers sought, `twist[1]` for the second of several.
+        values: best estimates; NaN where undetermined.
+        low: lower ends of the 95 % intervals; NaN where undetermined.
+        high: upper ends.
+        determined: whether the data tell a number; false also at a bound.
+        covariance: of the coordinates, a pseudo-inverse where they are undetermined.
+        correlation: of the coordinates.
+        misfit: χ² by the degrees of freedom, the priors not counted; about 1 if the model holds.
+        trusted: whether the misfit is what the noise explains (χ² within its 99.9 % quantile).
+        residual: measured less predicted displacement [mm].
+        predicted: by the fitted model.
+        best: every number of the scene, also those that are undetermined: where to start again.
+        converged: whether the fit came to an end.
+        steps: trials of the fit.
+        agreeing: of several starts, the share that came to this minimum.
+    """
+
+    names: tuple[str, ...]
+    values: Float[np.ndarray, " p"]
+    low: Float[np.ndarray, " p"]
+    high: Float[np.ndarray, " p"]
+    determined: Bool[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    correlation: Float[np.ndarray, "p p"]
+    misfit: float
+    trusted: bool
+    residual: Float[np.ndarray, "frames n 3"]
+    predicted: Prediction
+    best: Mapping[str, Any]
+    converged: bool
+    steps: int
+    agreeing: float = 1.0
+
+    @property
+    def verdict(self) -> list[str]:
+        """What to make of the fit, in sentences."""
+        return list(_judge(self))
+
+
+def fit_fields(
+    model: FieldModel,
+    numbers: Mapping[str, Any],
+    data: FieldData,
+    *,
+    starts: int = 1,
+    seed: int = 0,
+    max_steps: int = 60,
+    said: Callable[[str], None] = lambda _: None,
+) -> FieldFit:
+    """Fit the unknown ones of a scene's numbers.
+
+    Args:
+        model: scene, grid and markers.
+        numbers: by name; those to be found are `Unknown`.
+        data: fields and forces, a frame for each of the model's.
+        starts: beginnings, the first as given, others drawn between the bounds.
+        seed: of the drawn ones.
+        max_steps: trials of each.
+        said: told how each start ended.
+
+    Raises:
+        ValueError: nothing to be found, fewer data than numbers, or data that do not fit.
+        RuntimeError: the contact could not be solved from any start.
+    """
+    problem = Problem.make(model, numbers, data)
+    rng = np.random.default_rng(seed)
+    ends: list[tuple[float, _End]] = []
+    for i in range(starts):
+        end = _minimise(problem, problem.start if i == 0 else problem.draw(rng), max_steps)
+        loss = float(jnp.sum(end.residual**2))
+        said(f"start {i + 1} of {starts}: χ² {loss:.5g} after {int(end.steps)} steps")
+        if np.isfinite(loss):
+            ends.append((loss, end))
+    if not ends:
+        raise RuntimeError(
+            "the contact could not be solved at any start: does the grid hold the whole contact, "
+            "and is the approach large enough to touch?"
+        )
+    least, best = min(ends, key=lambda end: end[0])
+    close = sum(loss <= 1.001 * least + 1e-3 for loss, _ in ends) / starts
+    return _describe(problem, numbers, best, close)
+
+
+class _End(NamedTuple):
+    coordinates: Array
+    outputs: Array
+    residual: Array
+    jacobian: Array
+    steps: Array
+    converged: Array
+
+
+class Problem(eqx.Module):
+    """Scene, data and coordinates, ready for the solver.
+
+    Attributes:
+        model: scene, grid and markers.
+        known: numbers that are not sought.
+        data: what was measured, in one vector.
+        weights: one over its standard deviations, 0 where nothing was measured.
+        low: lower bounds of the coordinates.
+        high: upper bounds.
+        start: first guess.
+        priors: of each coordinate the mean and one over the standard deviation, 0 without one.
+        layout: of the coordinates: name, shape, and whether they are logarithms.
+    """
+
+    model: FieldModel
+    known: dict[str, Any]
+    data: Array
+    weights: Array
+    low: Array
+    high: Array
+    start: Array
+    priors: Array
+    layout: tuple[tuple[str, tuple[int, ...], bool], ...] = eqx.field(static=True)
+
+    @classmethod
+    def make(cls, model: FieldModel, numbers: Mapping[str, Any], data: FieldData) -> "Problem":
+        """Check and whiten."""
+        unknown = {name: one for name, one in numbers.items() if isinstance(one, Unknown)}
+        if not unknown:
+            raise ValueError("nothing is unknown: give at least one number as `Unknown`")
+        layout, low, high, start, priors = [], [], [], [], []
+        for name, one in unknown.items():
+            shape, size = np.shape(one.start), int(np.size(one.start))
+            layout.append((name, shape, one.logarithmic))
+            turn = np.log if one.logarithmic else np.asarray
+            low += [turn(one.low)] * size
+            high += [turn(one.high)] * size
+            start += list(np.ravel(turn(one.start)))
+            mean, sharpness = 0.0, 0.0
+            if one.prior is not None:
+                mean = turn(one.prior[0])
+                sharpness = (one.prior[0] if one.logarithmic else 1.0) / one.prior[1]
+            priors += [(mean, sharpness)] * size
+        measured, weights = _whiten(model, data)
+        count = int(np.count_nonzero(weights))
+        if count + np.count_nonzero([s for _, s in priors]) < len(start):
+            raise ValueError(f"{count} measured values cannot tell {len(start)} numbers")
+        return cls(
+            model=model,
+            known={n: jnp.asarray(v) for n, v in numbers.items() if n not in unknown},
+            data=measured,
+            weights=weights,
+            low=jnp.asarray(low),
+            high=jnp.asarray(high),
+            start=jnp.asarray(start),
+            priors=jnp.asarray(priors),
+            layout=tuple(layout),
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the coordinates."""
+        names: list[str] = []
+        for name, shape, _ in self.layout:
+            places = list(np.ndindex(*shape))
+            names += [name + (f"[{','.join(map(str, i))}]" if shape else "") for i in places]
+        return tuple(names)
+
+    @property
+    def logarithmic(self) -> Bool[np.ndarray, " p"]:
+        """Which coordinates are logarithms."""
+        return np.concatenate([[log] * int(np.prod(shape)) for _, shape, log in self.layout])
+
+    def numbers(self, coordinates: Array) -> dict[str, Any]:
+        """Every number of the scene."""
+        found, place = dict(self.known), 0
+        for name, shape, logarithmic in self.layout:
+            size = int(np.prod(shape))
+            part = coordinates[place : place + size].reshape(shape)
+            found[name] = jnp.exp(part) if logarithmic else part
+            place += size
+        return found
+
+    def to_values(self, coordinates: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """Numbers from coordinates; beyond all bounds, infinite."""
+        with np.errstate(over="ignore"):
+            return np.where(self.logarithmic, np.exp(coordinates), coordinates)
+
+    def outputs(self, coordinates: Array) -> Array:
+        """All that the sensor would see, in one vector; NaN where the contact was not solved."""
+        seen = self.model.predict(self.numbers(coordinates))
+        values = jnp.concatenate([jnp.ravel(value) for value in seen[:3]])
+        return jnp.where(seen.failed, jnp.nan, values)
+
+    def residual(self, outputs: Array, coordinates: Array) -> Array:
+        """Predicted less measured, and what the priors add, in standard deviations."""
+        mean, sharpness = self.priors.T
+        return jnp.concatenate(
+            [self.weights * (outputs - self.data), sharpness * (coordinates - mean)]
+        )
+
+    def split(self, outputs: np.ndarray) -> Prediction:
+        """What the sensor would see, from a vector of it."""
+        frames, n = self.model.frames, len(self.model.along_x)
+        fields, force, moment = np.split(outputs, np.cumsum([3 * frames * n, 3 * frames]))
+        return Prediction(
+            fields.reshape(frames, n, 3), force.reshape(frames, 3), moment, np.asarray(False)
+        )
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """Somewhere between the bounds."""
+        margin = 0.5 * (1.0 - _START_SHARE)
+        share = rng.uniform(margin, 1.0 - margin, len(self.start))
+        return self.low + share * (self.high - self.low)
+
+
+def _whiten(model: FieldModel, data: FieldData) -> tuple[Array, Array]:
+    """Measured values, and one over their standard deviations, 0 where there is none."""
+    wanted = (model.frames, len(model.along_x), 3)
+    if np.shape(data.displacement) != wanted:
+        raise ValueError(
+            f"the displacements have the shape {np.shape(data.displacement)}; the model, its "
+            f"frames and markers, {wanted}"
+        )
+    errors = np.array([*data.displacement_error, data.force_error, data.moment_error])
+    if not (errors > 0.0).all():
+        raise ValueError(f"standard deviations must be above 0, got {errors.tolist()}")
+    force = np.full((model.frames, 3), np.nan) if data.force is None else data.force
+    moment = np.full(model.frames, np.nan) if data.moment is None else data.moment
+    measured = np.concatenate([np.ravel(part) for part in (data.displacement, force, moment)])
+    scales = (np.asarray(data.displacement_error), data.force_error, data.moment_error)
+    parts = zip((data.displacement, force, moment), scales, strict=True)
+    scale = np.concatenate([np.ravel(np.broadcast_to(s, np.shape(v))) for v, s in parts])
+    return jnp.asarray(np.nan_to_num(measured)), jnp.asarray(np.isfinite(measured) / scale)
+
+
+def value_and_jacobian(
+    function: Callable[[Array], Array], at: Float[Array, " p"]
+) -> tuple[Float[Array, " m"], Float[Array, "m p"]]:
+    """A function and its derivatives: one solve, and the tangents one after the other.
+
+    Together they would all wait for the slowest: on 64² cells five take 5.6 solves, not 2.5.
+    """
+    value, push = jax.linearize(function, at)
+    return value, jax.lax.map(push, jnp.eye(len(at))).T
+
+
+@eqx.filter_jit
+def _minimise(problem: Problem, start: Array, max_steps: int) -> _End:
+    """Levenberg and Marquardt, between the bounds."""
+    span = problem.high - problem.low
+
+    def coordinates(free: Array) -> Array:
+        return problem.low + span * jax.nn.sigmoid(free)
+
+    @jax.custom_jvp
+    def outputs(coordinates: Array) -> Array:
+        return problem.outputs(coordinates)
+
+    @outputs.defjvp
+    def _(primals, tangents):  # the Jacobian as a matrix: once a step, its transpose for nothing
+        value, jacobian = value_and_jacobian(problem.outputs, *primals)
+        return value, jacobian @ tangents[0]
+
+    def residual(free: Array, _: None) -> tuple[Array, Array]:
+        at = coordinates(free)
+        seen = outputs(at)
+        return problem.residual(seen, at), seen
+
+    share = (start - problem.low) / span
+    end = optx.least_squares(
+        residual,
+        optx.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL),
+        jnp.log(share / (1.0 - share)),
+        has_aux=True,
+        max_steps=max_steps,
+        throw=False,
+    )
+    within = jax.nn.sigmoid(end.value) * jax.nn.sigmoid(-end.value)
+    return _End(
+        coordinates(end.value),
+        end.aux,
+        end.state.f_info.residual,
+        end.state.f_info.jac.as_matrix() / (span * jnp.maximum(within, 1e-12)),
+        end.stats["num_steps"],
+        end.result == optx.RESULTS.successful,
+    )
+
+
+def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing: float) -> FieldFit:
+    """Intervals, what is determined, and how well the model fits."""
+    residual, jacobian, c = (
+        np.asarray(part) for part in (end.residual, end.jacobian, end.coordinates)
+    )
+    low, high, weights = (np.asarray(a) for a in (problem.low, problem.high, problem.weights))
+    freedom = max(int(np.count_nonzero(weights)) - len(c), 1)
+    square = float(np.sum(residual[: len(weights)] ** 2))
+    trusted = square <= chi2.ppf(0.999, freedom)
+    covariance, error = invert_information(jacobian.T @ jacobian)
+    if not trusted:
+        covariance, error = covariance * square / freedom, error * np.sqrt(square / freedom)
+    slack = np.minimum(c - low, high - c)
+    at_bound = slack < np.minimum(_AT_BOUND * (high - low), np.maximum(error, 1e-6))
+    determined = is_determined(error, high - low) & ~at_bound
+    ends = [problem.to_values(c + sign * Z95 * error) for sign in (-1.0, 1.0)]
+    measured = problem.split(np.where(weights > 0, np.asarray(problem.data), np.nan))
+    predicted = problem.split(np.asarray(end.outputs))
+    found = problem.numbers(end.coordinates)
+    return FieldFit(
+        names=problem.names,
+        values=np.where(determined, problem.to_values(c), np.nan),
+        low=np.where(determined, ends[0], np.nan),
+        high=np.where(determined, ends[1], np.nan),
+        determined=determined,
+        covariance=covariance,
+        correlation=correlate(covariance),
+        misfit=square / freedom,
+        trusted=bool(trusted),
+        residual=np.asarray(measured.displacement - predicted.displacement),
+        predicted=predicted,
+        best={name: np.asarray(found[name]) for name in numbers},
+        converged=bool(end.converged),
+        steps=int(end.steps),
+        agreeing=agreeing,
+    )
+
+
+def invert_information(
+    information: Float[np.ndarray, "p p"],
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """Covariance and standard errors from the Fisher information.
+
+    A direction without information gets none in the covariance, and every coordinate that has a
+    part in it an infinite error.
+    """
+    scale = np.sqrt(np.diag(information))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    blind = values <= 1e-12 * max(values[-1], 1.0)
+    inverse = np.where(blind, 0.0, 1.0 / np.where(blind, 1.0, values))
+    covariance = (vectors * inverse) @ vectors.T / np.outer(scale, scale)
+    lost = (np.abs(vectors[:, blind]) > 1e-6).any(axis=1)
+    return covariance, np.where(lost, np.inf, np.sqrt(np.diag(covariance)))
+
+
+def is_determined(
+    error: Float[np.ndarray, " p"], span: Float[np.ndarray, " p"]
+) -> Bool[np.ndarray, " p"]:
+    """Whether a standard error is small enough to report a number."""
+    return error <= np.minimum(LARGEST_ERROR, LARGEST_SHARE * span)
+
+
+def correlate(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Correlations; 0 with a number that has no covariance."""
+    error = np.sqrt(np.diag(covariance))
+    error = np.where(error > 0.0, error, 1.0)
+    return covariance / np.outer(error, error)
+
+
+def _judge(fit: FieldFit) -> Sequence[str]:
+    lost = [name for name, known in zip(fit.names, fit.determined, strict=True) if not known]
+    said = []
+    if lost:
+        said.append(f"The data do not determine {', '.join(lost)}: no number is given.")
+    rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
+    where = f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z"
+    if fit.trusted:
+        said.append(f"The model describes the data within their noise: {where}.")
+    else:
+        said.append(
+            f"The model does not describe the data within their noise (χ² {fit.misfit:.3g} times "
+            f"what it should be; {where}): the intervals are widened by its root, which holds "
+            "only as far as the misfit is random."
+        )
+    if not fit.converged:
+        said.append("The fit did not come to an end: start nearer, or allow more steps.")
+    if fit.agreeing < 1.0:
+        said.append(f"{100 * fit.agreeing:.0f} % of the starts came to this minimum.")
+    return said

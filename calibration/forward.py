@@ -1,0 +1,256 @@
+"""What a contact with some unknown numbers would show: the model that experiments are fitted with.
+
+Numbers of an experiment go by name: `shear_modulus`, `thickness`, `twist`. Each is known, or an
+`Unknown` between bounds; a `scene` makes bodies, shape and path of them.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from scipy.interpolate import make_interp_spline
+
+from contactmodel import (
+    AbstractBody,
+    AbstractIndenter,
+    Cylinder,
+    Domed,
+    Grid,
+    HalfSpace,
+    Layer,
+    Paraboloid,
+    Placed,
+    Pose,
+    Rigid,
+    RoundPunch,
+    Sphere,
+    SquarePunch,
+    solve_path,
+)
+from contactmodel.arrays import AnyArray
+from contactmodel.solution import RESULTS
+
+UNITS = {
+    "shear_modulus": "MPa",
+    "poisson_ratio": "-",
+    "thickness": "mm",
+    "stiffness_ratio": "-",
+    "friction_coefficient": "-",
+    "depth": "mm",
+    "radius": "mm",
+    "width": "mm",
+    "edge_radius": "mm",
+    "pad_radius": "mm",
+    "position": "mm",
+    "approach": "mm",
+    "shift": "mm",
+    "twist": "rad",
+}
+"""Of the numbers that `press_and_move` knows."""
+
+_SOLVER_RTOL = 1e-7  # marker noise is 1e-3 of what the markers move, or more
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number to be found, or several.
+
+    Where both bounds are above 0 its logarithm is what is sought, and errors are relative.
+
+    Attributes:
+        start: first guess; an array for several numbers, such as one a frame.
+        low: lower bound.
+        high: upper bound.
+        prior: what is known beforehand, a mean and a standard deviation.
+
+    Raises:
+        ValueError: bounds in the wrong order, or a start or prior that does not fit them.
+    """
+
+    start: Float[np.ndarray, "..."] | float
+    low: float
+    high: float
+    prior: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
+            raise ValueError(f"the bounds {self.low}, {self.high} must be finite and in order")
+        start = np.asarray(self.start, dtype=float)
+        if not ((self.low < start) & (start < self.high)).all():
+            raise ValueError(
+                f"the start {self.start} must lie between the bounds {self.low} and {self.high}"
+            )
+        if self.prior is not None and not self.prior[1] > 0.0:
+            raise ValueError(f"the prior's standard deviation is {self.prior[1]}; it must be > 0")
+        if self.prior is not None and self.logarithmic and not self.prior[0] > 0.0:
+            raise ValueError(f"the prior's mean is {self.prior[0]}; it must be above 0")
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the logarithm is sought."""
+        return self.low > 0.0
+
+
+class Scene(NamedTuple):
+    """A contact experiment with its numbers filled in, as `contactmodel.solve_path` takes it.
+
+    Attributes:
+        elastomer: S.
+        object_: B.
+        indenter: its shape.
+        path: poses from rest; the last ones are the frames that were measured.
+        friction_coefficient: μ [-].
+        depth: of the markers below the surface [mm].
+    """
+
+    elastomer: AbstractBody
+    object_: AbstractBody
+    indenter: AbstractIndenter
+    path: Pose
+    friction_coefficient: Array
+    depth: Array
+
+
+MakeScene = Callable[[Mapping[str, Any]], Scene]
+
+_SHAPES: dict[str, Callable[[Mapping[str, Any]], AbstractIndenter]] = {
+    "paraboloid": lambda n: Paraboloid(n["radius"]),
+    "sphere": lambda n: Sphere(n["radius"]),
+    "cylinder": lambda n: Cylinder(n["radius"]),
+    "disc": lambda n: RoundPunch(n["radius"], n.get("edge_radius", 0.0)),
+    "cube": lambda n: SquarePunch(n["width"], n.get("edge_radius", 0.0)),
+}
+SHAPES = tuple(_SHAPES)
+"""Shapes of objects that `press_and_move` knows by name."""
+
+
+def press_and_move(shape: str) -> MakeScene:
+    """A scene maker: an object is pressed on as deep as in the first frame, then moved.
+
+    Its numbers: `shear_modulus`, `poisson_ratio`, `friction_coefficient`, `approach`; and, where
+    they are given, `thickness` (else a half-space), `stiffness_ratio` k (else a rigid object),
+    `depth`, `pad_radius` of a dome (else flat), `position` of the object's lowest point,
+    `shift`, `twist`, and `radius`, `width`, `edge_radius` of the shape. `approach`, `twist` and
+    `shift` may be one for each frame.
+
+    Args:
+        shape: of `SHAPES`.
+
+    Raises:
+        ValueError: no such shape.
+    """
+    if shape not in _SHAPES:
+        raise ValueError(f"no shape {shape!r}; there are {', '.join(SHAPES)}")
+
+    def scene(numbers: Mapping[str, Any]) -> Scene:
+        modulus, nu = numbers["shear_modulus"], numbers["poisson_ratio"]
+        thickness, k = numbers.get("thickness"), numbers.get("stiffness_ratio")
+        position = jnp.asarray(numbers.get("position", (0.0, 0.0)))
+        indenter: AbstractIndenter = Placed(_SHAPES[shape](numbers), position)
+        if "pad_radius" in numbers:
+            indenter = Domed(indenter, numbers["pad_radius"])
+        frames = Pose(
+            jnp.atleast_1d(jnp.asarray(numbers["approach"])),
+            jnp.asarray(numbers.get("shift", (0.0, 0.0))),
+            jnp.asarray(numbers.get("twist", 0.0)),
+            position,
+        )
+        pressed = Pose(frames.approach[:1], centre=position)
+        path = jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames)
+        return Scene(
+            HalfSpace(modulus, nu) if thickness is None else Layer(modulus, nu, thickness),
+            Rigid() if k is None else HalfSpace(modulus / k, nu),
+            indenter,
+            path,
+            jnp.asarray(numbers["friction_coefficient"]),
+            jnp.asarray(numbers.get("depth", 0.0)),
+        )
+
+    return scene
+
+
+class Prediction(NamedTuple):
+    """What a sensor would see.
+
+    Attributes:
+        displacement: of the markers [mm].
+        force: of the object on the elastomer [N].
+        moment: about z through the origin of the grid [N·mm].
+        failed: whether the contact could not be solved in some step.
+    """
+
+    displacement: Float[AnyArray, "frames n 3"]
+    force: Float[AnyArray, "frames 3"]
+    moment: Float[AnyArray, " frames"]
+    failed: Bool[AnyArray, ""]
+
+
+class FieldModel(eqx.Module):
+    """A scene, the grid it is solved on, and where its markers are.
+
+    Attributes:
+        scene: makes the scene of its numbers.
+        grid: cells; more than cover the contact, and cover the markers.
+        frames: last steps of the path that are measured.
+        along_x: the markers' weights of the columns of the grid, and `along_y` of its rows.
+        along_y: see there.
+    """
+
+    scene: MakeScene = eqx.field(static=True)
+    grid: Grid = eqx.field(static=True)
+    frames: int = eqx.field(static=True)
+    along_x: Float[np.ndarray, "n nx"]
+    along_y: Float[np.ndarray, "n ny"]
+
+    def __init__(
+        self, scene: MakeScene, grid: Grid, markers: Float[np.ndarray, "n 2"], frames: int = 1
+    ) -> None:
+        """Make a model; cubic splines carry the fields from the cells to the markers.
+
+        Args:
+            scene: makes the scene of its numbers; see `press_and_move`.
+            grid: cells.
+            markers: their positions in the unloaded elastomer [mm].
+            frames: measured, the last ones of the path.
+
+        Raises:
+            ValueError: a marker beyond the centres of the outermost cells.
+        """
+        for x, cells, axis in zip(markers.T, (grid.x, grid.y), "xy", strict=True):
+            if not (np.abs(x) <= cells[-1]).all():
+                raise ValueError(
+                    f"markers reach to {np.abs(x).max():.2f} mm along {axis}, the grid's outermost "
+                    f"cells to {cells[-1]:.2f} mm: take a larger grid, or leave markers out"
+                )
+        self.scene, self.grid, self.frames = scene, grid, frames
+        self.along_x = make_interp_spline(grid.x, np.eye(len(grid.x)))(markers[:, 0])
+        self.along_y = make_interp_spline(grid.y, np.eye(len(grid.y)))(markers[:, 1])
+
+    def predict(self, numbers: Mapping[str, Any]) -> Prediction:
+        """What the sensor would see; differentiable in the numbers."""
+        scene = self.scene(numbers)
+        path = solve_path(
+            scene.elastomer,
+            scene.object_,
+            scene.indenter,
+            scene.path,
+            self.grid,
+            scene.friction_coefficient,
+            rtol=_SOLVER_RTOL,
+            throw=False,
+        )
+        fields = path.elastomer_displacement(scene.depth)[-self.frames :]
+        force, centre = path.force[-self.frames :], scene.path.centre[-self.frames :]
+        lever = centre[:, 0] * force[:, 1] - centre[:, 1] * force[:, 0]
+        return Prediction(
+            jnp.einsum("na,nb,fcab->fnc", self.along_x, self.along_y, fields),
+            force,
+            path.moment[-self.frames :] + lever,
+            jnp.any((path.result != RESULTS.successful) & (path.result != RESULTS.no_contact)),
+        )

@@ -1,0 +1,93 @@
+"""Numbers of a contact from its fields: recovered where the data tell them, flagged where not."""
+
+import numpy as np
+import pytest
+
+from calibration.field_fit import FieldData, fit_fields
+from calibration.forward import FieldModel, Unknown, press_and_move
+from contactmodel import Grid
+
+NOISE = np.array([1e-3, 1e-3, 3e-3])
+TRUTH = {
+    "shear_modulus": 0.2,
+    "poisson_ratio": 0.45,
+    "thickness": 4.0,
+    "friction_coefficient": 0.6,
+    "depth": 0.3,
+    "radius": 15.0,
+    "approach": 0.5,
+    "twist": np.array([0.0, 0.15]),
+}
+SOUGHT = {
+    "shear_modulus": Unknown(0.3, 0.02, 2.0),
+    "thickness": Unknown(6.0, 1.5, 20.0),
+    "friction_coefficient": Unknown(0.4, 0.05, 3.0),
+    "radius": Unknown(20.0, 5.0, 60.0),
+    "approach": Unknown(0.4, 0.05, 2.0),
+}
+
+
+@pytest.fixture(scope="module")
+def model():
+    """A ball pressed on and twisted, seen by 100 markers in both states."""
+    at = np.linspace(-4.0, 4.0, 10)
+    markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
+    return FieldModel(press_and_move("sphere"), Grid((18, 18), (11.0, 11.0)), markers, frames=2)
+
+
+@pytest.fixture(scope="module")
+def data(model):
+    """Fields with 1 µm of noise in the plane, and forces."""
+    seen = model.predict(TRUTH)
+    rng = np.random.default_rng(4)
+    return FieldData(
+        np.asarray(seen.displacement) + NOISE * rng.normal(size=seen.displacement.shape),
+        tuple(NOISE),
+        np.asarray(seen.force) + 0.01 * rng.normal(size=(2, 3)),
+        0.01,
+        np.asarray(seen.moment) + 0.05 * rng.normal(size=2),
+        0.05,
+    )
+
+
+def test_five_numbers_are_found_to_one_percent(model, data):
+    fit = fit_fields(model, TRUTH | SOUGHT, data)
+    truth = np.array([TRUTH[name] for name in fit.names])
+    assert fit.determined.all()
+    assert fit.converged
+    np.testing.assert_allclose(fit.values, truth, rtol=1e-2)  # what was asked for
+    assert ((fit.low < truth) & (truth < fit.high)).sum() >= 4  # 95 % each: 97.7 % of the time
+    assert fit.trusted
+    # 600 values of known noise: χ² by the degrees of freedom is 1 ± 0.058
+    assert abs(fit.misfit - 1.0) < 4 * 0.058
+
+
+def test_without_forces_the_modulus_is_flagged_and_the_rest_is_not(model, data):
+    blind = data._replace(force=np.full((2, 3), np.nan), moment=np.full(2, np.nan))
+    fit = fit_fields(model, TRUTH | SOUGHT, blind)
+    assert dict(zip(fit.names, fit.determined, strict=True)) == {
+        name: name != "shear_modulus" for name in SOUGHT
+    }
+    assert np.isnan(fit.values[0])
+    assert "shear_modulus" in fit.verdict[0]
+    np.testing.assert_allclose(fit.values[1:], [4.0, 0.6, 15.0, 0.5], rtol=1e-2)
+
+
+def test_a_wrong_model_is_not_trusted(model, data):
+    wrong = data.displacement + 0.01 * np.sin(3.0 * np.arange(600)).reshape(2, 100, 3)
+    fit = fit_fields(model, TRUTH | SOUGHT, data._replace(displacement=wrong))
+    assert not fit.trusted
+    assert "does not describe" in fit.verdict[0]
+
+
+def test_what_does_not_fit_is_refused(model, data):
+    with pytest.raises(ValueError, match="nothing is unknown"):
+        fit_fields(model, TRUTH, data)
+    with pytest.raises(ValueError, match="shape"):
+        fit_fields(model, TRUTH | SOUGHT, data._replace(displacement=data.displacement[:1]))
+    with pytest.raises(ValueError, match="larger grid"):
+        FieldModel(press_and_move("sphere"), Grid((18, 18), (5.0, 5.0)), np.array([[3.0, 0.0]]))
+    with pytest.raises(ValueError, match="no shape"):
+        press_and_move("banana")
+    with pytest.raises(ValueError, match="between the bounds"):
+        Unknown(3.0, 1.0, 2.0)

@@ -1,0 +1,79 @@
+"""What an experiment tells: against what is known in closed form."""
+
+import numpy as np
+import pytest
+
+from calibration.field_fit import FieldData
+from calibration.forward import FieldModel, Unknown, press_and_move
+from calibration.identifiability import identify
+from contactmodel import Grid, Pose
+
+K, TWIST = 0.5, 0.15
+
+
+def linear_twist(numbers):
+    """The scene with θ × r: the contraction of a true rotation would tell θ a little."""
+    scene = press_and_move("paraboloid")(numbers)
+    path = scene.path
+    linear = Pose(path.approach, path.shift, path.twist, path.centre, linear=True)
+    return scene._replace(path=linear)
+
+
+def experiment(**changed):
+    """A ball that sticks on a half-space, both incompressible: θ and k show as θ/(1 + k)."""
+    at = np.linspace(-4.0, 4.0, 8)
+    markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
+    model = FieldModel(linear_twist, Grid((16, 16), (11.0, 11.0)), markers)
+    numbers = {
+        "shear_modulus": 0.2,
+        "poisson_ratio": 0.5,
+        "friction_coefficient": 1e3,
+        "radius": 15.0,
+        "approach": 0.6,
+        "stiffness_ratio": Unknown(K, 0.01, 10.0),
+        "twist": Unknown(TWIST, 0.001, 0.6),
+    }
+    return model, numbers | changed, FieldData(np.zeros((1, 64, 3)))
+
+
+def test_a_half_space_does_not_tell_softness_from_angle():
+    model, numbers, data = experiment()
+    # u_z tells 1 + k by the depth of the imprint; the twist's own field does not
+    flat = data._replace(displacement=np.where([True, True, False], data.displacement, np.nan))
+    found = identify(model, numbers, flat, design=("twist",))
+    assert not found.determined.any()
+    # nothing changes while θ/(1 + k) stays: dθ/θ = k/(1 + k) dk/k
+    assert found.unseen == (f"stiffness_ratio +10.0 % with twist {10 * K / (1 + K):+.1f} %",)
+    assert found.correlation[0, 1] > 0.999
+    for name in ("stiffness_ratio", "twist"):
+        best = found.helps[name][0]
+        assert "from elsewhere" in best.what
+        assert best.error < 0.1
+    # with θ known to 1 %, k is known to 1 % (1 + k)/k = 3 %
+    by_angle = {one.what: one.error for one in found.helps["stiffness_ratio"]}
+    error = by_angle["twist from elsewhere, to 1 %"] * found.errors[0]
+    assert error == pytest.approx(0.01 * (1 + K) / K, rel=0.02)  # the noise adds to it
+    assert found.helps["twist"][-1].error == pytest.approx(1.0, abs=0.05)  # no twist helps
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("thickness", "error"), [(8.0, 0.015), (5.0, 0.0034), (3.0, 0.0010)])
+def test_thickness_lets_softness_be_told(thickness, error):
+    """Published estimate for a square of 15 mm that sticks, k = 0.1, 225 markers, 1 µm, 10°."""
+    at = np.linspace(-7.0, 7.0, 15)
+    markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
+    model = FieldModel(press_and_move("cube"), Grid((32, 32), (17.0, 17.0)), markers)
+    numbers = {
+        "shear_modulus": 0.2,
+        "poisson_ratio": 0.48,
+        "thickness": thickness,
+        "friction_coefficient": 1e3,
+        "width": 15.0,
+        "approach": 0.3,
+        "stiffness_ratio": Unknown(0.1, 0.001, 10.0),
+        "twist": Unknown(np.radians(10.0), 0.01, 0.6),
+    }
+    flat = np.zeros((1, 225, 3))
+    flat[..., 2] = np.nan
+    found = identify(model, numbers, FieldData(flat))
+    assert 0.1 * found.errors[0] == pytest.approx(error, rel=0.5)
