@@ -54,26 +54,3 @@ def test_a_half_space_does_not_tell_softness_from_angle():
     error = by_angle["twist from elsewhere, to 1 %"] * found.errors[0]
     assert error == pytest.approx(0.01 * (1 + K) / K, rel=0.02)  # the noise adds to it
     assert found.helps["twist"][-1].error == pytest.approx(1.0, abs=0.05)  # no twist helps
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("thickness", "error"), [(8.0, 0.015), (5.0, 0.0034), (3.0, 0.0010)])
-def test_thickness_lets_softness_be_told(thickness, error):
-    """Published estimate for a square of 15 mm that sticks, k = 0.1, 225 markers, 1 µm, 10°."""
-    at = np.linspace(-7.0, 7.0, 15)
-    markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
-    model = FieldModel(press_and_move("cube"), Grid((32, 32), (17.0, 17.0)), markers)
-    numbers = {
-        "shear_modulus": 0.2,
-        "poisson_ratio": 0.48,
-        "thickness": thickness,
-        "friction_coefficient": 1e3,
-        "width": 15.0,
-        "approach": 0.3,
-        "stiffness_ratio": Unknown(0.1, 0.001, 10.0),
-        "twist": Unknown(np.radians(10.0), 0.01, 0.6),
-    }
-    flat = np.zeros((1, 225, 3))
-    flat[..., 2] = np.nan
-    found = identify(model, numbers, FieldData(flat))
-    assert 0.1 * found.errors[0] == pytest.approx(error, rel=0.5)
