@@ -14,6 +14,7 @@ from rich.progress import Progress
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
+from estimation.images.stereo import read_rig
 from estimation.noise import Noise
 from estimation.run import Settings, gather_recordings, run_all
 from estimation.sensor import Sensor, read_sensor
@@ -77,6 +78,13 @@ def run(
     marker: Annotated[
         str | None,
         typer.Option(help=f"Kind of markers: {', '.join(READERS)}.", rich_help_panel=PICTURES),
+    ] = None,
+    stereo: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file of a stereo calibration, where mirrors split the picture.",
+            rich_help_panel=PICTURES,
+        ),
     ] = None,
     preview: Annotated[
         bool, typer.Option("--preview", help="Write an annotated video.", rich_help_panel=PICTURES)
@@ -170,7 +178,9 @@ def run(
         onset_mm=onset_mm,
         contact_share=contact_share,
         stick_share=stick_share,
-        images=ImageSettings(described, unloaded_frame),
+        images=ImageSettings(
+            described, unloaded_frame, None if stereo is None else read_rig(stereo)
+        ),
         preview=preview,
         grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},

@@ -4,12 +4,19 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int, Shaped
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from estimation.images.board import Board, Cells, connect_corners, read_cells
 from estimation.images.corners import Corners, CornerStyle, find_corners
 from estimation.images.lattice import Lattice, fit_lattice
-from estimation.images.placing import SMALLEST, Plan, place_board
+from estimation.images.placing import (
+    SMALLEST,
+    Misfit,
+    Placed,
+    Plan,
+    place_board,
+    place_by_misfit,
+)
 
 PITCHES = (23.0, 15.0, 10.0, 34.0)
 """Distances between corners that are tried [px]."""
@@ -51,7 +58,14 @@ class CornerTracker:
         note: what the reference is, in a sentence.
     """
 
-    def __init__(self, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False) -> None:
+    def __init__(self, style: CornerStyle, plan: Plan, rest: Seen, note: str) -> None:
+        """Start with a reference."""
+        self.style, self.plan, self.rest, self.note = style, plan, rest, note
+
+    @classmethod
+    def learn(
+        cls, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False
+    ) -> "CornerTracker":
         """Learn corners and reference from a picture.
 
         Args:
@@ -62,39 +76,69 @@ class CornerTracker:
             ValueError: there is no checkerboard in it.
         """
         grey = to_light(picture)
-        self.style = find_corner_style(grey)
-        corners, board, pieces = self._look(grey)
+        style = find_corner_style(grey)
+        corners, board, pieces = _look(grey, style)
         cells = pieces[0]
         index = np.argwhere(cells.corner >= 0)
         members = cells.corner[tuple(index.T)]
         number = np.full(cells.corner.shape, -1)
         number[tuple(index.T)] = np.arange(len(index))
-        taken, turn = corners.take(members), board.turn[members]
-        self.rest, self.note = _rest(taken, turn, index, unloaded)
-        self.plan = Plan(
-            cells=cells._replace(corner=number),
-            position=self.rest.position,
-            heading=self.rest.heading[:, 0],
-            pitch=self.style.pitch,
-        )
+        rest, note = _rest(corners.take(members), board.turn[members], index, unloaded)
+        plan = Plan(cells._replace(corner=number), rest.position, rest.heading[:, 0], style.pitch)
+        return cls(style, plan, rest, note)
+
+    def from_aside(
+        self, picture: Shaped[np.ndarray, "h w *colour"], misfit: Misfit
+    ) -> "CornerTracker":
+        """A tracker of the same corners in another view, taken when the reference was.
+
+        Corners that the other view does not show have no position in its reference.
+
+        Args:
+            picture: the other view.
+            misfit: how badly the other view's points fit markers, for patterns without a code.
+
+        Raises:
+            ValueError: there is no checkerboard in it, or it fits nowhere, or in several places.
+        """
+        grey = to_light(picture)
+        style = find_corner_style(grey)
+        corners, board, pieces = _look(grey, style)
+        if self.plan.coded:
+            placed = place_board(self.plan, corners, board, pieces)
+        else:
+            placed = place_by_misfit(self.plan, corners, board, pieces[0], misfit)
+        if placed is None or (placed.corner >= 0).sum() < SMALLEST:
+            raise ValueError(
+                "the pattern in the two views cannot be matched: it fits nowhere, or in several "
+                "places alike"
+            )
+        rest = _everywhere(corners, placed)
+        plan = Plan(self.plan.cells, rest.position, rest.heading[:, 0], style.pitch)
+        return CornerTracker(style, plan, rest, self.note)
+
+    def take(self, kept: Bool[np.ndarray, " m"]) -> "CornerTracker":
+        """A tracker of some of the corners."""
+        number = np.where(kept, np.cumsum(kept) - 1, -1)
+        corner = self.plan.cells.corner
+        cells = self.plan.cells._replace(corner=np.where(corner >= 0, number[corner], -1))
+        position, variance, heading, heading_variance = (part[kept] for part in self.rest[:4])
+        rest = Seen(position, variance, heading, heading_variance)
+        plan = Plan(cells, rest.position, rest.heading[:, 0], self.plan.pitch)
+        return CornerTracker(self.style, plan, rest, self.note)
 
     def find(self, picture: Shaped[np.ndarray, "h w *colour"]) -> Seen:
         """The reference's corners in the next picture."""
-        corners, board, pieces = self._look(to_light(picture))
+        corners, board, pieces = _look(to_light(picture), self.style)
         placed = place_board(self.plan, corners, board, pieces)
         here = placed.corner >= 0
-        flaw = ""
-        if here.sum() < max(LOST * len(here), SMALLEST):
-            flaw = f"only {here.sum()} of {len(here)} corners were recognised"
-            if placed.left_out:
-                flaw += f"; {placed.left_out} lie in pieces whose place cannot be told"
-            here[:] = False
-        seen = _seen(corners.take(placed.corner[here]), placed.turn[here])
-        everywhere = [np.full((len(here), *part.shape[1:]), np.nan) for part in seen[:4]]
-        for whole, part in zip(everywhere, seen[:4], strict=True):
-            whole[here] = part
-        position, variance, heading, heading_variance = everywhere
-        return Seen(position, variance, heading, heading_variance, flaw)
+        if here.sum() >= max(LOST * len(here), SMALLEST):
+            return _everywhere(corners, placed)
+        flaw = f"only {here.sum()} of {len(here)} corners were recognised"
+        if placed.left_out:
+            flaw += f"; {placed.left_out} lie in pieces whose place cannot be told"
+        nowhere = placed._replace(corner=np.full_like(placed.corner, -1))
+        return _everywhere(corners, nowhere)._replace(flaw=flaw)
 
     def describe(self) -> str:
         """What the pattern looks like, and what identities rest on, in sentences."""
@@ -109,16 +153,6 @@ class CornerTracker:
             "that rest. A jump of the whole view by two cells between pictures could not be seen."
         )
 
-    def _look(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Corners, Board, list[Cells]]:
-        corners = find_corners(grey, self.style)
-        board = connect_corners(corners, self.style.pitch)
-        sizes = np.bincount(board.piece[board.piece >= 0], minlength=1)
-        pieces = [
-            read_cells(grey, corners, board, int(piece))
-            for piece in np.flatnonzero(sizes >= SMALLEST)
-        ]
-        return corners, board, pieces
-
 
 def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w"]:
     """Grey level of a picture, 0 to 255."""
@@ -128,8 +162,12 @@ def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, 
     return picture.astype(np.float32) * np.float32(scale)
 
 
-def find_corner_style(grey: Float32[np.ndarray, "h w"]) -> CornerStyle:
+def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED) -> CornerStyle:
     """Pitch and blur of the checkerboard in a picture.
+
+    Args:
+        grey: the picture, 0 to 255.
+        covered: share of the picture that it must cover.
 
     Raises:
         ValueError: there is none.
@@ -144,7 +182,7 @@ def find_corner_style(grey: Float32[np.ndarray, "h w"]) -> CornerStyle:
         corners = find_corners(grey, style)
         count = len(corners.position)
         hull = cv2.convexHull(corners.position.astype(np.float32)) if count else None
-        if hull is not None and count > most and cv2.contourArea(hull) > COVERED * grey.size:
+        if hull is not None and count > most and cv2.contourArea(hull) > covered * grey.size:
             best, most = style, count
     if best is None:
         raise ValueError(
@@ -183,6 +221,30 @@ def _seen(corners: Corners, turn: Int[np.ndarray, " n"]) -> Seen:
         heading=heading,
         heading_variance=0.25 * corners.covariance[:, 2:, 2:].sum(axis=(1, 2)),
     )
+
+
+def _look(
+    grey: Float32[np.ndarray, "h w"], style: CornerStyle
+) -> tuple[Corners, Board, list[Cells]]:
+    """Corners of a picture, their coordinates, and the cells of every piece large enough."""
+    corners = find_corners(grey, style)
+    board = connect_corners(corners, style.pitch)
+    sizes = np.bincount(board.piece[board.piece >= 0], minlength=1)
+    pieces = [
+        read_cells(grey, corners, board, int(piece)) for piece in np.flatnonzero(sizes >= SMALLEST)
+    ]
+    return corners, board, pieces
+
+
+def _everywhere(corners: Corners, placed: Placed) -> Seen:
+    """What is seen of each marker; NaN where nothing is."""
+    here = placed.corner >= 0
+    seen = _seen(corners.take(placed.corner[here]), placed.turn[here])
+    parts = [np.full((len(here), *part.shape[1:]), np.nan) for part in seen[:4]]
+    for whole, part in zip(parts, seen[:4], strict=True):
+        whole[here] = part
+    position, variance, heading, heading_variance = parts
+    return Seen(position, variance, heading, heading_variance)
 
 
 def _rest(

@@ -25,6 +25,8 @@ SETTLED = 0.3
 """Share of the longest step that the last may have: the next one is then below the noise."""
 BATCH = 64
 """Corners fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
+SIZES = (5, 9)
+"""Pixels on each side of the middle that are looked at: two sizes are compiled."""
 LARGEST_WINDOW = 9.5
 """Radius of the window about a corner [px]; a smaller pattern takes `WINDOW` of its pitch."""
 WINDOW = 0.41
@@ -119,7 +121,7 @@ def fit_corners(grey: Float[np.ndarray, "h w"], start: Rings, style: CornerStyle
         start: corners to start from, each good to a tenth of the window.
         style: what the corners look like.
     """
-    half = int(style.radius)
+    half = min(size for size in SIZES if size >= int(style.radius))
     middle = np.rint(start.position).astype(int)
     padded = cv2.copyMakeBorder(grey, half, half, half, half, cv2.BORDER_CONSTANT, value=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * half + 1, 2 * half + 1))
@@ -165,6 +167,7 @@ def _fit(
     dy, dx = (a.ravel().astype(jnp.float32) for a in jnp.meshgrid(steps, steps, indexing="ij"))
     value = windows.reshape(len(windows), -1)
     inside = jnp.isfinite(value) & (dx**2 + dy**2 <= (ROUND * radius) ** 2)
+    inside &= jnp.maximum(jnp.abs(dx), jnp.abs(dy)) <= radius
     value = jnp.where(inside, value, 0.0)
     weight = inside.astype(jnp.float32)
     root_half, density = np.float32(np.sqrt(0.5)), np.float32(1.0 / np.sqrt(2.0 * np.pi))

@@ -6,6 +6,7 @@ other position, and no chance, is likely. A plain checkerboard is the same after
 only corners that rest can tell, and enough of a piece must.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,15 @@ STRANGE = 0.08
 """Share of a plain piece's corners that may lie where the reference has none."""
 SMALLEST = 9
 """Corners of the smallest piece that is placed."""
+
+
+SAMPLE = 40
+"""Corners whose misfit is computed in each position."""
+CLEARLY = 3.0
+"""Factor by which the best position must fit better than any other."""
+
+Misfit = Callable[[Int[np.ndarray, " k"], Float[np.ndarray, "k 2"]], float]
+"""Takes numbers of markers and points that may be them [px] to how badly they fit [px]."""
 
 
 class Plan(NamedTuple):
@@ -76,25 +86,81 @@ def place_board(plan: Plan, corners: Corners, board: Board, pieces: list[Cells])
         board: their coordinates.
         pieces: their cells, the largest piece first.
     """
-    marker = np.full(len(plan.position), -1)
-    turn, left_out = np.zeros(len(marker), dtype=int), 0
+    placed = _nothing(plan)
     for cells in pieces:
         found = _by_code(plan, cells) if plan.coded else _by_rest(plan, corners, board, cells)
         if found is None:
-            left_out += int((cells.corner >= 0).sum())
-            continue
-        quarter, shift = found
-        turned = spin(cells, quarter)
-        sure = _agreeing(plan, turned, shift) if plan.coded else turned.corner >= 0
-        at = np.argwhere(sure) + shift
-        inside = ((at >= 0) & (at < plan.cells.corner.shape)).all(axis=1)
-        number = np.full(len(at), -1)
-        number[inside] = plan.cells.corner[tuple(at[inside].T)]
-        free = (number >= 0) & (marker[number] < 0)
-        corner = turned.corner[sure]
-        marker[number[free]] = corner[free]
-        turn[number[free]] = (board.turn[corner[free]] + 3 * quarter) % 4
-    return Placed(marker, turn, left_out)
+            left_out = placed.left_out + int((cells.corner >= 0).sum())
+            placed = placed._replace(left_out=left_out)
+        else:
+            _put(plan, board, cells, *found, placed)
+    return placed
+
+
+def place_by_misfit(
+    plan: Plan, corners: Corners, board: Board, cells: Cells, misfit: Misfit
+) -> Placed | None:
+    """Place a piece where something else than its code fits best, by far; None where nothing does.
+
+    Args:
+        plan: the reference.
+        corners: of the picture.
+        board: their coordinates.
+        cells: of the piece.
+        misfit: how badly points fit markers [px].
+    """
+    found, best = [], []
+    enough = 0.5 * min((cells.corner >= 0).sum(), len(plan.position))
+    for quarter in range(4):
+        rows, columns = spin(cells, quarter).corner.shape
+        for i in range(1 - rows, plan.cells.corner.shape[0]):
+            for j in range(1 - columns, plan.cells.corner.shape[1]):
+                placed = _nothing(plan)
+                if not _put(plan, board, cells, quarter, np.array([i, j]), placed):
+                    continue
+                here = np.flatnonzero(placed.corner >= 0)
+                if len(here) >= enough:
+                    some = here[:: max(len(here) // SAMPLE, 1)]
+                    found.append(placed)
+                    best.append(misfit(some, corners.position[placed.corner[some]]))
+    order = np.argsort(best)
+    if not found or (len(found) > 1 and best[order[1]] < CLEARLY * best[order[0]]):
+        return None
+    return found[order[0]]
+
+
+def _nothing(plan: Plan) -> Placed:
+    count = len(plan.position)
+    return Placed(np.full(count, -1), np.zeros(count, dtype=int), 0)
+
+
+def _put(
+    plan: Plan, board: Board, cells: Cells, quarter: int, shift: np.ndarray, placed: Placed
+) -> bool:
+    """Enter a piece at its place; whether its colours are the reference's there."""
+    turned = spin(cells, quarter)
+    if (_there(plan.cells.colour, turned.colour, shift) * turned.colour < 0).any():
+        return False
+    sure = _agreeing(plan, turned, shift) if plan.coded else turned.corner >= 0
+    at = np.argwhere(sure) + shift
+    inside = ((at >= 0) & (at < plan.cells.corner.shape)).all(axis=1)
+    number = np.full(len(at), -1)
+    number[inside] = plan.cells.corner[tuple(at[inside].T)]
+    free = (number >= 0) & (placed.corner[number] < 0)
+    corner = turned.corner[sure]
+    placed.corner[number[free]] = corner[free]
+    placed.turn[number[free]] = (board.turn[corner[free]] + 3 * quarter) % 4
+    return True
+
+
+def _there(reference: np.ndarray, cells: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Values of the reference where cells of a shifted piece lie; 0 beyond it."""
+    other = np.zeros_like(cells)
+    i, j = np.indices(cells.shape)
+    i, j = i + shift[0], j + shift[1]
+    inside = (i >= 0) & (j >= 0) & (i < reference.shape[0]) & (j < reference.shape[1])
+    other[inside] = reference[i[inside], j[inside]]
+    return other
 
 
 def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
@@ -128,12 +194,7 @@ def _channels(cells: Cells) -> Int[np.ndarray, "3 rows columns"]:
 
 def _agreeing(plan: Plan, cells: Cells, shift: np.ndarray) -> np.ndarray:
     """Corners of a placed piece, less those around which two cells or more are of another code."""
-    code = plan.cells.code
-    other = np.zeros_like(cells.code)
-    i, j = np.indices(cells.code.shape)
-    i, j = i + shift[0], j + shift[1]
-    inside = (i >= 0) & (j >= 0) & (i < code.shape[0]) & (j < code.shape[1])
-    other[inside] = code[i[inside], j[inside]]
+    other = _there(plan.cells.code, cells.code, shift)
     wrong = np.pad((other * cells.code < 0).astype(int), 1)
     around = wrong[:-1, :-1] + wrong[1:, :-1] + wrong[:-1, 1:] + wrong[1:, 1:]
     return (cells.corner >= 0) & (around < 2)

@@ -26,7 +26,7 @@ class CornerReader(MarkerReader):
         """
         assert first.image is not None
         self.sensor = settings.sensor
-        self.tracker = CornerTracker(first.image, unloaded=settings.unloaded is not None)
+        self.tracker = CornerTracker.learn(first.image, unloaded=settings.unloaded is not None)
         plan = self.tracker.plan
         self.rest = straighten(self.sensor, self.tracker.rest)
         self.scale, self.unit = settings.scale, settings.unit

@@ -1,5 +1,6 @@
 """Recordings from pictures of markers."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from estimation.sensor import Sensor
 from estimation.sources.corners import CornerReader
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
 from estimation.sources.pictures import Picture, read_pictures
+from estimation.sources.stereo import StereoReader, find_view_flaw
 
 CONVENTION = (
     "x to the right and y down in the picture, z away from the camera, out of the elastomer: "
@@ -139,7 +141,7 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
     rows: list[Row] = []
     waiting: list[Picture] = []
     try:
-        for picture in read_pictures(path):
+        for picture in _read(path, settings):
             if reader is None and (picture.flaw or picture.image is None):
                 waiting.append(picture)
                 continue
@@ -157,10 +159,22 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
     return _to_recording(path, reader, rows)
 
 
+def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
+    """The pictures at a path, each view of them inspected where there are two."""
+    for picture in read_pictures(path):
+        if settings.rig is not None and picture.image is not None and not picture.flaw:
+            picture = picture._replace(flaw=find_view_flaw(settings.rig, picture.image))
+        yield picture
+
+
 def _make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
     """The reader for the kind of markers that was given; dots by default."""
     assert first.image is not None
     settings.sensor.expect_size(first.image.shape[1], first.image.shape[0])
+    if settings.rig is not None:
+        if settings.sensor.marker not in (None, "corners"):
+            raise ValueError(f"{settings.sensor.marker} are not read in two views: use corners")
+        return StereoReader(first, settings)
     kind = "dots" if settings.sensor.marker is None else settings.sensor.marker
     if kind not in READERS:
         raise ValueError(f"no markers of kind {kind!r}; there are {', '.join(READERS)}")
@@ -169,7 +183,7 @@ def _make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
 
 def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
     """A reader whose reference is the unloaded frame."""
-    for picture in read_pictures(path):
+    for picture in _read(path, settings):
         if picture.number == settings.unloaded:
             if picture.flaw:
                 raise ValueError(f"the unloaded frame {picture.number}: {picture.flaw}")

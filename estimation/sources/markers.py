@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from estimation.images.stereo import Rig
 from estimation.recording import MarkerLayout
 from estimation.sensor import Sensor
 from estimation.sources.pictures import Picture
@@ -23,10 +24,12 @@ class ImageSettings:
     Attributes:
         sensor: what took them.
         unloaded: number of an unloaded frame, to be the reference.
+        rig: calibration of both views, where mirrors split the picture.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
     unloaded: int | None = None
+    rig: Rig | None = None
 
     @property
     def scale(self) -> float:

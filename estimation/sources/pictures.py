@@ -85,11 +85,12 @@ def read_pictures(path: Path) -> Iterator[Picture]:
                 flaw = f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
                 yield picture._replace(flaw=flaw)
                 continue
-            picture = picture._replace(flaw=_exposure(picture.image))
+            picture = picture._replace(flaw=find_exposure_flaw(picture.image))
         yield picture
 
 
-def _exposure(image: Shaped[np.ndarray, "h w *colour"]) -> str:
+def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
+    """Why a picture shows nothing, empty where it shows something."""
     level = float(image.mean()) * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0)
     if level < BLACK:
         return "the picture is black"

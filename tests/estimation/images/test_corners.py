@@ -50,7 +50,7 @@ def test_corners_and_edges_of_a_sheared_pattern():
 @pytest.mark.parametrize("degrees", [5.0, 25.0, -25.0])
 def test_a_jump_keeps_every_identity(coded, plain, degrees):
     for pattern, rest in ((CODED, coded), (PLAIN, plain)):
-        tracker = CornerTracker(rest.image)
+        tracker = CornerTracker.learn(rest.image)
         now = scene(pattern, twist(degrees), seed=1)
         seen = tracker.find(now.image)
         assert not seen.flaw
@@ -60,7 +60,7 @@ def test_a_jump_keeps_every_identity(coded, plain, degrees):
 
 
 def test_a_code_tells_the_place_after_any_motion(coded):
-    tracker = CornerTracker(coded.image)
+    tracker = CornerTracker.learn(coded.image)
     for turn, shift in ((0.0, (2 * PITCH, 2 * PITCH)), (100.0, (0.5, -0.3))):
         now = scene(CODED, twist(turn, rigid=50.0, still=60.0, shift=shift), seed=2)
         seen = tracker.find(now.image)
@@ -74,7 +74,7 @@ def test_a_code_tells_the_place_after_any_motion(coded):
 
 
 def test_a_plain_pattern_that_may_have_moved_by_its_period_is_refused(plain):
-    tracker = CornerTracker(plain.image)
+    tracker = CornerTracker.learn(plain.image)
     assert "could not be seen" in tracker.describe()
     for steps in ((1, 1), (2, 0), (3, -1)):
         shift = tuple(PITCH * one for one in steps)
@@ -83,7 +83,7 @@ def test_a_plain_pattern_that_may_have_moved_by_its_period_is_refused(plain):
 
 
 def test_torn_and_covered_patterns_lose_no_identity(coded):
-    tracker = CornerTracker(coded.image)
+    tracker = CornerTracker.learn(coded.image)
     now = scene(CODED, twist(15.0), seed=4)
     torn = now.image.copy()
     torn[:, 150:] = np.roll(now.image, 31, axis=0)[:, 150:]  # the right part has slid along a tear
@@ -106,7 +106,7 @@ def test_torn_and_covered_patterns_lose_no_identity(coded):
 
 
 def test_edges_and_lines_are_fused_by_their_variances(coded):
-    tracker = CornerTracker(coded.image)
+    tracker = CornerTracker.learn(coded.image)
     neighbours = lattice_neighbours(tracker.plan.cells.corner)
     now = scene(CODED, twist(7.0, rigid=50.0, still=60.0), seed=5)
     seen = tracker.find(now.image)
@@ -151,7 +151,7 @@ def test_what_is_no_checkerboard_is_refused():
         np.full((240, 320), 90, np.uint8),
     ):
         with pytest.raises(ValueError, match="no checkerboard"):
-            CornerTracker(image)
+            CornerTracker.learn(image)
     small = scene(Pattern((2, 3), PITCH), twist(0.0)).image
     with pytest.raises(ValueError, match="no checkerboard"):
-        CornerTracker(small)
+        CornerTracker.learn(small)

@@ -1,0 +1,233 @@
+"""Calibration of mirror-split stereo from pictures of a plane checkerboard in several poses.
+
+Each view is first calibrated by itself: a perspective one by OpenCV ([Zhang2000]), an orthographic
+one by the affine map that takes the target, as the other view has placed it, to its picture. Both
+views and all poses are then refined together, so that the sum of squared reprojection errors is
+least.
+
+[Zhang2000] Z. Zhang, "A flexible new technique for camera calibration".
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Shaped
+from scipy.optimize import least_squares
+
+from estimation.images.board import connect_corners, read_cells
+from estimation.images.corner_tracking import find_corner_style, to_light
+from estimation.images.corners import find_corners
+from estimation.images.stereo import Rig, View, rotation_matrix
+
+FEWEST_POSES = 4
+COVERED = 0.05
+"""Share of a view that the target must cover."""
+WORST = 1.0
+"""Root mean square error from which a calibration is refused [px]."""
+
+
+class Pose(NamedTuple):
+    """The target's corners in one picture.
+
+    Attributes:
+        left: in the left view [px].
+        right: in the right view [px].
+    """
+
+    left: Float[np.ndarray, "n 2"]
+    right: Float[np.ndarray, "n 2"]
+
+
+def find_target(
+    view: Shaped[np.ndarray, "h w *colour"], shape: tuple[int, int]
+) -> Float[np.ndarray, "n 2"]:
+    """The target's inner corners in a view, row by row from the top left [px].
+
+    Args:
+        view: a view of the whole target, its rows within 45° of the picture's.
+        shape: rows and columns of inner corners.
+
+    Raises:
+        ValueError: not all corners are seen.
+    """
+    grey = to_light(view)
+    style = find_corner_style(grey, COVERED)
+    corners = find_corners(grey, style)
+    cells = read_cells(grey, corners, connect_corners(corners, style.pitch), 0)
+    for turns in range(4):
+        corner = np.rot90(cells.corner, turns).T  # its columns, then its rows, turn from x to y
+        if corner.shape != shape or (corner < 0).any():
+            continue
+        points = corners.position[corner]
+        down, right = points[-1, 0] - points[0, 0], points[0, -1] - points[0, 0]
+        if down[1] > abs(down[0]) and right[0] > abs(right[1]):
+            return points.reshape(-1, 2)
+    raise ValueError(
+        f"{(cells.corner >= 0).sum()} corners are seen, not {shape[0]} rows of {shape[1]}: show "
+        "the whole target, its rows along the picture's"
+    )
+
+
+def calibrate_stereo(
+    poses: Sequence[Pose],
+    target: Float[np.ndarray, "n 2"],
+    size: tuple[int, int],
+    orthographic_left: bool = True,
+) -> Rig:
+    """Both views of a sensor, from pictures of a plane target.
+
+    The origin is where the left view's middle sees the first pose's middle plane; depth has no
+    other mark in an orthographic view.
+
+    Args:
+        poses: the target's corners in each picture; its poses must be tilted differently.
+        target: its corners on the target [mm].
+        size: width and height of each view [px].
+        orthographic_left: whether the left view is an orthographic one.
+
+    Raises:
+        ValueError: too few poses, or no two views fit them.
+    """
+    if len(poses) < FEWEST_POSES:
+        raise ValueError(
+            f"{len(poses)} poses; at least {FEWEST_POSES}, tilted differently, are needed"
+        )
+    flat = np.column_stack([target, np.zeros(len(target))])
+    right, placed = _perspective([pose.right for pose in poses], flat, size)
+    if orthographic_left:
+        left, from_right = _orthographic([pose.left for pose in poses], placed, size)
+    else:
+        left, seen = _perspective([pose.left for pose in poses], flat, size)
+        from_right = _rigid(np.concatenate(placed), np.concatenate(seen))
+    turn, shift = from_right
+    placed = [points @ turn.T + shift for points in placed]
+    depth = float(placed[0][:, 2].mean()) if orthographic_left else 0.0
+    placed = [points - np.array([0.0, 0.0, depth]) for points in placed]
+    shift = shift - np.array([0.0, 0.0, depth])
+    right = _View(right.focal, right.centre, right.distortion, turn.T, -turn.T @ shift)
+    motions = [_rigid(flat, points) for points in placed]
+    return _refine(poses, flat, size, left, right, motions, orthographic_left)
+
+
+class _View(NamedTuple):
+    focal: float
+    centre: np.ndarray
+    distortion: float
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    def freeze(self, orthographic: bool) -> View:
+        vector = cv2.Rodrigues(self.rotation)[0][:, 0]
+        return View(
+            orthographic=orthographic,
+            focal=float(self.focal),
+            centre=(float(self.centre[0]), float(self.centre[1])),
+            distortion=float(self.distortion),
+            rotation=(float(vector[0]), float(vector[1]), float(vector[2])),
+            translation=(
+                float(self.translation[0]),
+                float(self.translation[1]),
+                float(self.translation[2]),
+            ),
+        )
+
+
+def _perspective(
+    seen: Sequence[np.ndarray], flat: np.ndarray, size: tuple[int, int]
+) -> tuple[_View, list[np.ndarray]]:
+    """A perspective view, and the target's corners in each pose, seen from it [mm]."""
+    objects = [flat.astype(np.float32)] * len(seen)
+    images = [one.astype(np.float32) for one in seen]
+    width, height = size
+    guess = np.array([[2.0 * width, 0, width / 2], [0, 2.0 * width, height / 2], [0, 0, 1.0]])
+    flags = (
+        cv2.CALIB_USE_INTRINSIC_GUESS
+        | cv2.CALIB_FIX_ASPECT_RATIO
+        | cv2.CALIB_ZERO_TANGENT_DIST
+        | cv2.CALIB_FIX_PRINCIPAL_POINT
+        | cv2.CALIB_FIX_K2
+        | cv2.CALIB_FIX_K3
+    )
+    _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+        objects, images, size, guess, np.zeros(5), flags=flags
+    )
+    placed = [
+        flat @ cv2.Rodrigues(turn)[0].T + shift.ravel()
+        for turn, shift in zip(turns, shifts, strict=True)
+    ]
+    centre = np.array([matrix[0, 2], matrix[1, 2]])
+    view = _View(matrix[0, 0], centre, float(distortion.ravel()[0]), np.eye(3), np.zeros(3))
+    return view, placed
+
+
+def _orthographic(
+    seen: Sequence[np.ndarray], placed: Sequence[np.ndarray], size: tuple[int, int]
+) -> tuple[_View, tuple[np.ndarray, np.ndarray]]:
+    """An orthographic view, and the motion from the other view's axes to its own."""
+    points = np.concatenate(placed)
+    design = np.column_stack([points, np.ones(len(points))])
+    affine = np.linalg.lstsq(design, np.concatenate(seen), rcond=None)[0]
+    linear, offset = affine[:3].T, affine[3]
+    u, scales, vt = np.linalg.svd(linear, full_matrices=False)
+    scale, rows = float(scales.mean()), u @ vt
+    turn = np.vstack([rows, np.cross(rows[0], rows[1])])
+    centre = 0.5 * (np.array(size) - 1.0)
+    shift = np.append((offset - centre) / scale, 0.0)
+    return _View(scale, centre, 0.0, np.eye(3), np.zeros(3)), (turn, shift)
+
+
+def _rigid(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rigid motion that takes points nearest to others (Kabsch)."""
+    middle, target = before.mean(axis=0), after.mean(axis=0)
+    u, _, vt = np.linalg.svd((after - target).T @ (before - middle))
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return turn, target - turn @ middle
+
+
+def _refine(
+    poses: Sequence[Pose],
+    flat: np.ndarray,
+    size: tuple[int, int],
+    left: _View,
+    right: _View,
+    motions: list[tuple[np.ndarray, np.ndarray]],
+    orthographic: bool,
+) -> Rig:
+    """All views and poses together; the first pose's depth is held in an orthographic view."""
+    seen = np.concatenate([np.concatenate([pose.left, pose.right]) for pose in poses])
+    vectors = [np.append(cv2.Rodrigues(turn)[0].ravel(), shift) for turn, shift in motions]
+    own = [left.focal, left.distortion, right.focal, right.distortion]
+    aim = np.append(cv2.Rodrigues(right.rotation)[0].ravel(), right.translation)
+    start = np.concatenate([own, right.centre, left.centre, aim, *vectors])
+    free = np.ones(len(start), dtype=bool)
+    if orthographic:
+        free[[6, 7, 14 + 5]] = False  # the left centre, and the first pose's depth
+
+    def views(p: np.ndarray) -> tuple[View, View]:
+        first = left._replace(focal=p[0], distortion=p[1], centre=p[6:8])
+        second = _View(p[2], p[4:6], p[3], rotation_matrix(p[8:11]), p[11:14])
+        return first.freeze(orthographic), second.freeze(False)
+
+    def misfit(some: np.ndarray) -> np.ndarray:
+        p = start.copy()
+        p[free] = some
+        first, second = views(p)
+        parts = []
+        for motion in p[14:].reshape(-1, 6):
+            points = flat @ rotation_matrix(motion[:3]).T + motion[3:]
+            parts += [first.project(points), second.project(points)]
+        return (np.concatenate(parts) - seen).ravel()
+
+    found = least_squares(misfit, start[free], x_scale="jac", method="trf", max_nfev=60)
+    error = float(np.sqrt(np.mean(found.fun**2)))
+    if not error < WORST:
+        raise ValueError(
+            f"no two views fit the {len(poses)} poses: the error left is {error:.2f} px rms; are "
+            "the target's size and the order of the views right?"
+        )
+    p = start.copy()
+    p[free] = found.x
+    first, second = views(p)
+    return Rig(first, second, *size, error)

@@ -1,0 +1,220 @@
+"""Two virtual cameras that mirrors make of one: split, triangulate, and their calibration's file.
+
+[Li2024] Section IV-A: the picture of one camera is split into a left and a right view, the left an
+orthographic one, seen from straight behind the gel. The left view's axes are the sensor's: x to the
+right, y down, z away from the camera, out of the elastomer.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting".
+"""
+
+import tomllib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from estimation.files import toml_text, write_whole
+
+FORMAT_VERSION = 1
+STEPS = 6
+
+
+@dataclass(frozen=True)
+class View:
+    """A virtual camera.
+
+    Attributes:
+        orthographic: whether it sees along parallel rays.
+        focal: focal length [px], or the scale of an orthographic view [px/mm].
+        centre: of the image [px].
+        distortion: radial: an image point at q from the centre, in units of the focal length,
+            lies at q (1 + distortion q²) [-, 1/mm² where orthographic].
+        rotation: from the sensor's axes to the camera's, as an axis times an angle [rad].
+        translation: the sensor's origin seen from the camera [mm].
+
+    Raises:
+        ValueError: a focal length that is not above 0, or vectors of another length.
+    """
+
+    orthographic: bool
+    focal: float
+    centre: tuple[float, float]
+    distortion: float
+    rotation: tuple[float, float, float]
+    translation: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not 0.0 < self.focal < np.inf:
+            raise ValueError(f"the focal length is {self.focal}; it must be a number above 0")
+        if (len(self.centre), len(self.rotation), len(self.translation)) != (2, 3, 3):
+            raise ValueError("a view has a centre of 2, a rotation and a translation of 3 numbers")
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """The rotation as a matrix."""
+        return rotation_matrix(np.array(self.rotation))
+
+    def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        """Where points [mm] are in the view [px]."""
+        seen = points @ self.matrix.T + np.array(self.translation)
+        ray = seen[:, :2] if self.orthographic else seen[:, :2] / seen[:, 2:]
+        stretch = 1.0 + self.distortion * np.sum(ray**2, axis=1, keepdims=True)
+        return self.focal * stretch * ray + np.array(self.centre)
+
+
+def rotation_matrix(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """The rotation about a vector by its length [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle > 0 else vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Both views of a sensor.
+
+    Attributes:
+        left: the view whose axes are the sensor's.
+        right: the other.
+        width: of each view, half of the camera's [px].
+        height: of the pictures [px].
+        error: root mean square reprojection error of the calibration per coordinate [px].
+    """
+
+    left: View
+    right: View
+    width: int
+    height: int
+    error: float
+
+    def split(
+        self, picture: Shaped[np.ndarray, "h w *colour"]
+    ) -> tuple[Shaped[np.ndarray, "h half *colour"], Shaped[np.ndarray, "h half *colour"]]:
+        """The left and the right view of a picture.
+
+        Raises:
+            ValueError: the picture is not of the calibration's size.
+        """
+        height, width = picture.shape[:2]
+        if (width, height) != (2 * self.width, self.height):
+            raise ValueError(
+                f"the pictures are {width}×{height}, the stereo calibration is for "
+                f"{2 * self.width}×{self.height}: calibrate at this size"
+            )
+        return picture[:, : self.width], picture[:, self.width :]
+
+
+class Triangulated(NamedTuple):
+    """Points in space.
+
+    Attributes:
+        points: of them [mm]; NaN where one of the views has none.
+        misfit: root mean square distance per coordinate between what is seen and where the point
+            would be seen [px]. Two views leave one of four coordinates to check.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    misfit: Float[np.ndarray, " n"]
+
+
+def triangulate(
+    rig: Rig, left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"]
+) -> Triangulated:
+    """The points that are seen nearest to where both views have them, by Gauss–Newton.
+
+    Args:
+        rig: both views.
+        left: points in the left view [px]; NaN where not seen.
+        right: in the right view.
+    """
+    points = np.full((len(left), 3), np.nan)
+    misfit = np.full(len(left), np.nan)
+    both = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
+    seen = np.concatenate([left[both], right[both]], axis=1)
+
+    def project(at: np.ndarray) -> np.ndarray:
+        return np.concatenate([rig.left.project(at), rig.right.project(at)], axis=1)
+
+    at, step = _start(rig, left[both]), 1e-4
+    for _ in range(STEPS):
+        slopes = [(project(at + step * e) - project(at - step * e)) / (2 * step) for e in np.eye(3)]
+        jacobian = np.stack(slopes, axis=-1)
+        transposed = jacobian.transpose(0, 2, 1)
+        right_side = transposed @ (seen - project(at))[..., None]
+        at = at + np.linalg.solve(transposed @ jacobian, right_side)[..., 0]
+    points[both] = at
+    misfit[both] = np.sqrt(np.mean((seen - project(at)) ** 2, axis=1))
+    return Triangulated(points, misfit)
+
+
+def _start(rig: Rig, left: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    """Points on the left view's rays, where the middle of the right view sees the middle one."""
+    ray = (left - np.array(rig.left.centre)) / rig.left.focal
+    aim = rig.right.matrix
+    eye = -aim.T @ np.array(rig.right.translation)
+    depth = float(
+        eye[2]
+        - aim[2, 2]
+        * (eye[0] * aim[2, 0] + eye[1] * aim[2, 1])
+        / max(aim[2, 0] ** 2 + aim[2, 1] ** 2, 1e-12)
+    )
+    if rig.left.orthographic:
+        return np.column_stack([ray, np.full(len(ray), depth)])
+    return depth * np.column_stack([ray, np.ones(len(ray))])
+
+
+def write_rig(rig: Rig, path: Path) -> None:
+    """Write a calibration, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    plain = {"format_version": FORMAT_VERSION, "width": rig.width, "height": rig.height}
+    views = {"left": asdict(rig.left), "right": asdict(rig.right)}
+    write_whole(path, toml_text(plain | {"error_px": rig.error} | views))
+
+
+def read_rig(path: Path) -> Rig:
+    """Read a calibration that `write_rig` has written.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is not such a file.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is not a TOML file: {error}") from error
+    if content.get("format_version") != FORMAT_VERSION:
+        raise ValueError(
+            f"{path}: format_version is {content.get('format_version')}; this version reads "
+            f"{FORMAT_VERSION}"
+        )
+    try:
+        return Rig(
+            left=_to_view(content["left"]),
+            right=_to_view(content["right"]),
+            width=int(content["width"]),
+            height=int(content["height"]),
+            error=float(content["error_px"]),
+        )
+    except KeyError as error:
+        raise ValueError(f"{path} is no stereo calibration: {error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path} is no stereo calibration: {error}") from error
+
+
+def _to_view(table: dict[str, Any]) -> View:
+    return View(
+        orthographic=bool(table["orthographic"]),
+        focal=float(table["focal"]),
+        centre=tuple(table["centre"]),
+        distortion=float(table["distortion"]),
+        rotation=tuple(table["rotation"]),
+        translation=tuple(table["translation"]),
+    )
