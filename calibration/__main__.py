@@ -1,4 +1,4 @@
-"""Command line: `python -m calibration noise`."""
+"""Command line: `python -m calibration noise|stereo`."""
 
 import sys
 from pathlib import Path
@@ -10,7 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from calibration.noise import assess_noise
+from calibration.stereo import calibrate_from_pictures
 from estimation.files import check_writable, toml_text, write_whole
+from estimation.images.stereo import write_rig
 from estimation.sources import read_recording
 
 app = typer.Typer(
@@ -38,6 +40,26 @@ def noise(
     found = assess_noise(read_recording(recording))
     write_whole(out / "noise.toml", toml_text(found))
     print(f"written to {out / 'noise.toml'}")
+
+
+@app.command()
+def stereo(
+    pictures: Annotated[Path, typer.Argument(help="Pictures of a plane checkerboard in poses.")],
+    rows: Annotated[int, typer.Option(help="Rows of its inner corners.")],
+    columns: Annotated[int, typer.Option(help="Columns of its inner corners.")],
+    pitch_mm: Annotated[float, typer.Option(help="Side of its cells [mm].")],
+    orthographic: Annotated[
+        bool, typer.Option("--orthographic/--perspective", help="The left view.")
+    ] = True,
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+) -> None:
+    """Calibrate both views of a mirror-split picture and write them to stereo.toml."""
+    check_writable(out)
+    rig, left_out = calibrate_from_pictures(pictures, (rows, columns), pitch_mm, orthographic)
+    write_rig(rig, out / "stereo.toml")
+    for reason in left_out:
+        console.print(escape(reason))
+    print(f"reprojection error {rig.error:.3f} px rms, written to {out / 'stereo.toml'}")
 
 
 def main() -> None:

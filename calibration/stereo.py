@@ -9,6 +9,7 @@ least.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
@@ -19,7 +20,9 @@ from scipy.optimize import least_squares
 from estimation.images.board import connect_corners, read_cells
 from estimation.images.corner_tracking import find_corner_style, to_light
 from estimation.images.corners import find_corners
+from estimation.images.pattern import Pattern
 from estimation.images.stereo import Rig, View, rotation_matrix
+from estimation.sources.pictures import read_pictures
 
 FEWEST_POSES = 4
 COVERED = 0.05
@@ -68,6 +71,42 @@ def find_target(
         f"{(cells.corner >= 0).sum()} corners are seen, not {shape[0]} rows of {shape[1]}: show "
         "the whole target, its rows along the picture's"
     )
+
+
+def calibrate_from_pictures(
+    path: Path, shape: tuple[int, int], pitch: float, orthographic_left: bool = True
+) -> tuple[Rig, list[str]]:
+    """Both views of a sensor, from split pictures of a plane checkerboard.
+
+    Args:
+        path: a folder of pictures or a video.
+        shape: rows and columns of the checkerboard's inner corners.
+        pitch: side of its cells [mm].
+        orthographic_left: whether the left view is an orthographic one.
+
+    Returns:
+        The views, and why pictures were left out.
+
+    Raises:
+        ValueError: too few pictures can be used, or no two views fit them.
+        OSError: the pictures cannot be read.
+    """
+    poses, left_out, size = [], [], (0, 0)
+    for picture in read_pictures(path):
+        if picture.image is None or picture.flaw:
+            left_out.append(f"picture {picture.number}: {picture.flaw}")
+            continue
+        height, width = picture.image.shape[0], picture.image.shape[1] // 2
+        size = (width, height)
+        views = picture.image[:, :width], picture.image[:, width : 2 * width]
+        try:
+            poses.append(Pose(*(find_target(view, shape) for view in views)))
+        except ValueError as error:
+            left_out.append(f"picture {picture.number}: {error}")
+    if len(poses) < FEWEST_POSES and left_out:
+        raise ValueError(f"{len(poses)} pictures show the target in both views; {left_out[0]}")
+    target = Pattern(shape, pitch).corners()
+    return calibrate_stereo(poses, target, size, orthographic_left), left_out
 
 
 def calibrate_stereo(

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from calibration.stereo import Pose, calibrate_stereo, find_target
+from calibration.__main__ import app
+from calibration.stereo import Pose, calibrate_from_pictures, calibrate_stereo
 from estimation.contact import ONSET_MM, SHARE
 from estimation.fields import measure_fields
 from estimation.images.pattern import Pattern, render_pattern
@@ -112,27 +114,33 @@ def test_a_calibration_is_written_and_read(tmp_path):
         calibrated(make_rig(), np.random.default_rng(2), poses=3)
 
 
-def test_a_calibration_from_pictures():
-    rng, poses = np.random.default_rng(3), []
-    pattern = Pattern((7, 9), PITCH)
+def test_a_calibration_from_pictures(tmp_path):
+    rng, pattern = np.random.default_rng(3), Pattern((7, 9), PITCH)
+    design, pictures = np.column_stack([pattern.corners(), np.ones(63)]), []
     for seed in range(5):
         points = tilted(pattern.corners(), rng, tilt=0.35, shift=1.0)
-        axes = np.linalg.lstsq(
-            np.column_stack([pattern.corners(), np.ones(63)]), points, rcond=None
-        )[0]
-        picture = photograph(
-            SMALL, lambda p, axes=axes: np.column_stack([p, np.ones(len(p))]) @ axes, pattern, seed
-        )
-        poses.append(Pose(*(find_target(view, pattern.shape) for view in SMALL.split(picture))))
-    rig = calibrate_stereo(poses, pattern.corners(), (320, 240))
+        axes = np.linalg.lstsq(design, points, rcond=None)[0]
+
+        def move(at, axes=axes):
+            return np.column_stack([at, np.ones(len(at))]) @ axes
+
+        pictures.append(photograph(SMALL, move, pattern, seed))
+    half = pictures[0].copy()
+    half[:, 320:450] = 128
+    folder = write_folder(tmp_path / "target", [*pictures, half])
+    arguments = ["--rows", "7", "--columns", "9", "--pitch-mm", str(PITCH), "--out", str(tmp_path)]
+    done = CliRunner().invoke(app, ["stereo", str(folder), *arguments])
+    assert done.exit_code == 0, done.output
+    assert "picture 5" in done.output
+    rig = read_rig(tmp_path / "stereo.toml")
     assert rig.error < 0.03  # corners are good to 0.009 px, foreshortened ones to twice that
     assert rig.left.focal == pytest.approx(20.0, rel=1e-3)
     turned = rotation_matrix(np.array(rig.right.rotation)) @ rotation_matrix(
         -np.array(SMALL.right.rotation)
     )
     assert np.degrees(np.arccos(0.5 * (np.trace(turned) - 1.0))) < 0.5
-    with pytest.raises(ValueError, match="not 8 rows"):
-        find_target(SMALL.split(picture)[0], (8, 9))
+    with pytest.raises(ValueError, match="0 pictures show the target"):
+        calibrate_from_pictures(folder, (8, 9), PITCH)
 
 
 def test_the_contact_region_is_that_of_the_arrays(surface):
