@@ -3,6 +3,7 @@
 import csv
 import io
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -16,26 +17,10 @@ from rich.table import Table
 from estimation.files import check_writable, write_whole
 from estimation.report import figure_png
 from estimation.sources import write_archive
+from papers.items import ITEMS, choose_items
 from papers.leaderboard import alarms, board, cases
 from papers.leaderboard import settings as leaderboard_settings
 from papers.published import compare, read_published
-
-ITEMS = {
-    "li2024": ("method", "fig6", "fig7b", "fig8b", "fig9b", "error_comparison", "section_vi"),
-    "model_error": (
-        "equation2",
-        "equation14",
-        "equation15",
-        "rotation_forms",
-        "stencil_bias",
-        "reversals",
-        "marker_depth",
-    ),
-    "marker_images": ("corners",),
-    "virtual_pivots": ("accuracy", "reversal"),
-}
-"""Items of each paper: modules with `compute`, `plot` and `tables`, and `numbers` where something
-was published."""
 
 app = typer.Typer(
     help="Published results regenerated, and studies of our own.",
@@ -61,15 +46,13 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/papers"),
 ) -> None:
     """Compute items, draw them, print their tables and what was published beside ours."""
-    chosen = _choose(paper, item)
+    chosen = choose_items(paper, item)
     check_writable(out)
     for name, part in chosen:
         module = import_module(f"papers.{name}.{part}")
         with _progress() as progress:
-            result = module.compute(
-                quick=quick,
-                track=lambda cases: progress.track(cases, description=f"{name} {part}"),  # noqa: B023
-            )
+            track = partial(progress.track, description=f"{name} {part}")
+            result = module.compute(quick=quick, track=track)
         write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
         shown: dict[str, list[dict[str, object]]] = module.tables(result)
         if rows := [row for row in read_published(name) if row.item == part]:
@@ -78,24 +61,6 @@ def run(
             write_whole(out / name / f"{part}{suffix}.csv", _csv(rows))
             Console(width=200).print(_table(f"{name} {part}{suffix}", rows))
     print(f"written to {out}")
-
-
-def _choose(paper: str | None, item: str | None) -> list[tuple[str, str]]:
-    """Papers and items that were asked for.
-
-    Raises:
-        ValueError: there is no such one.
-    """
-    if paper is not None and paper not in ITEMS:
-        raise ValueError(f"no paper {paper!r}; there are {', '.join(ITEMS)}")
-    if paper is not None and item is not None and item not in ITEMS[paper]:
-        raise ValueError(f"{paper} has no item {item!r}; it has {', '.join(ITEMS[paper])}")
-    return [
-        (name, part)
-        for name, parts in ITEMS.items()
-        for part in parts
-        if paper in (None, name) and item in (None, part)
-    ]
 
 
 @app.command()
@@ -129,9 +94,8 @@ def leaderboard(
             write_archive(case.recording, export / f"{case.name}.npz")
         print(f"{len(every)} recordings exported to {export}")
     with Progress(console=console) as progress:
-        answers = board.answer_all(
-            every, track=lambda cases: progress.track(cases, description="leaderboard")
-        )
+        track = partial(progress.track, description="leaderboard")
+        answers = board.answer_all(every, track)
     answers += others
     rows = board.tabulate(answers)
     folder = out / "leaderboard"

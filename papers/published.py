@@ -60,7 +60,7 @@ def read_published(paper: str) -> list[Published]:
     if not file.is_file():
         return []
     rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
-    return [Published(**{**row, "value": float(row["value"])}) for row in rows]  # pyright: ignore
+    return [Published(value=float(row.pop("value")), **row) for row in rows]
 
 
 def compare(rows: Sequence[Published], ours: Mapping[str, float]) -> list[dict[str, object]]:

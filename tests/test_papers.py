@@ -8,7 +8,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from papers.__main__ import ITEMS, main
+from papers.__main__ import main
+from papers.items import ITEMS
 from papers.published import KINDS, compare, read_published
 
 PUBLISHED = {"li2024": read_published("li2024")}

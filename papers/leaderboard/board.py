@@ -6,7 +6,7 @@ the mean time of one frame on this machine, fields included.
 
 import csv
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from estimation.estimators import METHODS, RIVALS
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
 from estimation.tracker import RIGID_OBJECT, Tracker
+from papers.items import Track
 from papers.leaderboard import settings
 from papers.leaderboard.cases import Case
 
@@ -39,9 +40,7 @@ class Answers(NamedTuple):
     latency: float = float("nan")
 
 
-def answer_all(
-    cases: Sequence[Case], track: Callable[[Iterable], Iterable] = iter
-) -> list[Answers]:
+def answer_all(cases: Sequence[Case], track: Track = iter) -> list[Answers]:
     """The answers of all our methods and the published rivals.
 
     Args:

@@ -7,17 +7,16 @@ turn as a real object would (see `lifts`). Beside their figures stands the best 
 without telling it the softness.
 """
 
-from collections.abc import Callable, Iterable
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from papers.items import Track
 from papers.li2024 import fig9b
-from papers.li2024.fig9b import CALIBRATED, Lifts, per_object
+from papers.li2024.fig9b import CALIBRATED, PRINTED_DEG, Lifts, limit_per_object, per_object
 
 PRINTED = {
-    "paper": 1.34,
+    "paper": PRINTED_DEG,
     "kolamuri": 4.39,
     "contour [13]": 1.85,
     "trained [6]": 3.96,
@@ -26,7 +25,7 @@ PRINTED = {
 """Mean absolute errors as printed [deg]."""
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Lifts:
+def compute(quick: bool = False, track: Track = iter) -> Lifts:
     """The lifts of Fig. 9(b)."""
     return fig9b.compute(quick, track)
 
@@ -46,10 +45,10 @@ def numbers(result: Lifts) -> dict[str, float]:
 
 
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
-    """A row for each method, pooled over the objects."""
+    """A row for each method and the bound, pooled over the objects."""
+    objects = {method: per_object(result, method) for method in result.error}
     rows = []
-    for method in result.error:
-        each = per_object(result, method)
+    for method, each in (objects | {"Cramér–Rao bound": limit_per_object(result)}).items():
         rows.append(
             {
                 "method": method,
@@ -75,10 +74,13 @@ def plot(result: Lifts) -> Figure:
             axis.barh(place[i] + 0.2, PRINTED[name], 0.38, color="0.7")
     axis.barh(np.nan, np.nan, color="C0", label="here, ten virtual objects")
     axis.barh(np.nan, np.nan, color="0.7", label="printed, hardware")
+    axis.axvline(
+        limit_per_object(result).mean(), color="k", ls="--", label="Cramér–Rao bound, here"
+    )
     axis.set_xscale("log")
     axis.set_yticks(place, names)
     axis.invert_yaxis()
     axis.set_xlabel("mean absolute error [°]")
     axis.grid(alpha=0.3, axis="x")
-    figure.legend(loc="outside upper center", ncols=2, fontsize=8)
+    figure.legend(loc="outside upper center", ncols=3, fontsize=8)
     return figure

@@ -4,7 +4,6 @@ Clockwise, counter-clockwise, translation alone, and a small round contact: path
 model on an incompressible pad, for which pressing does not move the markers sideways.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -17,6 +16,7 @@ from estimation.estimators import DEFAULT_METHOD
 from estimation.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, lay_out_markers
+from papers.items import Track
 from papers.li2024 import settings
 
 METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
@@ -66,7 +66,7 @@ class View(NamedTuple):
     seen: Bool[np.ndarray, " n"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> dict[str, View]:
+def compute(quick: bool = False, track: Track = iter) -> dict[str, View]:
     """Solve and measure the four motions. The quick size is the full one: seconds."""
     return {name: _view(MOTIONS[name]) for name in track(list(MOTIONS))}
 

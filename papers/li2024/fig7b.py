@@ -6,7 +6,6 @@ friction; it is one frame, so without the window. An angle without an answer cou
 large as the angle.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -18,6 +17,7 @@ from estimation.estimators import DEFAULT_METHOD
 from estimation.noise import Noise
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.items import Track
 from papers.li2024 import settings
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 
@@ -40,7 +40,7 @@ class Static(NamedTuple):
     limit: Float[np.ndarray, " draws"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Static:
+def compute(quick: bool = False, track: Track = iter) -> Static:
     """Repeat the experiment."""
     rng = np.random.default_rng(settings.SEED)
     low, high = settings.QUICK_REPETITIONS if quick else settings.REPETITIONS

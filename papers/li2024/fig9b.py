@@ -5,7 +5,6 @@ lifts of the object, by least squares of the reference over the elastomer's rota
 an answer counts as an error as large as its angle.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -14,11 +13,16 @@ from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
 from contactmodel.rotation import object_rotation
+from papers.items import Track
 from papers.li2024 import settings
 from papers.li2024.lifts import METHODS, OURS
+from papers.limits import MEAN_ABSOLUTE
 from papers.sweeps import run_study
 
 CALIBRATED = f"{OURS}, calibrated"
+
+PRINTED_DEG = 1.34
+"""Mean absolute error as printed, on hardware [deg]."""
 
 
 class Lifts(NamedTuple):
@@ -27,17 +31,20 @@ class Lifts(NamedTuple):
     Attributes:
         thing: row of the object.
         reference: the angular sensor's angle [deg].
-        error: of each method, and of the default one calibrated [deg].
+        error: of each method, and of ours calibrated [deg].
+        limit: mean absolute error at the Cramér–Rao bound of one frame, of the object's angle with
+            its softness known [deg].
         stick: markers that truly stick at the end.
     """
 
     thing: Int[np.ndarray, " lifts"]
     reference: Float[np.ndarray, " lifts"]
     error: dict[str, Float[np.ndarray, " lifts"]]
+    limit: Float[np.ndarray, " lifts"]
     stick: Int[np.ndarray, " lifts"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Lifts:
+def compute(quick: bool = False, track: Track = iter) -> Lifts:
     """Lift, or read what `python -m papers sweep papers.li2024.lifts` has done."""
     results = run_study("papers.li2024.lifts", quick, track)
     if results.failures:
@@ -47,7 +54,8 @@ def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -
     error = {method: np.nan_to_num(phi) - reference for method, phi in elastomer.items()}
     corrected = calibrate_on_others(elastomer[OURS], reference, thing)
     error[CALIBRATED] = np.nan_to_num(corrected) - reference
-    return Lifts(thing, reference, error, results.values["stick"])
+    limit = MEAN_ABSOLUTE * results.values["limit"] * reference / elastomer[OURS]
+    return Lifts(thing, reference, error, limit, results.values["stick"])
 
 
 def calibrate_on_others(
@@ -77,13 +85,22 @@ def numbers(result: Lifts) -> dict[str, float]:
 
 def per_object(result: Lifts, method: str) -> Float[np.ndarray, " objects"]:
     """Mean absolute error of each object [deg]."""
-    error = np.abs(result.error[method])
-    return np.array([error[result.thing == i].mean() for i in range(len(settings.THINGS))])
+    return _by_object(np.abs(result.error[method]), result)
+
+
+def limit_per_object(result: Lifts) -> Float[np.ndarray, " objects"]:
+    """The Cramér–Rao bound's mean absolute error of each object [deg]."""
+    return _by_object(result.limit, result)
+
+
+def _by_object(values: Float[np.ndarray, " lifts"], result: Lifts) -> np.ndarray:
+    return np.array([values[result.thing == i].mean() for i in range(len(settings.THINGS))])
 
 
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
     """A row for each object, and one for all: mean absolute error of each method."""
     means = {method: per_object(result, method) for method in result.error}
+    means["Cramér–Rao bound"] = limit_per_object(result)
     rows: list[dict[str, object]] = [
         {
             "object": name,
@@ -103,20 +120,29 @@ def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Lifts) -> Figure:
-    """Box plots of the error by object, as measured and calibrated."""
-    figure, axes = plt.subplots(3, 1, figsize=(10, 10), sharex=True, layout="constrained")
+    """Box plots of the absolute error by object, as measured and calibrated, over the bound."""
+    figure, axes = plt.subplots(3, 1, figsize=(10, 11), sharex=True, sharey=True,
+                                layout="constrained")  # fmt: skip
+    place = np.arange(1, len(settings.THINGS) + 1)
+    limit = limit_per_object(result)
     for axis, method in zip(axes, ("paper", OURS, CALIBRATED), strict=True):
-        boxes = [result.error[method][result.thing == i] for i in range(len(settings.THINGS))]
-        axis.axhline(0.0, color="C3", lw=1)
-        axis.boxplot(boxes, widths=0.6, flierprops={"ms": 3})
+        error = np.abs(result.error[method])
+        axis.boxplot(
+            [error[result.thing == i] for i in range(len(place))], widths=0.6, flierprops={"ms": 3}
+        )
+        axis.hlines(limit, place - 0.4, place + 0.4, colors="k", linestyles="--",
+                    label="Cramér–Rao bound of one frame")  # fmt: skip
+        axis.axhline(PRINTED_DEG, color="0.5", ls=":", label=f"paper, hardware: {PRINTED_DEG}°")
         mean = per_object(result, method)
         axis.set_title(
             f"{method}: mean absolute error {mean.mean():.3f}°, worst object {mean.max():.3f}°",
             fontsize=10,
         )
-        axis.set_ylabel("error [°]")
+        axis.set_ylabel("absolute error [°]")
+        axis.set_yscale("log")
         axis.grid(alpha=0.3)
+    axes[-1].legend(fontsize=8, loc="upper left")
     labels = [f"{name}\nk = {t.stiffness_ratio:g}, {t.thickness:g} mm"
               for name, t in settings.THINGS.items()]  # fmt: skip
-    axes[-1].set_xticks(range(1, len(labels) + 1), labels, fontsize=8)
+    axes[-1].set_xticks(place, labels, fontsize=8)
     return figure

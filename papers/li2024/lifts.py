@@ -22,6 +22,7 @@ from estimation.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, lay_out_markers
 from papers.li2024 import settings
+from papers.limits import angle_limit
 from papers.sweeps import Study
 
 OURS = "incremental"
@@ -55,7 +56,10 @@ def cases(quick: bool) -> dict[str, np.ndarray]:
 def evaluate(
     thing: int, angle_deg: float, offset: list[float], grid_angle: float, seed: int
 ) -> dict[str, np.ndarray]:
-    """Reference and the elastomer's rotation by each of `METHODS`, at the end of the lift [deg]."""
+    """At the end of the lift: reference, and the elastomer's rotation by each of `METHODS` [deg].
+
+    `limit` is the Cramér–Rao bound of that rotation, from one frame of what has always stuck [deg].
+    """
     told = list(settings.THINGS.values())[thing]
     modulus = _SHEAR_MODULUS / max(told.stiffness_ratio, _RIGID)
     pressed = Pose(told.approach)
@@ -84,6 +88,7 @@ def evaluate(
     return {
         "reference": np.array(angle_deg + np.degrees(told.deflection * truth.moment[-1])),
         "elastomer": np.degrees(answers),
+        "limit": np.degrees(angle_limit(layout.reference[:, :2], truth.stick[-1], camera.noise[0])),
         "stick": truth.stick[-1].sum(),
         "contact": truth.contact[-1].sum(),
     }

@@ -4,7 +4,6 @@ The quantity that Eq. (15) bounds has no unit, and the bound is printed as "0.4Â
 as 0.4, `paper_strict` as 0.4Â° in radians.
 """
 
-from collections.abc import Callable, Iterable
 from inspect import signature
 
 import matplotlib.pyplot as plt
@@ -14,11 +13,12 @@ from matplotlib.figure import Figure
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper
 from estimation.stick import ANGLE_FLOOR_DEG
+from papers.items import Track
 
 Method = dict[str, float]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Method:
+def compute(quick: bool = False, track: Track = iter) -> Method:
     """The defaults."""
     told = signature(Paper).parameters
     constants = {

@@ -7,7 +7,6 @@ other extreme: not a half-space but a free prism as wide as its face, loaded all
 M l/GJ over its length l up to where the angle is taken; the face itself is taken to stay plane.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -25,6 +24,7 @@ from contactmodel import (
     SquarePunch,
     solve_contact,
 )
+from papers.items import Track
 from papers.li2024 import settings
 
 THICKNESSES_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 8.0, np.inf)
@@ -56,7 +56,7 @@ class Missed(NamedTuple):
     prism: Float[np.ndarray, "thicknesses depths lengths"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Missed:
+def compute(quick: bool = False, track: Track = iter) -> Missed:
     """Solve two contacts for each thickness; the quick size has three thicknesses."""
     thicknesses = _QUICK if quick else THICKNESSES_MM
     found = [_missed(thickness) for thickness in track(thicknesses)]

@@ -1,4 +1,4 @@
-"""The atlas: contacts under reversed twist over k, thickness and friction, for `papers sweep`.
+"""The atlas, for `papers sweep`: contacts under reversed twist over k, thickness, size, friction.
 
 Each case is a path of 40 steps on 64² cells: a ball pressed onto an elastic layer, turned by 12°,
 and turned back to −8°. 252 cases are 10,080 solves.
@@ -14,37 +14,46 @@ from papers.sweeps import Study
 
 RATIOS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0)
 THICKNESSES = (2.0, 3.0, 4.0, 6.0, 10.0, 60.0)
-FRICTIONS = (0.3, 0.5, 0.7, 1.0, 1.5, 2.5)
+INDENTATIONS = (0.3, 0.8)
+"""That a half-space would have [mm]: contacts of two sizes."""
+
+FRICTIONS = (0.3, 0.7, 1.5)
 TURN_DEG, BACK_DEG = 12.0, -8.0
 STEPS = (16, 24)
 """Steps of the turn and of the way back."""
 
 CELLS = 64
-_RADIUS, _INDENTATION = 20.0, 0.8  # mm; the indentation that a half-space would have
-_SIZE = 13.0
+_RADIUS, _SIZE = 20.0, 13.0  # of the ball and of the grid [mm]
 _LEAST_RATIO = 1e-6  # a half-space has to give way
 
 
 def cases(quick: bool) -> dict[str, np.ndarray]:
     """Every combination; the quick table has the ends and one between."""
-    axes = (RATIOS, THICKNESSES, FRICTIONS)
+    axes = (RATIOS, THICKNESSES, INDENTATIONS, FRICTIONS)
     if quick:
-        axes = ((0.0, 0.4, 1.0), (2.0, 60.0), (0.5, 1.5))
-    k, h, mu = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+        axes = ((0.0, 0.4, 1.0), (2.0, 60.0), INDENTATIONS, (0.3, 1.5))
+    k, h, depth, mu = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
     cells = np.full(len(k), 32 if quick else CELLS)
-    return {"stiffness_ratio": k, "thickness": h, "friction": mu, "cells": cells}
+    return {
+        "stiffness_ratio": k,
+        "thickness": h,
+        "indentation": depth,
+        "friction": mu,
+        "cells": cells,
+    }
 
 
 def evaluate(
     stiffness_ratio: Float[Array, ""],
     thickness: Float[Array, ""],
+    indentation: Float[Array, ""],
     friction: Float[Array, ""],
     cells: int,
 ) -> dict[str, Array]:
     """Along the path: φ of what sticks and of the contact, stick ratio, moment, radius."""
     modulus, nu = settings.SHEAR_MODULUS, settings.POISSON_RATIO
     turn, back = jnp.radians(TURN_DEG), jnp.radians(BACK_DEG)
-    poses = [Pose(_INDENTATION, twist=twist, linear=True) for twist in (0.0, turn, back)]
+    poses = [Pose(indentation, twist=twist, linear=True) for twist in (0.0, turn, back)]
     solution = solve_path(
         Layer(modulus, nu, thickness),
         HalfSpace(modulus / jnp.maximum(stiffness_ratio, _LEAST_RATIO), nu),

@@ -1,11 +1,12 @@
 """Error of Eq. (14), θ = −φ, as maps to read a correction from, drawn from the atlas.
 
 The share of the object's turn that the elastomer does not show where it sticks, 1 − φ/θ, depends on
-k and on the elastomer's thickness beside the contact's radius; hardly on how much sticks, and on
-friction only through that. Divide a measured φ by one minus the map's value.
+k and on the elastomer's thickness over the contact's radius, h/a: linear elasticity has no length
+of its own, so contacts of two sizes must fall on one curve. It hardly depends on how much sticks,
+and on friction only through that. Divide a measured φ by one minus the map's value; or multiply it
+by 1 + k', with k' read from the curve of k'/k, which is nearly one curve for all k.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -14,6 +15,7 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 from matplotlib.tri import TriAnalyzer, Triangulation
 
+from papers.items import Track
 from papers.model_error import atlas
 from papers.sweeps import run_study
 
@@ -28,8 +30,9 @@ class Maps(NamedTuple):
         stiffness_ratio: k [-].
         thickness: h/a [-].
         friction: μ [-].
-        thick: cases on the thickest elastomer.
-        thin: cases on the thinnest.
+        large: cases with the larger of the two contacts.
+        thick: large contacts on the thickest elastomer.
+        thin: large contacts on the thinnest.
         stick_ratio: share of the contact that sticks [-].
         missed: 1 − φ/θ where it sticks [%]; NaN where nothing does.
     """
@@ -37,25 +40,28 @@ class Maps(NamedTuple):
     stiffness_ratio: Float[np.ndarray, " cases"]
     thickness: Float[np.ndarray, " cases"]
     friction: Float[np.ndarray, " cases"]
+    large: Bool[np.ndarray, " cases"]
     thick: Bool[np.ndarray, " cases"]
     thin: Bool[np.ndarray, " cases"]
     stick_ratio: Float[np.ndarray, "cases steps"]
     missed: Float[np.ndarray, "cases steps"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Maps:
+def compute(quick: bool = False, track: Track = iter) -> Maps:
     """Solve, or read what `python -m papers sweep papers.model_error.atlas` has done."""
     found = run_study("papers.model_error.atlas", quick, track)
     if found.failures:
         raise ValueError(f"{len(found.failures)} contacts failed: {found.failures}")
     out = slice(0, atlas.STEPS[0])
     values, table = found.values, found.table
+    large = table["indentation"] == max(atlas.INDENTATIONS)
     return Maps(
         stiffness_ratio=table["stiffness_ratio"],
         thickness=table["thickness"] / values["contact_radius"],
         friction=table["friction"],
-        thick=table["thickness"] == max(atlas.THICKNESSES),
-        thin=table["thickness"] == min(atlas.THICKNESSES),
+        large=large,
+        thick=large & (table["thickness"] == max(atlas.THICKNESSES)),
+        thin=large & (table["thickness"] == min(atlas.THICKNESSES)),
         stick_ratio=values["stick_ratio"][:, out],
         missed=100.0 * (1.0 - values["stick_rotation"][:, out] / values["twist"][:, out]),
     )
@@ -86,31 +92,60 @@ def _mean(missed: np.ndarray) -> float | None:
 
 
 def plot(result: Maps) -> Figure:
-    """Maps over k and h/a, over k and stick ratio on a thick and a thin elastomer, and over μ."""
-    figure, axes = plt.subplots(2, 2, figsize=(11, 8.5), layout="constrained")
-    grip = result.friction == result.friction.max()
-    first = result.missed[grip, 0]
-    by_k = (len(np.unique(result.stiffness_ratio)), -1)  # the table runs through h for each k
-    k, height = (
-        values[grip].reshape(by_k) for values in (result.stiffness_ratio, result.thickness)
-    )
-    _shade(axes[0, 0], axes[0, 0].contourf, axes[0, 0].contour, k, np.log10(height),
-           first.reshape(by_k))  # fmt: skip
-    ticks = [0.5, 1.0, 2.0, 5.0, 10.0]
-    axes[0, 0].set_yticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
-    axes[0, 0].set(title="all sticks", ylabel="thickness over contact radius h/a [-]")
+    """Maps over k, h/a and stick ratio above; friction, size and k'/k below."""
+    figure, axes = plt.subplots(2, 3, figsize=(16, 9), layout="constrained")
+    _plot_sizes(axes[0, 0], result)
     for axis, chosen, name in (
         (axes[0, 1], result.thick, "thick"),
-        (axes[1, 0], result.thin, "thin"),
+        (axes[0, 2], result.thin, "thin"),
     ):
         k = np.broadcast_to(result.stiffness_ratio[:, None], result.missed.shape)[chosen]
         _map(axis, k.ravel(), result.stick_ratio[chosen].ravel(), result.missed[chosen].ravel())
         low, high = result.thickness[chosen].min(), result.thickness[chosen].max()
         axis.set(title=f"{name}: h/a = {low:.2g} to {high:.2g}", ylabel="stick ratio [-]")
-    for axis in (axes[0, 0], axes[0, 1], axes[1, 0]):
+    for axis in axes[0]:
         axis.set_xlabel("k = G_S/G_B [-]")
-    _plot_friction(axes[1, 1], result)
+    _plot_friction(axes[1, 0], result)
+    _plot_collapse(axes[1, 1], axes[1, 2], result)
     return figure
+
+
+def _firm(result: Maps) -> Bool[np.ndarray, " cases"]:
+    """Cases of the greatest friction: at the first step of the turn most of the contact sticks."""
+    return result.friction == result.friction.max()
+
+
+def _plot_sizes(axis, result: Maps) -> None:
+    """Over k and h/a, contacts of both sizes together."""
+    by_k = (len(np.unique(result.stiffness_ratio)), -1)  # the table runs through h and a for each k
+    k, height, missed = (
+        values[_firm(result)].reshape(by_k)
+        for values in (result.stiffness_ratio, result.thickness, result.missed[:, 0])
+    )
+    order = np.argsort(height, axis=1)
+    field = (np.take_along_axis(values, order, 1) for values in (k, np.log10(height), missed))
+    _shade(axis, axis.contourf, axis.contour, *field)
+    ticks = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0]
+    axis.set_yticks(np.log10(ticks), [f"{tick:g}" for tick in ticks])
+    axis.set(title="nearly all sticks", ylabel="thickness over contact radius h/a [-]")
+
+
+def _plot_collapse(left, right, result: Maps) -> None:
+    """What is missed, and k' = missed/(1 − missed) over k: by h/a, for both sizes."""
+    for chosen, style in ((result.large, "o-"), (~result.large, "x--")):
+        for i, k in enumerate(np.unique(result.stiffness_ratio)[1:]):
+            rows = chosen & _firm(result) & (result.stiffness_ratio == k)
+            share = 0.01 * result.missed[rows, 0]
+            name = f"k = {k:g}" if style == "o-" else None
+            for axis, shown in ((left, 100.0 * share), (right, share / (1.0 - share) / k)):
+                axis.semilogx(result.thickness[rows], shown, style, ms=4, lw=1, color=f"C{i}",
+                              label=name)  # fmt: skip
+    left.set(ylabel="1 − φ/θ [%]", title="full, dots: large contacts; dashed, crosses: small")
+    right.set(ylabel="k'/k, with θ = (1 + k') φ [-]", title="the k that a layer seems to have")
+    for axis in (left, right):
+        axis.set_xlabel("thickness over contact radius h/a [-]")
+        axis.grid(alpha=0.3, which="both")
+        axis.legend(fontsize=8)
 
 
 def _map(axis, x: np.ndarray, y: np.ndarray, missed: np.ndarray) -> None:

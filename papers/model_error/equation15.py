@@ -6,7 +6,6 @@ the mean of φ over the region that grows, as the paper has it; a region of fewe
 gives none.
 """
 
-from collections.abc import Callable, Iterable
 from itertools import product
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from estimation.fields import measure_fields
 from estimation.stencils import make_stencils
 from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
 from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
 
@@ -64,7 +64,7 @@ class Thresholds(NamedTuple):
     limit: Float[np.ndarray, " conditions"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Thresholds:
+def compute(quick: bool = False, track: Track = iter) -> Thresholds:
     """Draw and grow."""
     rng = np.random.default_rng(settings.SEED)
     columns = []

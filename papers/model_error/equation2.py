@@ -7,7 +7,6 @@ elastomers of finite thickness. The residual is what is left of each component w
 the contact is taken off, relative to the gradients it should cancel.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -25,6 +24,7 @@ from contactmodel import (
     solve_contact,
     stiffness_ratio,
 )
+from papers.items import Track
 from papers.model_error import settings
 
 K = 0.5
@@ -51,7 +51,7 @@ class Residuals(NamedTuple):
     over_thickness: Float[np.ndarray, "thicknesses components"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Residuals:
+def compute(quick: bool = False, track: Track = iter) -> Residuals:
     """Solve each contact; the quick size leaves out every other."""
     every = slice(None, None, 2 if quick else 1)
     nu = settings.POISSON_RATIO

@@ -5,7 +5,6 @@ model. Right: what a rigid fit of the inner 0.7 a of such a disc misses, by dept
 angle is short by that share at every angle: calibrate the depth, or put the markers at the surface.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 
 from contactmodel import Grid, HalfSpace, Layer, Pose, Rigid, RoundPunch, solve_contact
 from estimation.estimators.plane import fit_motion
+from papers.items import Track
 from papers.model_error import settings
 
 DEPTHS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
@@ -47,7 +47,7 @@ class Depth(NamedTuple):
     fit: Float[np.ndarray, "thicknesses depths"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Depth:
+def compute(quick: bool = False, track: Track = iter) -> Depth:
     """Solve a contact for each thickness and look below; the quick size has two of them."""
     thicknesses = _QUICK if quick else THICKNESSES
     found = [_missed(thickness) for thickness in track(thicknesses)]

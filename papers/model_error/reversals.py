@@ -5,7 +5,6 @@ part of what sticks has slipped before and carries the old turn. Increments betw
 the same markers stick, Eq. (12), do not care. Virtual pivots: to 10°, held, back to −20°.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
+from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
 
@@ -46,7 +46,7 @@ class Reversals(NamedTuple):
     limit: Float[np.ndarray, " ratios"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Reversals:
+def compute(quick: bool = False, track: Track = iter) -> Reversals:
     """Draw and estimate."""
     draws = QUICK_DRAWS if quick else DRAWS
     first, mean, answered, limit = [], [], [], []

@@ -8,7 +8,6 @@ traction tan(θ/2)/(1−ν) times the twist's; the linear twist θ × r has none
 atan θ, and half the curl of a true rotation is sin θ.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -23,6 +22,7 @@ from contactmodel.kinematics import (
     slip_shear_as_printed,
     small_rotation,
 )
+from papers.items import Track
 from papers.model_error import settings
 
 STRAINS = (0.02, 0.05, 0.1)
@@ -53,7 +53,7 @@ class Forms(NamedTuple):
     traction_percent: Float[np.ndarray, " n"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Forms:
+def compute(quick: bool = False, track: Track = iter) -> Forms:
     """Closed forms: the quick size is the full one."""
     angle_deg = np.linspace(0.5, 20.0, 40)
     theta = np.radians(angle_deg)

@@ -5,7 +5,6 @@ neighbouring markers, and those of the outermost sticking ones reach into the sl
 takes the markers' own positions. Virtual pivots turned by 10°, the grid laid at random.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -18,6 +17,7 @@ from estimation.estimators.plane import fit_motion
 from estimation.fields import measure_fields
 from estimation.stencils import make_stencils
 from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
 
@@ -37,7 +37,7 @@ class Bias(NamedTuple):
     limit: Float[np.ndarray, "pitches radii"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Bias:
+def compute(quick: bool = False, track: Track = iter) -> Bias:
     """Draw, and estimate from the true stick region."""
     rng = np.random.default_rng(settings.SEED)
     draws = QUICK_DRAWS if quick else DRAWS

@@ -82,12 +82,12 @@ class Store:
         state = np.array([FAILED if isinstance(o, Failure) else DONE for o in outcomes], np.uint8)
         good = [outcome for outcome in outcomes if not isinstance(outcome, Failure)]
         for key in good[0] if good else ():
-            array = self._group[f"results/{key}"]
-            array.oindex[cases[state == DONE]] = np.stack([values[key] for values in good])  # pyright: ignore
+            found = np.stack([values[key] for values in good])
+            _array(self._group, f"results/{key}").oindex[cases[state == DONE]] = found
         if FAILED in state:
             reasons = np.array([o.reason for o in outcomes if isinstance(o, Failure)])
-            self._group["reason"].oindex[cases[state == FAILED]] = reasons  # pyright: ignore
-        self._group["state"].oindex[cases] = state  # pyright: ignore
+            _array(self._group, "reason").oindex[cases[state == FAILED]] = reasons
+        _array(self._group, "state").oindex[cases] = state
 
     def _fit(self, outcome: Values | Failure) -> Values | Failure:
         """The outcome, or that its results are not like those of the other cases."""
@@ -105,7 +105,7 @@ class Store:
                     fill_value=np.nan if value.dtype.kind == "f" else 0,
                     config={"write_empty_chunks": True},
                 )
-            shape = results[key].shape[1:]  # pyright: ignore
+            shape = _array(results, key).shape[1:]
             if shape != value.shape:
                 return Failure(f"{key} has shape {value.shape}, in the other cases {shape}")
         if missing := set(results) - set(outcome):
@@ -187,11 +187,20 @@ def _broken(path: Path) -> str:
     return f"{path} is no whole store of a sweep: look what it is, and remove it to start anew"
 
 
-def _read(group: zarr.Group, name: str) -> np.ndarray:
+def _array(group: zarr.Group, name: str) -> zarr.Array:
+    """An array of a group.
+
+    Raises:
+        KeyError: there is none of that name.
+    """
     array = group[name]
     if not isinstance(array, zarr.Array):
         raise KeyError(name)
-    return np.asarray(array[...])
+    return array
+
+
+def _read(group: zarr.Group, name: str) -> np.ndarray:
+    return np.asarray(_array(group, name)[...])
 
 
 def _read_all(group: zarr.Group, name: str) -> dict[str, np.ndarray]:

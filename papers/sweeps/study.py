@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,6 +18,8 @@ from jaxtyping import Int, Shaped
 
 Table = Mapping[str, Shaped[np.ndarray, "_ ..."]]
 Values = Mapping[str, Shaped[np.ndarray, "..."]]
+
+_T = TypeVar("_T")
 
 _PHYSICS = ("contactmodel", "estimation", "calibration")
 
@@ -96,12 +98,14 @@ def make_batches(
 
 def evaluate_batch(name: str, table: Table) -> Sequence[Values | Failure]:
     """Results of some cases of equal shape, or why they have none, in their order."""
+    rows = _rows(table)
     if not find_study(name).traced:
-        return [_evaluate_plainly(name, row) for row in _rows(table)]
-    try:
-        return _evaluate_together(name, table)
-    except Exception:  # of one of them: see of which
-        return [_evaluate_alone(name, row) for row in _rows(table)]
+        return [_attempt(_evaluate_plainly, name, row) for row in rows]
+    together = _attempt(_evaluate_together, name, table)
+    if not isinstance(together, Failure):
+        return together
+    alone = [_attempt(_evaluate_together, name, row) for row in rows]  # to see whose failure it was
+    return [found if isinstance(found, Failure) else found[0] for found in alone]
 
 
 def _rows(table: Table) -> list[Table]:
@@ -110,20 +114,22 @@ def _rows(table: Table) -> list[Table]:
     return [{key: column[[i]] for key, column in table.items()} for i in range(count)]
 
 
-def _evaluate_plainly(name: str, row: Table) -> Values | Failure:
+def _attempt(evaluate: Callable[[str, Table], _T], name: str, table: Table) -> _T | Failure:
+    """What comes of a study's own function, or the failure it ended in.
+
+    Every exception is caught, and only here: what a study may raise cannot be known, one case must
+    not stop the others, and what was raised is not lost but stored as the case's reason.
+    """
+    try:
+        return evaluate(name, table)
+    except Exception as error:
+        return _explain(error)
+
+
+def _evaluate_plainly(name: str, row: Table) -> Values:
     """One case without JAX, its numbers as Python's."""
     case = {key: column[0].tolist() for key, column in row.items()}
-    try:
-        return {k: np.asarray(v) for k, v in find_study(name).evaluate(**case).items()}
-    except Exception as error:  # whatever a study raises must not stop its other cases
-        return _explain(error)
-
-
-def _evaluate_alone(name: str, row: Table) -> Values | Failure:
-    try:
-        return _evaluate_together(name, row)[0]
-    except Exception as error:  # as above
-        return _explain(error)
+    return {key: np.asarray(value) for key, value in find_study(name).evaluate(**case).items()}
 
 
 def _evaluate_together(name: str, table: Table) -> Sequence[Values]:

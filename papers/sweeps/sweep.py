@@ -1,9 +1,10 @@
 """Run a study over its cases, keep what is done, go on where it was stopped."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from papers.items import Track
 from papers.sweeps.executors import Batch, Executor, Outcome, in_process
 from papers.sweeps.store import Results, Store, lock, read_results
 from papers.sweeps.study import code_version, find_study, make_batches
@@ -51,7 +52,7 @@ def run_sweep(
     return read_results(path)
 
 
-def run_study(name: str, quick: bool, track: Callable[[Iterable], Iterable] = iter) -> Results:
+def run_study(name: str, quick: bool, track: Track = iter) -> Results:
     """The results of a study, for an item to draw: what its store lacks is evaluated here.
 
     The quick table is evaluated without a store.

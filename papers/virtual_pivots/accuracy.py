@@ -5,7 +5,6 @@ random under the object. Each frame is one draw: loaded and twisted once, no win
 frame without an answer counts as a miss: as an error as large as the angle.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -17,6 +16,7 @@ from estimation.estimators import METHODS
 from estimation.noise import Noise
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel, simulate_frame
+from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.virtual_pivots import settings
 
@@ -43,16 +43,8 @@ class Accuracy(NamedTuple):
     limit: Float[np.ndarray, "noises ratios angles draws"]
 
 
-def compute(
-    quick: bool = False,
-    track: Callable[[Iterable], Iterable] = iter,
-) -> Accuracy:
-    """Draw and estimate.
-
-    Args:
-        quick: a few draws instead of all.
-        track: wraps the outer loop, to show progress.
-    """
+def compute(quick: bool = False, track: Track = iter) -> Accuracy:
+    """Draw and estimate."""
     rng = np.random.default_rng(0)
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["accuracy"]
     shape = (

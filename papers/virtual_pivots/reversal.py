@@ -6,7 +6,6 @@ markers do not slip; the interval is judged on one such frame of each draw, pick
 the frames of a recording share their markers.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -18,6 +17,8 @@ from estimation.estimators import DEFAULT_METHOD
 from estimation.result import State
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
+from papers.items import Track
+from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.virtual_pivots import settings
 
 
@@ -30,6 +31,8 @@ class Reversals(NamedTuple):
         unanswered: share of those frames without an answer [-].
         picked_error: error in the frame picked [deg].
         inside: whether its interval holds the truth.
+        limit: mean absolute error at the Cramér–Rao bound of one frame, from the markers that do
+            not slip, over the frames that count [deg].
         late: frames by which macro slip was seen after it began; NaN where it was not seen.
     """
 
@@ -38,19 +41,12 @@ class Reversals(NamedTuple):
     unanswered: Float[np.ndarray, " draws"]
     picked_error: Float[np.ndarray, " draws"]
     inside: Bool[np.ndarray, " draws"]
+    limit: Float[np.ndarray, " draws"]
     late: Float[np.ndarray, " draws"]
 
 
-def compute(
-    quick: bool = False,
-    track: Callable[[Iterable], Iterable] = iter,
-) -> Reversals:
-    """Draw and estimate.
-
-    Args:
-        quick: a few draws instead of all.
-        track: wraps the loop, to show progress.
-    """
+def compute(quick: bool = False, track: Track = iter) -> Reversals:
+    """Draw and estimate."""
     rng = np.random.default_rng(0)
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["reversal"]
     rows = []
@@ -64,6 +60,8 @@ def compute(
         result = estimate_angles(recording, DEFAULT_METHOD)
         firm = np.nonzero(truth.sticking.sum(axis=1) >= settings.FIRM_MARKERS)[0]
         error = np.degrees(result.angle - truth.angle)
+        points = recording.layout.reference[:, :2]
+        bounds = [angle_limit(points, truth.sticking[frame], model.noise) for frame in firm]
         picked = int(rng.choice(firm[result.answered[firm]]))
         slip = np.array([state == State.MACRO_SLIP for state in result.state])
         late = np.nan
@@ -77,6 +75,7 @@ def compute(
                 np.mean(~result.answered[firm]),
                 error[picked],
                 result.low[picked] <= truth.angle[picked] <= result.high[picked],
+                MEAN_ABSOLUTE * np.degrees(np.mean(bounds)),
                 late,
             )
         )
@@ -93,6 +92,7 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
             {
                 "draws": len(result.error),
                 "mean absolute error [°]": round(float(result.error.mean()), 4),
+                "Cramér–Rao bound [°]": round(float(result.limit.mean()), 4),
                 "worst draw [°]": round(float(result.error.max()), 4),
                 "unanswered [%]": round(100 * float(result.unanswered.mean()), 2),
                 "interval holds [%]": round(100 * float(result.inside.mean()), 1),
@@ -114,7 +114,11 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
 def plot(result: Reversals) -> Figure:
     """Error against friction, and when macro slip was seen."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
-    left.semilogy(result.friction_ratio, result.error, ".", ms=4)
+    left.semilogy(result.friction_ratio, result.error, ".", ms=4, label=DEFAULT_METHOD)
+    left.semilogy(
+        result.friction_ratio, result.limit, "k.", ms=2, label="Cramér–Rao bound, a frame"
+    )
+    left.legend(fontsize=8)
     left.set_xlabel("μp₀/2G* [-]")
     left.set_ylabel("mean absolute error [°]")
     left.grid(alpha=0.3, which="both")

@@ -1,0 +1,45 @@
+"""The papers and studies, and what an item of them is.
+
+An item is a module with four functions: `compute(quick, track)` gives its result, `tables(result)`
+gives tables by the ending of their file's name, `plot(result)` a figure, and, where something was
+published, `numbers(result)` gives ours by the quantity's name in `published.csv`. `quick` takes a
+few draws in place of all; `track` wraps the outermost loop, to show progress.
+"""
+
+from collections.abc import Callable, Iterable
+
+Track = Callable[[Iterable], Iterable]
+
+ITEMS = {
+    "li2024": ("method", "fig6", "fig7b", "fig8b", "fig9b", "error_comparison", "section_vi"),
+    "model_error": (
+        "equation2",
+        "equation14",
+        "equation15",
+        "rotation_forms",
+        "stencil_bias",
+        "reversals",
+        "marker_depth",
+    ),
+    "marker_images": ("corners",),
+    "virtual_pivots": ("accuracy", "reversal"),
+}
+"""Items of each paper, modules of its package."""
+
+
+def choose_items(paper: str | None, item: str | None) -> list[tuple[str, str]]:
+    """Papers and items that are asked for; all where none is named.
+
+    Raises:
+        ValueError: there is no such one.
+    """
+    if paper is not None and paper not in ITEMS:
+        raise ValueError(f"no paper {paper!r}; there are {', '.join(ITEMS)}")
+    if paper is not None and item is not None and item not in ITEMS[paper]:
+        raise ValueError(f"{paper} has no item {item!r}; it has {', '.join(ITEMS[paper])}")
+    return [
+        (name, part)
+        for name, parts in ITEMS.items()
+        for part in parts
+        if paper in (None, name) and item in (None, part)
+    ]
