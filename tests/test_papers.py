@@ -15,6 +15,14 @@ from papers.published import KINDS, compare, read_published
 PUBLISHED = {"li2024": read_published("li2024")}
 
 
+AT_MOST = {
+    ("fig7b", "mean_absolute_error"): 0.02,
+    ("fig7b", "mean_absolute_error_10um"): 0.1,
+    ("fig9b", "mean_absolute_error"): 0.3,
+    ("fig9b", "worst_object"): 0.3,
+}
+"""Errors that ours must keep to [deg]: targets of the study, an order below what was printed."""
+
 SLOW = ("fig9b", "error_comparison", "section_vi")  # each solves many contacts
 
 
@@ -31,6 +39,8 @@ def test_printed_numbers_are_reproduced_or_told_apart(item):
     assert "WRONG" not in verdicts.values(), verdicts
     for row in rows:  # hardware is compared, never passed
         assert (verdicts[row.quantity] == "compared") == (row.kind == "hardware")
+    for (of, quantity), most in AT_MOST.items():
+        assert of != item or module.numbers(result)[quantity] < most
     assert np.isfinite([module.numbers(result)[row.quantity] for row in rows]).all()
     assert all(module.tables(result).values())
     plt.close(module.plot(result))

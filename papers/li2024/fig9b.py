@@ -80,6 +80,7 @@ def numbers(result: Lifts) -> dict[str, float]:
     return {
         "mean_absolute_error": float(each.mean()),
         "standard_deviation": float(each.std(ddof=1)),
+        "worst_object": float(each.max()),
     }
 
 

@@ -57,7 +57,8 @@ def test_no_threshold_serves_every_noise():
 
 @pytest.mark.slow
 def test_the_atlas_meets_two_half_spaces():
-    case = {"stiffness_ratio": 0.4, "thickness": 60.0, "friction": 1.5, "cells": 32}
+    case = {"stiffness_ratio": 0.4, "thickness": 60.0, "indentation": 0.8, "friction": 1.5}
+    case["cells"] = 32
     (values,) = evaluate_batch(
         "papers.model_error.atlas", {key: np.array([value]) for key, value in case.items()}
     )
@@ -94,3 +95,13 @@ def test_increments_outlast_totals():
 def test_maps_are_drawn_from_the_quick_atlas():
     result = drawn(equation14, equation14.compute(quick=True))
     assert np.nanmax(result.missed) > 50.0  # a soft object on a thin elastomer
+    firm = result.friction == result.friction.max()
+    for k in (0.4, 1.0):
+        rows = firm & (result.stiffness_ratio == k)
+        rows = np.nonzero(rows)[0][np.argsort(result.thickness[rows])]
+        # one curve for both sizes: it falls from the thinnest, a large contact's and a small one's,
+        # to the thickest, which are half-spaces but for 1 %
+        assert list(result.large[rows]) == [True, False, True, False]
+        share = 0.01 * result.missed[rows, 0]
+        assert (np.diff(share[:3]) < 0).all()
+        np.testing.assert_allclose(share[2:] / (1 - share[2:]), k, rtol=0.01)

@@ -17,9 +17,13 @@ pytestmark = pytest.mark.filterwarnings(
 )  # sockets of a process that was killed
 
 
-def cluster(**options) -> LocalCluster:
+def cluster(n_workers=2, threads_per_worker=1, **options) -> LocalCluster:
     return LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True, **options
+        n_workers=n_workers,
+        threads_per_worker=threads_per_worker,
+        dashboard_address=None,
+        processes=True,
+        **options,
     )
 
 
@@ -56,6 +60,36 @@ def test_a_worker_without_the_package_is_named(tmp_path):
         pytest.raises(ValueError, match=r"cannot import papers.*install"),
     ):
         run_sweep(SQUARES, tmp_path / "a.zarr", on_cluster(workers.scheduler_address), quick=True)
+    assert_nothing_lost(tmp_path)
+
+
+def test_a_worker_of_another_version_is_named(tmp_path):
+    old = tmp_path / "old.py"
+    old.write_text(
+        "import papers.sweeps.study as study\nstudy.code_version = lambda name: '0.0.1+old'\n"
+    )
+    with (
+        cluster(n_workers=1, preload=[str(old)]) as workers,
+        pytest.raises(ValueError, match=r"has version 0\.0\.1\+old of the code.*install the same"),
+    ):
+        run_sweep(SQUARES, tmp_path / "a.zarr", on_cluster(workers.scheduler_address), quick=True)
+    assert_nothing_lost(tmp_path)
+
+
+def test_a_worker_of_many_threads_is_named(tmp_path):
+    with (
+        cluster(n_workers=1, threads_per_worker=2) as workers,
+        pytest.raises(ValueError, match=r"has 2 threads; start it with --nthreads 1"),
+    ):
+        run_sweep(SQUARES, tmp_path / "a.zarr", on_cluster(workers.scheduler_address), quick=True)
+    assert_nothing_lost(tmp_path)
+
+
+def test_a_scheduler_without_workers_is_told(tmp_path):
+    with cluster(n_workers=0) as empty:
+        execute = on_cluster(empty.scheduler_address, patience=0.5)
+        with pytest.raises(OSError, match=r"has no workers after 0\.5 s"):
+            run_sweep(SQUARES, tmp_path / "a.zarr", execute, quick=True)
     assert_nothing_lost(tmp_path)
 
 

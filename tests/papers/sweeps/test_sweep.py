@@ -94,6 +94,14 @@ def test_a_finished_sweep_evaluates_nothing(tmp_path):
     assert_right(run_sweep(SQUARES, tmp_path / "a.zarr", refuse))
 
 
+def test_a_store_left_half_made_is_made_anew(tmp_path):
+    left = tmp_path / ".a.zarr.new"  # killed while the table was written
+    left.mkdir()
+    (left / "zarr.json").write_text("{")
+    assert run_sweep(SQUARES, tmp_path / "a.zarr", quick=True).done.all()
+    assert not left.exists()
+
+
 @pytest.mark.parametrize("lost", ["state", "results", "zarr.json", "cases/x", "results/sum/c"])
 def test_a_half_written_store_is_refused_and_left_as_it_is(tmp_path, lost):
     store = tmp_path / "a.zarr"
