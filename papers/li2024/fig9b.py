@@ -13,13 +13,14 @@ from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
 from contactmodel.rotation import object_rotation
+from estimation.estimators import DEFAULT_METHOD
 from papers.items import Track
 from papers.li2024 import settings
-from papers.li2024.lifts import METHODS, OURS
+from papers.li2024.lifts import METHODS
 from papers.limits import MEAN_ABSOLUTE
 from papers.sweeps import run_study
 
-CALIBRATED = f"{OURS}, calibrated"
+CALIBRATED = f"{DEFAULT_METHOD}, calibrated"
 
 PRINTED_DEG = 1.34
 """Mean absolute error as printed, on hardware [deg]."""
@@ -52,9 +53,9 @@ def compute(quick: bool = False, track: Track = iter) -> Lifts:
     thing, reference = results.table["thing"], results.values["reference"]
     elastomer = dict(zip(METHODS, results.values["elastomer"].T, strict=True))
     error = {method: np.nan_to_num(phi) - reference for method, phi in elastomer.items()}
-    corrected = calibrate_on_others(elastomer[OURS], reference, thing)
+    corrected = calibrate_on_others(elastomer[DEFAULT_METHOD], reference, thing)
     error[CALIBRATED] = np.nan_to_num(corrected) - reference
-    limit = MEAN_ABSOLUTE * results.values["limit"] * reference / elastomer[OURS]
+    limit = MEAN_ABSOLUTE * results.values["limit"] * reference / elastomer[DEFAULT_METHOD]
     return Lifts(thing, reference, error, limit, results.values["stick"])
 
 
@@ -126,7 +127,7 @@ def plot(result: Lifts) -> Figure:
                                 layout="constrained")  # fmt: skip
     place = np.arange(1, len(settings.THINGS) + 1)
     limit = limit_per_object(result)
-    for axis, method in zip(axes, ("paper", OURS, CALIBRATED), strict=True):
+    for axis, method in zip(axes, ("paper", DEFAULT_METHOD, CALIBRATED), strict=True):
         error = np.abs(result.error[method])
         axis.boxplot(
             [error[result.thing == i] for i in range(len(place))], widths=0.6, flierprops={"ms": 3}
