@@ -3,10 +3,11 @@
 import csv
 import io
 import sys
+from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import jax
 import typer
@@ -48,11 +49,14 @@ def run(
     """Compute items, draw them, print their tables and what was published beside ours."""
     chosen = choose_items(paper, item)
     check_writable(out)
+    found: dict[Callable, Any] = {}  # some items draw what another has computed
     for name, part in chosen:
         module = import_module(f"papers.{name}.{part}")
-        with _progress() as progress:
-            track = partial(progress.track, description=f"{name} {part}")
-            result = module.compute(quick=quick, track=track)
+        if module.compute not in found:
+            with _progress() as progress:
+                track = partial(progress.track, description=f"{name} {part}")
+                found[module.compute] = module.compute(quick=quick, track=track)
+        result = found[module.compute]
         write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
         shown: dict[str, list[dict[str, object]]] = module.tables(result)
         if rows := [row for row in read_published(name) if row.item == part]:

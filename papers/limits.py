@@ -1,7 +1,16 @@
-"""What no estimator can do better: the Cramér–Rao bound of the angle."""
+"""What no estimator can do better, and what the linear model leaves out.
+
+Below the Cramér–Rao bound of the angle no unbiased estimate from one frame can go. Everything else
+in `papers` is linear elasticity at small strain: a homogeneous elastomer, dry friction with one
+coefficient. A finite rotation costs it what the last three functions say, which at 20° is more than
+the noise. Not in it at all, and not estimated: the silicone's own stress–strain curve, creep,
+adhesion, a friction coefficient that falls with pressure, and contacts that slide far.
+"""
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+Angles = Float[np.ndarray, "*angles"]
 
 MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 """Mean absolute error of a normal error of standard deviation 1."""
@@ -25,3 +34,22 @@ def angle_limit(
     arms = points[stick] - points[stick].mean(axis=0) if stick.sum() > 1 else np.zeros((1, 2))
     moment = float(np.sum(arms**2))
     return noise / np.sqrt(moment) if moment > 0 else np.inf
+
+
+def line_shortfall(theta: Angles) -> Angles:
+    """Error of the angle that lines show under the linear twist θ × r, atan θ − θ [rad]."""
+    return np.arctan(theta) - theta
+
+
+def curl_shortfall(theta: Angles) -> Angles:
+    """Error of half the curl under a true rotation (R − I) r, sin θ − θ [rad]."""
+    return np.sin(theta) - theta
+
+
+def traction_excess(theta: Angles, poisson_ratio: float) -> Angles:
+    """Relative excess of the traction where (R − I) r is imposed on a linear half-space [-].
+
+    It reads the contraction 1 − cos θ as strain: an inward traction of tan(θ/2)/(1−ν) times the
+    twist's.
+    """
+    return np.sqrt(1.0 + (np.tan(0.5 * theta) / (1.0 - poisson_ratio)) ** 2) - 1.0

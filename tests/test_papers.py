@@ -2,6 +2,7 @@
 
 import csv
 import sys
+from functools import cache
 from importlib import import_module
 
 import matplotlib.pyplot as plt
@@ -26,13 +27,19 @@ AT_MOST = {
 SLOW = ("fig9b", "error_comparison", "section_vi")  # each solves many contacts
 
 
+@cache
+def result_of(compute):
+    """Once for the items that share it."""
+    return compute(quick=True)
+
+
 @pytest.mark.parametrize(
     "item",
     [pytest.param(i, marks=pytest.mark.slow) if i in SLOW else i for i in ITEMS["li2024"]],
 )
 def test_printed_numbers_are_reproduced_or_told_apart(item):
     module = import_module(f"papers.li2024.{item}")
-    result = module.compute(quick=True)
+    result = result_of(module.compute)
     rows = [row for row in PUBLISHED["li2024"] if row.item == item]
     assert rows, f"{item} has no row in published.csv"
     verdicts = {row["quantity"]: row["verdict"] for row in compare(rows, module.numbers(result))}

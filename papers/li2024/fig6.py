@@ -116,7 +116,7 @@ def tables(result: dict[str, View]) -> dict[str, list[dict[str, object]]]:
 
 def plot(result: dict[str, View]) -> Figure:
     """Displacements of the markers, and which of them stick."""
-    figure, axes = plt.subplots(1, 4, figsize=(15, 5.2), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, 4, figsize=(15, 6), layout="constrained")
     for axis, (name, view) in zip(axes, result.items(), strict=True):
         slips = view.contact & ~view.sticks
         for markers, colour, what in (
@@ -138,7 +138,8 @@ def plot(result: dict[str, View]) -> Figure:
                      label="sticks (paper's method)")  # fmt: skip
         told = "\n".join(f"{m}: {_say(angle)}" for m, angle in view.angle.items())
         axis.set_title(f"{name}, truth {view.truth:g}°\n{told}", fontsize=9)
-        axis.set(aspect="equal", xlim=(-7, 7), ylim=(-7, 7), xlabel="x [mm]")
+        reach = 1.5 * np.abs(view.reference[view.contact]).max()
+        axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x [mm]")
     axes[0].set_ylabel("y [mm]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure

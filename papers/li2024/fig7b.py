@@ -148,8 +148,8 @@ def _plot_means(axis, result: Static, noise_um: float) -> None:
     bound = [MEAN_ABSOLUTE * result.limit[rows].mean() for rows in chosen]
     axis.semilogy(settings.ANGLES_DEG, bound, "k--", lw=1, label="Cramér–Rao bound")
     axis.axhline(0.17, color="0.5", ls=":", lw=1, label="paper, hardware: 0.17°")
-    axis.set_title(f"mean absolute error, {noise_um:g} µm", fontsize=10)
-    axis.set_ylabel("[°]")
+    axis.set_title(f"all methods, {noise_um:g} µm", fontsize=10)
+    axis.set_ylabel("mean absolute error [°]")
     axis.grid(alpha=0.3, which="both")
     if noise_um == settings.NOISES_UM[0]:
         axis.legend(fontsize=7, ncols=2)

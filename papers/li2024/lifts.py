@@ -29,7 +29,7 @@ from papers.li2024 import settings
 from papers.limits import angle_limit
 from papers.sweeps import Study
 
-METHODS = ("paper", "paper_strict", "kolamuri", "kabsch", DEFAULT_METHOD)
+METHODS = ("paper", "paper_strict", "kolamuri", "castano", "kabsch", DEFAULT_METHOD)
 
 _GRID = Grid((48, 48), (15.0, 15.0))
 _SHEAR_MODULUS, _POISSON_RATIO = 0.2, 0.48
@@ -38,14 +38,22 @@ _TURN, _HOLD, _UNLOADED = 10, 6, 20  # frames
 
 
 def cases(quick: bool) -> dict[str, np.ndarray]:
-    """The draws: object, angle, where the markers lie under it."""
+    """The draws: object, angle, where the markers lie under it.
+
+    The quick table spreads its few angles, one in each equal part of the range: lifts to nearly one
+    angle do not tell k from L.
+    """
     rng = np.random.default_rng(settings.SEED)
     low, high = settings.QUICK_LIFTS if quick else settings.LIFTS
     things = [i for i in range(len(settings.THINGS)) for _ in range(rng.integers(low, high + 1))]
     count = len(things)
+    angle_deg = rng.uniform(*settings.LIFT_RANGE_DEG, count)
+    if quick:
+        part = np.arange(count) % high
+        angle_deg = np.interp(part + rng.random(count), (0, high), settings.LIFT_RANGE_DEG)
     return {
         "thing": np.array(things),
-        "angle_deg": rng.uniform(*settings.LIFT_RANGE_DEG, count),
+        "angle_deg": angle_deg,
         "offset": rng.uniform(-0.5, 0.5, (count, 2)),
         "grid_angle": rng.uniform(0.0, np.pi / 2, count),
         "seed": np.arange(count),

@@ -160,9 +160,13 @@ def plot(result: Missed) -> Figure:
         axes[2].plot(LENGTHS_MM, result.prism[i, 0], label=name)
     axes[1].set_xlabel("depth of the markers [mm]")
     axes[2].set_xlabel("length of the prism [mm]")
-    for axis, title in zip(axes, ("wide object", "wide object", "prism"), strict=True):
+    for axis, title in zip(
+        axes,
+        ("wide object", "wide object", "prism as wide as its face, markers at the surface"),
+        strict=True,
+    ):
         axis.axhspan(PRINTED_PERCENT - ABOUT_PERCENT, PRINTED_PERCENT + ABOUT_PERCENT,
-                     color="0.85", zorder=0)  # fmt: skip
+                     color="0.85", zorder=0, label="paper, hardware: about 70 %")  # fmt: skip
         axis.set_title(title, fontsize=10)
         axis.grid(alpha=0.3)
         axis.legend(fontsize=7)

@@ -4,6 +4,10 @@ Virtual pivots with their true stick mask, turned by 10°; the threshold runs ov
 0.4 and 0.4° = 0.007, and with it noise, distance of the markers and how much sticks. The angle is
 the mean of φ over the region that grows, as the paper has it; a region of fewer than three markers
 gives none.
+
+The best threshold follows the noise of φ, measured where all of a marker's neighbours stick: below
+some twice its share of φ sticking markers fail by chance and the region stops growing, above some
+four times those join whose stencils reach into the slip.
 """
 
 from itertools import product
@@ -11,11 +15,12 @@ from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
 from contactmodel.analytic import lubkin_twist
 from estimation.estimators.paper import STRICT_THRESHOLD
+from estimation.estimators.rivals import erode
 from estimation.fields import measure_fields
 from estimation.stencils import make_stencils
 from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
@@ -24,7 +29,7 @@ from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
 
-THRESHOLDS = tuple(np.geomspace(0.003, 1.0, 18).tolist())
+THRESHOLDS = tuple(np.geomspace(0.001, 1.0, 25).tolist())
 NOISES_UM = (0.3, 1.0, 3.0, 10.0)
 PITCHES_MM = (0.5, 1.0, 1.5)
 STICK_RADII = (0.4, 0.6, 0.8)
@@ -55,6 +60,7 @@ class Thresholds(NamedTuple):
         bias: mean error of the angles there are [deg].
         error: mean absolute error; without an answer, the angle [deg].
         limit: mean absolute error at the Cramér–Rao bound, by condition [deg].
+        scatter: noise of φ over the angle, by condition [-].
     """
 
     missed: Float[np.ndarray, "conditions thresholds"]
@@ -62,6 +68,12 @@ class Thresholds(NamedTuple):
     bias: Float[np.ndarray, "conditions thresholds"]
     error: Float[np.ndarray, "conditions thresholds"]
     limit: Float[np.ndarray, " conditions"]
+    scatter: Float[np.ndarray, " conditions"]
+
+    @property
+    def best(self) -> Int[np.ndarray, " conditions"]:
+        """Column of the threshold with the least error."""
+        return self.error.argmin(axis=1)
 
 
 def compute(quick: bool = False, track: Track = iter) -> Thresholds:
@@ -70,20 +82,20 @@ def compute(quick: bool = False, track: Track = iter) -> Thresholds:
     columns = []
     for condition in track(CONDITIONS):
         drawn = [_draw(condition, rng) for _ in range(QUICK_DRAWS if quick else DRAWS)]
-        missed, false, error, limit = (np.array(part) for part in zip(*drawn, strict=True))
+        missed, false, error, limit, noise = (np.array(p) for p in zip(*drawn, strict=True))
         answered = np.isfinite(error)
         total = np.where(answered, error, 0.0).sum(axis=0)
         bias = np.where(answered.any(axis=0), total / np.maximum(answered.sum(axis=0), 1), np.nan)
         lost = np.where(answered, np.abs(error), settings.ANGLE_DEG)
         means = (missed.mean(axis=0), false.mean(axis=0), bias, lost.mean(axis=0), limit.mean())
-        columns.append(means)
+        columns.append((*means, np.sqrt(np.nanmean(noise**2))))
     return Thresholds(*(np.array(column) for column in zip(*columns, strict=True)))
 
 
 def _draw(
     condition: Condition, rng: np.random.Generator
-) -> tuple[list[float], list[float], list[float], float]:
-    """Missed, false and error by threshold, and the bound, of one frame."""
+) -> tuple[list[float], list[float], list[float], float, float]:
+    """Missed, false and error by threshold, the bound and the noise of φ, of one frame."""
     theta = float(np.radians(settings.ANGLE_DEG))
     radius, noise = settings.CONTACT_RADIUS, 1e-3 * condition.noise_um
     across = int(np.ceil(2.8 * radius / condition.pitch))
@@ -113,14 +125,18 @@ def _draw(
         angle = fields.rotation[region].mean() if region.sum() >= MIN_STICK_MARKERS else np.nan
         error.append(float(np.degrees(angle - theta)))
     bound = np.degrees(MEAN_ABSOLUTE * angle_limit(layout.reference[:, :2], truth, noise))
-    return missed, false, error, float(bound)
+    inner = erode(truth, stencils)  # an affine motion: but for the noise φ is exact there
+    scatter = (
+        np.sqrt(np.mean((fields.rotation[inner] / theta - 1.0) ** 2)) if inner.any() else np.nan
+    )
+    return missed, false, error, float(bound), float(scatter)
 
 
 def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
     """A row for each condition: the best threshold, and the two readings beside it."""
     rows = []
     for i, condition in enumerate(CONDITIONS):
-        best = int(np.argmin(result.error[i]))
+        best = int(result.best[i])
         read = [int(np.argmin(np.abs(np.log(np.array(THRESHOLDS) / threshold))))
                 for threshold in (0.4, STRICT_THRESHOLD)]  # fmt: skip
         rows.append(
@@ -129,6 +145,8 @@ def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
                 "pitch [mm]": condition.pitch,
                 "c/a": condition.stick_radius,
                 "best threshold": round(THRESHOLDS[best], 3),
+                "noise of φ [-]": round(float(result.scatter[i]), 4),
+                "threshold over noise": round(THRESHOLDS[best] / float(result.scatter[i]), 1),
                 "missed [%]": round(100 * float(result.missed[i, best]), 1),
                 "false [%]": round(100 * float(result.false[i, best]), 1),
                 "error [°]": round(float(result.error[i, best]), 3),
@@ -141,8 +159,10 @@ def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Thresholds) -> Figure:
-    """Missed and false, bias, and error over the threshold; by noise above, by pitch below."""
-    figure, axes = plt.subplots(2, 3, figsize=(14, 8), sharex=True, layout="constrained")
+    """Over the threshold, by noise above, by pitch below; and the best one in each condition."""
+    figure = plt.figure(figsize=(18, 8), layout="constrained")
+    grid = figure.add_gridspec(2, 4)
+    axes = np.array([[figure.add_subplot(grid[i, j]) for j in range(3)] for i in range(2)])
     by_noise = [i for i, c in enumerate(CONDITIONS) if c.pitch == 1.0 and c.stick_radius == 0.6]
     by_pitch = [i for i, c in enumerate(CONDITIONS) if c.noise_um == 1.0 and c.stick_radius == 0.6]
     for j, (chosen, name) in enumerate(
@@ -159,7 +179,29 @@ def plot(result: Thresholds) -> Figure:
         axis.grid(alpha=0.3)
     for axis in axes[1]:
         axis.set_xlabel("threshold of Eq. 15 [-]; dotted: 0.4 and 0.4°")
+    _plot_best(figure.add_subplot(grid[0, 3]), figure.add_subplot(grid[1, 3]), result)
     return figure
+
+
+def _plot_best(above, below, result: Thresholds) -> None:
+    """The best threshold over the noise of φ, and the error that it leaves, over the bound."""
+    best = np.array(THRESHOLDS)[result.best]
+    error = result.error.min(axis=1)
+    for colour, radius in enumerate(STICK_RADII):
+        rows = [i for i, condition in enumerate(CONDITIONS) if condition.stick_radius == radius]
+        style = {"ls": "", "marker": "o", "color": f"C{colour}", "label": f"c/a = {radius:g}"}
+        above.loglog(result.scatter[rows], best[rows], **style)
+        below.loglog(result.limit[rows], error[rows], **style)
+    ends = np.array([result.scatter.min(), result.scatter.max()])
+    above.loglog(ends, 2.0 * ends, "k--", lw=1, label="2 and 4 times the noise")
+    above.loglog(ends, 4.0 * ends, "k--", lw=1)
+    ends = np.array([result.limit.min(), result.limit.max()])
+    below.loglog(ends, ends, "k:", lw=1, label="the bound")
+    above.set(xlabel="noise of φ over φ [-]", ylabel="best threshold [-]")
+    below.set(xlabel="Cramér–Rao bound [°]", ylabel="mean absolute error at the best threshold [°]")
+    for axis in (above, below):
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize=8)
 
 
 def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: str) -> None:
@@ -172,7 +214,9 @@ def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: 
         bias.semilogx(THRESHOLDS, result.bias[i], **style)
         error.loglog(THRESHOLDS, result.error[i], **style)
         error.axhline(result.limit[i], ls=":", **(style | {"lw": 1.0}))
-    shares.set_ylabel("[%]")
+    shares.set_ylabel("share of the markers [%]")
+    bias.set_ylabel("mean error [°]")
+    error.set_ylabel("mean absolute error [°]")
     shares.legend(fontsize=8)
-    bias.set_title("mean error of the angle [°]", fontsize=10)
-    error.set_title("mean absolute error [°]; dotted: Cramér–Rao bound", fontsize=10)
+    bias.set_title("angles that there are", fontsize=10)
+    error.set_title("no angle: as if 0°; dotted: Cramér–Rao bound", fontsize=10)

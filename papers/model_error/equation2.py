@@ -132,10 +132,10 @@ def plot(result: Residuals) -> Figure:
     for axis, (name, (unit, values, found)) in zip(axes, _panels(result).items(), strict=True):
         place = np.arange(len(values))
         for i, component in enumerate(COMPONENTS):
-            style = "k-" if component == "curl" else f"C{i}--"
+            style = "k-" if component == "curl" else f"C{i}--"  # in pairs alike, by symmetry
             shown = np.maximum(100 * found[:, i], 1e-7)
             label = component if component == "curl" else f"D_{component}".replace(" of ", " u_")
-            axis.semilogy(place, shown, style, marker="o", ms=4, label=label)
+            axis.semilogy(place, shown, style, marker="os^vD"[i], ms=9 - 1.5 * i, label=label)
         axis.set_xticks(place, [f"{value:g}".replace("inf", "∞") for value in values])
         axis.set_xlabel(f"{name} [{unit}]" if unit else f"{name} [-]")
         axis.grid(alpha=0.3, which="both")

@@ -3,9 +3,7 @@
 Left: the rigid part of ∂s_x/∂y, exact, as Eq. (3) prints it, and as Eq. (4) has it. Middle: mean of
 the two line elements of Eq. (7) against the polar rotation, where the body is stretched as well, by
 the direction of the stretch; how far it turns does not matter. Right: what linear elasticity makes
-of a finite rotation. Imposed as (R − I)r it reads the contraction 1 − cos θ as strain, an inward
-traction tan(θ/2)/(1−ν) times the twist's; the linear twist θ × r has none, but turns a line by
-atan θ, and half the curl of a true rotation is sin θ.
+of a finite rotation (`papers.limits`).
 """
 
 from typing import NamedTuple
@@ -20,9 +18,9 @@ from contactmodel.kinematics import (
     polar_rotation,
     slip_shear,
     slip_shear_as_printed,
-    small_rotation,
 )
 from papers.items import Track
+from papers.limits import curl_shortfall, line_shortfall, traction_excess
 from papers.model_error import settings
 
 STRAINS = (0.02, 0.05, 0.1)
@@ -61,16 +59,15 @@ def compute(quick: bool = False, track: Track = iter) -> Forms:
     exact = np.asarray(slip_shear(none, 0.0, 0.0, theta))
     printed = np.asarray(slip_shear_as_printed(none, 0.0, 0.0, theta))
     along_deg = np.linspace(0.0, 90.0, 91)
-    radial = np.tan(0.5 * theta) / (1.0 - settings.POISSON_RATIO)
     return Forms(
         angle_deg=angle_deg,
         printed_percent=100.0 * (printed / exact - 1.0),
         small_percent=100.0 * (theta / exact - 1.0),
         along_deg=along_deg,
         elements_deg=np.array([_elements(strain, np.radians(along_deg)) for strain in STRAINS]),
-        linear_deg=np.degrees(np.arctan(theta) - theta),
-        curl_deg=np.degrees(small_rotation(_rotation(theta) - np.eye(2)) - theta),
-        traction_percent=100.0 * (np.sqrt(1.0 + radial**2) - 1.0),
+        linear_deg=np.degrees(line_shortfall(theta)),
+        curl_deg=np.degrees(curl_shortfall(theta)),
+        traction_percent=100.0 * traction_excess(theta, settings.POISSON_RATIO),
     )
 
 
@@ -126,5 +123,5 @@ def plot(result: Forms) -> Figure:
     for axis in (left, middle, right):
         axis.set_xlabel("direction of the stretch [°]" if axis is middle else "angle [°]")
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=7)
+        axis.legend(fontsize=8, loc="lower left" if axis is right else "upper left")
     return figure

@@ -131,9 +131,12 @@ def tabulate_angles(result: Accuracy) -> list[dict[str, object]]:
 
 
 def plot(result: Accuracy) -> Figure:
-    """Mean absolute error over the angle, one panel per noise, with the paper's figure."""
+    """Mean absolute error over the angle, one panel per noise, with the paper's figure.
+
+    Methods that answer alike are drawn one within the other.
+    """
     figure, axes = plt.subplots(
-        1, len(settings.NOISES_UM), figsize=(10, 4), sharey=True, layout="constrained"
+        1, len(settings.NOISES_UM), figsize=(10, 4.6), sharey=True, layout="constrained"
     )
     for n, (axis, noise_um) in enumerate(zip(axes, settings.NOISES_UM, strict=True)):
         for i, method in enumerate(result.methods):
@@ -141,7 +144,7 @@ def plot(result: Accuracy) -> Figure:
                 np.abs(result.error[n, :, a][result.counts[n, :, a]][:, i]).mean()
                 for a in range(len(result.angle))
             ]
-            axis.semilogy(result.angle, error, "o-", ms=3, lw=1.2, label=method)
+            axis.semilogy(result.angle, error, "o-", ms=7 - 1.5 * i, lw=3 - 0.5 * i, label=method)
         bound = [
             result.limit[n, :, a][result.counts[n, :, a]].mean() for a in range(len(result.angle))
         ]
@@ -151,7 +154,9 @@ def plot(result: Accuracy) -> Figure:
         )
         axis.set_title(f"noise {noise_um:g} µm", fontsize=10)
         axis.set_xlabel("object's angle [°]")
+        axis.set_xticks(settings.ANGLES_DEG[::3])
         axis.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("mean absolute error [°]")
-    axes[0].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4,
+                  fontsize=8)  # fmt: skip
     return figure
