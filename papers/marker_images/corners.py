@@ -5,7 +5,6 @@ window of 19 px with blur, contrast and grey level unknown, and of the fit's own
 unknowns, a sloping background, the pixels' width and rounding included.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -19,6 +18,7 @@ from estimation.images.corners import ROUND, CornerStyle, fit_corners
 from estimation.images.pattern import CornerTruth, Pattern, project_corners, render_pattern
 from estimation.images.render import Camera
 from estimation.images.rings import find_saddles, read_rings
+from papers.items import Track
 from papers.marker_images import settings
 
 METHODS = ("saddle fit", "two rings")
@@ -38,7 +38,7 @@ class CornerErrors(NamedTuple):
     claimed: Float[np.ndarray, "noises corners 2"]
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> CornerErrors:
+def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
     """Render and measure.
 
     Args:

@@ -44,7 +44,7 @@ def test_reversals_are_followed():
     assert np.nanmedian(np.abs(result.late)) <= 8
 
 
-def test_command(monkeypatch, capsys, tmp_path):
+def test_command(monkeypatch, tmp_path):
     monkeypatch.setattr(settings, "QUICK_DRAWS", {"accuracy": 1, "reversal": 2})
     monkeypatch.setattr(settings, "ANGLES_DEG", (5, 10))
     arguments = ["papers", "run", "virtual_pivots", "--quick", "--out", str(tmp_path)]
@@ -60,8 +60,3 @@ def test_command(monkeypatch, capsys, tmp_path):
         "reversal.png",
         "reversal.csv",
     }
-    monkeypatch.setattr(sys, "argv", ["papers", "run", "li1924"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2
-    assert "there are li2024, model_error, virtual_pivots" in capsys.readouterr().err
