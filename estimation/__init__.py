@@ -7,6 +7,7 @@ name ends in `_deg`); lengths are in mm.
 from estimation.datasets import fetch
 from estimation.estimators import METHODS, RIVALS
 from estimation.grasp import Grasp, compare_fingers
+from estimation.layered_softness import LayeredSoftness
 from estimation.noise import Noise, estimate_noise
 from estimation.outline import follow_outline
 from estimation.plots import plot_angles, plot_grasp, plot_maps, plot_overview
@@ -26,6 +27,7 @@ __all__ = [
     "Frame",
     "Grasp",
     "ImageSettings",
+    "LayeredSoftness",
     "Lens",
     "MarkerLayout",
     "Noise",

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Bool
 
 from contactmodel.rotation import object_rotation
 from estimation.estimators.measurement import Z95, Measurement
@@ -31,10 +32,12 @@ class Contact(NamedTuple):
     Attributes:
         fields: of the frame.
         normal_force: pressing force [N]; NaN where the source does not have it.
+        stick: the markers that the rotation was measured with, where they are known.
     """
 
     fields: Fields
     normal_force: float = float("nan")
+    stick: Bool[np.ndarray, " n"] | None = None
 
     @property
     def radius(self) -> float:
@@ -170,7 +173,7 @@ class ScalarSoftness:
             "load_term_rad": self.load_term,
             "load_by_force": self.load_by_force,
             "covariance": [list(row) for row in self.covariance],
-            "validity": _shown_validity(self.validity),
+            "validity": show_validity(self.validity),
             "provenance": dict(self.provenance),
         }
 
@@ -234,7 +237,7 @@ def _read_scalar(content: dict[str, Any]) -> ScalarSoftness:
         load_term=float(content.get("load_term_rad", 0.0)),
         covariance=((kk, kl), (lk, ll)),
         load_by_force=by_force,
-        validity=_read_validity(content.get("validity", {})),
+        validity=read_validity(content.get("validity", {})),
         provenance=dict(content.get("provenance", {})),
     )
 
@@ -245,14 +248,15 @@ READERS: dict[str, Callable[[dict[str, Any]], Softness]] = {"scalar": _read_scal
 _VALIDITY_KEYS = ("rotation_deg", "normal_force_N", "contact_radius_mm")
 
 
-def _shown_validity(validity: Validity) -> dict[str, list[float]]:
+def show_validity(validity: Validity) -> dict[str, list[float]]:
     """The ranges that are bounded, in the units of the file."""
     shown = (tuple(np.degrees(validity.rotation).tolist()), *validity[1:])
     pairs = zip(_VALIDITY_KEYS, shown, strict=True)
     return {name: list(ends) for name, ends in pairs if np.isfinite(ends).all()}
 
 
-def _read_validity(content: dict[str, Any]) -> Validity:
+def read_validity(content: dict[str, Any]) -> Validity:
+    """The ranges of a file's table `validity`."""
     if unknown := sorted(set(content) - set(_VALIDITY_KEYS)):
         raise ValueError(f"unknown key {unknown[0]!r}; validity has {', '.join(_VALIDITY_KEYS)}")
     ranges = []

@@ -94,7 +94,7 @@ class Tracker:
         )
         gel = self.estimator.update(fields)
         state, reason = self._judge(fields, gel, told=frame.contact is not None)
-        contact = Contact(fields, frame.normal_force)
+        contact = Contact(fields, frame.normal_force, gel.stick)
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
         except ValueError as error:
