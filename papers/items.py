@@ -21,7 +21,7 @@ ITEMS = {
         "reversals",
         "marker_depth",
     ),
-    "marker_images": ("corners",),
+    "marker_images": ("corners", "pivots"),
     "virtual_pivots": ("accuracy", "reversal"),
 }
 """Items of each paper, modules of its package."""

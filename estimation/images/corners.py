@@ -18,10 +18,11 @@ from jaxtyping import Array, Float, Shaped
 
 from estimation.images.rings import Rings, find_saddles, read_rings
 
-STEPS = 2
+STEPS = 5
+"""Most steps of a fit; corners that have settled before take no more."""
 LONGEST = np.array([1.0, 1.0, 0.3, 0.3, 0.4], dtype=np.float32)
 """Longest step in x and y [px], both angles [rad] and the blur [px]."""
-SETTLED = 0.3
+SETTLED = 0.12
 """Share of the longest step that the last may have: the next one is then below the noise."""
 BATCH = 64
 """Corners fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
@@ -127,23 +128,24 @@ def fit_corners(grey: Float[np.ndarray, "h w"], start: Rings, style: CornerStyle
     windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * half + 1, 2 * half + 1))
     rising, falling = start.angles.T
     falling = rising + (falling - rising) % np.pi  # bright lies between the two, in this order
-    first = np.column_stack(
-        [
-            start.position - middle,
-            *(rising, falling, np.full_like(rising, style.blur)),
-            *(0.5 * start.contrast, start.level),
+    p = np.zeros((len(middle), 9), dtype=np.float32)
+    p[:, :2] = start.position - middle
+    p[:, 2:5] = np.column_stack([rising, falling, np.full_like(rising, style.blur)])
+    p[:, 5:7] = np.column_stack([0.5 * start.contrast, start.level])
+    covariance, explained = np.zeros((len(p), 4, 4)), np.zeros(len(p))
+    left = np.arange(len(p))
+    for _ in range(STEPS):
+        if not len(left):
+            break
+        stepped = [
+            _step_batch(windows, middle[some], p[some], style.radius, half)
+            for some in np.split(left, range(BATCH, len(left), BATCH))
         ]
-    ).astype(np.float32)
-    parts = []
-    for at in range(0, max(len(first), 1), BATCH):
-        count = len(first[at : at + BATCH])
-        where, begin = np.zeros((BATCH, 2), dtype=int), np.ones((BATCH, 7), dtype=np.float32)
-        where[:count], begin[:count] = middle[at : at + BATCH], first[at : at + BATCH]
-        fitted = _fit(windows[where[:, 1], where[:, 0]], begin, np.float32(style.radius), half)
-        parts.append([np.asarray(one)[:count] for one in fitted])
-    p, covariance, explained = (
-        np.concatenate(one).astype(float) for one in zip(*parts, strict=True)
-    )
+        parts = [np.concatenate(one) for one in zip(*stepped, strict=True)]
+        p[left], covariance[left], explained[left], share = parts
+        left = left[share > SETTLED]
+    explained[left] = 0.0
+    p = p.astype(float)
     return Corners(
         position=middle + p[:, :2],
         angles=p[:, 2:4] % np.pi,
@@ -155,14 +157,30 @@ def fit_corners(grey: Float[np.ndarray, "h w"], start: Rings, style: CornerStyle
     )
 
 
+def _step_batch(
+    windows: np.ndarray, middle: np.ndarray, p: np.ndarray, radius: float, half: int
+) -> list[np.ndarray]:
+    """A step of some corners, filled up to the one size that is compiled."""
+    count = len(p)
+    where, full = np.zeros((BATCH, 2), dtype=int), np.ones((BATCH, 9), dtype=np.float32)
+    where[:count], full[:count] = middle, p
+    found = _step(windows[where[:, 1], where[:, 0]], full, np.float32(radius), half)
+    return [np.asarray(one)[:count] for one in found]
+
+
 @partial(jax.jit, static_argnames="half")
-def _fit(
+def _step(
     windows: Float[Array, "n side side"],
-    start: Float[Array, "n 7"],
+    p: Float[Array, "n 9"],
     radius: Float[Array, ""],
     half: int,
-) -> tuple[Array, Array, Array]:
-    """Gauss–Newton in all corners at once; parameters: x, y, angles, blur, half contrast, light."""
+) -> tuple[Array, Array, Array, Array]:
+    """Gauss–Newton in all corners at once; parameters: x, y, angles, blur, half contrast, light.
+
+    Returns:
+        The parameters, the covariance of the first four, the share of the variance that is
+        explained, and the step over the longest one allowed.
+    """
     steps = jnp.arange(-half, half + 1)
     dy, dx = (a.ravel().astype(jnp.float32) for a in jnp.meshgrid(steps, steps, indexing="ij"))
     value = windows.reshape(len(windows), -1)
@@ -172,61 +190,53 @@ def _fit(
     weight = inside.astype(jnp.float32)
     root_half, density = np.float32(np.sqrt(0.5)), np.float32(1.0 / np.sqrt(2.0 * np.pi))
 
-    def derivatives_and_misfit(p):
-        x, y = dx - p[:, :1], dy - p[:, 1:2]
-        c1, s1, c2, s2 = (f(p[:, i : i + 1]) for i in (2, 3) for f in (jnp.cos, jnp.sin))
-        blur, half_contrast = p[:, 4:5], p[:, 5:6]
-        t1, t2 = (c1 * y - s1 * x) / blur, (c2 * y - s2 * x) / blur
-        e1, e2 = jax.lax.erf(t1 * root_half), jax.lax.erf(t2 * root_half)
-        f1, f2 = density * jnp.exp(-0.5 * t1**2), density * jnp.exp(-0.5 * t2**2)
-        rho = c1 * c2 + s1 * s2
-        both = 4.0 * f1 * f2
-        saddle = e1 * e2 + rho * both
-        by_t1 = 2.0 * f1 * e2 - rho * t1 * both
-        by_t2 = 2.0 * f2 * e1 - rho * t2 * both
-        by_rho = both * (s1 * c2 - c1 * s2)  # times dρ/dα₁ = −sin(α₁ − α₂)
-        scale = -half_contrast / blur
-        along1, along2 = (c1 * x + s1 * y), (c2 * x + s2 * y)
-        columns = [
-            scale * (s1 * by_t1 + s2 * by_t2),
-            -scale * (c1 * by_t1 + c2 * by_t2),
-            -scale * along1 * by_t1 + half_contrast * by_rho,
-            -scale * along2 * by_t2 - half_contrast * by_rho,
-            -scale * (t1 * by_t1 + t2 * by_t2),
-            -saddle,
-            jnp.ones_like(saddle),
-            jnp.broadcast_to(dx, saddle.shape),
-            jnp.broadcast_to(dy, saddle.shape),
-        ]
-        fitted = p[:, 6:7] + p[:, 7:8] * dx + p[:, 8:9] * dy - half_contrast * saddle
-        return jnp.stack([*columns, value - fitted], axis=1) * weight[:, None]
-
-    def step(p):
-        columns = derivatives_and_misfit(p)
-        products = columns @ columns.transpose(0, 2, 1)
-        matrix, right = products[:, :9, :9], products[:, :9, 9]
-        damping = 1e-6 * jnp.einsum("nii->ni", matrix) + 1e-6
-        factor = jnp.linalg.cholesky(matrix + damping[:, :, None] * jnp.eye(9, dtype=jnp.float32))
-        change = jax.scipy.linalg.cho_solve((factor, True), right[..., None])[..., 0]
-        misfit = products[:, 9, 9] - (right * change).sum(axis=1)
-        share = jnp.max(jnp.abs(change[:, :5]) / LONGEST, axis=1, keepdims=True)
-        p = p + change / jnp.maximum(share, 1.0)
-        p = p.at[:, 4].set(jnp.clip(p[:, 4], 0.3, 0.4 * radius))
-        return p, factor, misfit, share[:, 0]
-
-    zeros = jnp.zeros((len(start), 2), jnp.float32)
+    x, y = dx - p[:, :1], dy - p[:, 1:2]
+    c1, s1, c2, s2 = (f(p[:, i : i + 1]) for i in (2, 3) for f in (jnp.cos, jnp.sin))
+    blur, half_contrast = p[:, 4:5], p[:, 5:6]
+    t1, t2 = (c1 * y - s1 * x) / blur, (c2 * y - s2 * x) / blur
+    e1, e2 = jax.lax.erf(t1 * root_half), jax.lax.erf(t2 * root_half)
+    f1, f2 = density * jnp.exp(-0.5 * t1**2), density * jnp.exp(-0.5 * t2**2)
+    rho = c1 * c2 + s1 * s2
+    both = 4.0 * f1 * f2
+    saddle = e1 * e2 + rho * both
+    by_t1 = 2.0 * f1 * e2 - rho * t1 * both
+    by_t2 = 2.0 * f2 * e1 - rho * t2 * both
+    by_rho = both * (s1 * c2 - c1 * s2)  # times dρ/dα₁ = −sin(α₁ − α₂)
+    scale = -half_contrast / blur
+    along1, along2 = (c1 * x + s1 * y), (c2 * x + s2 * y)
+    columns = [
+        scale * (s1 * by_t1 + s2 * by_t2),
+        -scale * (c1 * by_t1 + c2 * by_t2),
+        -scale * along1 * by_t1 + half_contrast * by_rho,
+        -scale * along2 * by_t2 - half_contrast * by_rho,
+        -scale * (t1 * by_t1 + t2 * by_t2),
+        -saddle,
+        jnp.ones_like(saddle),
+        jnp.broadcast_to(dx, saddle.shape),
+        jnp.broadcast_to(dy, saddle.shape),
+    ]
+    fitted = p[:, 6:7] + p[:, 7:8] * dx + p[:, 8:9] * dy - half_contrast * saddle
+    columns = jnp.stack([*columns, value - fitted], axis=1) * weight[:, None]
+    products = columns @ columns.transpose(0, 2, 1)
+    matrix, right = products[:, :9, :9], products[:, :9, 9]
+    damping = 1e-6 * jnp.einsum("nii->ni", matrix) + 1e-6
+    factor = jnp.linalg.cholesky(matrix + damping[:, :, None] * jnp.eye(9, dtype=jnp.float32))
+    sides = jnp.broadcast_to(jnp.eye(9, 4, dtype=jnp.float32), (len(p), 9, 4))
+    solved = jax.scipy.linalg.cho_solve(
+        (factor, True), jnp.concatenate([right[..., None], sides], axis=2)
+    )
+    change = solved[..., 0]
+    misfit = products[:, 9, 9] - (right * change).sum(axis=1)
+    share = jnp.max(jnp.abs(change[:, :5]) / LONGEST, axis=1)
+    p = p + change / jnp.maximum(share, 1.0)[:, None]
+    p = p.at[:, 4].set(jnp.clip(p[:, 4], 0.3, 0.4 * radius))
     total = weight.sum(axis=1)
-    p = jnp.concatenate([start, zeros], axis=1)
-    for _ in range(STEPS - 1):
-        p = step(p)[0]
-    p, factor, misfit, share = step(p)
     variance = misfit / jnp.maximum(total - 9.0, 1.0)
-    columns = jnp.broadcast_to(jnp.eye(9, 4, dtype=jnp.float32), (len(p), 9, 4))
-    inverse = jax.scipy.linalg.cho_solve((factor, True), columns)
     mean = value.sum(axis=1, keepdims=True) / total[:, None]
     spread = (((value - mean) * weight) ** 2).sum(axis=1)
     return (
         p,
-        inverse[:, :4] * variance[:, None, None],
-        jnp.where(share < SETTLED, 1.0 - misfit / jnp.maximum(spread, 1e-6), 0.0),
+        solved[:, :4, 1:] * variance[:, None, None],
+        1.0 - misfit / jnp.maximum(spread, 1e-6),
+        share,
     )

@@ -20,6 +20,8 @@ INNER, OUTER = 0.4, 0.85
 """Radii of the circles, of that of the window."""
 FAINT = 0.3
 """Share of the typical seed's strength below which a seed is no corner."""
+COARSE = 4.5
+"""Radius of the window from which saddles are looked for in a picture of half the size [px]."""
 LEAST_CONTRAST = 8.0
 """Grey levels, of 255, between bright and dark."""
 
@@ -53,11 +55,18 @@ def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarra
         grey: the picture, 0 to 255.
         radius: of the window about a corner [px].
     """
+    scale = max(int(radius / COARSE), 1)
+    if scale > 1:
+        size = (grey.shape[1] // scale, grey.shape[0] // scale)
+        grey = cv2.resize(
+            grey[: scale * size[1], : scale * size[0]], size, None, 0, 0, cv2.INTER_AREA
+        )
+        radius /= scale
     smooth = cv2.GaussianBlur(grey, (0, 0), radius / 5.0)
     xx, yy, xy = (
         cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3) for order in ((2, 0), (0, 2), (1, 1))
     )
-    response = (16.0 / 4.0) * xy * xy - xx * yy
+    response = 4.0 * xy * xy - xx * yy  # the kernel of xy is half as strong
     side = 2 * round(0.5 * radius) + 1
     highest = cv2.dilate(response, np.ones((side, side), np.uint8))
     y, x = np.nonzero((response == highest) & (response > 1e-3))
@@ -65,7 +74,7 @@ def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarra
     if not len(x):
         return np.zeros((0, 2), dtype=int)
     keep = strength > FAINT * np.percentile(strength, 90)
-    return np.stack([x[keep], y[keep]], axis=1)
+    return scale * np.stack([x[keep], y[keep]], axis=1) + scale // 2
 
 
 def read_rings(

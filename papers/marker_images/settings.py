@@ -11,3 +11,12 @@ PITCH = 23.0
 
 CORNER_PICTURES, QUICK_CORNER_PICTURES = 10, 1
 """Pictures of 400 corners for each noise, each laid and turned at random."""
+
+ANGLES_DEG = tuple(range(2, 21))
+"""The range that the source paper gives its method [deg]."""
+
+FRICTION_RATIOS = (0.2, 0.3, 0.5)
+"""μp0/2G* of the pivots [-]."""
+
+PIVOT_DRAWS, PIVOT_PITCH, FIRM_MARKERS = 1, 0.92, 10
+"""Draws of each ratio; side of a cell [mm]; markers that must truly stick for a frame to count."""

@@ -1,0 +1,191 @@
+"""Pivots seen by one camera or by two views: from rendered pictures to the angle.
+
+A sphere on a flat pad that carries a coded checkerboard of 400 corners, 640×480 px per view. Each
+draw is two pictures, the pad at rest and then loaded and twisted at once, with nothing in between.
+Frames count in which at least ten markers truly stick; one without an answer counts as an error as
+large as the angle.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+
+from estimation.images.pattern import Pattern, render_pattern
+from estimation.images.render import Camera
+from estimation.images.stereo import Rig, View
+from estimation.noise import Noise
+from estimation.recording import Frame
+from estimation.sensor import Sensor
+from estimation.sources.corners import CornerReader
+from estimation.sources.markers import ImageSettings, MarkerReader
+from estimation.sources.pictures import Picture
+from estimation.sources.stereo import StereoReader
+from estimation.tracker import Tracker
+from estimation.virtual.recording import PivotModel
+from estimation.virtual.surface import Motion, simulate_surface
+from papers.items import Track
+from papers.marker_images import settings
+
+METHODS = ("tracked", "paper", "paper_strict")
+CAMERA = Camera()
+CENTRE = (0.5 * (CAMERA.width - 1), 0.5 * (CAMERA.height - 1))
+LEFT = View(True, 20.0, CENTRE, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+RIGHT = View(False, 1200.0, CENTRE, 0.0, (0.0, np.pi / 4, 0.0), (0.0, 0.0, 60.0))
+RIG = Rig(LEFT, RIGHT, CAMERA.width, CAMERA.height, 0.0)
+
+
+class Setup(NamedTuple):
+    """What sees the pad.
+
+    Attributes:
+        name: of it.
+        views: take points [mm] to each view [px].
+        reader: of its pictures.
+        settings: of the reader.
+        noise: that the estimators are told [mm].
+    """
+
+    name: str
+    views: tuple[Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 2"]], ...]
+    reader: type[MarkerReader]
+    settings: ImageSettings
+    noise: float
+
+
+SETUPS = (
+    Setup(
+        "one view, 0.04 mm/px",
+        (lambda points: CAMERA.project(points[:, :2]),),
+        CornerReader,
+        ImageSettings(Sensor(mm_per_px=CAMERA.mm_per_px)),
+        4e-4,
+    ),
+    Setup(
+        "two views, 0.05 mm/px",
+        (LEFT.project, RIGHT.project),
+        StereoReader,
+        ImageSettings(rig=RIG),
+        1e-3,
+    ),
+)
+
+
+class PivotErrors(NamedTuple):
+    """Errors of every draw; where too few markers truly stick, `counts` is false.
+
+    Attributes:
+        angle: true angles [deg].
+        error: estimate minus truth, minus the truth where there is no answer [deg].
+        answered: which draws were answered.
+        counts: which draws count.
+    """
+
+    angle: Float[np.ndarray, " angles"]
+    error: Float[np.ndarray, "ratios draws angles setups methods"]
+    answered: Bool[np.ndarray, "ratios draws angles setups methods"]
+    counts: Bool[np.ndarray, "ratios draws angles"]
+
+
+def compute(quick: bool = False, track: Track = iter) -> PivotErrors:
+    """Render and estimate."""
+    rng = np.random.default_rng(0)
+    angles = np.array((6, 15) if quick else settings.ANGLES_DEG, dtype=float)
+    ratios = settings.FRICTION_RATIOS[1:2] if quick else settings.FRICTION_RATIOS
+    shape = (len(ratios), 1 if quick else settings.PIVOT_DRAWS, len(angles))
+    error = np.zeros((*shape, len(SETUPS), len(METHODS)))
+    answered, counts = np.zeros(error.shape, dtype=bool), np.zeros(shape, dtype=bool)
+    cases = [(r, d) for r in range(shape[0]) for d in range(shape[1])]
+    for r, d in track(cases):
+        model = PivotModel(
+            friction_ratio=ratios[r],
+            offset=tuple(rng.uniform(-0.5, 0.5, 2)),
+            pitch=settings.PIVOT_PITCH,
+        )
+        pattern = Pattern.coded((20, 20), model.pitch, seed=int(rng.integers(1000)))
+        twist = np.radians(np.append(0.0, angles))
+        motions, truth = simulate_surface(model, np.append(0.0, np.ones(len(angles))), twist)
+        counts[r, d] = truth.stick[1:].sum(axis=1) >= settings.FIRM_MARKERS
+        for v, setup in enumerate(SETUPS):
+            reader = setup.reader(photograph(setup, motions[0], pattern, rng), setup.settings)
+            for a in np.flatnonzero(counts[r, d]):
+                picture = photograph(setup, motions[a + 1], pattern, rng)
+                estimates = np.degrees(_estimate(setup, reader, picture))
+                answered[r, d, a, v] = np.isfinite(estimates)
+                error[r, d, a, v] = np.nan_to_num(estimates) - angles[a]
+    return PivotErrors(angles, error, answered, counts)
+
+
+def photograph(setup: Setup, move: Motion, pattern: Pattern, rng: np.random.Generator) -> Picture:
+    """The views of a moved pattern, side by side."""
+    views = [
+        render_pattern(CAMERA, lambda points, view=view: view(move(points)), pattern, rng)
+        for view in setup.views
+    ]
+    return Picture(np.concatenate(views, axis=1), time=0.0, number=0)
+
+
+def _estimate(setup: Setup, reader: MarkerReader, picture: Picture) -> list[float]:
+    row = reader.read(picture)
+    frame = Frame(
+        positions=reader.scale * row.position,
+        valid=np.isfinite(row.position[:, 0]),
+        time=row.time,
+        source_index=row.number,
+        flaw=row.flaw,
+        contact=row.contact,
+        rotation=row.rotation,
+    )
+    noise = Noise.given(setup.noise)
+    return [Tracker(reader.layout, method, noise=noise).update(frame).angle for method in METHODS]
+
+
+def tables(result: PivotErrors) -> dict[str, list[dict[str, object]]]:
+    """Pooled errors of each method in each setup; and by angle."""
+    rows, by_angle = [], []
+    for v, setup in enumerate(SETUPS):
+        for m, method in enumerate(METHODS):
+            error = np.abs(result.error[result.counts][:, v, m])
+            rows.append(
+                {
+                    "seen by": setup.name,
+                    "method": method,
+                    "frames": int(result.counts.sum()),
+                    "answered [%]": round(
+                        100.0 * float(result.answered[result.counts][:, v, m].mean()), 2
+                    ),
+                    "mean absolute error [°]": round(float(error.mean()), 4),
+                    "95th percentile [°]": round(float(np.percentile(error, 95)), 4),
+                    "largest [°]": round(float(error.max()), 4),
+                }
+            )
+    for a, angle in enumerate(result.angle):
+        error = np.abs(result.error[:, :, a][result.counts[:, :, a]])
+        by_angle.append(
+            {"angle [°]": int(angle), "frames": len(error)}
+            | {
+                f"{method}, {setup.name}": round(float(error[:, v, m].mean()), 4)
+                for v, setup in enumerate(SETUPS)
+                for m, method in enumerate(METHODS)
+                if len(error)
+            }
+        )
+    return {"": rows, "_angles": by_angle}
+
+
+def plot(result: PivotErrors) -> Figure:
+    """Mean absolute error over the angle, one panel for each setup."""
+    figure, axes = plt.subplots(1, len(SETUPS), figsize=(10, 4), sharey=True, layout="constrained")
+    for v, (axis, setup) in enumerate(zip(axes, SETUPS, strict=True)):
+        for m, method in enumerate(METHODS):
+            counted = np.where(result.counts, np.abs(result.error[..., v, m]), np.nan)
+            axis.semilogy(result.angle, np.nanmean(counted, axis=(0, 1)), "o-", ms=3, label=method)
+        axis.axhline(0.03, color="0.5", ls="--", lw=1, label="0.03°")
+        axis.set(title=setup.name, xlabel="object's angle [°]")
+        axis.grid(alpha=0.3, which="both")
+    axes[0].set_ylabel("mean absolute error [°]")
+    axes[0].legend(fontsize=8)
+    return figure
