@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from contactmodel.rotation import object_rotation
 from estimation.estimators.measurement import Z95, Measurement
@@ -41,11 +41,15 @@ class Contact(NamedTuple):
 
     @property
     def radius(self) -> float:
-        """Radius of a disc whose points lie as far from their centre, root mean square [mm]."""
-        points = self.fields.positions[self.fields.contact, :2]
-        if not len(points):
-            return float("nan")
-        return float(np.sqrt(2.0 * np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+        """Size of the contact region, see `disc_radius` [mm]."""
+        return disc_radius(self.fields.positions[self.fields.contact, :2])
+
+
+def disc_radius(points: Float[np.ndarray, "n 2"]) -> float:
+    """Radius of a disc whose points lie as far from their centre, root mean square [mm]."""
+    if not len(points):
+        return float("nan")
+    return float(np.sqrt(2.0 * np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
 
 @runtime_checkable
@@ -76,7 +80,7 @@ class Validity(NamedTuple):
     Attributes:
         rotation: φ of the elastomer [rad].
         normal_force: [N].
-        contact_radius: of the contact region, see `Contact.radius` [mm].
+        contact_radius: of the contact region, see `disc_radius` [mm].
     """
 
     rotation: Range = (-np.inf, np.inf)

@@ -1,0 +1,125 @@
+"""Angles of the object that do not come from the twist of the gel: what softness is fitted to."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.outline import follow_outline
+from estimation.recording import Recording
+
+NO_REFERENCE = (
+    "without a reference angle k cannot be had: with the pressure given, the twist of one "
+    "elastomer depends on θ/(1+k) alone, so a soft object turned far and a rigid one turned less "
+    "look the same. Give the angle of a rotary stage or an inertial sensor as a CSV, let the "
+    "object be long enough for its contact outline to show its direction, hold it with a second "
+    "finger of another stiffness, or measure k by pressing (python -m calibration squeeze)"
+)
+FEWEST_READINGS = 2
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Angle of the object over time.
+
+    Attributes:
+        time: [s]; the recording's clock if `same_clock`.
+        angle: [rad, counter-clockwise as the recording's angles]; NaN where unknown.
+        error: standard error of a reading [rad]; NaN where unknown, it is then found from the
+            scatter.
+        zeroed: whether it counts from the onset of contact as Eq. (13) does. If not, only its
+            changes are used: Eq. (12).
+        same_clock: whether its time stamps are those of the recording's clock.
+        source: what it is, for readers.
+    """
+
+    time: Float[np.ndarray, " readings"]
+    angle: Float[np.ndarray, " readings"]
+    error: Float[np.ndarray, " readings"]
+    zeroed: bool
+    same_clock: bool
+    source: str
+
+
+def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False) -> Reference:
+    """Read the angles of a rotary stage or an inertial sensor from a CSV.
+
+    Columns `time_s`, `angle_deg` or `angle_rad`, and, if known, `error_deg` or `error_rad`, the
+    standard error of a reading.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: a column is missing, a value is no number, or the clock goes back.
+    """
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        try:
+            rows = list(csv.DictReader(file))
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise ValueError(f"{path} is not a CSV file: {error}") from error
+    names = {name.strip() for name in rows[0] if name is not None} if rows else set()
+    if len(rows) < FEWEST_READINGS or "time_s" not in names:
+        raise ValueError(
+            f"{path}: {len(rows)} readings with columns {sorted(names)}; a reference has the "
+            "columns time_s and angle_deg (or angle_rad)"
+        )
+    time = _column(rows, "time_s", path)
+    if not (np.diff(time) > 0).all():
+        raise ValueError(f"{path}: time_s does not grow from row to row")
+    angle = _angle(rows, names, "angle", path)
+    if angle is None:
+        raise ValueError(
+            f"{path} has columns {sorted(names)}; the angle must be called angle_deg or angle_rad, "
+            "so that its unit is known"
+        )
+    error = _angle(rows, names, "error", path)
+    return Reference(
+        time=time,
+        angle=angle,
+        error=np.full(len(time), np.nan) if error is None else error,
+        zeroed=zeroed,
+        same_clock=same_clock,
+        source=path.name,
+    )
+
+
+def _angle(rows: list[dict], names: set[str], what: str, path: Path) -> np.ndarray | None:
+    """A column of angles by either unit [rad]; None where there is none."""
+    if f"{what}_rad" in names:
+        return _column(rows, f"{what}_rad", path)
+    return np.radians(_column(rows, f"{what}_deg", path)) if f"{what}_deg" in names else None
+
+
+def _column(rows: list[dict], name: str, path: Path) -> np.ndarray:
+    values = np.full(len(rows), np.nan)
+    for i, row in enumerate(rows):
+        text = ({key.strip(): value for key, value in row.items() if key}[name] or "").strip()
+        try:
+            values[i] = float(text) if text else np.nan
+        except ValueError as error:
+            raise ValueError(f"{path}, row {i + 2}: {name} is {text!r}, no number") from error
+    return values
+
+
+def outline_reference(recording: Recording) -> Reference:
+    """The direction of the contact's outline, or of the object's imprint where there is one.
+
+    Raises:
+        ValueError: neither can be followed.
+    """
+    outline = follow_outline(recording)
+    known = np.isfinite(outline.angle)
+    if known.sum() < FEWEST_READINGS:
+        raise ValueError(
+            f"{recording.name}: the contact is too round, or too small, to show how the object "
+            f"has turned, and there is no imprint: {NO_REFERENCE}"
+        )
+    return Reference(
+        time=recording.time[known],
+        angle=outline.angle[known],
+        error=np.full(int(known.sum()), np.nan),  # its own figure is scatter within one frame only
+        zeroed=False,
+        same_clock=True,
+        source="imprint" if recording.imprint is not None else "contact outline",
+    )
