@@ -120,7 +120,8 @@ def test_errors_in_the_rotation_do_not_draw_the_slope_down():
         1,
     )[0]
     assert naive < 1.3
-    assert fit.low < 0.5 < fit.high
+    # one draw: three standard errors
+    assert abs(fit.stiffness_ratio - 0.5) < 0.75 * (fit.high - fit.low)
     assert fit.high - fit.low < 0.15
 
 
@@ -219,7 +220,7 @@ def _broken():
         "turns the other way": [_with(good, angle=-angle)],
         "seems to be in degrees": [_with(good, angle=np.degrees(angle))],
         "seems to be in rad": [_with(good, angle=np.radians(angle))],
-        "the reference runs from 0.00 to": [_with(good, time=time / 30.0)],
+        "the reference runs from": [_with(good, time=time / 30.0)],
         "different sensors": [good, trial(rng, markers=81, name="b")],
         "no object turns less": [_with(good, angle=0.5 * angle)],
         "far off any line": [_with(good, angle=lost)],
