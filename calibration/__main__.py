@@ -1,4 +1,4 @@
-"""Command line: `python -m calibration noise|stereo`."""
+"""Command line: `python -m calibration noise|softness|stereo`."""
 
 import sys
 from pathlib import Path
@@ -8,12 +8,23 @@ import jax
 import typer
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import Progress
 
-from calibration.noise import assess_noise
+from calibration.noise import assess_noise, write_noise
+from calibration.softness import (
+    ReferenceSettings,
+    fit_objects,
+    gather_trials,
+    write_fits,
+    write_two_fingers,
+)
 from calibration.stereo import calibrate_from_pictures
-from estimation.files import check_writable, toml_text, write_whole
+from estimation.files import check_writable
 from estimation.images.stereo import write_rig
-from estimation.sources import read_recording
+from estimation.noise import Noise
+from estimation.recording import Recording
+from estimation.run import Settings, gather_recordings
+from estimation.softness_fit import LOAD_MODELS
 
 app = typer.Typer(
     help="What must be found out about sensor and object before angles can be trusted.",
@@ -32,14 +43,73 @@ def calibrate() -> None:
 
 @app.command()
 def noise(
-    recording: Annotated[Path, typer.Argument(help="Ten seconds of the sensor at rest.")],
+    recording: Annotated[str, typer.Argument(help="Ten seconds of the sensor at rest.")],
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
-    """Find the noise of a sensor at rest and write it to noise.toml."""
+    """Find the noise of a sensor at rest: noise.toml, noise.png and a report."""
     check_writable(out)
-    found = assess_noise(read_recording(recording))
-    write_whole(out / "noise.toml", toml_text(found))
-    print(f"written to {out / 'noise.toml'}")
+    (one,) = _read([recording])
+    for line in write_noise(assess_noise(one), out):
+        print(line)
+
+
+@app.command()
+def softness(
+    recordings: Annotated[
+        list[str],
+        typer.Argument(metavar="RECORDING|DATASET...", help="Grasps of objects that turn."),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(help="CSV (time_s, angle_deg) for each recording, or `outline` once."),
+    ] = None,
+    thing: Annotated[
+        list[str] | None,
+        typer.Option("--object", help="Name of the object, one for each recording or for all."),
+    ] = None,
+    flip: Annotated[bool, typer.Option("--flip", help="Turn the references' sign.")] = False,
+    zeroed: Annotated[
+        bool,
+        typer.Option("--zeroed", help="The references count from the onset of contact: fit L."),
+    ] = False,
+    same_clock: Annotated[
+        bool, typer.Option("--same-clock", help="CSV and recording have one clock.")
+    ] = False,
+    clock_search: Annotated[
+        float, typer.Option(min=0.0, help="How far clocks may be apart at most [s].")
+    ] = 1.0,
+    load: Annotated[
+        str | None, typer.Option(help=f"L: {', '.join(LOAD_MODELS)}; else by BIC.")
+    ] = None,
+    noise_um: Annotated[
+        float | None,
+        typer.Option(help="Marker noise per in-plane coordinate [µm]; else from each recording."),
+    ] = None,
+    second_ratio: Annotated[
+        float | None,
+        typer.Option(help="Two fingers of one grasp, no reference: k on the first over second."),
+    ] = None,
+) -> None:
+    """Fit k and L of objects to references: softness.toml for --softness, and a report."""
+    check_writable(out)
+    told = None if noise_um is None else Noise.given(noise_um * 1e-3)
+    found = _read(recordings)
+    if second_ratio is not None:
+        for line in write_two_fingers(found, second_ratio, told, clock_search, out):
+            print(line)
+        return
+    settings = ReferenceSettings(flip, zeroed, same_clock)
+    with Progress(console=console) as progress:
+        tracked = progress.track(found, description="recordings")
+        trials = gather_trials(found, reference or [], thing or [], settings, told, tracked)
+    for line in write_fits(fit_objects(trials, load, clock_search), out):
+        print(line)
+
+
+def _read(names: list[str]) -> list[Recording]:
+    """Recordings by path or data set."""
+    return [one.recording for one in gather_recordings(names, Settings(), say=console.print)]
 
 
 @app.command()

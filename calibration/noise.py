@@ -1,22 +1,235 @@
-"""Noise of a sensor at rest."""
+"""Noise of a sensor at rest: what it adds to positions and angles, and thresholds that suit it."""
 
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
 
-from estimation.noise import estimate_noise
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from estimation.estimators.rigid import THRESHOLD
+from estimation.files import toml_text, write_whole
+from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
+from estimation.report import figure_png, render_page
+from estimation.stencils import make_stencils
+from estimation.stick import ANGLE_FLOOR_DEG
+
+LAGS = 10
+ENOUGH_SECONDS = 10.0
+MOST_MOTION = 0.05
+"""Distance from their mean place that one marker in twenty may exceed at rest, in pitches."""
+
+DISC_RADII = (3.0, 5.0)
+"""Contacts for which the smallest rotation is told, in pitches."""
 
 
-def assess_noise(recording: Recording) -> dict[str, Any]:
-    """Noise of a recording, in the units of a file for readers.
+@dataclass(frozen=True)
+class RestNoise:
+    """What a sensor at rest shows. Lengths are in the recording's unit.
+
+    Attributes:
+        unit: of lengths.
+        seconds: duration.
+        frames: that carry noise.
+        axes: standard deviation along x, y and z about each marker's mean and drift.
+        fast: noise as the estimators see it, without what changes slowly.
+        temporal: correlation of one marker's errors, 1 to 10 frames of the source apart.
+        spatial: correlation of neighbouring markers' errors in the plane, one pitch apart.
+        common: share of the in-plane variance that all markers have alike.
+        drift: mean motion of all markers, per second, along each axis.
+        dropped: share of the source's frames that are missing.
+        longest_gap: longest time between two frames [s].
+        rotation: standard deviation of the rotation of discs of markers, by their radius [rad].
+        angle_floor_deg: suggested least denominator of Eq. (15) at the default threshold.
+        onset: suggested displacement from which there is contact.
+        notes: what a reader should know, in sentences.
+    """
+
+    unit: str
+    seconds: float
+    frames: int
+    axes: tuple[float, ...]
+    fast: Noise
+    temporal: tuple[float, ...]
+    spatial: float
+    common: float
+    drift: tuple[float, ...]
+    dropped: float
+    longest_gap: float
+    rotation: dict[str, float]
+    angle_floor_deg: float
+    onset: float
+    notes: tuple[str, ...]
+
+    def content(self) -> dict[str, object]:
+        """What stands in `noise.toml`."""
+        return {
+            "format_version": 1,
+            "unit": self.unit,
+            "seconds": self.seconds,
+            "frames": self.frames,
+            "in_plane": self.fast.in_plane,
+            "correlation": [c for c in self.fast.correlation if np.isfinite(c)],
+            "axes": list(self.axes),
+            "temporal_correlation": list(self.temporal),
+            "spatial_correlation": self.spatial,
+            "common_share": self.common,
+            "drift_per_s": list(self.drift),
+            "dropped_share": self.dropped,
+            "longest_gap_s": self.longest_gap,
+            "rotation_deg": {n: float(np.degrees(v)) for n, v in self.rotation.items()},
+            "suggested": {"angle_floor_deg": self.angle_floor_deg, "onset": self.onset},
+        }
+
+
+def assess_noise(recording: Recording) -> RestNoise:
+    """Noise of a sensor at rest, as it stands in the positions and in the angles.
 
     Raises:
-        ValueError: the recording cannot tell its noise.
+        ValueError: the recording is too short, repeats itself, or the sensor is not at rest.
     """
-    noise = estimate_noise(recording)
-    return {
-        "format_version": 1,
-        "in_plane_mm": noise.in_plane,
-        "normal_mm": noise.normal,
-        "correlation": list(noise.correlation),
-        "frames": noise.frames,
+    fast = estimate_noise(recording)
+    reference = recording.layout.reference
+    moved = recording.positions - reference
+    noisy = ~(moved == 0).all(axis=(1, 2))
+    always = recording.valid[noisy].all(axis=0)
+    moved, time = moved[noisy][:, always], recording.time[noisy]
+    number = recording.source_index[noisy]
+    stencils = make_stencils(recording.layout)
+    pitch = float(np.sqrt(np.median(np.sum(stencils.offsets**2, axis=(1, 2)) / 2.0)))
+    clock = time - time.mean()
+    centred = moved - moved.mean(axis=0)
+    if np.quantile(np.hypot(*centred[..., :2].T), 0.95) > MOST_MOTION * pitch:
+        raise ValueError(
+            f"{recording.name}: the markers move by more than {MOST_MOTION * pitch:.2g} "
+            f"{recording.unit}: the sensor is not at rest; take ten seconds without contact"
+        )
+    rates = np.tensordot(clock, centred, axes=(0, 0)) / float(clock @ clock)
+    left = centred - clock[:, None, None] * rates
+    axes = tuple(float(one) for one in left.std(axis=(0, 1)))
+    plane = left[..., :2]
+    variance = float(np.mean(plane**2))
+    place = {int(n): i for i, n in enumerate(number)}
+    temporal = tuple(_lagged(plane, place, lag) / variance for lag in range(1, LAGS + 1))
+    kept = np.full(len(reference), -1)
+    kept[always] = np.arange(int(always.sum()))
+    near = stencils.neighbours[:, 0]
+    pairs = [(kept[i], kept[j]) for i, j in enumerate(near) if j >= 0 and min(kept[[i, j]]) >= 0]
+    one, two = (plane[:, list(side)] for side in zip(*pairs, strict=True))
+    points = reference[always, :2]
+    rotation = {
+        f"disc_of_{radius:g}_pitches": _rotation_scatter(points, plane, radius * pitch)
+        for radius in DISC_RADII
     }
+    floor = float(np.degrees(3.0 * stencils.rotation_noise(fast.in_plane) / THRESHOLD))
+    gaps = np.diff(recording.source_index) - 1
+    notes = []
+    seconds = float(np.ptp(recording.time))
+    if seconds < ENOUGH_SECONDS:
+        notes.append(f"{seconds:.1f} s only: drift and slow errors are better seen in ten seconds")
+    if variance > 2.0 * fast.in_plane**2:
+        notes.append(
+            f"slow errors: in all {1e3 * variance**0.5:.3g} against {1e3 * fast.in_plane:.3g} "
+            f"thousandths of a {recording.unit} from frame to frame; the estimators' intervals "
+            "hold the latter"
+        )
+    return RestNoise(
+        unit=recording.unit,
+        seconds=seconds,
+        frames=len(time),
+        axes=axes,
+        fast=fast,
+        temporal=tuple(round(float(rho), 4) for rho in temporal if np.isfinite(rho)),
+        spatial=float(np.mean(one * two) / variance),
+        common=float(np.mean(plane.mean(axis=1) ** 2) / variance),
+        drift=tuple(float(rate) for rate in rates.mean(axis=0)),
+        dropped=float(gaps.sum() / max(np.ptp(recording.source_index), 1)),
+        longest_gap=float(np.diff(recording.time).max()),
+        rotation=rotation,
+        angle_floor_deg=max(floor, ANGLE_FLOOR_DEG),
+        onset=max(0.1, 10.0 * float(np.linalg.norm(axes)))
+        if recording.unit == "mm"
+        else 10.0 * float(np.linalg.norm(axes)),
+        notes=tuple(notes),
+    )
+
+
+def _lagged(plane: Float[np.ndarray, "frames n 2"], place: dict[int, int], lag: int) -> float:
+    """Covariance of errors some frames of the source apart; NaN where there are none."""
+    pairs = [(i, place[number + lag]) for number, i in place.items() if number + lag in place]
+    if not pairs:
+        return float("nan")
+    before, after = (list(side) for side in zip(*pairs, strict=True))
+    return float(np.mean(plane[before] * plane[after]))
+
+
+def _rotation_scatter(
+    points: Float[np.ndarray, "n 2"], plane: Float[np.ndarray, "frames n 2"], radius: float
+) -> float:
+    """Standard deviation of the least-squares rotation of a disc in the middle [rad]."""
+    inside = np.hypot(*(points - points.mean(axis=0)).T) <= radius
+    arm = points[inside] - points[inside].mean(axis=0)
+    motion = plane[:, inside] - plane[:, inside].mean(axis=1, keepdims=True)
+    turned = arm[:, 0] * motion[..., 1] - arm[:, 1] * motion[..., 0]
+    return float(np.std(turned.sum(axis=1) / np.sum(arm**2)))
+
+
+def plot_noise(found: RestNoise) -> Figure:
+    """Noise by axis, and its correlation in time."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+    names = ("x", "y", "z")[: len(found.axes)]
+    left.bar(names, [1e3 * one for one in found.axes], color="#6baed6", label="in all")
+    left.axhline(1e3 * found.fast.in_plane, color="#08306b", lw=1, label="frame to frame, in plane")
+    left.set_ylabel("standard deviation " + ("[µm]" if found.unit == "mm" else "[1/1000 px]"))
+    left.legend(fontsize=8, frameon=False)
+    right.axhline(0.0, color="k", lw=0.8)
+    right.plot(range(1, len(found.temporal) + 1), found.temporal, "o-", color="#08306b")
+    right.set_xlabel("frames apart")
+    right.set_ylabel("correlation of one marker's errors")
+    right.grid(alpha=0.3)
+    return figure
+
+
+def write_noise(found: RestNoise, out: Path) -> list[str]:
+    """Write `noise.toml`, `noise.png` and `report.html`.
+
+    Returns:
+        Lines for the terminal.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    fine = f"thousandths of a {found.unit}" if found.unit == "px" else "µm"
+    smallest = ", ".join(
+        f"{np.degrees(1.96 * np.sqrt(2.0) * one):.3g}° ({name.replace('_', ' ')})"
+        for name, one in found.rotation.items()
+    )
+    lines = [
+        f"noise {1e3 * found.fast.in_plane:.3g} {fine} in the plane from frame to frame; in all "
+        + ", ".join(f"{1e3 * one:.3g}" for one in found.axes)
+        + " along each axis",
+        f"correlation {', '.join(f'{rho:.2f}' for rho in found.temporal[:4])} over 1 to 4 frames, "
+        f"{found.spatial:.2f} between neighbours; drift "
+        + ", ".join(f"{1e3 * one:.2g}" for one in found.drift)
+        + f" {fine}/s",
+        f"{100 * found.dropped:.1f} % of the frames are missing, the longest gap is "
+        f"{1e3 * found.longest_gap:.0f} ms",
+        f"smallest rotation between two frames that is no noise (95 %): {smallest}",
+        f"suggested: --angle-floor-deg {found.angle_floor_deg:.2g} --onset-mm {found.onset:.2g}",
+    ]
+    image = figure_png(plot_noise(found))
+    page = render_page(
+        "findings.html",
+        {"noise.png": image},
+        title="Noise of the sensor at rest",
+        lead=lines,
+        lists={"notes": found.notes},
+        captions={"noise.png": "Noise by axis about mean and drift; its correlation in time."},
+        tables={},
+    )
+    write_whole(out / "noise.toml", toml_text(found.content()))
+    write_whole(out / "noise.png", image)
+    write_whole(out / "report.html", page)
+    return [*lines, *found.notes, f"written to {out / 'noise.toml'}"]

@@ -96,7 +96,9 @@ def write_run(run: Run, folder: Path) -> None:
     images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():
         write_whole(folder / name, image)
-    write_whole(folder / "report.html", _page("report.html", images, run=run, summary=summary))
+    write_whole(
+        folder / "report.html", render_page("report.html", images, run=run, summary=summary)
+    )
 
 
 def write_overview(runs: Sequence[Run], folder: Path) -> None:
@@ -111,7 +113,9 @@ def write_overview(runs: Sequence[Run], folder: Path) -> None:
     )
     image = figure_png(figure)
     write_whole(folder / "overview.png", image)
-    page = _page("overview.html", {"overview.png": image}, runs=[summarise(run) for run in runs])
+    page = render_page(
+        "overview.html", {"overview.png": image}, runs=[summarise(run) for run in runs]
+    )
     write_whole(folder / "report.html", page)
 
 
@@ -325,8 +329,8 @@ def figure_png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _page(template: str, images: Mapping[str, bytes], **content: Any) -> str:
-    """A page with its pictures inside."""
+def render_page(template: str, images: Mapping[str, bytes], **content: Any) -> str:
+    """A page from a template, with its pictures inside."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("estimation"),
         autoescape=True,

@@ -1,3 +1,4 @@
+import json
 import tomllib
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.__main__ import app
+from estimation.softness import read_softness
 from estimation.sources import write_archive
 from tests.cases import lift
 
@@ -20,4 +22,71 @@ def test_noise_of_a_sensor_at_rest(at_rest, tmp_path):
     result = CliRunner().invoke(app, ["noise", str(at_rest), "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     found = tomllib.loads((tmp_path / "noise.toml").read_text())
-    assert found["in_plane_mm"] == pytest.approx(1e-3, rel=0.05)  # 24000 samples
+    assert found["in_plane"] == pytest.approx(1e-3, rel=0.05)  # 24000 samples
+    assert found["drift_per_s"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4)
+    assert found["temporal_correlation"][0] == pytest.approx(0.0, abs=0.05)
+    assert "<img" in (tmp_path / "report.html").read_text()
+
+
+def test_noise_asks_for_rest(tmp_path):
+    write_archive(lift(np.radians(np.linspace(0.0, 12.0, 60))), tmp_path / "moves.npz")
+    result = CliRunner().invoke(
+        app, ["noise", str(tmp_path / "moves.npz"), "--out", str(tmp_path / "out")]
+    )
+    assert "not at rest" in str(result.exception)
+
+
+@pytest.fixture(scope="module")
+def grasps(tmp_path_factory):
+    """Two grasps of an object of k = 0.5, and what a stage read of it."""
+    folder = tmp_path_factory.mktemp("grasps")
+    angles = np.radians(np.linspace(0.0, 8.0, 25))
+    for name in "ab":
+        recording = lift(angles, name=name, seed=ord(name))
+        write_archive(recording, folder / f"{name}.npz")
+        rows = zip(recording.time[5:], np.degrees(1.5 * angles), strict=True)
+        lines = ["time_s,angle_deg", *(f"{time},{angle}" for time, angle in rows)]
+        (folder / f"{name}.csv").write_text("\n".join(lines))
+    return folder
+
+
+def arguments(folder, out, *more):
+    files = [str(folder / f"{name}.npz") for name in "ab"]
+    references = [x for name in "ab" for x in ("--reference", str(folder / f"{name}.csv"))]
+    told = ["--same-clock", "--noise-um", "1", "--out", str(out)]
+    return ["softness", *files, *references, *told, *more]
+
+
+def test_softness_of_two_grasps(grasps, tmp_path):
+    result = CliRunner().invoke(app, arguments(grasps, tmp_path))
+    assert result.exit_code == 0, result.output
+    softness = read_softness(tmp_path / "softness.toml")
+    # the gel's own turn is 1.5 times less than the stage's; a rigid fit of 1 µm knows it to 0.1 %
+    assert softness.stiffness_ratio == pytest.approx(0.5, abs=0.01)
+    figures = json.loads((tmp_path / "softness.json").read_text())["object"]
+    assert any(line.startswith("L: the references") for line in figures["undetermined"])
+    assert len(figures["grasps"]) == 2
+    assert "<img" in (tmp_path / "report.html").read_text()
+
+
+def test_softness_of_two_objects_is_pooled_too(grasps, tmp_path):
+    more = ("--object", "sponge", "--object", "tube")
+    result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
+    assert result.exit_code == 0, result.output
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"sponge.toml", "tube.toml", "softness.toml", "all-objects.png"} <= names
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("--flip",), "turns the other way"),
+        (("--object", "a", "--object", "b", "--object", "c"), "3 objects for 2 recordings"),
+        (("--reference", "outline"), "3 references for 2 recordings"),
+        (("--second-ratio", "1"), "fingers alike"),
+    ],
+)
+def test_softness_leaves_nothing_behind_where_it_fails(grasps, tmp_path, more, message):
+    result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
+    assert message in str(result.exception)
+    assert not list(tmp_path.iterdir())
