@@ -25,6 +25,7 @@ from contactmodel.indenters import (
 )
 from contactmodel.pose import Pose, make_path
 from contactmodel.resultants import solve_resultant
+from contactmodel.sliding import solve_sliding
 from contactmodel.solution import RESULTS, ContactSolution
 from contactmodel.solve import solve_contact, solve_path
 from contactmodel.transfer import ScalarTransfer, fit_scalar_transfer, transfer_function
@@ -54,6 +55,7 @@ __all__ = [
     "solve_contact",
     "solve_path",
     "solve_resultant",
+    "solve_sliding",
     "stiffness_ratio",
     "transfer_function",
 ]

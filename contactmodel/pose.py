@@ -15,8 +15,8 @@ class Pose(eqx.Module):
     """Motion of the object since it touched at the origin, or a path: a batch of such motions.
 
     Positions are those of the undeformed surface. The region where the object is pressed on stays
-    on the same points of the elastomer, as points that stick do; sliding over more than a small
-    part of the contact needs a new start from where the object then is (`Placed`).
+    on the same points of the elastomer, as points that stick do; where the object slides over more
+    than a small part of the contact, `solve_sliding` takes its shape along.
 
     Attributes:
         approach: δ, by which the undeformed bodies would overlap [mm].
