@@ -106,7 +106,7 @@ class CoreTracker:
             return None
         place, motion = 0.5 * (before + after), after - before
         first = self._last is None
-        guess = self._guess(place[stick], motion[stick]) if first else self._last
+        guess = self._guess(place[stick], motion[stick]) if self._last is None else self._last
         doubt = self.pitch * _CENTRE_DOUBT[0 if first else 1]
         known = (place[seen], motion[seen], self.noise_mm, guess[3:5], doubt)
         found = _fit(guess, known)
@@ -148,7 +148,14 @@ def _errors(jacobian: Float[np.ndarray, "r p"]) -> Float[np.ndarray, " p"]:
 
 def _fit(guess: Float[np.ndarray, " 7"], known: tuple) -> OptimizeResult:
     """Levenberg–Marquardt from a guess."""
-    return least_squares(_residual, guess, _jacobian, method="lm", max_nfev=40, args=known)
+    return least_squares(
+        _residual,
+        guess,
+        _jacobian,  # pyright: ignore[reportArgumentType] SciPy declares words only
+        method="lm",
+        max_nfev=40,
+        args=known,
+    )
 
 
 def _residual(
