@@ -9,7 +9,6 @@ Visuotactile Sensing During In-Hand Object Pivoting".
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
-from scipy.spatial import Delaunay, QhullError
 
 from estimation.images.lattice import Reference
 
@@ -32,10 +31,13 @@ def region_of_dispersion(
 
     Args:
         reference: the dots at rest.
-        displacement: from there [px]; NaN where not seen.
+        displacement: from there [px]; NaN where not seen. Of dots whose place at rest is in doubt
+            only what goes beyond the doubt counts.
     """
     seen = np.isfinite(displacement[:, 0])
-    squared = np.where(seen, np.sum(np.nan_to_num(displacement) ** 2, axis=1), 0.0)
+    far = np.linalg.norm(np.nan_to_num(displacement), axis=1)
+    far = far if reference.doubt is None else np.maximum(far - reference.doubt, 0.0)
+    squared = np.where(seen, far**2, 0.0)
     with_self = np.concatenate([np.arange(len(seen))[:, None], reference.neighbours], axis=1)
     known = (with_self >= 0) & seen[with_self]
     count = np.maximum(known.sum(axis=1), 1)
@@ -78,7 +80,10 @@ def _hull(points: Float[np.ndarray, "m 2"], some: Bool[np.ndarray, " m"]) -> np.
     """The points in the convex hull of some of them."""
     if some.sum() < 3:
         return some
-    try:
-        return some | (Delaunay(points[some]).find_simplex(points) >= 0)
-    except QhullError:  # all on one line
+    corner = cv2.convexHull(points[some].astype(np.float32))[:, 0].astype(float)
+    side = np.roll(corner, -1, axis=0) - corner
+    across = np.stack([-side[:, 1], side[:, 0]], axis=1)
+    if abs(np.sum(across * corner)) < 1.0:  # twice the area [px²]: all on one line
         return some
+    beyond = points @ across.T - np.sum(across * corner, axis=1)
+    return some | (beyond >= 0.0).all(axis=1) | (beyond <= 0.0).all(axis=1)

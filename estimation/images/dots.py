@@ -15,8 +15,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
 STEPS = 5
-BATCH = 64
+BATCH = 16
 """Dots fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
+COARSE = 4.0
+"""Radius from which dots are looked for at half the resolution [px]."""
 FAINT = 0.3
 """Share of the typical seed's strength below which a seed is no dot."""
 
@@ -27,10 +29,12 @@ class DotStyle(NamedTuple):
     Attributes:
         dark: whether they are darker than what is around them.
         radius: typical radius [px].
+        blur: typical standard deviation of the point spread [px].
     """
 
     dark: bool
     radius: float
+    blur: float = 1.0
 
 
 class Dots(NamedTuple):
@@ -41,6 +45,7 @@ class Dots(NamedTuple):
         covariance: of the position, from the misfit of the fit [px²].
         axes: symmetric matrices that take the unit circle to each dot's rim [px].
         contrast: grey level of the background minus that of the dot, taken positive.
+        blur: standard deviation of the point spread [px].
         explained: share of the picture's variance around the dot that the fit explains [-].
     """
 
@@ -48,6 +53,7 @@ class Dots(NamedTuple):
     covariance: Float[np.ndarray, "n 2 2"]
     axes: Float[np.ndarray, "n 2 2"]
     contrast: Float[np.ndarray, " n"]
+    blur: Float[np.ndarray, " n"]
     explained: Float[np.ndarray, " n"]
 
     def take(self, which: Shaped[np.ndarray, " m"]) -> "Dots":
@@ -62,19 +68,28 @@ def to_grey(picture: Shaped[np.ndarray, "h w *colour"], dark: bool) -> Float[np.
     bright in every colour.
     """
     if picture.ndim == 3:
-        picture = picture[..., :3]
-        order = np.maximum if dark else np.minimum
-        picture = order(order(picture[..., 0], picture[..., 1]), picture[..., 2])
+        order = cv2.max if dark else cv2.min
+        blue, green, red = cv2.split(picture[..., :3])
+        picture = order(order(blue, green), red)
     scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
     return picture.astype(np.float32) * np.float32(scale)
 
 
 def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarray, "n 2"]:
-    """Pixels (x, y) at which a dot may be: maxima of a difference of Gaussians."""
-    narrow = cv2.GaussianBlur(grey, (0, 0), 0.6 * style.radius)
-    wide = cv2.GaussianBlur(narrow, (0, 0), 0.8 * style.radius)
+    """Pixels (x, y) at which a dot may be: maxima of a difference of Gaussians.
+
+    Large dots are looked for in a picture of half the size.
+    """
+    part = 2 if style.radius >= COARSE else 1
+    if part == 2:
+        grey = cv2.resize(
+            grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA
+        )
+    radius = style.radius / part
+    narrow = cv2.GaussianBlur(grey, (0, 0), 0.6 * radius)
+    wide = cv2.GaussianBlur(narrow, (0, 0), 0.8 * radius)
     response = wide - narrow if style.dark else narrow - wide
-    side = 2 * round(style.radius) + 1
+    side = 2 * round(radius) + 1
     highest = cv2.dilate(response, np.ones((side, side), np.uint8))
     y, x = np.nonzero((response == highest) & (response > 1.0))
     strength = response[y, x]
@@ -82,7 +97,7 @@ def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarra
         return np.zeros((0, 2), dtype=int)
     typical = np.median(strength[strength > 0.5 * np.percentile(strength, 90)])
     keep = strength > FAINT * typical
-    return np.stack([x[keep], y[keep]], axis=1)
+    return part * np.stack([x[keep], y[keep]], axis=1)
 
 
 def fit_dots(
@@ -105,7 +120,7 @@ def fit_dots(
         some[:count] = seeds[start : start + BATCH]
         fitted = _fit(windows[some[:, 1], some[:, 0]], np.float32(style.radius), half)
         parts.append([np.asarray(one)[:count] for one in fitted])
-    offset, covariance, shape, contrast, explained = (
+    offset, covariance, shape, contrast, blur, explained = (
         np.concatenate(one).astype(float) for one in zip(*parts, strict=True)
     )
     return Dots(
@@ -113,14 +128,53 @@ def fit_dots(
         covariance=covariance,
         axes=np.linalg.inv(shape),
         contrast=contrast if style.dark else -contrast,
+        blur=blur,
         explained=explained,
     )
+
+
+def model_dots(
+    p: Float[Array, "n 10"], dx: Float[Array, " pixels"], dy: Float[Array, " pixels"]
+) -> tuple[Float[Array, "n pixels"], Float[Array, "n 10 pixels"]]:
+    """Grey levels of blurred ellipses, and their derivatives.
+
+    Args:
+        p: centre, inverse shape (xx, yy, xy), blur, then what is linear: the dot's grey level less
+            the background's, the background and its two slopes.
+        dx: of the pixels, from the window's middle.
+        dy: the same.
+    """
+    x, y = dx - p[:, :1], dy - p[:, 1:2]
+    gx = p[:, 2:3] * x + p[:, 4:5] * y
+    gy = p[:, 4:5] * x + p[:, 3:4] * y
+    size = jnp.sqrt(gx**2 + gy**2 + 1e-6)
+    nx = (p[:, 2:3] * gx + p[:, 4:5] * gy) / size
+    ny = (p[:, 4:5] * gx + p[:, 3:4] * gy) / size
+    slope = jnp.sqrt(nx**2 + ny**2 + 1e-9)
+    t = (size - 1.0) / (slope * p[:, 5:6])
+    inner = 0.5 * jax.lax.erfc(t * np.float32(np.sqrt(0.5)))
+    linear = p[:, 6:7] * inner + p[:, 7:8] + p[:, 8:9] * dx + p[:, 9:10] * dy
+    edge = -p[:, 6:7] * jnp.exp(-0.5 * t**2) * np.float32(1 / np.sqrt(2 * np.pi)) / p[:, 5:6]
+    across = edge / (slope * size)
+    columns = [
+        -edge * nx / slope,
+        -edge * ny / slope,
+        across * gx * x,
+        across * gy * y,
+        across * (gx * y + gy * x),
+        -edge * t,
+        inner,
+        jnp.ones_like(inner),
+        jnp.broadcast_to(dx, inner.shape),
+        jnp.broadcast_to(dy, inner.shape),
+    ]
+    return linear, jnp.stack(columns, axis=1)
 
 
 @partial(jax.jit, static_argnames="half")
 def _fit(
     windows: Float[Array, "n side side"], radius: Float[Array, ""], half: int
-) -> tuple[Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Gauss–Newton in all dots at once; parameters: centre, inverse shape, blur, then linear."""
     steps = jnp.arange(-half, half + 1)
     dy, dx = (a.ravel().astype(jnp.float32) for a in jnp.meshgrid(steps, steps, indexing="ij"))
@@ -129,35 +183,9 @@ def _fit(
     value = jnp.where(inside, value, 0.0)
     weight = inside.astype(jnp.float32)
 
-    def model(p):
-        x, y = dx - p[:, :1], dy - p[:, 1:2]
-        gx = p[:, 2:3] * x + p[:, 4:5] * y
-        gy = p[:, 4:5] * x + p[:, 3:4] * y
-        size = jnp.sqrt(gx**2 + gy**2 + 1e-6)
-        nx = (p[:, 2:3] * gx + p[:, 4:5] * gy) / size
-        ny = (p[:, 4:5] * gx + p[:, 3:4] * gy) / size
-        slope = jnp.sqrt(nx**2 + ny**2 + 1e-9)
-        t = (size - 1.0) / (slope * p[:, 5:6])
-        inner = 0.5 * jax.lax.erfc(t * np.float32(np.sqrt(0.5)))
-        linear = p[:, 6:7] * inner + p[:, 7:8] + p[:, 8:9] * dx + p[:, 9:10] * dy
-        edge = -p[:, 6:7] * jnp.exp(-0.5 * t**2) * np.float32(1 / np.sqrt(2 * np.pi)) / p[:, 5:6]
-        across = edge / (slope * size)
-        columns = [
-            -edge * nx / slope,
-            -edge * ny / slope,
-            across * gx * x,
-            across * gy * y,
-            across * (gx * y + gy * x),
-            -edge * t,
-            inner,
-            jnp.ones_like(inner),
-            jnp.broadcast_to(dx, inner.shape),
-            jnp.broadcast_to(dy, inner.shape),
-        ]
-        return linear, jnp.stack(columns, axis=1) * weight[:, None]
-
     def normal_equations(p):
-        fitted, jacobian = model(p)
+        fitted, jacobian = model_dots(p, dx, dy)
+        jacobian = jacobian * weight[:, None]
         residual = (value - fitted) * weight
         matrix = jacobian @ jacobian.transpose(0, 2, 1)
         damping = 1e-5 * jnp.einsum("nii->ni", matrix) + 1e-6
@@ -206,5 +234,6 @@ def _fit(
         inverse[:, :2] * variance[:, None, None],
         shape,
         -p[:, 6],
+        p[:, 5],
         1.0 - (residual**2).sum(axis=1) / jnp.maximum(spread, 1e-6),
     )

@@ -3,7 +3,8 @@
 What the object prints turns with the object, what is printed on the gel turns with the gel: the
 dots are painted out, and the picture is registered with a keyframe by the rigid motion that
 correlates the two best ([Evangelidis2008] G. D. Evangelidis, E. Z. Psarakis, "Parametric image
-alignment using enhanced correlation coefficient maximization", as OpenCV has it).
+alignment using enhanced correlation coefficient maximization", as OpenCV has it). Where the last
+frame's motion leads nowhere, all rotations within `SEARCHED` are tried.
 """
 
 from typing import NamedTuple
@@ -12,17 +13,30 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Shaped, UInt8
 
-LEAST_CORRELATION = 0.6
+ROWS = 120
+"""Rows, about, of the picture that is registered; larger ones are scaled down."""
+LEAST_CORRELATION = 0.75
 """Correlation with the keyframe below which the imprint has lost its place."""
-NEW_KEYFRAME = 0.8
-"""Correlation below which the frame before becomes the next keyframe."""
+FOUND_AGAIN = 0.85
+"""Correlation from which it counts as found again after a search."""
+NEW_KEYFRAME = 0.85
+"""Correlation below which another keyframe is taken: an earlier one, or a new one."""
+KEPT = 8
+"""Keyframes that are kept, the first always: registering with an earlier one ends the drift."""
 KEYFRAME_ERROR = np.radians(0.3)
-"""Standard error of one registration [rad]; they add up over keyframes."""
+"""Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
+the correlation lacks. Errors add up over keyframes."""
 LEAST_STEP = np.radians(12.0)
 """Rotation against the keyframe from which a new one is taken [rad]."""
 TEXTURE = 1.5
 """Grey levels, of 255, that the imprint's own texture must have."""
-STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-4)
+SEARCHED = np.radians(np.arange(-30.0, 31.0, 6.0))
+"""Rotations against the keyframe that are tried where the imprint has lost its place [rad]."""
+OVERLAP = 0.4
+"""Share of the larger contact region that both must show: elsewhere the pad itself is seen."""
+PATIENCE = 10
+"""Frames in a row without the imprint after which it is given up."""
+STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 1e-4)
 
 
 class Imprint(NamedTuple):
@@ -42,22 +56,61 @@ class Imprint(NamedTuple):
 LOST = Imprint(np.nan, np.nan, np.nan)
 
 
+class Texture(NamedTuple):
+    """The imprint's texture in one frame.
+
+    Attributes:
+        value: grey levels of 255, without dots and slow change of light.
+        mask: 255 where there is contact and no dot.
+        channel: of the picture.
+    """
+
+    value: Float[np.ndarray, "h w"]
+    mask: UInt8[np.ndarray, "h w"]
+    channel: int
+
+
 class _Keyframe(NamedTuple):
-    texture: np.ndarray
-    mask: np.ndarray
-    angle: float
+    texture: Texture
+    pose: np.ndarray
+    """Takes points of the first keyframe to where they are here, in homogeneous coordinates."""
     error: float
+
+    @property
+    def angle(self) -> float:
+        return float(np.arctan2(self.pose[1, 0], self.pose[0, 0]))
+
+
+class _Match(NamedTuple):
+    """The rigid motion from a keyframe to a frame, and how well the two correlate under it."""
+
+    keyframe: _Keyframe
+    warp: np.ndarray
+    quality: float
+
+    def pose(self) -> np.ndarray:
+        return np.vstack([self.warp, [0.0, 0.0, 1.0]]) @ self.keyframe.pose
+
+    @property
+    def turned(self) -> float:
+        return float(np.arctan2(self.warp[1, 0], self.warp[0, 0]))
+
+    @property
+    def error(self) -> float:
+        own = KEYFRAME_ERROR * max(1.0, (1.0 - self.quality) / 0.1)
+        return float(np.hypot(self.keyframe.error, own))
 
 
 class ImprintFollower:
-    """Follows the imprint from frame to frame; where it loses its place it ends."""
+    """Follows the imprint from frame to frame; where it loses its place for long it ends."""
 
     def __init__(self) -> None:
         """Start without a keyframe: the first frame with contact becomes it."""
-        self.keyframe: _Keyframe | None = None
-        self.warp = np.eye(2, 3, dtype=np.float32)
+        self.keyframes: list[_Keyframe] = []
+        self.last: _Match | None = None
         self.before: _Keyframe | None = None
-        self.ended = False
+        self.angle = 0.0
+        self.missed = 0
 
     def update(
         self,
@@ -74,48 +127,135 @@ class ImprintFollower:
             radius: typical, of a dot [px].
             region: dots of the contact region [px].
         """
-        if self.ended or len(region) < 4:
+        if self.missed > PATIENCE or len(region) < 4:
             return LOST
-        texture, mask = paint_out(picture, dots, radius, region)
-        if self.keyframe is None:
-            if texture[mask > 0].std() < TEXTURE:
-                return LOST
-            self.keyframe = self.before = _Keyframe(texture, mask, 0.0, 0.0)
-            return Imprint(0.0, KEYFRAME_ERROR, 1.0)
-        found = self._register(texture, mask)
-        if found is None and self.before is not None:
-            self.keyframe, self.warp = self.before, np.eye(2, 3, dtype=np.float32)
-            found = self._register(texture, mask)
+        channel = self.keyframes[0].texture.channel if self.keyframes else None
+        texture = paint_out(picture, dots, radius, region, channel)
+        if self.last is None or self.before is None:
+            return self._begin(texture)
+        found = self._find(texture, self.last, self.before)
         if found is None:
-            self.ended = True
+            self.missed += 1
             return LOST
-        angle, quality = found
-        error = float(np.hypot(self.keyframe.error, KEYFRAME_ERROR))
-        self.before = _Keyframe(texture, mask, self.keyframe.angle + angle, error)
-        result = Imprint(self.before.angle, error, quality)
-        if quality < NEW_KEYFRAME or abs(angle) > LEAST_STEP:
-            self.keyframe, self.warp = self.before, np.eye(2, 3, dtype=np.float32)
-        return result
+        self.missed = 0
+        self.before = _Keyframe(texture, found.pose(), found.error)
+        self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
+        self.last = found
+        if found.quality < NEW_KEYFRAME or abs(found.turned) > LEAST_STEP:
+            self._keep(self.before)
+        return Imprint(self.angle, found.error, found.quality)
 
-    def _register(self, texture: np.ndarray, mask: np.ndarray) -> tuple[float, float] | None:
-        """Rotation against the keyframe and correlation; None where there is no such motion."""
-        assert self.keyframe is not None
-        try:
-            quality, warp = cv2.findTransformECC(
-                self.keyframe.texture,
-                texture,
-                self.warp.copy(),
-                cv2.MOTION_EUCLIDEAN,
-                STEPS,
-                inputMask=mask,
-                gaussFiltSize=5,
+    def _begin(self, texture: Texture) -> Imprint:
+        if texture.value[texture.mask > 0].std() < TEXTURE:
+            return LOST
+        self.before = _Keyframe(texture, np.eye(3), 0.0)
+        self._keep(self.before)
+        return Imprint(0.0, KEYFRAME_ERROR, 1.0)
+
+    def _keep(self, keyframe: _Keyframe) -> None:
+        """Make it the keyframe to register with."""
+        self.keyframes.append(keyframe)
+        if len(self.keyframes) > KEPT:
+            del self.keyframes[1]
+        self.last = _Match(keyframe, np.eye(2, 3, dtype=np.float32), 1.0)
+
+    def _find(self, texture: Texture, last: _Match, before: _Keyframe) -> _Match | None:
+        """The motion to this frame; None where the imprint has lost its place.
+
+        Tried are the keyframe of the last frame; where that fits badly, the earlier one nearest in
+        angle whose error is the least; the last frame; and at last all rotations.
+        """
+        found = register(last.keyframe, texture, last.warp, LEAST_CORRELATION)
+        if found is not None and found.quality >= NEW_KEYFRAME:
+            return found
+        pose = before.pose if found is None else found.pose()
+        for earlier in self.keyframes:
+            if earlier is last.keyframe or earlier.error >= last.keyframe.error:
+                continue
+            start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
+            if abs(np.arctan2(start[1, 0], start[0, 0])) < LEAST_STEP:
+                closed = register(earlier, texture, start, NEW_KEYFRAME)
+                if closed is not None:
+                    return closed
+        if found is not None:
+            return found
+        still = np.eye(2, 3, dtype=np.float32)
+        found = register(before, texture, still, LEAST_CORRELATION)
+        if found is None:
+            guess = search_motion(before.texture, texture)
+            found = None if guess is None else register(before, texture, guess, FOUND_AGAIN)
+        return found
+
+
+def register(
+    keyframe: _Keyframe, texture: Texture, start: Float[np.ndarray, "2 3"], least: float
+) -> _Match | None:
+    """The rigid motion from a keyframe to a frame; None where they correlate too little."""
+    before = keyframe.texture
+    shown = cv2.warpAffine(before.mask, start, before.mask.shape[::-1], flags=cv2.INTER_NEAREST)
+    both = cv2.bitwise_and(shown, texture.mask)
+    areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
+    if cv2.countNonZero(both) < OVERLAP * max(areas):
+        return None
+    try:
+        quality, warp = cv2.findTransformECC(
+            before.value,
+            texture.value,
+            start.copy(),
+            cv2.MOTION_EUCLIDEAN,
+            STEPS,
+            inputMask=both,
+            gaussFiltSize=3,
+        )
+    except cv2.error:  # it has not converged
+        return None
+    return _Match(keyframe, np.asarray(warp), float(quality)) if quality > least else None
+
+
+def search_motion(before: Texture, now: Texture) -> Float[np.ndarray, "2 3"] | None:
+    """The rigid motion, of all within the range searched, under which two textures correlate best.
+
+    For every rotation the correlation of what both masks show is had for all shifts at once, by
+    Fourier transforms.
+    """
+    rows, columns = now.value.shape
+    shape = (cv2.getOptimalDFTSize(2 * rows), cv2.getOptimalDFTSize(2 * columns))
+    shown = (now.mask > 0).astype(np.float32)
+    spectra = [
+        np.fft.rfft2(plane, shape) for plane in (shown * now.value, shown, shown * now.value**2)
+    ]
+    middle = (0.5 * (columns - 1), 0.5 * (rows - 1))
+    best, most = None, 0.0
+    for turn in SEARCHED:
+        ahead = cv2.getRotationMatrix2D(middle, -np.degrees(turn), 1.0)
+        value = cv2.warpAffine(before.value, ahead, (columns, rows))
+        mask = cv2.warpAffine((before.mask > 0).astype(np.float32), ahead, (columns, rows))
+        mask = (mask > 0.5).astype(np.float32)
+        turned = [np.conj(np.fft.rfft2(p, shape)) for p in (mask * value, mask, mask * value**2)]
+        both, left, right, here, there = (
+            np.fft.irfft2(a * b, shape)
+            for a, b in (
+                (spectra[0], turned[0]),
+                (spectra[2], turned[1]),
+                (spectra[1], turned[2]),
+                (spectra[1], turned[1]),
+                (spectra[0], turned[1]),
             )
-        except cv2.error:  # it has not converged
-            return None
-        if not quality > LEAST_CORRELATION:
-            return None
-        self.warp = np.asarray(warp, dtype=np.float32)
-        return float(np.arctan2(warp[1, 0], warp[0, 0])), float(quality)
+        )
+        other = np.fft.irfft2(spectra[1] * turned[0], shape)
+        count = np.maximum(here, 1.0)
+        size = (left - there**2 / count) * (right - other**2 / count)
+        score = np.where(
+            (here > OVERLAP * max(mask.sum(), shown.sum())) & (size > 0.0),
+            (both - there * other / count) / np.sqrt(np.maximum(size, 1e-6)),
+            0.0,
+        )
+        highest = float(score.max())
+        if highest > most:
+            down, right_ = np.unravel_index(int(score.argmax()), score.shape)
+            shift = [right_ - shape[1] * (right_ > columns), down - shape[0] * (down > rows)]
+            most, best = highest, ahead + np.array([[0.0, 0.0, shift[0]], [0.0, 0.0, shift[1]]])
+    return None if best is None else best.astype(np.float32)
 
 
 def paint_out(
@@ -123,28 +263,35 @@ def paint_out(
     dots: Float[np.ndarray, "n 2"],
     radius: float,
     region: Float[np.ndarray, "k 2"],
-) -> tuple[Float[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
-    """The imprint's texture with the dots and the slow change of light taken off, and its mask.
+    channel: int | None = None,
+) -> Texture:
+    """The imprint's texture with the dots and the slow change of light taken off, scaled down.
 
-    Returns:
-        Texture [grey levels of 255], and a mask of 255 where there is contact and no dot.
+    Args:
+        picture: of the frame.
+        dots: all dots in it [px].
+        radius: typical, of a dot [px].
+        region: dots of the contact region [px].
+        channel: of the picture; by default the one with the strongest texture.
     """
-    scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
-    image = picture.astype(np.float32) * np.float32(scale)
+    part = max(round(picture.shape[0] / ROWS), 1)
+    size = (picture.shape[1] // part, picture.shape[0] // part)
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    image = small.astype(np.float32) * np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
+    dots, region, radius = dots / part, region / part, radius / part
     clear = np.full(image.shape[:2], 1.0, np.float32)
-    for x, y in np.rint(dots * 16).astype(int):
-        cv2.circle(clear, (int(x), int(y)), int(16 * 1.6 * radius), 0.0, -1, shift=4)
-    width = 3.0 * radius
-    weight = cv2.GaussianBlur(clear, (0, 0), width) + 1e-3
-    planes = image[..., None] if image.ndim == 2 else image
-    textures = [
-        (plane - cv2.GaussianBlur(plane * clear, (0, 0), width) / weight) * clear
-        for plane in np.moveaxis(planes, -1, 0)
-    ]
-    strongest = max(textures, key=lambda plane: float(plane.std()))
-    hull = cv2.convexHull(region.astype(np.float32)).astype(np.int32)
+    for x, y in np.rint(dots * 16).astype(int).tolist():
+        cv2.circle(clear, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
+    width = (2 * int(4.0 * radius) + 1,) * 2
+    weight = cv2.blur(clear, width) + np.float32(1e-3)
+    planes = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
+    chosen = range(len(planes)) if channel is None else [channel]
+    textures = {
+        i: (planes[i] - cv2.blur(planes[i] * clear, width) / weight) * clear for i in chosen
+    }
     mask = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillConvexPoly(mask, hull, 255)
+    cv2.fillConvexPoly(mask, cv2.convexHull(region.astype(np.float32)).astype(np.int32), 255)
     mask = cv2.dilate(mask, np.ones((2 * int(radius) + 1,) * 2, np.uint8))
     mask[clear == 0.0] = 0
-    return cv2.GaussianBlur(strongest, (0, 0), 1.0), mask
+    strongest = max(chosen, key=lambda i: cv2.meanStdDev(textures[i], mask=mask)[1].item())
+    return Texture(cv2.GaussianBlur(textures[strongest], (0, 0), 1.0), mask, strongest)

@@ -1,36 +1,24 @@
-"""Which dot is which: lattice indices, a reference to count from, and matching without continuity.
-
-Dots of a printed lattice keep their neighbours, however far they move. A frame is matched to the
-reference by that alone: dots that lie where the reference has them, and whose neighbours do too,
-are the gel that nothing has moved; from there the match spreads dot by dot, each step predicted
-from the neighbours found before. Earlier frames play no part, so none can mislead.
-"""
+"""Lattice indices of dots, and a reference to count from."""
 
 from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from estimation.recording import MarkerLayout, delaunay_neighbours
 
 NEAR = 0.4
 """Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
-SURE = 0.3
-"""Farthest a dot may lie from where all its neighbours together have it [pitches]."""
-STRETCH = 0.5
-"""Most that the vector to a neighbour may change among dots at rest [pitches]."""
 REACH = 2.3
 """Distance up to which dots help to say where one should be [pitches]."""
 AROUND = 12
 """Most of them."""
-STIFFNESS = 0.1
-"""How much predictions are drawn towards no rotation and no strain, as a share of the data."""
 FIT = 0.06
 """Distance from a fitted lattice within which a dot is on it [pitches]."""
+DOUBT = 0.15
+"""How far from its place at rest a lattice fitted beside it may have a dot [pitches]."""
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -57,7 +45,7 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     if len(centre) < 9:
         return nothing
     tree = KDTree(centre)
-    distance, near = _nearest(tree, centre, 5)
+    distance, near = nearest(tree, centre, 5)
     pitch = float(np.median(distance[:, 1:4]))
     vectors = centre[near[:, 1:]] - centre[:, None]
     short = vectors[distance[:, 1:] < 1.4 * pitch]
@@ -65,7 +53,7 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     if basis is None:
         return nothing
     spots = centre[:, None] + STEPS @ basis
-    off = _nearest(tree, spots.reshape(-1, 2))[0].reshape(len(centre), 4)
+    off = nearest(tree, spots.reshape(-1, 2))[0].reshape(len(centre), 4)
     start = int(np.argmin(np.sort(off, axis=1)[:, 3]))
     number = {start: (0, 0)}
     local = {start: basis}
@@ -75,7 +63,7 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
         i = queue.popleft()
         for step in STEPS:
             place = (number[i][0] + int(step[0]), number[i][1] + int(step[1]))
-            off_i, j = (x.item() for x in _nearest(tree, centre[i] + step @ local[i]))
+            off_i, j = (x.item() for x in nearest(tree, centre[i] + step @ local[i]))
             if place in taken or j in number or off_i > NEAR * pitch:
                 continue
             number[j] = place
@@ -112,7 +100,7 @@ def _common_basis(
     return np.stack([first * np.sign(first[0]), second * np.sign(second[1])])
 
 
-def _nearest(tree: KDTree, points: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def nearest(tree: KDTree, points: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Distances to the nearest points of the tree, and their numbers."""
     distance, number = tree.query(points, count)
     return np.asarray(distance), np.asarray(number)
@@ -183,6 +171,7 @@ class Reference(NamedTuple):
         around: the nearest others of each dot, nearest first, −1 beyond `REACH`.
         pitch: distance between neighbours [px].
         note: what it is, in a sentence.
+        doubt: how far off the positions may be [px]; None where they are known.
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -190,6 +179,7 @@ class Reference(NamedTuple):
     around: Int[np.ndarray, "n a"]
     pitch: float
     note: str
+    doubt: Float[np.ndarray, " n"] | None = None
 
     def layout(self, mm_per_px: float) -> MarkerLayout:
         """As a recording has it."""
@@ -221,15 +211,23 @@ def make_reference(
         )
     fitted = fit_lattice(lattice, centre)
     share = fitted.on.mean()
+    doubt = None
     if unloaded or share > 0.95:
         position, note = (
             centre[lattice.dot],
-            "The reference is an unloaded frame: its dots lie on a regular lattice."
+            "The dots of the first frame lie on a regular lattice: it counts as unloaded. If "
+            "something touched the pad by then, angles and contact count from that frame."
             if not unloaded
             else "The reference is the frame that was given.",
         )
     elif fitted.on.sum() >= 15 and share >= 0.3:
-        position = fitted.place(_inside(fitted, lattice, size))
+        index = _inside(fitted, lattice, size)
+        rest = lattice.coordinates[fitted.on]
+        same = (index[:, None] == rest).all(axis=2)
+        seen = same.any(axis=1)
+        measured = centre[lattice.dot[fitted.on][same.argmax(axis=1)]]
+        position = np.where(seen[:, None], measured, fitted.place(index))
+        doubt = np.where(seen, 0.0, DOUBT * lattice.pitch)
         note = (
             f"The clip starts loaded: the reference is a regular lattice through "
             f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, those away from "
@@ -241,21 +239,23 @@ def make_reference(
             f"The clip starts loaded, and only {fitted.on.sum()} of {len(fitted.on)} dots lie on "
             "a regular lattice: the first frame is the reference, and angles count from it."
         )
-    return lay_reference(position, note)
+    return lay_reference(position, note, doubt)
 
 
-def lay_reference(position: Float[np.ndarray, "n 2"], note: str) -> Reference:
-    """The reference of dots at known places [px].
+def lay_reference(
+    position: Float[np.ndarray, "n 2"], note: str, doubt: Float[np.ndarray, " n"] | None = None
+) -> Reference:
+    """The reference of dots at places [px] that are known, or in doubt by so much [px].
 
     Raises:
         ValueError: fewer than three dots, or all on one line.
     """
     neighbours = delaunay_neighbours(position, 1.3)
     count = min(AROUND + 1, len(position))
-    distance, around = _nearest(KDTree(position), position, count)
+    distance, around = nearest(KDTree(position), position, count)
     pitch = float(np.median(distance[:, 1:4]))
     around = np.where(distance < REACH * pitch, around, -1)[:, 1:]
-    return Reference(position, neighbours, around, pitch, note)
+    return Reference(position, neighbours, around, pitch, note, doubt)
 
 
 def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:
@@ -265,136 +265,3 @@ def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.n
     place = fitted.place(grid)
     inside = ((place >= 0) & (place <= np.array(size) - 1)).all(axis=1)
     return np.unique(np.concatenate([grid[inside], lattice.coordinates]), axis=0)
-
-
-def match_dots(
-    reference: Reference,
-    centre: Float[np.ndarray, "n 2"],
-    guess: Float[np.ndarray, "m 2"] | None = None,
-) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """The dot that each point of the reference is now.
-
-    Args:
-        reference: the reference.
-        centre: dots of the frame [px].
-        guess: where the points may be [px], NaN where unknown; by default where they were at rest.
-
-    Returns:
-        The dots, −1 where not seen; and of these the ones that the match has started from.
-    """
-    match = np.full(len(reference.position), -1)
-    if len(centre) < 4:
-        return match, match
-    tree = KDTree(centre)
-    expected = reference.position if guess is None else guess
-    known = np.flatnonzero(np.isfinite(expected[:, 0]))
-    if not len(known):
-        return match, match
-    off, dot = _nearest(tree, expected[known])
-    back = _nearest(KDTree(expected[known]), centre)[1]
-    mutual = (off < NEAR * reference.pitch) & (back[dot] == np.arange(len(dot)))
-    match[known[mutual]] = dot[mutual]
-    start = match = _largest_piece(reference, centre, match, expected)
-    for _ in range(len(match)):
-        grown = _spread(reference, centre, tree, match)
-        if (grown == match).all():
-            break
-        match = grown
-    return (_drop_doubtful(reference, centre, match) if guess is None else match), start
-
-
-def _drop_doubtful(
-    reference: Reference, centre: Float[np.ndarray, "n 2"], match: Int[np.ndarray, " m"]
-) -> Int[np.ndarray, " m"]:
-    """Leave out dots that are not where the others have them, or nearer to another's place."""
-    place = predict(reference, centre, match)
-    there = np.flatnonzero((match >= 0) & np.isfinite(place[:, 0]))
-    if not len(there):
-        return np.full_like(match, -1)
-    off = np.linalg.norm(place[there] - centre[match[there]], axis=1)
-    owner = there[_nearest(KDTree(place[there]), centre[match[there]])[1]]
-    sure = there[(owner == there) & (off < SURE * reference.pitch)]
-    kept = np.full_like(match, -1)
-    kept[sure] = match[sure]
-    return kept
-
-
-def _largest_piece(
-    reference: Reference,
-    centre: Float[np.ndarray, "n 2"],
-    match: Int[np.ndarray, " m"],
-    expected: Float[np.ndarray, "m 2"],
-) -> Int[np.ndarray, " m"]:
-    """The largest set of neighbours that have kept their places to each other."""
-    i, slot = np.nonzero(reference.neighbours >= 0)
-    j = reference.neighbours[i, slot]
-    both = (match[i] >= 0) & (match[j] >= 0)
-    i, j = i[both], j[both]
-    moved = (centre[match[j]] - centre[match[i]]) - (expected[j] - expected[i])
-    firm = np.linalg.norm(moved, axis=1) < STRETCH * reference.pitch
-    graph = coo_array((np.ones(firm.sum()), (i[firm], j[firm])), shape=(len(match), len(match)))
-    label = connected_components(graph, directed=False)[1]
-    largest = np.argmax(np.bincount(label[match >= 0], minlength=1))
-    return np.where((label == largest) & (match >= 0), match, -1)
-
-
-def _spread(
-    reference: Reference,
-    centre: Float[np.ndarray, "n 2"],
-    tree: KDTree,
-    match: Int[np.ndarray, " m"],
-) -> Int[np.ndarray, " m"]:
-    """Match the points next to matched ones, where a free dot lies within reach of the guess."""
-    free = np.ones(len(centre), dtype=bool)
-    free[match[match >= 0]] = False
-    known = (reference.neighbours >= 0) & (match[reference.neighbours] >= 0)
-    rim = np.flatnonzero((match < 0) & (known.sum(axis=1) >= 2))
-    if not (len(rim) and free.any()):
-        return match
-    guess = predict(reference, centre, match, rim)
-    off, dot = _nearest(tree, guess)
-    match = match.copy()
-    for k in np.argsort(off):
-        if off[k] < NEAR * reference.pitch and free[dot[k]]:
-            match[rim[k]] = dot[k]
-            free[dot[k]] = False
-    return match
-
-
-def predict(
-    reference: Reference,
-    centre: Float[np.ndarray, "n 2"],
-    match: Int[np.ndarray, " m"],
-    points: Int[np.ndarray, " k"] | None = None,
-) -> Float[np.ndarray, "k 2"]:
-    """Where points should be, by a rotation and a strain fitted to the matched ones around each.
-
-    The strain is held back: few points tell it badly.
-
-    Args:
-        reference: the reference.
-        centre: dots of the frame [px].
-        match: the dot that each point of the reference is, −1 where not known.
-        points: of the reference; all by default.
-    """
-    points = np.arange(len(match)) if points is None else points
-    around = reference.around[points]
-    known = (around >= 0) & (match[around] >= 0)
-    to_complex = np.array([1.0, 1.0j])
-    rest, now = reference.position @ to_complex, centre[match] @ to_complex
-    ahead = rest[around] - rest[points][:, None]
-    weight = known / np.maximum(np.abs(ahead) ** 2, 1e-9)
-    weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
-    motion = np.where(known, now[around] - rest[around], 0.0)
-    origin, shift = (weight * ahead).sum(axis=1), (weight * motion).sum(axis=1)
-    arm, motion = ahead - origin[:, None], motion - shift[:, None]
-    # normal equations of motion = turn · arm + strain · conj(arm)
-    size = (weight * np.abs(arm) ** 2).sum(axis=1) * (1.0 + STIFFNESS) + 1e-12
-    mixed = (weight * np.conj(arm) ** 2).sum(axis=1)
-    first = (weight * np.conj(arm) * motion).sum(axis=1)
-    second = (weight * arm * motion).sum(axis=1)
-    determinant = size**2 - np.abs(mixed) ** 2
-    turn = (size * first - mixed * second) / determinant
-    strain = (size * second - np.conj(mixed) * first) / determinant
-    place = rest[points] + shift - turn * origin - strain * np.conj(origin)
-    return np.stack([place.real, place.imag], axis=1)

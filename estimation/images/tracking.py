@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimation.images.lattice import Reference, match_dots
+from estimation.images.lattice import Reference
+from estimation.images.matching import grow_match, match_dots, match_piece
 
 JUMP = 0.5
 """Distance from one frame to the next beyond which a dot is not taken for the same [pitches]."""
@@ -27,24 +28,15 @@ class DotTracker:
         """Start with a reference."""
         self.reference = reference
         self.last = np.full(reference.position.shape, np.nan)
-        self.relocked = 0
 
     def update(self, centre: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " m"], str]:
         """The dot that each point of the reference is now, −1 where not seen; and what is wrong.
 
         A dot that would have jumped from one frame to the next is left out of the frame.
         """
-        match, rest = match_dots(self.reference, centre)
-        guess = np.where(np.isfinite(self.last), self.last, self.reference.position)
-        if np.isfinite(self.last).any():
-            helped, _ = match_dots(self.reference, centre, guess)
-            both = (rest >= 0) & (helped >= 0)
-            agrees = (rest[both] == helped[both]).sum() >= AGREEMENT * max((rest >= 0).sum(), 1)
-            if agrees and (helped >= 0).sum() >= AGREEMENT * (match >= 0).sum():
-                match = helped
-            else:
-                self.relocked += 1
-                self.last[:] = np.nan
+        match = self._follow(centre)
+        if match is None:
+            match = match_dots(self.reference, centre)
         now = np.full(self.last.shape, np.nan)
         now[match >= 0] = centre[match[match >= 0]]
         jumped = np.linalg.norm(now - self.last, axis=1) > JUMP * self.reference.pitch
@@ -57,3 +49,17 @@ class DotTracker:
             self.last = before
             return match, f"only {seen} of {len(match)} dots were recognised"
         return match, ""
+
+    def _follow(self, centre: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " m"] | None:
+        """The match that the last frame leads to, where it agrees about the dots that rest."""
+        if not np.isfinite(self.last).any():
+            return None
+        guess = np.where(np.isfinite(self.last), self.last, self.reference.position)
+        match = grow_match(self.reference, centre, match_piece(self.reference, centre, guess))
+        rest = match_piece(self.reference, centre, self.reference.position)
+        agree = (rest >= 0) & (rest == match)
+        enough = AGREEMENT * min(len(match), len(centre))
+        if agree.sum() >= AGREEMENT * max((rest >= 0).sum(), 1) and (match >= 0).sum() >= enough:
+            return match
+        self.last[:] = np.nan
+        return None
