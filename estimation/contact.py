@@ -5,12 +5,14 @@ Visuotactile Sensing During In-Hand Object Pivoting", Section IV-B.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from estimation.stencils import Stencils
 
 ONSET_MM = 0.1
 SHARE = 0.5
+EDGE_SHARE = 0.25
+"""Share of the contact's markers at the edge of the view from which part of it counts as unseen."""
 
 
 def find_contact(
@@ -59,6 +61,17 @@ def known_contact(
     if not region.any():
         return region, -1
     return region, find_stick_centre(stencils.reference, displacement, stencils.normals, region)
+
+
+def reaches_edge(neighbours: Int[np.ndarray, "n k"], contact: Bool[np.ndarray, " n"]) -> bool:
+    """Whether much of the contact lies at the edge of the markers, so that part of it is unseen.
+
+    Args:
+        neighbours: of each marker, −1 where there is none; markers at the edge have fewer.
+        contact: the contact region.
+    """
+    count = (neighbours >= 0).sum(axis=1)
+    return bool(contact.any() and np.mean(count[contact] < np.median(count)) >= EDGE_SHARE)
 
 
 def find_stick_centre(

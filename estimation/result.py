@@ -32,7 +32,7 @@ class Estimate(NamedTuple):
         time: time stamp [s].
         source_index: number the source gave the frame.
         state: state of the contact.
-        reason: why there is no angle; empty where there is one.
+        reason: why there is no angle, or what speaks against the one there is; mostly empty.
         angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
         low: lower end of its 95 % interval [rad].
         high: upper end of its 95 % interval [rad].
@@ -70,7 +70,7 @@ class Result:
         time: time stamps [s].
         source_index: number the source gave each frame.
         state: state of the contact.
-        reason: why there is no angle; empty where there is one.
+        reason: why there is no angle, or what speaks against the one there is; mostly empty.
         angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
         low: lower ends of the 95 % intervals [rad].
         high: upper ends of the 95 % intervals [rad].

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.contact import ONSET_MM, SHARE
+from estimation.contact import ONSET_MM, SHARE, reaches_edge
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, Estimator, Measurement
 from estimation.fields import Fields, measure_fields
 from estimation.noise import Noise, estimate_noise
@@ -94,6 +94,8 @@ class Tracker:
         )
         gel = self.estimator.update(fields)
         state, reason = self._judge(fields, gel, told=frame.contact is not None)
+        if frame.contact is not None and reaches_edge(self.stencils.neighbours, frame.contact):
+            reason = reason or "the contact reaches the edge of the view"
         contact = Contact(fields, frame.normal_force, gel.stick)
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT

@@ -133,7 +133,7 @@ class Tracked:
         """The angle by the outline, until markers stick to what it shows."""
         known = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
         if not (known and np.isfinite(axis.angle)):
-            return gel
+            return self._at_a_loss(gel)
         known = known[-self.mature_age :]
         offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in known]))
         angle = (axis.angle + offset) / self.gain
@@ -143,6 +143,13 @@ class Tracked:
         if stick.any():
             self.incremental.resume(fields, angle, error)
         return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
+
+    def _at_a_loss(self, gel: Measurement) -> Measurement:
+        """No angle; macro slip only where the markers do not move as one body."""
+        increment = self.incremental.increment
+        if increment is None or increment.age < self.mature_age or not increment.stick.any():
+            return gel
+        return gel._replace(reason="holds again, but how far the object turned before is unseen")
 
     def _sticks_again(self, axis: Axis, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """The markers that have moved as one body, and with the outline, for long enough."""

@@ -15,9 +15,9 @@ from jaxtyping import Float, Shaped, UInt8
 
 ROWS = 120
 """Rows, about, of the picture that is registered; larger ones are scaled down."""
-LEAST_CORRELATION = 0.75
+LEAST_CORRELATION = 0.65
 """Correlation with the keyframe below which the imprint has lost its place."""
-FOUND_AGAIN = 0.85
+FOUND_AGAIN = 0.8
 """Correlation from which it counts as found again after a search."""
 NEW_KEYFRAME = 0.85
 """Correlation below which another keyframe is taken: an earlier one, or a new one."""
@@ -26,6 +26,10 @@ KEPT = 8
 KEYFRAME_ERROR = np.radians(0.3)
 """Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
 the correlation lacks. Errors add up over keyframes."""
+CUT_ERROR = np.radians(2.0)
+"""What a contact that is partly out of view adds to it [rad]."""
+LARGEST_ERROR = np.radians(8.0)
+"""Standard error from which the imprint is given up [rad]."""
 LEAST_STEP = np.radians(12.0)
 """Rotation against the keyframe from which a new one is taken [rad]."""
 TEXTURE = 1.5
@@ -33,9 +37,11 @@ TEXTURE = 1.5
 SEARCHED = np.radians(np.arange(-30.0, 31.0, 6.0))
 """Rotations against the keyframe that are tried where the imprint has lost its place [rad]."""
 OVERLAP = 0.4
-"""Share of the larger contact region that both must show: elsewhere the pad itself is seen."""
-PATIENCE = 10
+"""Share of the smaller contact region that both must show: elsewhere the pad itself is seen."""
+PATIENCE = 25
 """Frames in a row without the imprint after which it is given up."""
+FEWEST = 9
+"""Dots of the contact region below which too little of the object is seen."""
 STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 1e-4)
 
 
@@ -118,6 +124,7 @@ class ImprintFollower:
         dots: Float[np.ndarray, "n 2"],
         radius: float,
         region: Float[np.ndarray, "k 2"],
+        cut: bool = False,
     ) -> Imprint:
         """Rotation of the imprint in the next frame.
 
@@ -126,8 +133,10 @@ class ImprintFollower:
             dots: all dots in it [px].
             radius: typical, of a dot [px].
             region: dots of the contact region [px].
+            cut: whether part of the contact is beyond the view: what is seen of it then changes as
+                it moves, and a registration is worth less.
         """
-        if self.missed > PATIENCE or len(region) < 4:
+        if self.missed > PATIENCE or len(region) < FEWEST:
             return LOST
         channel = self.keyframes[0].texture.channel if self.keyframes else None
         texture = paint_out(picture, dots, radius, region, channel)
@@ -138,12 +147,16 @@ class ImprintFollower:
             self.missed += 1
             return LOST
         self.missed = 0
-        self.before = _Keyframe(texture, found.pose(), found.error)
+        error = float(np.hypot(found.error, CUT_ERROR)) if cut else found.error
+        if error > LARGEST_ERROR:
+            self.missed = PATIENCE + 1
+            return LOST
+        self.before = _Keyframe(texture, found.pose(), error)
         self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.last = found
         if found.quality < NEW_KEYFRAME or abs(found.turned) > LEAST_STEP:
             self._keep(self.before)
-        return Imprint(self.angle, found.error, found.quality)
+        return Imprint(self.angle, error, found.quality)
 
     def _begin(self, texture: Texture) -> Imprint:
         if texture.value[texture.mask > 0].std() < TEXTURE:
@@ -195,7 +208,7 @@ def register(
     shown = cv2.warpAffine(before.mask, start, before.mask.shape[::-1], flags=cv2.INTER_NEAREST)
     both = cv2.bitwise_and(shown, texture.mask)
     areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
-    if cv2.countNonZero(both) < OVERLAP * max(areas):
+    if cv2.countNonZero(both) < OVERLAP * min(areas):
         return None
     try:
         quality, warp = cv2.findTransformECC(
@@ -246,7 +259,7 @@ def search_motion(before: Texture, now: Texture) -> Float[np.ndarray, "2 3"] | N
         count = np.maximum(here, 1.0)
         size = (left - there**2 / count) * (right - other**2 / count)
         score = np.where(
-            (here > OVERLAP * max(mask.sum(), shown.sum())) & (size > 0.0),
+            (here > OVERLAP * min(mask.sum(), shown.sum())) & (size > 0.0),
             (both - there * other / count) / np.sqrt(np.maximum(size, 1e-6)),
             0.0,
         )

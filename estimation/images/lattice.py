@@ -224,10 +224,8 @@ def make_reference(
         index = _inside(fitted, lattice, size)
         rest = lattice.coordinates[fitted.on]
         same = (index[:, None] == rest).all(axis=2)
-        seen = same.any(axis=1)
-        measured = centre[lattice.dot[fitted.on][same.argmax(axis=1)]]
-        position = np.where(seen[:, None], measured, fitted.place(index))
-        doubt = np.where(seen, 0.0, DOUBT * lattice.pitch)
+        position = fitted.place(index)
+        doubt = np.where(same.any(axis=1), 0.0, DOUBT * lattice.pitch)
         note = (
             f"The clip starts loaded: the reference is a regular lattice through "
             f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, those away from "

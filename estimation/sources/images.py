@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
+from estimation.contact import reaches_edge
 from estimation.images.contact import region_of_dispersion, region_of_light
 from estimation.images.dots import DotStyle, to_grey
 from estimation.images.imprint import ImprintFollower
@@ -61,7 +62,11 @@ class DotReader(MarkerReader):
         in_picture = np.where(seen, dots.centre[match], np.nan)
         contact = self._contact(picture.image, position, in_picture)
         turned = self.imprint.update(
-            picture.image, dots.centre, self.style.radius, in_picture[contact]
+            picture.image,
+            dots.centre,
+            self.style.radius,
+            in_picture[contact],
+            cut=reaches_edge(self.reference.neighbours, contact),
         )
         return Row(
             position=position,

@@ -185,11 +185,11 @@ def test_the_cache_is_the_users_unless_chosen(monkeypatch, tmp_path):
 def test_the_manifest_names_plain_files_of_whole_recordings():
     for published in datasets._SETS.values():
         for name, sha256 in published["files"].items():
-            sensor, file = name.split("/")
-            assert ".." not in sensor
-            assert file.endswith(".npy")
+            assert ".." not in name
+            assert not name.startswith("/")
+            assert name.endswith((".npy", ".avi"))
             assert len(sha256) == 64
-    assert set(datasets.NAMES) == {"tac3d-pivot", "tac3d-press"}
+    assert set(datasets.NAMES) == {"tac3d-pivot", "tac3d-press", "pivot-videos"}
 
 
 @pytest.mark.parametrize(("name", "frames"), [("tac3d-pivot", [120, 114]), ("tac3d-press", [252])])
