@@ -77,15 +77,13 @@ def fit_alike(
         grey, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=np.nan
     )
     limit = np.array(grey.shape[::-1]) - 0.501
-    for _ in range(2):
-        centre = np.clip(centre, -0.499, limit)
-        fitted = _fit_linear(padded, margin, templates, centre, size, style)
-        moved = fitted.centre - centre
-        far = np.hypot(*moved.T) / (0.5 * style.radius)
-        centre = centre + moved / np.maximum(far, 1.0)[:, None]
-        radius = np.sqrt(np.abs(np.linalg.det(fitted.axes))) / style.radius
-        size = np.abs(np.log(np.maximum(radius, 1e-3))[:, None] - np.log(SIZES)).argmin(axis=1)
-    return fitted
+    rough = _fit_linear(padded, margin, templates, centre, size, style)
+    moved = rough.centre - centre
+    far = np.hypot(*moved.T) / (0.5 * style.radius)
+    centre = np.clip(centre + moved / np.maximum(far, 1.0)[:, None], -0.499, limit)
+    radius = np.sqrt(np.abs(np.linalg.det(rough.axes))) / style.radius
+    size = np.abs(np.log(np.maximum(radius, 1e-3))[:, None] - np.log(SIZES)).argmin(axis=1)
+    return _fit_linear(padded, margin, templates, centre, size, style)
 
 
 def _fit_linear(
@@ -105,16 +103,15 @@ def _fit_linear(
     jacobian, gram = templates.jacobian[entry], templates.gram[entry]
     count = np.full(len(value), float(value.shape[1]))
     cut = np.flatnonzero(~np.isfinite(value.sum(axis=1)))  # by the picture's border
+    there = np.isfinite(value[cut])
     if len(cut):
-        there = np.isfinite(value[cut])
         count[cut] = there.sum(axis=1)
         jacobian[cut] *= there[:, None]
         gram[cut] = jacobian[cut] @ jacobian[cut].transpose(0, 2, 1)
         value[cut] = np.where(there, value[cut], 0.0)
     level = value.sum(axis=1) / count
     value -= level[:, None]
-    if len(cut):
-        value[cut] *= there
+    value[cut] *= there
     diagonal = np.einsum("nii->ni", gram)
     diagonal += DAMPING * diagonal + 1e-6
     inverse = np.linalg.inv(gram)
