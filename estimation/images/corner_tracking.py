@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
-from estimation.images.board import Board, Cells, connect_corners, read_cells
+from estimation.images.board import STEP, Board, Cells, connect_corners, read_cells
 from estimation.images.corners import Corners, CornerStyle, find_corners
 from estimation.images.lattice import Lattice, fit_lattice
+from estimation.images.lines import straighten_edges
 from estimation.images.placing import (
     SMALLEST,
     Misfit,
@@ -133,12 +134,17 @@ class CornerTracker:
         placed = place_board(self.plan, corners, board, pieces)
         here = placed.corner >= 0
         if here.sum() >= max(LOST * len(here), SMALLEST):
-            return _everywhere(corners, placed)
+            return self._straighten(_everywhere(corners, placed))
         flaw = f"only {here.sum()} of {len(here)} corners were recognised"
         if placed.left_out:
             flaw += f"; {placed.left_out} lie in pieces whose place cannot be told"
         nowhere = placed._replace(corner=np.full_like(placed.corner, -1))
         return _everywhere(corners, nowhere)._replace(flaw=flaw)
+
+    def _straighten(self, seen: Seen) -> Seen:
+        neighbours = lattice_neighbours(self.plan.cells.corner)
+        position = straighten_edges(neighbours, seen.position, seen.heading, self.style.radius)
+        return seen._replace(position=position)
 
     def describe(self) -> str:
         """What the pattern looks like, and what identities rest on, in sentences."""
@@ -152,6 +158,16 @@ class CornerTracker:
             "The cells carry no code: the pattern repeats, and its place is told by the corners "
             "that rest. A jump of the whole view by two cells between pictures could not be seen."
         )
+
+
+def lattice_neighbours(corner: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "m 4"]:
+    """Neighbours of each corner, those before and after it along a line side by side."""
+    padded = np.pad(corner, 1, constant_values=-1)
+    at = np.argwhere(corner >= 0) + 1
+    around = [padded[tuple((at + step).T)] for step in STEP[[2, 0, 3, 1]]]
+    neighbours = np.full((len(at), 4), -1)
+    neighbours[corner[tuple((at - 1).T)]] = np.stack(around, axis=1)
+    return neighbours
 
 
 def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w"]:

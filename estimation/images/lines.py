@@ -13,6 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+BENT = 0.19
+"""Shift of a corner's fit by an edge that bends, over its curvature and the squared window."""
+
 
 class Rotation(NamedTuple):
     """Mean rotation of two lines at each marker.
@@ -82,6 +85,35 @@ def fuse_rotations(one: Rotation, other: Rotation) -> Rotation:
     both = one.angle + weights[1] / total * apart
     angle = np.where(weights[0] == 0, other.angle, np.where(weights[1] == 0, one.angle, both))
     return Rotation(np.where(known, angle, np.nan), np.where(known, 1.0 / total, np.inf))
+
+
+def straighten_edges(
+    neighbours: Int[np.ndarray, "m 4"],
+    position: Float[np.ndarray, "m 2"],
+    heading: Float[np.ndarray, "m 2"],
+    radius: float,
+) -> Float[np.ndarray, "m 2"]:
+    """Where corners are whose edges bend, from fits that have taken the edges for straight.
+
+    A straight line fitted to an edge of curvature κ lies beside the corner by κ times a share of
+    the window's size squared; 0.17 to 0.23 by its direction, from the fit's linearisation. The
+    curvature is that of the line through the neighbours; where one is not seen, nothing is done.
+
+    Args:
+        neighbours: of each corner, those of a line one after the other; −1 for none.
+        position: fitted [px]; NaN where not seen.
+        heading: directions of both edges [rad].
+        radius: half the side of the fit's window [px].
+    """
+    points = np.where((neighbours >= 0)[..., None], position[neighbours], np.nan)
+    before, after = points[:, 0::2] - position[:, None], points[:, 1::2] - position[:, None]
+    lengths = np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
+    normals = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
+    shift = BENT * radius**2 * np.sum(normals * (before + after), axis=-1) / lengths
+    (a, b), (c, d) = normals[:, 0].T, normals[:, 1].T
+    away = np.stack([d * shift[:, 0] - b * shift[:, 1], a * shift[:, 1] - c * shift[:, 0]], axis=1)
+    away /= (a * d - b * c)[:, None]
+    return np.where(np.isfinite(away), position - away, position)
 
 
 def _mean(turned: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:

@@ -3,9 +3,8 @@
 import numpy as np
 from jaxtyping import Int
 
-from estimation.images.board import STEP
 from estimation.images.contact import region_of_dispersion
-from estimation.images.corner_tracking import CornerTracker, Seen
+from estimation.images.corner_tracking import CornerTracker, Seen, lattice_neighbours
 from estimation.images.lattice import Reference
 from estimation.images.lines import Rotation, fuse_rotations, rotation_of_edges, rotation_of_lines
 from estimation.images.placing import Plan
@@ -74,16 +73,6 @@ def straighten(sensor: Sensor, seen: Seen) -> Seen:
     ]
     heading = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in ahead], axis=1)
     return seen._replace(position=position, heading=heading)
-
-
-def lattice_neighbours(corner: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "m 4"]:
-    """Neighbours of each corner, those before and after it along a line side by side."""
-    padded = np.pad(corner, 1, constant_values=-1)
-    at = np.argwhere(corner >= 0) + 1
-    around = [padded[tuple((at + step).T)] for step in STEP[[2, 0, 3, 1]]]
-    neighbours = np.full((len(at), 4), -1)
-    neighbours[corner[tuple((at - 1).T)]] = np.stack(around, axis=1)
-    return neighbours
 
 
 def lay_out(plan: Plan, reference: np.ndarray) -> MarkerLayout:

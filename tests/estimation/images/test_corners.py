@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from estimation.images.corner_tracking import CornerTracker
+from estimation.images.corner_tracking import CornerTracker, lattice_neighbours
 from estimation.images.corners import CornerStyle, find_corners
 from estimation.images.lines import rotation_of_edges, rotation_of_lines
 from estimation.images.pattern import Pattern
 from estimation.sensor import Sensor
 from estimation.sources import ImageSettings, read_recording
-from estimation.sources.corners import lattice_neighbours, measure_rotation
+from estimation.sources.corners import measure_rotation
 from tests.estimation.images.boards import CAMERA, CODED, PITCH, PLAIN, identities, scene, twist
 from tests.estimation.images.scenes import picture, twisted
 from tests.estimation.images.test_reading import write_folder
@@ -103,6 +103,20 @@ def test_torn_and_covered_patterns_lose_no_identity(coded):
     assert 60 <= known <= 95
     covered[:, 60:] = 128
     assert "corners were recognised" in tracker.find(covered).flaw
+
+
+def test_edges_that_bend_are_allowed_for(coded, monkeypatch):
+    tracker = CornerTracker.learn(coded.image)
+    now, number = scene(CODED, twist(15.0), seed=4), identities(coded, tracker)
+    error = []
+    for straight in (False, True):
+        if straight:
+            monkeypatch.setattr(CornerTracker, "_straighten", lambda self, seen: seen)
+        off = tracker.find(now.image).position - now.position[number]
+        error.append(np.sqrt(np.nanmean(off**2)))
+    # the curvature is that over two cells, and changes within them: half the bias goes
+    assert error[0] < 0.6 * error[1]
+    assert error[0] < 0.06
 
 
 def test_edges_and_lines_are_fused_by_their_variances(coded):
