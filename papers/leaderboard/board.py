@@ -101,7 +101,10 @@ def tabulate(answers: Sequence[Answers]) -> list[dict[str, object]]:
 
 
 def plot(answers: Sequence[Answers], rows: Sequence[Mapping[str, object]]) -> Figure:
-    """Mean absolute error of every method in every case, with the share answered if below 95 %."""
+    """Mean absolute error of every method in every case, with the share answered if below 95 %.
+
+    The last row is the Cramér–Rao bound of one frame: methods that remember may come below it.
+    """
     methods = list(dict.fromkeys(answer.method for answer in answers))
     parts = list(dict.fromkeys(str(row["case"]) for row in rows))
     error = np.full((len(methods), len(parts)), np.nan)
@@ -110,6 +113,9 @@ def plot(answers: Sequence[Answers], rows: Sequence[Mapping[str, object]]) -> Fi
         place = methods.index(str(row["method"])), parts.index(str(row["case"]))
         error[place] = np.nan if row[MAE] is None else row[MAE]
         answered[place] = row["answered [%]"]
+    methods.append("Cramér–Rao bound")
+    error = np.vstack([error, [_limit(answers, part) for part in parts]])
+    answered = np.vstack([answered, np.full(len(parts), 100.0)])
     figure, axis = plt.subplots(
         figsize=(2.5 + 0.9 * len(parts), 1.8 + 0.4 * len(methods)), layout="constrained"
     )
@@ -201,6 +207,14 @@ def _score(part: str, method: str, group: Sequence[Answers]) -> dict[str, object
         "frames": frames,
         "latency [ms]": _round(1e3 * float(np.mean(latencies))),
     }
+
+
+def _limit(answers: Sequence[Answers], part: str) -> float:
+    """Mean absolute error at the bound over a row's frames [deg]; NaN where it is not known."""
+    cases = {answer.case.name: answer.case for answer in answers if part in answer.case.parts}
+    limits = [case.limit[case.parts[part]] for case in cases.values() if case.limit is not None]
+    known = np.concatenate([limit[np.isfinite(limit)] for limit in limits] or [np.zeros(0)])
+    return float(np.degrees(known.mean())) if len(known) else float("nan")
 
 
 def _rank(row: Mapping[str, object]) -> tuple[bool, float]:

@@ -14,6 +14,7 @@ from estimation.softness import ScalarSoftness
 from estimation.sources import find_recordings, read_recording
 from estimation.virtual.recording import simulate_pivot
 from papers.leaderboard import settings
+from papers.limits import MEAN_ABSOLUTE, angle_limit
 
 
 class Case(NamedTuple):
@@ -26,6 +27,8 @@ class Case(NamedTuple):
         parts: frames that are scored, by the name of the row they are scored in.
         softness: what the methods are told of the object.
         relative: whether the reference is known up to a constant only.
+        limit: mean absolute error of the angle at the Cramér–Rao bound of one frame, from the
+            markers that do not slip [rad]; None where the truth is not known.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Case(NamedTuple):
     parts: Mapping[str, Bool[np.ndarray, " frames"]]
     softness: ScalarSoftness = ScalarSoftness()
     relative: bool = False
+    limit: Float[np.ndarray, " frames"] | None = None
 
 
 def virtual_case(condition: str, draw: int) -> Case:
@@ -48,12 +52,16 @@ def virtual_case(condition: str, draw: int) -> Case:
         parts[f"{condition}, after macro slip"] = known & slipped
     turned = np.abs(np.diff(np.nan_to_num(truth.angle), prepend=0.0)).cumsum()
     recording = _spoil(recording, turned / turned[-1], told, draw)
+    seen = truth.sticking & recording.valid
+    points = recording.layout.reference[:, :2]
+    limit = [angle_limit(points, frame, told.model.noise) for frame in seen]
     return Case(
         name=name,
         recording=replace(recording, name=name),
         reference=truth.angle,
         parts=parts,
         softness=ScalarSoftness(stiffness_ratio=truth.stiffness_ratio),
+        limit=MEAN_ABSOLUTE * (1.0 + truth.stiffness_ratio) * np.array(limit),
     )
 
 

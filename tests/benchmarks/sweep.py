@@ -1,9 +1,11 @@
 """Solves per second of the atlas with one worker and with two: `python -m tests.benchmarks.sweep`.
 
-Twenty-four paths of 40 steps on 64² cells, spread over the whole table. The clock starts when every
-worker has given back its first batch: starting and compiling are left out.
+Paths of 40 steps on 64² cells, spread over the whole table, in turn with one worker and with two,
+and the machine's load before each: what else runs there takes from both. The clock starts when
+every worker has given back its first batch: starting and compiling are left out.
 """
 
+import os
 import time
 
 import jax
@@ -13,7 +15,8 @@ from papers.model_error import atlas
 from papers.sweeps import local_processes
 from papers.sweeps.executors import Batch
 
-CASES = 24
+CASES = 16
+TURNS = 2
 NAME = "papers.model_error.atlas"
 
 
@@ -34,5 +37,10 @@ def measure(workers: int) -> float:
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    one, two = measure(1), measure(2)
-    print(f"one worker {one:.1f}, two workers {two:.1f} solves/s: {two / one:.2f} times as many")
+    found = {1: [], 2: []}
+    for workers in [1, 2] * TURNS:
+        load = os.getloadavg()[0]
+        found[workers].append(measure(workers))
+        print(f"load {load:.1f}, workers {workers}: {found[workers][-1]:.1f} solves/s", flush=True)
+    one, two = (np.mean(rates) for rates in found.values())
+    print(f"two workers do {two / one:.2f} times as many")
