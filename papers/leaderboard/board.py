@@ -123,7 +123,8 @@ def plot(answers: Sequence[Answers], rows: Sequence[Mapping[str, object]]) -> Fi
     for i, j in np.ndindex(error.shape):
         text = "–" if np.isnan(error[i, j]) else f"{error[i, j]:.3g}"
         text += f"\n{answered[i, j]:.0f} %" if 0.0 < answered[i, j] < 95.0 else ""
-        axis.text(j, i, text, ha="center", va="center", fontsize=7)
+        dark = error[i, j] < 0.01 or error[i, j] > 10.0
+        axis.text(j, i, text, ha="center", va="center", fontsize=7, color="w" if dark else "k")
     axis.set_xticks(range(len(parts)), parts, rotation=40, ha="right", fontsize=8)
     axis.set_yticks(range(len(methods)), methods, fontsize=8)
     axis.set_title(
