@@ -1,10 +1,12 @@
 """What a paper prints, and ours beside it.
 
-`published.csv` of a paper has a row for each printed number: `item`, `quantity`, `value`, `unit`,
-`kind`, `tolerance`, `differs`, `source`. A number of kind `analytic` follows from the paper itself,
-one of kind `virtual` from a simulation that can be repeated: ours must lie within `tolerance`,
-unless `differs` says why it does not. One of kind `hardware` was measured with instruments that we
-do not have: ours stands beside it and is never said to reproduce it.
+`published.csv` of a paper has a row for each number it prints as a result or as a constant of its
+method; what its experiments were set to stands in `settings`, with the place. A row has `item`,
+`quantity`, `value`, `unit`, `kind`, `tolerance`, `differs` and `source`. A number of kind
+`analytic` follows from the paper itself, one of kind `virtual` from a simulation that can be
+repeated: ours must lie within `tolerance`, unless `differs` says why it does not. One of kind
+`hardware` was measured with instruments that we do not have: ours stands beside it and is never
+said to reproduce it.
 """
 
 import csv
