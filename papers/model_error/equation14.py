@@ -2,9 +2,9 @@
 
 The share of the object's turn that the elastomer does not show where it sticks, 1 − φ/θ, depends on
 k and on the elastomer's thickness over the contact's radius, h/a: linear elasticity has no length
-of its own, so contacts of two sizes must fall on one curve. It hardly depends on how much sticks,
-and on friction only through that. Divide a measured φ by one minus the map's value; or multiply it
-by 1 + k', with k' read from the curve of k'/k, which is nearly one curve for all k.
+of its own, so contacts of two sizes must fall on one curve. It hardly depends on how much sticks
+and on friction, on a thick elastomer not at all. Divide a measured φ by one minus the map's value;
+or multiply it by 1 + k', with k' read from the curve of k'/k, which is nearly one curve for all k.
 """
 
 from typing import NamedTuple
@@ -68,20 +68,21 @@ def compute(quick: bool = False, track: Track = iter) -> Maps:
 
 
 def tables(result: Maps) -> dict[str, list[dict[str, object]]]:
-    """A row for each k and thickness: what is missed while all sticks and when little does."""
+    """A row for each k, thickness and size: missed while most sticks and when little does."""
     rows = []
-    pairs = sorted({*zip(result.stiffness_ratio, result.thickness.round(2), strict=True)})
-    for k, thickness in pairs:
-        chosen = (result.stiffness_ratio == k) & (result.thickness.round(2) == thickness)
-        ratio, missed = result.stick_ratio[chosen], result.missed[chosen]
-        firm, little = ratio > 0.8, (ratio > 0.1) & (ratio < 0.3)
+    frictions = len(np.unique(result.friction))
+    for chosen in np.arange(len(result.friction)).reshape(-1, frictions):  # it varies fastest
+        k, ratio, missed = (
+            values[chosen] for values in (result.stiffness_ratio, result.stick_ratio, result.missed)
+        )
         rows.append(
             {
-                "k": float(k),
-                "h/a": float(thickness),
-                "missed, more than 80 % sticks [%]": _mean(missed[firm]),
-                "missed, 10 to 30 % sticks [%]": _mean(missed[little]),
-                "half-spaces, k/(1+k) [%]": round(100.0 * float(k / (1.0 + k)), 2),
+                "k": float(k[0]),
+                "h/a": round(float(result.thickness[chosen].mean()), 2),
+                "contact": "large" if result.large[chosen[0]] else "small",
+                "missed, more than 80 % sticks [%]": _mean(missed[ratio > 0.8]),
+                "missed, 10 to 30 % sticks [%]": _mean(missed[(ratio > 0.1) & (ratio < 0.3)]),
+                "half-spaces, k/(1+k) [%]": round(100.0 * float(k[0] / (1.0 + k[0])), 2),
             }
         )
     return {"": rows}
