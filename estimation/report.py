@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from estimation.files import write_whole
 from estimation.grasp import Fit, Grasp
 from estimation.margin import follow_margin, last_branch
+from estimation.onset import MacroSlip
 from estimation.plots import (
     choose_frames,
     plot_angles,
@@ -61,6 +62,7 @@ class Run:
         settings: what the run was told, for the summary.
         notes: what a reader of the angles should know, in sentences.
         truth: of a virtual recording.
+        slips: when macro slip began, by the whole recording.
     """
 
     recording: Recording
@@ -70,6 +72,7 @@ class Run:
     settings: Mapping[str, Any]
     notes: Sequence[str] = ()
     truth: Truth | None = None
+    slips: Sequence[MacroSlip] = ()
 
 
 def write_run(run: Run, folder: Path) -> None:
@@ -222,8 +225,19 @@ def summarise(run: Run) -> dict[str, Any]:
         "frames": len(run.results[run.method].time),
         "duration_s": _number(np.ptp(recording.time)),
         "dropped_frames": int(np.clip(np.diff(recording.source_index) - 1, 0, None).sum()),
+        "macro_slips": [_describe_slip(slip, recording.time[0]) for slip in run.slips],
         "methods": {name: _figures(result, run.truth) for name, result in run.results.items()},
         "notes": [*recording.notes, *run.notes],
+    }
+
+
+def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | None]:
+    """When macro slip began and ended, since the first frame."""
+    return {
+        "onset_s": _number(slip.onset - start),
+        "onset_low_s": _number(slip.low - start),
+        "onset_high_s": _number(slip.high - start),
+        "regained_s": _number(slip.regained - start),
     }
 
 

@@ -16,6 +16,7 @@ from estimation.files import check_writable
 from estimation.grasp import compare_fingers
 from estimation.images.preview import write_preview
 from estimation.noise import Noise, estimate_noise
+from estimation.onset import date_macro_slips, describe_slips
 from estimation.outline import follow_outline
 from estimation.recording import Recording
 from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_overview, write_run
@@ -195,7 +196,9 @@ def _put_together(
     results = {method: Result.gather(method, column) for method, column in columns}
     notes += _reference_notes(results[settings.method])
     notes += _softness_notes(results[settings.method])
-    noise = prepared.noise
+    noise, main = prepared.noise, results[settings.method]
+    slips = [] if noise is None else date_macro_slips(recording, main, noise)
+    notes += describe_slips(slips, recording.time[0])
     return Run(
         recording=recording,
         results=results,
@@ -215,6 +218,7 @@ def _put_together(
         },
         notes=notes,
         truth=truth,
+        slips=slips,
     )
 
 

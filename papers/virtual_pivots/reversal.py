@@ -14,9 +14,12 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
-from estimation.result import State
+from estimation.noise import Noise, estimate_noise
+from estimation.onset import date_macro_slips
+from estimation.recording import Recording
+from estimation.result import Result, State
 from estimation.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.virtual_pivots import settings
@@ -34,6 +37,8 @@ class Reversals(NamedTuple):
         limit: mean absolute error at the Cramér–Rao bound of one frame, from the markers that do
             not slip, over the frames that count [deg].
         late: frames by which macro slip was seen after it began; NaN where it was not seen.
+        dated: the same of the date that the whole recording gives.
+        dated_inside: whether the date's interval holds the truth, which lies between two frames.
     """
 
     friction_ratio: Float[np.ndarray, " draws"]
@@ -43,6 +48,8 @@ class Reversals(NamedTuple):
     inside: Bool[np.ndarray, " draws"]
     limit: Float[np.ndarray, " draws"]
     late: Float[np.ndarray, " draws"]
+    dated: Float[np.ndarray, " draws"]
+    dated_inside: Bool[np.ndarray, " draws"]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Reversals:
@@ -57,7 +64,8 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
             grid_angle=float(rng.uniform(0.0, np.pi / 2)),
         )
         recording, truth = simulate_pivot(model, seed=draw)
-        result = estimate_angles(recording, DEFAULT_METHOD)
+        noise = estimate_noise(recording)
+        result = estimate_angles(recording, DEFAULT_METHOD, noise=noise)
         firm = np.nonzero(truth.sticking.sum(axis=1) >= settings.FIRM_MARKERS)[0]
         error = np.degrees(result.angle - truth.angle)
         points = recording.layout.reference[:, :2]
@@ -77,16 +85,30 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
                 result.low[picked] <= truth.angle[picked] <= result.high[picked],
                 MEAN_ABSOLUTE * np.degrees(np.mean(bounds)),
                 late,
+                *_date(recording, truth, result, noise),
             )
         )
     columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
-    columns[4] = columns[4].astype(bool)
+    for flag in (4, 7):
+        columns[flag] = columns[flag].astype(bool)
     return Reversals(*columns)
+
+
+def _date(recording: Recording, truth: Truth, result: Result, noise: Noise) -> tuple[float, bool]:
+    """Frames from the true onset to the first date, and whether its interval holds the onset."""
+    slips = date_macro_slips(recording, result, noise)
+    if not (slips and truth.macro_slip.any()):
+        return np.nan, False
+    first = int(np.argmax(truth.macro_slip))
+    before, after = recording.time[first - 1], recording.time[first]
+    late = (slips[0].onset - after) * settings.RATE
+    return float(late), bool(slips[0].low <= after and before <= slips[0].high)
 
 
 def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
     """One row: pooled error, answers, interval and macro slip."""
     late = result.late[np.isfinite(result.late)]
+    dated = result.dated[np.isfinite(result.dated)]
     return {
         "": [
             {
@@ -106,6 +128,10 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
                 "within 2 frames [%]": round(100 * float(np.mean(np.abs(late) <= 2)), 1)
                 if len(late)
                 else None,
+                "dated [%]": round(100 * float(np.isfinite(result.dated).mean()), 1),
+                "date, median [frames]": _round(np.median(dated) if len(dated) else np.nan),
+                "date within 2 frames [%]": _round(100 * np.mean(np.abs(result.dated) <= 2.0)),
+                "date's interval holds [%]": _round(100 * result.dated_inside.mean()),
             }
         ]
     }
@@ -123,8 +149,17 @@ def plot(result: Reversals) -> Figure:
     left.set_ylabel("mean absolute error [°]")
     left.grid(alpha=0.3, which="both")
     late = result.late[np.isfinite(result.late)]
-    if len(late):
-        right.hist(late, bins=np.arange(late.min() - 0.5, late.max() + 1.5))
-    right.set_xlabel("macro slip seen after it began [frames]")
+    for values, label in ((result.late, "when seen"), (result.dated, "dated, looking back")):
+        known = values[np.isfinite(values)]
+        if len(known):
+            bins = np.arange(np.floor(known.min()) - 0.5, known.max() + 1.5)
+            right.hist(known, bins=bins, alpha=0.6, label=label)
+    right.set_xlabel("macro slip found after it began [frames]")
     right.set_ylabel("draws")
+    right.legend(frameon=False)
     return figure
+
+
+def _round(value: float) -> float | None:
+    """To a tenth; None where there is no number."""
+    return round(float(value), 1) if np.isfinite(value) else None

@@ -22,3 +22,6 @@ REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
 
 PAPER_ERROR_DEG = 0.17
 """Mean absolute error that the source paper reports, on hardware [deg]."""
+
+RATE = 30.0
+"""Frames per second of the virtual pivots."""

@@ -1,0 +1,225 @@
+"""When macro slip began: the disc of markers that still stick, followed as it closes.
+
+[Jaeger1995] J. Jäger, "Axi-symmetric bodies of equal material in contact under torsion or shift".
+
+Whatever the pressure of a round contact, a small further twist moves the elastomer as a rigid disc
+does that has the radius c of the region that sticks ([Jaeger1995]): by dθ inside, and outside by
+(2/π)[asin(c/r) − (c/r)√(1 − c²/r²)] dθ. The motion of all markers over a few frames thus tells c,
+however few of them are inside, and when fewer than three are. A live tracker asks the last markers
+whether they still move alike, which it can only say some frames later; this looks back, and needs
+frames from after the event. The moment would not do: with c/a = 0.2 it grows with 1 % of its first
+slope (c³/a³), long before and long after.
+
+Contacts that are not round close in other shapes: there the date is that of a disc which moves the
+markers alike.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.optimize import OptimizeResult, least_squares
+
+from estimation.estimators.measurement import Z95
+from estimation.noise import Noise
+from estimation.recording import Recording
+from estimation.result import Result
+from estimation.stick import MIN_STICK_MARKERS
+
+WINDOW = 6
+"""Frames over which the motion is taken."""
+
+LEAST_MARKERS = 12
+"""Markers in contact from which a disc is fitted: it has four unknowns."""
+
+WORST_MISFIT = 2.0
+"""Misfit over noise from which the motion is not a disc's [-]."""
+
+LARGEST_ERROR = 0.15
+"""Standard error of the disc's radius, in pitches, beyond which a window says nothing: the object
+rests, or slides."""
+
+AXIS_DRIFT = 0.05
+"""How far the axis may be from where it was while nine markers stuck, in pitches."""
+
+ROUNDNESS = 0.02
+"""Error of the radius beyond the noise, in pitches; what markers of the virtual pivots show."""
+
+REGAINED = 0.5
+"""Margin, in pitches, from which markers stick again: a turn back makes all of them stick."""
+
+AROUND = 6
+"""Windows before and after the date through which a line is laid."""
+
+NOISE_FRAMES = 3.0
+"""Frames over which the noise is correlated."""
+
+
+class MacroSlip(NamedTuple):
+    """A time in which fewer than three markers stuck.
+
+    Attributes:
+        onset: when it began [s].
+        low: lower end of its 95 % interval [s].
+        high: upper end [s].
+        regained: when markers stuck again [s]; NaN if they did not.
+    """
+
+    onset: float
+    low: float
+    high: float
+    regained: float = float("nan")
+
+    @property
+    def ended(self) -> bool:
+        """Whether markers stuck again."""
+        return bool(np.isfinite(self.regained))
+
+
+class Disc(NamedTuple):
+    """The region that sticks, as the markers' motion over a window shows it.
+
+    Attributes:
+        time: middle of the window [s].
+        margin: radius less the third marker's distance from the axis, in pitches; below 0 fewer
+            than three stick.
+        error: its standard error, in pitches.
+    """
+
+    time: float
+    margin: float
+    error: float
+
+
+def date_macro_slips(recording: Recording, result: Result, noise: Noise) -> list[MacroSlip]:
+    """When fewer than three markers stuck, by the whole recording.
+
+    Args:
+        recording: the recording.
+        result: of one of its methods, for the contact.
+        noise: of the markers.
+    """
+    discs = follow_disc(recording, result, noise)
+    slips: list[MacroSlip] = []
+    slipping = False
+    for i, disc in enumerate(discs):
+        near = [d.margin for d in discs[i : i + 4]]
+        changed = [m > REGAINED if slipping else m < 0.0 for m in near]
+        if not changed[0] or len(near) < 2 or np.mean(changed) < 0.75:
+            continue
+        if slipping:
+            slips[-1] = slips[-1]._replace(regained=disc.time)
+        else:
+            slips.append(_date(discs[max(i - AROUND, 0) : i + AROUND + 1], disc.time))
+        slipping = not slipping
+    return slips
+
+
+def describe_slips(slips: Sequence[MacroSlip], start: float) -> tuple[str, ...]:
+    """A sentence about each, in seconds since a start [s]."""
+    return tuple(
+        f"Looking back, macro slip began at {slip.onset - start:.3f} s "
+        f"(95 %: {slip.low - start:.3f} to {slip.high - start:.3f} s), counted from the first frame"
+        + (f", and markers stuck again at {slip.regained - start:.3f} s." if slip.ended else ".")
+        for slip in slips
+    )
+
+
+def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc]:
+    """The disc that sticks, over every window whose motion tells one."""
+    pitch = _pitch(recording)
+    z = (recording.positions[..., 0] + 1j * recording.positions[..., 1]) / pitch
+    scale = max(np.sqrt(2.0) * noise.in_plane / pitch, 1e-6)
+    discs: list[Disc] = []
+    last: np.ndarray | None = None
+    axis: np.ndarray | None = None
+    missed = 0
+    for i in range(WINDOW, len(recording)):
+        j = i - WINDOW
+        both = result.contact[i] & result.contact[j] & np.isfinite(z[i] + z[j])
+        if both.sum() < LEAST_MARKERS or missed > 2 * WINDOW:
+            last, axis, missed = None, None, 0
+        if both.sum() < LEAST_MARKERS:
+            continue
+        before, after = z[j, both], z[i, both]
+        best = _fit_best(before, after, scale, last, axis)
+        errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)))
+        missed += 1
+        if np.sqrt(np.mean(best.fun**2)) > WORST_MISFIT or errors[2] > LARGEST_ERROR:
+            continue
+        last, missed = best.x, 0
+        distance = np.sort(np.abs(before - complex(*best.x[:2])))
+        if (distance < abs(best.x[2])).sum() >= 3 * MIN_STICK_MARKERS:
+            axis = best.x[:2] if axis is None else axis + 0.2 * (best.x[:2] - axis)
+        time = 0.5 * (recording.time[i] + recording.time[j])
+        margin = abs(best.x[2]) - distance[MIN_STICK_MARKERS - 1]
+        discs.append(Disc(float(time), float(margin), float(np.hypot(errors[2], ROUNDNESS))))
+    return discs
+
+
+def _fit_best(
+    before: Complex[np.ndarray, " m"],
+    after: Complex[np.ndarray, " m"],
+    scale: float,
+    last: np.ndarray | None,
+    axis: np.ndarray | None,
+) -> OptimizeResult:
+    """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
+
+    def residual(parameters: np.ndarray) -> np.ndarray:
+        x, y, radius, turned = parameters
+        arm = before - complex(x, y)
+        left = after - before - np.expm1(1j * turned * _share(np.abs(arm), abs(radius))) * arm
+        drift = [] if axis is None else (parameters[:2] - axis) / AXIS_DRIFT
+        return np.concatenate([left.real / scale, left.imag / scale, drift])
+
+    def solve(start: np.ndarray) -> OptimizeResult:
+        return least_squares(residual, start, x_scale=[0.1, 0.1, 0.1, 0.01], max_nfev=15)
+
+    solutions = []
+    if last is not None:
+        solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0])]
+    if not solutions or min(s.cost for s in solutions) > 0.75 * len(before) * WORST_MISFIT**2:
+        x, y = (before.mean().real, before.mean().imag) if axis is None else axis
+        solutions += [
+            solve(np.array([x, y, radius, turned]))
+            for radius in (1.0, 2.0, 4.0)
+            for turned in (-0.03, 0.03)
+        ]
+    return min(solutions, key=lambda solution: solution.cost)
+
+
+def _share(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:
+    """Rotation about the axis, over that of the disc, of points of the surface ([Jaeger1995])."""
+    q = np.minimum(radius / np.maximum(distance, 1e-12), 1.0)
+    return 2.0 / np.pi * (np.arcsin(q) - q * np.sqrt(1.0 - q * q))
+
+
+def _date(discs: list[Disc], near: float) -> MacroSlip:
+    """Where a line through the margins crosses zero."""
+    time, margin, error = (np.array(column) for column in zip(*discs, strict=True))
+    if len(time) < 3:
+        spread = float(np.ptp(time))
+        return MacroSlip(near, near - spread, near + spread)
+    design = np.stack([time - near, np.ones_like(time)], axis=1) / error[:, None]
+    inverse = np.linalg.pinv(design.T @ design)
+    slope, level = inverse @ (design.T @ (margin / error))
+    left = design @ [slope, level] - margin / error
+    # neighbouring windows share frames and noise
+    correlated = (WINDOW + NOISE_FRAMES) / 2.0
+    variance = max(float(left @ left) / max(len(time) - 2, 1), 1.0) * correlated
+    onset = near - level / slope if slope < 0.0 else near
+    onset = float(np.clip(onset, time[0], time[-1]))
+    gradient = np.array([onset - near, 1.0]) / slope
+    frame = float(np.median(np.diff(time)))  # the truth lies between two of them
+    half = float(np.hypot(Z95 * np.sqrt(gradient @ inverse @ gradient * variance), frame))
+    return MacroSlip(onset, onset - half, onset + half)
+
+
+def _pitch(recording: Recording) -> float:
+    """Distance between neighbouring markers, the unit of this module's bounds."""
+    layout = recording.layout
+    inner, slot = np.nonzero(layout.neighbours >= 0)
+    pairs = layout.reference[inner] - layout.reference[layout.neighbours[inner, slot]]
+    return float(np.median(np.linalg.norm(pairs, axis=1)))
