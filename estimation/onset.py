@@ -10,8 +10,8 @@ whether they still move alike, which it can only say some frames later; this loo
 frames from after the event. The moment would not do: with c/a = 0.2 it grows with 1 % of its first
 slope (c³/a³), long before and long after.
 
-Contacts that are not round close in other shapes: there the date is that of a disc which moves the
-markers alike.
+Contacts that are not round close in other shapes, and real gels creep: where a disc does not move
+the markers as they moved, to twice their noise, there is no date.
 """
 
 from collections.abc import Sequence
@@ -39,6 +39,9 @@ WORST_MISFIT = 2.0
 LARGEST_ERROR = 0.15
 """Standard error of the disc's radius, in pitches, beyond which a window says nothing: the object
 rests, or slides."""
+
+AT_REST = 1.5
+"""Motion over its noise below which the contact rests [-]."""
 
 AXIS_DRIFT = 0.05
 """How far the axis may be from where it was while nine markers stuck, in pitches."""
@@ -143,6 +146,8 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
         if both.sum() < LEAST_MARKERS:
             continue
         before, after = z[j, both], z[i, both]
+        if np.mean(np.abs(after - before) ** 2) < 2.0 * (AT_REST * scale) ** 2:
+            continue
         best = _fit_best(before, after, scale, last, axis)
         errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)))
         missed += 1
@@ -180,12 +185,13 @@ def _fit_best(
     solutions = []
     if last is not None:
         solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0])]
-    if not solutions or min(s.cost for s in solutions) > 0.75 * len(before) * WORST_MISFIT**2:
-        x, y = (before.mean().real, before.mean().imag) if axis is None else axis
+    if not solutions or min(s.cost for s in solutions) > len(before) * WORST_MISFIT**2:
+        centre = complex(before.mean()) if axis is None else complex(*axis)
+        arm = before - centre
+        turned = np.sum(np.imag(np.conj(arm) * (after - before))) / np.sum(np.abs(arm) ** 2)
         solutions += [
-            solve(np.array([x, y, radius, turned]))
+            solve(np.array([centre.real, centre.imag, radius, turned]))
             for radius in (1.0, 2.0, 4.0)
-            for turned in (-0.03, 0.03)
         ]
     return min(solutions, key=lambda solution: solution.cost)
 

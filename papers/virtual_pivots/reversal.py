@@ -148,7 +148,6 @@ def plot(result: Reversals) -> Figure:
     left.set_xlabel("μp₀/2G* [-]")
     left.set_ylabel("mean absolute error [°]")
     left.grid(alpha=0.3, which="both")
-    late = result.late[np.isfinite(result.late)]
     for values, label in ((result.late, "when seen"), (result.dated, "dated, looking back")):
         known = values[np.isfinite(values)]
         if len(known):
