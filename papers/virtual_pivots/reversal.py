@@ -89,8 +89,9 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
             )
         )
     columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
-    for flag in (4, 7):
-        columns[flag] = columns[flag].astype(bool)
+    for flag in ("inside", "dated_inside"):
+        place = Reversals._fields.index(flag)
+        columns[place] = columns[place].astype(bool)
     return Reversals(*columns)
 
 
@@ -129,9 +130,11 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
                 if len(late)
                 else None,
                 "dated [%]": round(100 * float(np.isfinite(result.dated).mean()), 1),
-                "date, median [frames]": _round(np.median(dated) if len(dated) else np.nan),
-                "date within 2 frames [%]": _round(100 * np.mean(np.abs(result.dated) <= 2.0)),
-                "date's interval holds [%]": _round(100 * result.dated_inside.mean()),
+                "date, median [frames]": _round(float(np.median(dated)) if len(dated) else np.nan),
+                "date within 2 frames [%]": _round(
+                    100 * float(np.mean(np.abs(result.dated) <= 2.0))
+                ),
+                "date's interval holds [%]": _round(100 * float(result.dated_inside.mean())),
             }
         ]
     }
