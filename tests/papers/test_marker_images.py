@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from papers.marker_images import corners, settings
+from papers.marker_images import corners, pivots, settings
 
 
 @pytest.fixture(scope="module")
@@ -34,3 +34,12 @@ def test_the_rings_are_less_precise(rows):
     for noise in settings.NOISES:
         fit, rings = rows[noise, "saddle fit"], rows[noise, "two rings"]
         assert 3.0 * fit["angle [°]"] < rings["angle [°]"] < 8.0 * fit["angle [°]"]
+
+
+@pytest.mark.slow
+def test_rendered_pivots_are_read_from_one_view_and_from_two():
+    rows = pivots.tables(pivots.compute(quick=True))[""]
+    errors = [row["mean absolute error [°]"] for row in rows if row["method"] == "tracked"]
+    assert len(errors) == 2
+    # the study's target; 0.002° and 0.004° were found
+    assert max(errors) < 0.03
