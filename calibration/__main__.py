@@ -1,4 +1,4 @@
-"""Command line: `python -m calibration noise|softness|stereo`."""
+"""Command line: `python -m calibration noise|softness|squeeze|stereo`."""
 
 import sys
 from pathlib import Path
@@ -17,6 +17,13 @@ from calibration.softness import (
     gather_trials,
     write_fits,
     write_two_fingers,
+)
+from calibration.squeeze import (
+    Bodies,
+    read_travel,
+    squeeze_by_curvature,
+    squeeze_by_travel,
+    write_squeeze,
 )
 from calibration.stereo import calibrate_from_pictures
 from estimation.files import check_writable
@@ -104,6 +111,49 @@ def softness(
         tracked = progress.track(found, description="recordings")
         trials = gather_trials(found, reference or [], thing or [], settings, told, tracked)
     for line in write_fits(fit_objects(trials, load, clock_search), out):
+        print(line)
+
+
+@app.command()
+def squeeze(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="CSV|RECORDING",
+            help="CSV (travel_mm, indentation_mm), or a recording of a sphere pressed on.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    radius_mm: Annotated[
+        float | None, typer.Option(help="Radius of the sphere [mm], for a recording.")
+    ] = None,
+    pad_radius_mm: Annotated[float, typer.Option(help="Radius of a domed pad [mm].")] = float(
+        "inf"
+    ),
+    pads: Annotated[int, typer.Option(min=1, help="Elastomers between the jaws [-].")] = 2,
+    rigid_slope: Annotated[
+        float,
+        typer.Option(help="Travel over indentation and pad of a rigid object [-]."),
+    ] = 1.0,
+    poisson_ratio: Annotated[float, typer.Option(help="Of the elastomer [-].")] = 0.48,
+    object_poisson: Annotated[
+        tuple[float, float], typer.Option(help="Least and greatest of the object [-].")
+    ] = (0.3, 0.5),
+) -> None:
+    """Find k by pressing, from the gripper's travel or the contact's curvature."""
+    check_writable(out)
+    bodies = Bodies(poisson_ratio, object_poisson)
+    if source.endswith(".csv"):
+        travel, indentation = read_travel(Path(source))
+        found = squeeze_by_travel(
+            travel, indentation, bodies, pads=pads, rigid_slope=rigid_slope, source=source
+        )
+    elif radius_mm is None:
+        raise ValueError("a recording takes --radius-mm, the radius of the sphere pressed on")
+    else:
+        (one,) = _read([source])
+        found = squeeze_by_curvature(one, radius_mm, bodies, pad_radius=pad_radius_mm)
+    for line in write_squeeze(found, out):
         print(line)
 
 

@@ -1,0 +1,306 @@
+"""k from pressing alone: gripper travel against indentation, or the curvature of the contact.
+
+[Johnson1985] K. L. Johnson, "Contact Mechanics", Sections 3.3 and 4.2: under one pressure two thick
+bodies share the approach as their (1−ν)/G, whatever the contact's shape. With δ_S the elastomer's
+share and δ_B the object's, k = G_S/G_B = (δ_B/δ_S) (1−ν_S)/(1−ν_B). Within a Hertz contact the
+elastomer takes the share δ_S/(δ_S+δ_B) of the relative curvature, too.
+
+Poisson's ratio of the object is seldom known: the interval takes it anywhere in a range.
+"""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+from scipy.stats import t
+
+from estimation.estimators.measurement import Z95
+from estimation.fields import measure_fields
+from estimation.files import write_whole
+from estimation.recording import Recording
+from estimation.report import figure_png, render_page
+from estimation.softness import ScalarSoftness, write_softness
+from estimation.stencils import make_stencils
+
+FEWEST_READINGS = 5
+LEAST_MARKERS = 12
+FINITE_STRAIN = 0.01
+"""Standard error of the pad's share by the strain that Hertz leaves out (measured; tested)."""
+
+CORE_SHARE = 0.6
+"""Share of the contact's radius within which its curvature is read: outside the pad bends away."""
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """k from pressing.
+
+    Attributes:
+        stiffness_ratio: k with Poisson's ratio in the middle of its range [-].
+        low: lower end of the 95 % interval, Poisson's ratio at the end that lowers it [-].
+        high: upper end [-].
+        standard_error: of k, scatter only [-].
+        share: of the approach that the object takes, over the elastomer's [-].
+        x: what was measured first, for a figure.
+        y: what was measured against it.
+        labels: of both.
+        source: what it was found from, for readers.
+        notes: what a reader should know, in sentences.
+    """
+
+    stiffness_ratio: float
+    low: float
+    high: float
+    standard_error: float
+    share: float
+    x: Float[np.ndarray, " readings"]
+    y: Float[np.ndarray, " readings"]
+    labels: tuple[str, str]
+    source: str
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """What is known of the two bodies.
+
+    Attributes:
+        poisson_ratio: ν of the elastomer [-].
+        object_poisson: least and greatest ν of the object [-].
+
+    Raises:
+        ValueError: a ratio that no solid has.
+    """
+
+    poisson_ratio: float = 0.48
+    object_poisson: tuple[float, float] = (0.3, 0.5)
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        low, high = self.object_poisson
+        if not (0.0 <= self.poisson_ratio <= 0.5 and 0.0 <= low <= high <= 0.5):
+            raise ValueError(
+                f"Poisson's ratios {self.poisson_ratio} and {self.object_poisson}; they must be "
+                "from 0 to 0.5, the lower end first"
+            )
+
+    def factor(self, poisson_ratio: float) -> float:
+        """k over δ_B/δ_S for an object of that ν."""
+        return (1.0 - self.poisson_ratio) / (1.0 - poisson_ratio)
+
+
+def squeeze_by_travel(
+    travel: Float[np.ndarray, " readings"],
+    indentation: Float[np.ndarray, " readings"],
+    bodies: Bodies,
+    *,
+    pads: int = 2,
+    rigid_slope: float = 1.0,
+    source: str = "travel",
+) -> Squeeze:
+    """k from how far the gripper closes while the pads are pressed in.
+
+    Args:
+        travel: of the gripper since it touched, or before: only changes count [mm].
+        indentation: of one pad at its deepest marker [mm].
+        bodies: Poisson's ratios.
+        pads: elastomers between the jaws, each pressed alike.
+        rigid_slope: travel over indentation and pad of a rigid object; more than 1 is the
+            gripper's own give and the pad's backing [-].
+        source: for readers.
+
+    Raises:
+        ValueError: too few readings, no pressing, or less travel than a rigid object takes.
+    """
+    known = np.isfinite(travel) & np.isfinite(indentation)
+    travel, indentation = travel[known], indentation[known]
+    if len(travel) < FEWEST_READINGS or np.ptp(indentation) < 0.05:
+        raise ValueError(
+            f"{len(travel)} readings over {np.ptp(indentation) if len(travel) else 0:.2f} mm of "
+            f"indentation: close the gripper over 0.3 mm or more, in {FEWEST_READINGS} steps"
+        )
+    design = np.stack([indentation, np.ones(len(indentation))], axis=1)
+    inverse = np.linalg.inv(design.T @ design)
+    slope, zero = inverse @ (design.T @ travel)
+    left = travel - design @ (slope, zero)
+    freedom = len(travel) - 2
+    error = float(np.sqrt(left @ left / freedom * inverse[0, 0])) / pads
+    share = float(slope) / pads - rigid_slope
+    notes = (
+        "the gripper's give and the pad's backing count as softness of the object unless a rigid "
+        "object's slope is given (--rigid-slope)",
+        "two thick bodies are assumed; a thin pad is stiffer to pressing than to twisting",
+    )
+    return _conclude(
+        share, error, freedom, bodies, indentation, travel,
+        ("indentation of the pad [mm]", "travel of the gripper [mm]"), source, notes,
+    )  # fmt: skip
+
+
+def squeeze_by_curvature(
+    recording: Recording,
+    radius: float,
+    bodies: Bodies,
+    *,
+    pad_radius: float = float("inf"),
+) -> Squeeze:
+    """k from how much of the curvature of a sphere of known radius the pad takes on.
+
+    Args:
+        recording: of a sphere that is pressed on.
+        radius: of the object [mm].
+        bodies: Poisson's ratios.
+        pad_radius: of a domed pad [mm].
+
+    Raises:
+        ValueError: no frame with enough markers in contact, or a pad bent more than the object.
+    """
+    if not (radius > 0.0 and pad_radius > 0.0):
+        raise ValueError(f"radii of {radius} and {pad_radius} mm; both must be above 0")
+    relative = 1.0 / radius + 1.0 / pad_radius
+    stencils = make_stencils(recording.layout)
+    depth, bent = [], []
+    for frame in recording:
+        fields = measure_fields(stencils, frame)
+        if frame.flaw or not fields.contact.any():
+            continue
+        points, pressed = fields.positions[fields.contact, :2], fields.indentation[fields.contact]
+        arm = points - np.average(points, axis=0, weights=pressed)
+        core = np.hypot(*arm.T) <= CORE_SHARE * np.hypot(*arm.T).max()
+        if core.sum() < LEAST_MARKERS:
+            continue
+        x, y = arm[core].T
+        design = np.stack([np.ones_like(x), x, y, 0.5 * (x * x + y * y)], axis=1)
+        shape = np.linalg.lstsq(design, pressed[core], rcond=None)[0]
+        depth.append(float(shape[0]))
+        bent.append(-float(shape[3]) / relative)
+    if len(bent) < FEWEST_READINGS:
+        raise ValueError(
+            f"{recording.name}: {len(bent)} frames with {LEAST_MARKERS} markers well inside the "
+            "contact: press deeper, or take an object of larger radius"
+        )
+    taken = np.array(bent)
+    deep = np.array(depth) >= 0.5 * max(depth)
+    mean = float(np.median(taken[deep]))
+    spread = float(1.4826 * np.median(np.abs(taken[deep] - mean)))
+    freedom = max(int(deep.sum()) // 3 - 1, 1)  # errors hold on for three frames
+    error = float(np.hypot(spread / np.sqrt(freedom + 1.0), FINITE_STRAIN))
+    notes = (
+        "the radius, the marker depth and the scale enter in full: 1 % of either shifts the share "
+        "by 1 %; finite strain bends the pad by 1 to 2 % more, which the interval takes in",
+    )
+    return _conclude(
+        1.0 / mean - 1.0, error / mean**2, freedom, bodies, np.array(depth), taken,
+        ("indentation [mm]", "share of the curvature that the pad takes"),
+        f"curvature, {recording.name}", notes,
+    )  # fmt: skip
+
+
+def _conclude(
+    share: float,
+    error: float,
+    freedom: int,
+    bodies: Bodies,
+    x: np.ndarray,
+    y: np.ndarray,
+    labels: tuple[str, str],
+    source: str,
+    notes: Sequence[str],
+) -> Squeeze:
+    half = float(t.ppf(0.975, freedom)) * error
+    if share + half < 0.0:
+        raise ValueError(
+            f"{source}: the object would take {share:.3g} ± {half:.2g} of the elastomer's share, "
+            "and none takes less than nothing: check scale, radius, the number of pads and the "
+            "slope of a rigid object"
+        )
+    least, most = (bodies.factor(ratio) for ratio in bodies.object_poisson)
+    middle = bodies.factor(float(np.mean(bodies.object_poisson)))
+    return Squeeze(
+        stiffness_ratio=max(share, 0.0) * middle,
+        low=max(share - half, 0.0) * least,
+        high=(share + half) * most,
+        standard_error=error * middle,
+        share=share,
+        x=x,
+        y=y,
+        labels=labels,
+        source=source,
+        notes=tuple(notes),
+    )
+
+
+def read_travel(
+    path: Path,
+) -> tuple[Float[np.ndarray, " readings"], Float[np.ndarray, " readings"]]:
+    """Travel and indentation [mm] from a CSV with columns travel_mm and indentation_mm.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it has no such columns, or a value is no number.
+    """
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = ("travel_mm", "indentation_mm")
+    if not rows or not set(names) <= set(rows[0]):
+        raise ValueError(f"{path} has no readings with columns travel_mm and indentation_mm")
+    try:
+        values = np.array([[float(row[name]) for name in names] for row in rows])
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+    return values[:, 0], values[:, 1]
+
+
+def write_squeeze(found: Squeeze, out: Path) -> list[str]:
+    """Write `softness.toml`, `squeeze.png` and `report.html`.
+
+    Returns:
+        Lines for the terminal.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    # the interval is not symmetric; its half-width stands for the error
+    error = (found.high - found.low) / 2.0 / Z95
+    softness = ScalarSoftness(
+        found.stiffness_ratio,
+        covariance=((error**2, 0.0), (0.0, 0.0)),
+        provenance={
+            "squeeze": found.source,
+            "stiffness_ratio_95": [found.low, found.high],
+        },
+    )
+    lines = [
+        f"k = {found.stiffness_ratio:.4f} (95 %, any Poisson's ratio of the object in its range: "
+        f"{found.low:.4f} to {found.high:.4f})",
+        f"the object takes {found.share:.4f} of the elastomer's share of the approach",
+    ]
+    image = figure_png(plot_squeeze(found))
+    page = render_page(
+        "findings.html",
+        {"squeeze.png": image},
+        title="Softness from pressing",
+        lead=lines,
+        lists={"notes": found.notes},
+        captions={"squeeze.png": found.source},
+        tables={},
+    )
+    write_whole(out / "squeeze.png", image)
+    write_whole(out / "report.html", page)
+    write_softness(softness, out / "softness.toml")
+    return [*lines, *found.notes, f"written to {out / 'softness.toml'}"]
+
+
+def plot_squeeze(found: Squeeze) -> Figure:
+    """What was measured."""
+    figure, axis = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
+    axis.plot(found.x, found.y, "o", ms=4, color="#08306b")
+    axis.set_xlabel(found.labels[0])
+    axis.set_ylabel(found.labels[1])
+    axis.grid(alpha=0.3)
+    return figure
