@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from estimation.estimators.measurement import Z95
 from estimation.noise import Noise
@@ -17,6 +17,9 @@ from estimation.tracker import estimate_angles
 
 LEAST_STICK = 9
 """Markers that must stick: with fewer the angle hangs on what cannot be seen to slip."""
+
+SLIP_TURN = np.radians(2.0)
+SLIP_SHARE = 0.1
 
 METHOD = "incremental"
 """It knows nothing of the object but what sticks to it: `tracked` asks the outline, too."""
@@ -77,6 +80,8 @@ def make_trials(
     touching = np.array([s not in (State.NO_CONTACT, State.UNKNOWN) for s in result.state])
     sticks = result.stick.sum(axis=1)
     usable = touching & result.answered & (sticks >= LEAST_STICK)
+    still = usable & stands_still(recording.time, result.angle, reference)
+    usable &= ~still
     apart = np.array([state == State.NO_CONTACT for state in result.state])
     contact = np.cumsum(np.diff(apart.astype(int), prepend=0) < 0)
     points = recording.layout.reference
@@ -90,7 +95,8 @@ def make_trials(
     for number in np.unique(contact[usable]):
         mine = contact == number
         reasons = Counter(
-            _reason(result.state[i], int(sticks[i])) for i in np.flatnonzero(mine & ~usable)
+            "in macro slip" if still[i] else _reason(result.state[i], int(sticks[i]))
+            for i in np.flatnonzero(mine & ~usable)
         )
         rows = np.flatnonzero(mine & usable)
         trials.append(
@@ -119,6 +125,35 @@ def make_trials(
             f"is known ({shown}): press harder, or turn less"
         )
     return trials
+
+
+def stands_still(
+    time: Float[np.ndarray, " frames"],
+    rotation: Float[np.ndarray, " frames"],
+    reference: Reference,
+) -> Bool[np.ndarray, " frames"]:
+    """Frames in which the object turns and the gel does not: it slips, though nothing moves apart.
+
+    A gel that turns by less than a tenth of what the object does would mean k above 9. Told only
+    where the two have one clock, over stretches in which the object turns by 2°.
+    """
+    still = np.zeros(len(time), dtype=bool)
+    known = np.isfinite(reference.angle)
+    if not reference.same_clock or known.sum() < 2:
+        return still
+    there = np.interp(
+        time, reference.time[known], reference.angle[known], left=np.nan, right=np.nan
+    )
+    for first in range(len(time)):
+        turned = np.abs(there[first:] - there[first])
+        far = np.flatnonzero(turned >= SLIP_TURN)
+        if not len(far):
+            continue
+        last = first + int(far[0])
+        gel = rotation[first : last + 1]
+        if np.isfinite(gel).any() and np.ptp(gel[np.isfinite(gel)]) < SLIP_SHARE * turned[far[0]]:
+            still[first : last + 1] = True
+    return still
 
 
 def _reason(state: State, sticks: int) -> str:

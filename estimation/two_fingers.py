@@ -67,8 +67,8 @@ def fit_two_fingers(
         return TwoFingers(
             swapped.second,
             swapped.first,
-            swapped.low[::-1],
-            swapped.high[::-1],
+            (swapped.low[1], swapped.low[0]),
+            (swapped.high[1], swapped.high[0]),
             (1.0 / high, 1.0 / centre, 1.0 / low),
             swapped.fit,
         )

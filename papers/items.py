@@ -22,6 +22,7 @@ ITEMS = {
         "marker_depth",
     ),
     "marker_images": ("corners", "pivots"),
+    "softness": ("virtual", "pivot"),
     "virtual_pivots": ("accuracy", "reversal"),
 }
 """Items of each paper, modules of its package."""

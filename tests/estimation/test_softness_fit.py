@@ -9,7 +9,7 @@ from estimation.noise import Noise
 from estimation.references import Reference, outline_reference, read_reference
 from estimation.softness_fit import fit_softness
 from estimation.tracker import estimate_angles
-from estimation.trials import Trial, make_trials
+from estimation.trials import Trial, make_trials, stands_still
 from estimation.two_fingers import fit_two_fingers
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
@@ -258,6 +258,19 @@ def test_macro_slip_is_left_out_of_trials_and_counted():
     assert fit_softness([one]).stiffness_ratio == pytest.approx(0.0, abs=0.01)
     with pytest.raises(ValueError, match="too round"):
         outline_reference(recording)
+
+
+def test_a_gel_that_stands_still_under_a_turning_object_slips():
+    time = np.arange(60) / 30.0
+    turned = np.radians(np.linspace(0.0, 30.0, 60))
+    gel = np.where(np.arange(60) < 20, 0.1, 0.1 + 0.4 * (turned - turned[20]))  # then k = 1.5
+    unknown = np.full(60, np.nan)
+    slips = stands_still(time, gel, Reference(time, turned, unknown, False, True, "outline"))
+    assert slips[:20].all()
+    # a stretch of 2° takes four frames, one of which may reach into what sticks
+    assert not slips[23:].any()
+    other = Reference(time, turned, unknown, False, False, "stage")
+    assert not stands_still(time, gel, other).any()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,155 @@
+"""Virtual objects, k fitted on some grasps, tested on grasps of other contact size.
+
+Sphere on a half-space elastomer from closed forms; a stage with 0.05° of noise and its own zero
+reads the angle of the fitted grasps. Errors count while ten markers or more have always stuck.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from estimation.noise import Noise
+from estimation.recording import Recording
+from estimation.references import Reference
+from estimation.softness import ScalarSoftness
+from estimation.softness_fit import fit_softness
+from estimation.tracker import estimate_angles
+from estimation.trials import make_trials
+from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
+
+RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0)
+NOISES_MM = (1e-3, 1e-2)
+FITTED_RADII, TESTED_RADII = (5.0, 5.5), (3.5, 7.0)
+STAGE_DEG = 0.05
+FIRM = 10
+
+
+class Case(NamedTuple):
+    """One object at one noise.
+
+    Attributes:
+        k: true stiffness ratio [-].
+        noise: of the markers in the plane [mm].
+        found: k as fitted [-].
+        low: lower end of its 95 % interval [-].
+        high: upper end [-].
+        before: mean absolute error without softness, and its largest over θ [deg, -].
+        after: the same with the fitted softness.
+        inside: share of angles in their 95 % interval, with it [-].
+        frames: tested.
+    """
+
+    k: float
+    noise: float
+    found: float
+    low: float
+    high: float
+    before: tuple[float, float]
+    after: tuple[float, float]
+    inside: float
+    frames: int
+
+
+def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> list[Case]:
+    """Fit and test every object."""
+    grid = [(k, noise) for k in RATIOS for noise in NOISES_MM]
+    return [_case(k, noise) for k, noise in track(grid[:1] if quick else grid)]
+
+
+def _case(k: float, noise: float) -> Case:
+    told = Noise.given(noise)
+    trials = []
+    for seed, radius in enumerate(FITTED_RADII):
+        recording, truth = _pivot(k, radius, noise, seed)
+        trials += make_trials(recording, _stage(recording, truth, seed), noise=told)
+    fit = fit_softness(trials)
+    errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
+    angles, inside = [], []
+    for seed, radius in enumerate(TESTED_RADII, start=10):
+        recording, truth = _pivot(k, radius, noise, seed)
+        firm = (truth.stick.sum(axis=1) >= FIRM) & (np.abs(truth.angle) > np.radians(1.0))
+        for name, softness in (("before", ScalarSoftness()), ("after", fit.softness)):
+            result = estimate_angles(recording, "incremental", noise=told, softness=softness)
+            errors[name].append((np.nan_to_num(result.angle) - truth.angle)[firm])
+            if name == "after":
+                inside.append(((result.low <= truth.angle) & (truth.angle <= result.high))[firm])
+        angles.append(truth.angle[firm])
+    size = np.abs(np.concatenate(angles))
+
+    def shown(parts: list[np.ndarray]) -> tuple[float, float]:
+        error = np.abs(np.concatenate(parts))
+        return float(np.degrees(error.mean())), float(np.mean(error / size))
+
+    return Case(
+        k=k,
+        noise=noise,
+        found=fit.stiffness_ratio,
+        low=fit.low,
+        high=fit.high,
+        before=shown(errors["before"]),
+        after=shown(errors["after"]),
+        inside=float(np.concatenate(inside).mean()),
+        frames=len(size),
+    )
+
+
+def _pivot(k: float, radius: float, noise: float, seed: int) -> tuple[Recording, Truth]:
+    model = PivotModel(
+        stiffness_ratio=k,
+        contact_radius=radius,
+        friction_ratio=0.3,
+        noise=noise,
+        normal_noise=3.5 * noise,
+        offset=(0.3 + 0.1 * seed, -0.2),
+    )
+    return simulate_pivot(model, angles_deg=(0.0, 10.0, -6.0), frames=(20, 32), seed=seed)
+
+
+def _stage(recording: Recording, truth: Truth, seed: int) -> Reference:
+    noise = np.radians(STAGE_DEG) * np.random.default_rng(100 + seed).normal(size=len(recording))
+    unknown = np.full(len(recording), np.nan)
+    return Reference(recording.time, truth.angle + noise + seed, unknown, False, True, "stage")
+
+
+def tables(result: list[Case]) -> dict[str, list[dict[str, object]]]:
+    """A row for each object and noise."""
+    return {
+        "": [
+            {
+                "k": one.k,
+                "noise [µm]": round(1e3 * one.noise, 3),
+                "k fitted": round(one.found, 4),
+                "95 %": f"{one.low:.4f} to {one.high:.4f}",
+                "error before [°]": round(one.before[0], 3),
+                "before [%]": round(100 * one.before[1], 2),
+                "error after [°]": round(one.after[0], 3),
+                "after [%]": round(100 * one.after[1], 2),
+                "interval holds truth": round(one.inside, 3),
+                "frames": one.frames,
+            }
+            for one in result
+        ]
+    }
+
+
+def plot(result: list[Case]) -> Figure:
+    """Error over k, before and after."""
+    figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
+    for noise, marker in zip(NOISES_MM, "os", strict=True):
+        mine = [one for one in result if one.noise == noise]
+        for name, colour in (("before", "C3"), ("after", "C0")):
+            axis.loglog(
+                [one.k for one in mine],
+                [100 * getattr(one, name)[1] for one in mine],
+                f"{marker}-",
+                color=colour,
+                label=f"{name}, {1e3 * noise:g} µm",
+            )
+    axis.set_xlabel("k")
+    axis.set_ylabel("mean error of the angle [%]")
+    axis.grid(alpha=0.3, which="both")
+    axis.legend(fontsize=8, frameon=False)
+    return figure
