@@ -24,6 +24,7 @@ from contactmodel.indenters import (
     SquarePunch,
 )
 from contactmodel.pose import Pose, make_path
+from contactmodel.resultant_path import solve_resultant_path
 from contactmodel.resultants import solve_resultant
 from contactmodel.sliding import solve_sliding
 from contactmodel.solution import RESULTS, ContactSolution
@@ -55,6 +56,7 @@ __all__ = [
     "solve_contact",
     "solve_path",
     "solve_resultant",
+    "solve_resultant_path",
     "solve_sliding",
     "stiffness_ratio",
     "transfer_function",

@@ -11,7 +11,8 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Column, Table
 
-from contactmodel.simulation import read_simulation, run_simulation, write_results
+from contactmodel.configuration import read_simulation
+from contactmodel.simulation import run_simulation, write_results
 from contactmodel.solution import stack_steps
 from contactmodel.verify import CHECKS, Row, convergence
 from contactmodel.verify_layers import LAYER_CHECKS

@@ -203,18 +203,16 @@ def convolve(spectrum: Array, field: Float[Array, "*batch nx ny"]) -> Float[Arra
         spectrum: `transform` of the coefficient.
         field: traction on each cell.
     """
-    nx, ny = field.shape[-2:]
-    padded = jnp.fft.rfft2(field, s=(2 * nx, 2 * ny))
-    return jnp.fft.irfft2(spectrum * padded, s=(2 * nx, 2 * ny))[..., :nx, :ny]
+    return _from_waves(spectrum * _to_waves(field), field.shape[-2:])
 
 
 def transform(coefficient: Float[Array, "*batch mx my"]) -> Array:
-    """Spectrum of a coefficient that `grid_coefficients` has laid out."""
-    return jnp.fft.rfft2(coefficient)
+    """Spectrum of a coefficient that `grid_coefficients` has laid out, waves along y first."""
+    return jnp.swapaxes(jnp.fft.rfft2(coefficient), -2, -1)
 
 
 class Compliance(eqx.Module):
-    """Compliance of a pair of bodies, as spectra of the doubled grid.
+    """Compliance of a pair of bodies, as spectra of the doubled grid, waves along y first.
 
     Attributes:
         normal: of w_S + w_B by p [mm/MPa].
@@ -222,9 +220,9 @@ class Compliance(eqx.Module):
         coupling: along x and y of u_S − u_B by p, over i [mm/MPa].
     """
 
-    normal: Float[Array, "mx my"]
-    shear: Float[Array, "3 mx my"]
-    coupling: Float[Array, "2 mx my"]
+    normal: Float[Array, "my mx"]
+    shear: Float[Array, "3 my mx"]
+    coupling: Float[Array, "2 my mx"]
 
     def press(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
         """w_S + w_B by a pressure [mm]."""
@@ -246,11 +244,9 @@ class Compliance(eqx.Module):
         self, pressure: Float[Array, "nx ny"], traction: Float[Array, "2 nx ny"]
     ) -> tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]:
         """w_S + w_B and u_S − u_B by both: press and lift, pull and drag [mm]."""
-        nx, ny = pressure.shape
         xx, yy, xy = self.shear
         x, y = 1j * self.coupling
-        tractions = jnp.concatenate([pressure[None], traction])
-        p, fx, fy = jnp.fft.rfft2(tractions, s=(2 * nx, 2 * ny))
+        p, fx, fy = _to_waves(jnp.concatenate([pressure[None], traction]))
         waves = jnp.stack(
             [
                 self.normal * p - x * fx - y * fy,
@@ -258,7 +254,7 @@ class Compliance(eqx.Module):
                 y * p + xy * fx + yy * fy,
             ]
         )
-        all_three = jnp.fft.irfft2(waves, s=(2 * nx, 2 * ny))[..., :nx, :ny]
+        all_three = _from_waves(waves, pressure.shape)
         return all_three[0], all_three[1:]
 
     def inverse(self) -> "Compliance":
@@ -296,11 +292,23 @@ def pair_compliance(elastomer: Deformable, object_: Deformable, grid: Grid) -> C
 
 def _apply(matrix: Array, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
     """Convolve with a symmetric 2×2 matrix, given as xx, yy, xy."""
-    nx, ny = field.shape[-2:]
     xx, yy, xy = matrix
-    fx, fy = jnp.fft.rfft2(field, s=(2 * nx, 2 * ny))
-    out = jnp.stack([xx * fx + xy * fy, xy * fx + yy * fy])
-    return jnp.fft.irfft2(out, s=(2 * nx, 2 * ny))[..., :nx, :ny]
+    fx, fy = _to_waves(field)
+    return _from_waves(jnp.stack([xx * fx + xy * fy, xy * fx + yy * fy]), field.shape[-2:])
+
+
+def _to_waves(field: Array) -> Array:
+    """Spectrum on the doubled grid, waves along y first; lines of zeros are left out."""
+    nx, ny = field.shape[-2:]
+    along_y = jnp.swapaxes(jnp.fft.rfft(field, n=2 * ny), -2, -1)
+    return jnp.fft.fft(along_y, n=2 * nx)
+
+
+def _from_waves(waves: Array, shape: tuple[int, ...]) -> Array:
+    """The field on the grid of a spectrum on the doubled one."""
+    nx, ny = shape
+    along_y = jnp.swapaxes(jnp.fft.ifft(waves)[..., :nx], -2, -1)
+    return jnp.fft.irfft(along_y, n=2 * ny)[..., :ny]
 
 
 def _unfold(quarter: Array, parity: tuple[int, int]) -> Array:

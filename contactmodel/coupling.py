@@ -4,7 +4,8 @@ Pressing pulls the surfaces of dissimilar bodies past each other, and friction l
 given traction the pressure is the minimum of one convex energy, for a given pressure the traction
 that of another (`normal`, `friction`), but the two together are not one minimum: they are solved in
 turn until the pressure needs no more steps, with less of the new traction if they do not approach.
-Bodies with the same (1−2ν)/G need one turn.
+Each turn solves both a little further than the turns have come. Bodies with the same (1−2ν)/G need
+one turn.
 """
 
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from contactmodel.linear import Iterations
 from contactmodel.normal import pressure_residual, solve_pressure
 
 MAX_TURNS = 60
+_FORCING = 0.03  # tolerance of both solvers by the residual of the turn before
 _APPROACH = 0.7  # residual after a turn by that before; above it, the next turn takes half as much
 
 
@@ -95,17 +97,22 @@ def _take_turns(
 ) -> Tractions:
     """Pressure for the traction, traction for the pressure, until the pressure stays."""
     compliance, load = task
-    how = {"rtol": rtol, "max_steps": max_steps}
+    coupled = jnp.any(compliance.coupling != 0.0)
+
+    def tolerance(found: Tractions) -> Array:
+        before = jnp.minimum(jnp.where(coupled, found.normal.residual, 0.0), _FORCING)
+        return jnp.maximum(_FORCING * before, rtol)
 
     def turn(state: _State) -> _State:
         found, held, share = state
+        how = {"rtol": tolerance(found), "max_steps": max_steps}
         gap = load.gap + compliance.lift(held)
         pressure, normal = solve_pressure(compliance, gap, start=found.pressure, **how)
         drive = load.motion - compliance.pull(pressure)
         traction, tangential = solve_traction(
             compliance, drive, load.friction * pressure, start=found.traction, **how
         )
-        pressed, rubbed = normal.residual <= rtol, tangential.residual <= rtol
+        pressed, rubbed = (end.residual <= how["rtol"] for end in (normal, tangential))
         residual = pressure_residual(compliance, load.gap + compliance.lift(traction), pressure)
         normal = _add(found.normal, normal)._replace(residual=residual)
         slow = residual > _APPROACH * found.normal.residual
@@ -120,7 +127,7 @@ def _take_turns(
 
     def go_on(state: _State) -> Array:
         found = state.found
-        settled = found.normal.residual <= rtol
+        settled = (found.normal.residual <= rtol) & (found.tangential.residual <= rtol)
         return ~settled & (found.turns < MAX_TURNS) & found.pressed & found.rubbed
 
     zero = jnp.zeros((), jnp.int32)

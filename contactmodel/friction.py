@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
@@ -125,7 +126,7 @@ def solve_traction(
     limit: Float[Array, "nx ny"],
     *,
     start: Float[Array, "2 nx ny"],
-    rtol: float,
+    rtol: ArrayLike,
     max_steps: int,
 ) -> tuple[Float[Array, "2 nx ny"], Iterations]:
     """Traction on the elastomer, |τ| ≤ μp, that sticks or slides along the slip.
@@ -176,7 +177,7 @@ def solve_traction(
             max_steps=_NEWTON_STEPS,
         )
         traction, slip, trials = _descend(compliance, drive, limit, state, sets, direction)
-        return _State(traction, slip, state.steps + 1, state.applications + inner + trials)
+        return _State(traction, slip, state.steps + 1, state.applications + 2 * inner + trials)
 
     start = _confine(start, limit)
     one = jnp.ones((), jnp.int32)

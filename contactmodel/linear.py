@@ -20,7 +20,7 @@ class Iterations(NamedTuple):
 
     Attributes:
         steps: iterations.
-        applications: of the compliance.
+        applications: of the compliance or, as long, of its rough inverse.
         residual: at the end, relative; its norm is named by the solver.
     """
 
@@ -55,7 +55,7 @@ def conjugate_gradients(
         max_steps: iterations at most.
 
     Returns:
-        The solution and the number of applications of the operator.
+        The solution and the number of iterations, each with one application of both.
     """
     limit = rtol**2 * jnp.sum(rhs**2)
 
@@ -63,20 +63,20 @@ def conjugate_gradients(
         return (jnp.sum(state.defect**2) > limit) & (state.steps < max_steps)
 
     def step(state: _State) -> _State:
-        image = operator(state.direction)
-        length = state.descent / jnp.sum(state.direction * image)
-        defect = state.defect - length * image
-        improved = preconditioner(defect)
-        descent = jnp.sum(defect * improved)
+        improved = preconditioner(state.defect)
+        descent = jnp.sum(state.defect * improved)
+        direction = improved + descent / state.descent * state.direction
+        image = operator(direction)
+        length = descent / jnp.sum(direction * image)
         return _State(
-            solution=state.solution + length * state.direction,
-            defect=defect,
-            direction=improved + descent / state.descent * state.direction,
+            solution=state.solution + length * direction,
+            defect=state.defect - length * image,
+            direction=direction,
             descent=descent,
             steps=state.steps + 1,
         )
 
-    first = preconditioner(rhs)
-    start = _State(jnp.zeros_like(rhs), rhs, first, jnp.sum(rhs * first), jnp.zeros((), jnp.int32))
+    zero, inf = jnp.zeros_like(rhs), jnp.full((), jnp.inf, rhs.dtype)
+    start = _State(zero, rhs, zero, inf, jnp.zeros((), jnp.int32))
     end = jax.lax.while_loop(go_on, step, start)
     return end.solution, end.steps

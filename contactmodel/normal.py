@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
@@ -35,7 +36,7 @@ def solve_pressure(
     gap: Float[Array, "nx ny"],
     *,
     start: Float[Array, "nx ny"],
-    rtol: float,
+    rtol: ArrayLike,
     max_steps: int,
 ) -> tuple[Float[Array, "nx ny"], Iterations]:
     """Pressure p ≥ 0 that leaves a gap ≥ 0, and none where p > 0, by conjugate gradients.
@@ -91,7 +92,7 @@ def solve_pressure(
         steps=jnp.zeros((), jnp.int32),
     )
     end = jax.lax.while_loop(go_on, step, state)
-    return end.pressure, Iterations(end.steps, 2 * end.steps + 1, violation(end))
+    return end.pressure, Iterations(end.steps, 3 * end.steps + 1, violation(end))
 
 
 def pressure_residual(

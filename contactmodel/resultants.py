@@ -114,9 +114,7 @@ def solve_resultant(
     """
     shear = (None, None) if shear_force is None else tuple(jnp.asarray(shear_force))
     given = (normal_force, *shear, moment)
-    which = tuple(i for i, value in enumerate(given) if value is not None)
-    if not which:
-        raise ValueError("give at least one of normal_force, shear_force and moment")
+    which = find_given(normal_force, shear_force, moment)
     smooth = not is_traced(friction_coefficient) and not np.any(friction_coefficient)
     if smooth and which != (0,):
         raise ValueError("without friction a contact carries no shear force and no moment")
@@ -128,6 +126,17 @@ def solve_resultant(
     if throw and not is_traced(solution.pressure):
         _raise_beyond(solution)
     return raise_failure(solution) if throw else solution
+
+
+def find_given(
+    normal_force: ArrayLike | None, shear_force: Numbers | None, moment: ArrayLike | None
+) -> tuple[int, ...]:
+    """Which of the resultants are given, by their place among normal, shear and moment."""
+    given = (normal_force, shear_force, shear_force, moment)
+    which = tuple(i for i, value in enumerate(given) if value is not None)
+    if not which:
+        raise ValueError("give at least one of normal_force, shear_force and moment")
+    return which
 
 
 @eqx.filter_jit
@@ -180,7 +189,7 @@ def _search(problem: _Problem, how: _How) -> _Found:
         lost = apart | (search.share < _SHARE) | (search.trials >= how.max_steps)
         return ~near & ~lost & ~search.beyond
 
-    guess = _motion(problem.pose)[np.asarray(how.which)]
+    guess = get_motion(problem.pose)[np.asarray(how.which)]
     one, inf = jnp.ones(size), jnp.asarray(jnp.inf)
     none = _State(guess, 0.0 * one, jnp.eye(size), one, one, inf, jnp.ones(()))
     start = _Search(none, guess, jnp.ones(()), jnp.zeros((), jnp.int32), jnp.zeros((), bool))
@@ -206,13 +215,11 @@ def _search_jvp(primals, tangents):
 
 def _contact(problem: _Problem, motion: Array, how: _How) -> ContactSolution:
     """The contact with some of the motion replaced."""
-    approach, shift_x, shift_y, twist = _motion(problem.pose).at[np.asarray(how.which)].set(motion)
-    parts = (approach, jnp.stack([shift_x, shift_y]), twist)
     return solve_contact(
         problem.elastomer,
         problem.object_,
         problem.indenter,
-        eqx.tree_at(lambda p: (p.approach, p.shift, p.twist), problem.pose, parts),
+        replace_motion(problem.pose, how.which, motion),
         how.grid,
         problem.friction,
         previous=problem.previous,
@@ -245,7 +252,15 @@ def _assess(problem: _Problem, motion: Array, how: _How) -> _State:
     )
 
 
-def _motion(pose: Pose) -> Array:
+def replace_motion(pose: Pose, which: tuple[int, ...], motion: Array) -> Pose:
+    """The pose with some of its motion replaced."""
+    approach, shift_x, shift_y, twist = get_motion(pose).at[np.asarray(which)].set(motion)
+    parts = (approach, jnp.stack([shift_x, shift_y]), twist)
+    return eqx.tree_at(lambda p: (p.approach, p.shift, p.twist), pose, parts)
+
+
+def get_motion(pose: Pose) -> Array:
+    """Approach, shift along x and y, and twist."""
     return jnp.stack([pose.approach, *pose.shift, pose.twist])
 
 

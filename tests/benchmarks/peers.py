@@ -1,18 +1,23 @@
-"""Normal contact and torsion beside other codes on the same problem, after compilation.
+"""Normal contact and torsion beside other codes on the same problem, in one run.
 
 `python -m tests.benchmarks.peers [CELLS …]`: a paraboloid, contact radius 0.3 of the side, on a
-free half-space; then the torsion from rest, c/a = 0.7, which the others do not have. Where tamaas
-is not installed its columns are empty.
+free half-space; then the torsion from rest, c/a = 0.7, which the others do not have. Compiling is
+told apart from solving, the others' operators are made before the clock starts. Where aspher or
+tamaas is not installed its columns are empty.
 
 Residuals differ. Ours: root mean square over the contact of gap and overlap, by the largest overlap
-at p = 0; for the traction, of the slip that friction's law forbids, by the rigid motion. tamaas:
-its own error estimate for Polonsky and Keer's iteration, for the same force. The last column, the
-largest difference of the two pressures by the peak, tells whether they are comparable.
+at p = 0; for the traction, of the slip that friction's law forbids, by the rigid motion. aspher:
+the errors it certifies, of energy, penetration and load. tamaas: its own error estimate for
+Polonsky and Keer's iteration. The peers are given our force, we our approach. The columns of differences, of
+two pressures by the peak, tell whether they are comparable.
 """
 
 import importlib
+import resource
 import sys
 import time
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,35 +30,55 @@ from contactmodel.analytic import lubkin_twist
 
 SIDE, RADIUS, CURVATURE = 10.0, 3.0, 30.0
 BODY = HalfSpace(shear_modulus=1.0, poisson_ratio=0.5)  # not coupled to a rigid object
+STIFFNESS = 4.0  # E*
 FRICTION, STICK_RATIO = 0.5, 0.7
 RTOL = 1e-8
-LAPS = 5
+LAPS = 3
+
+Run = Callable[[], Any]
 
 
 def main() -> None:
     """Print the table."""
     jax.config.update("jax_enable_x64", True)
-    ours = ("normal [ms]", "iterations", "first call [s]", "torsion [ms]", "over normal")
-    table = Table("cells", *ours, "applications", "tamaas [ms]", "over ours", "difference")
+    jax.block_until_ready(jnp.zeros(1) + 1.0)
+    imported = memory()
+    ours = ("normal [ms]", "steps", "first call [s]", "torsion [ms]", "steps", "applications")
+    peers = ("aspher FFT [ms]", "steps", "difference", "tamaas [ms]", "difference")
+    ratios = ("ours/aspher", "tamaas/ours", "torsion/aspher", "memory [MB]")
+    table = Table("cells", *ours, *peers, *ratios)
     for cells in [int(word) for word in sys.argv[1:]] or [128, 256, 512, 1024]:
-        table.add_row(f"{cells}²", *measure(cells))
-    Console(width=130).print(table)
+        table.add_row(f"{cells}²", *measure(cells, imported))
+    Console(width=190).print(table)
 
 
-def measure(cells: int) -> list[str]:
+def measure(cells: int, imported: float) -> list[str]:
     """The cells of a row."""
     ratio = FRICTION * 2.0 / np.pi * RADIUS / CURVATURE * 2.0  # μp0/2G, p0 = (2/π) E* a/R, E* = 4G
     twist = float(lubkin_twist(STICK_RATIO, ratio))
     start = time.perf_counter()
     pressed = solve(cells, 0.0, 0.0)
     first = time.perf_counter() - start
-    normal = median(lambda: solve(cells, 0.0, 0.0))
     turned = solve(cells, twist, FRICTION)
-    torsion = median(lambda: solve(cells, twist, FRICTION))
-    row = [f"{1e3 * normal:.3g}", str(int(pressed.normal.steps)), f"{first:.3g}"]
-    row += [f"{1e3 * torsion:.3g}", f"{torsion / normal:.3g}"]
-    row += [str(int(turned.friction.applications))]
-    return row + compare_tamaas(cells, pressed, normal)
+    used = memory() - imported  # before the peers take theirs
+    mean = float(jnp.mean(pressed.pressure))
+    gap = (Paraboloid(CURVATURE).height(jnp.asarray(pressed.grid.points))).__array__()
+    runs: dict[str, Run | None] = {
+        "normal": lambda: solve(cells, 0.0, 0.0),
+        "torsion": lambda: solve(cells, twist, FRICTION),
+        "aspher": with_aspher(gap, mean),
+        "tamaas": with_tamaas(gap, mean),
+    }
+    times, ends = side_by_side(runs)
+    steps = [str(int(done.steps)) for done in (pressed.normal, turned.friction)]
+    row = [milliseconds(times, "normal"), steps[0], f"{first:.3g}"]
+    row += [milliseconds(times, "torsion"), steps[1], str(int(turned.friction.applications))]
+    row += [milliseconds(times, "aspher"), told(ends, "aspher", lambda end: str(end.iterations))]
+    row += [told(ends, "aspher", lambda end: apart(end.pressure, pressed))]
+    row += [milliseconds(times, "tamaas"), told(ends, "tamaas", lambda end: apart(end, pressed))]
+    pairs = (("normal", "aspher"), ("tamaas", "normal"), ("torsion", "aspher"))
+    row += [f"{times[a] / times[b]:.3g}" if {a, b} <= set(times) else "" for a, b in pairs]
+    return [*row, f"{used:.0f}"]
 
 
 def solve(cells: int, twist: float, friction: float) -> ContactSolution:
@@ -64,41 +89,78 @@ def solve(cells: int, twist: float, friction: float) -> ContactSolution:
     return jax.block_until_ready(solution)
 
 
-def compare_tamaas(cells: int, ours: ContactSolution, normal: float) -> list[str]:
-    """Its time for our force, over ours, and how far the pressures are apart."""
-    try:
-        tamaas = importlib.import_module("tamaas")
-    except ModuleNotFoundError:
-        return ["", "", ""]
-    x, y = ours.grid.points
-    model = tamaas.ModelFactory.createModel(
-        tamaas.model_type.basic_2d, [SIDE, SIDE], [cells, cells]
+def with_aspher(gap: np.ndarray, mean: float) -> Run | None:
+    """Its solver with the exact convolution, as ours, and its FFT preconditioner."""
+    aspher = find("aspher")
+    if aspher is None:
+        return None
+    solver = aspher.ContactSolver(
+        grid_size=len(gap), domain_size=SIDE, E_star=STIFFNESS, backend="fft"
     )
+    return lambda: solver.solve(gap.ravel(), p_nominal=mean, tol=RTOL, precond="fourier-fft")
+
+
+def with_tamaas(gap: np.ndarray, mean: float) -> Run | None:
+    """Its solver in free space."""
+    tamaas = find("tamaas")
+    if tamaas is None:
+        return None
+    model = tamaas.ModelFactory.createModel(tamaas.model_type.basic_2d, [SIDE, SIDE], gap.shape)
     model.E, model.nu = 2.0 * (1.0 + 0.5), 0.5
     tamaas.ModelFactory.registerNonPeriodic(model, "dcfft")
-    mean = float(jnp.mean(ours.pressure))
 
-    def run() -> None:
+    def run() -> np.ndarray:
         model.traction[:] = 0.0
-        solver = tamaas.PolonskyKeerRey(model, -(x**2 + y**2) / (2.0 * CURVATURE), RTOL)
+        solver = tamaas.PolonskyKeerRey(model, -gap, RTOL)
         solver.setIntegralOperator("dcfft")
         solver.solve(mean)
+        return np.asarray(model.traction)
 
-    run()
-    theirs = median(run)
-    apart = np.abs(np.asarray(model.traction) - np.asarray(ours.pressure)).max()
-    peak = float(jnp.max(ours.pressure))
-    return [f"{1e3 * theirs:.3g}", f"{theirs / normal:.3g}", f"{apart / peak:.1e}"]
+    return run
 
 
-def median(run) -> float:
-    """Seconds, of several laps."""
+def find(name: str) -> Any:
+    """A peer, if it is installed."""
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError:
+        return None
+
+
+def side_by_side(runs: dict[str, Run | None]) -> tuple[dict[str, float], dict[str, Any]]:
+    """Seconds, medians of laps in turn, and what the last lap gave."""
+    there = {name: run for name, run in runs.items() if run is not None}
+    ends: dict[str, Any] = {}
     laps = []
     for _ in range(LAPS):
-        start = time.perf_counter()
-        run()
-        laps.append(time.perf_counter() - start)
-    return float(np.median(laps))
+        lap = []
+        for name, run in there.items():
+            start = time.perf_counter()
+            ends[name] = run()
+            lap.append(time.perf_counter() - start)
+        laps.append(lap)
+    return dict(zip(there, np.median(laps, axis=0), strict=True)), ends
+
+
+def apart(theirs: np.ndarray, ours: ContactSolution) -> str:
+    """The largest difference of two pressures, by the peak."""
+    mine = np.asarray(ours.pressure)
+    return f"{np.abs(np.asarray(theirs).reshape(mine.shape) - mine).max() / mine.max():.1e}"
+
+
+def milliseconds(times: dict[str, float], name: str) -> str:
+    """Of a code, if it is installed."""
+    return f"{1e3 * times[name]:.3g}" if name in times else ""
+
+
+def told(ends: dict[str, Any], name: str, tell: Callable[[Any], str]) -> str:
+    """What a code found, if it is installed."""
+    return tell(ends[name]) if name in ends else ""
+
+
+def memory() -> float:
+    """The most this process has held [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from contactmodel import __main__ as cli
 from contactmodel import verify
-from contactmodel.simulation import EXAMPLES, read_simulation
+from contactmodel.configuration import EXAMPLES, read_simulation
 
 RUN = CliRunner()
 SMALL = """

@@ -12,8 +12,11 @@ from contactmodel import (
     Paraboloid,
     Pose,
     Rigid,
+    make_path,
     solve_contact,
+    solve_path,
     solve_resultant,
+    solve_resultant_path,
 )
 
 GRID = Grid((24, 24), (10.0, 10.0))
@@ -45,6 +48,36 @@ def test_history_and_reversal(moved):
     again = solve_contact(*BODIES, back.pose, GRID, 0.5, previous=moved)
     assert float(again.moment) == pytest.approx(float(back.moment), rel=1e-7)
     assert float(back.pose.twist) < 0.03
+
+
+def test_a_path_of_given_moments_reproduces_the_motion_and_its_history():
+    """Through a reversal, at a given normal force: the same moments at another twist."""
+    poses = [Pose(0.3), Pose(0.3, twist=0.06), Pose(0.3, twist=0.0)]
+    path = make_path(poses, [2, 2])
+    moved = solve_path(*BODIES, path, GRID, 0.5)
+    guess = Pose(jnp.full(4, 0.2))
+    found = solve_resultant_path(
+        *BODIES, guess, GRID, 0.5, normal_force=-moved.force[:, 2], moment=moved.moment
+    )
+    assert abs(float(moved.moment[1] - moved.moment[2])) > 1e-2
+    # tolerance of the resultants, 1e-7 of what friction carries, over their slope
+    np.testing.assert_allclose(found.pose.twist, path.twist, atol=1e-6)
+    np.testing.assert_allclose(found.pose.approach, path.approach, rtol=1e-6)
+    np.testing.assert_allclose(found.pose.shift, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "given", "words"),
+    [
+        (TOUCHING, {"moment": 1.0}, "expected a path"),
+        (Pose(jnp.ones(3)), {"moment": jnp.ones(2)}, r"moment of the path must have the shape \(3"),
+        (Pose(jnp.ones(3)), {"shear_force": jnp.ones(3)}, "shear_force of the path"),
+        (Pose(jnp.ones(3)), {}, "at least one of"),
+    ],
+)
+def test_wrong_paths_of_resultants_are_refused(path, given, words):
+    with pytest.raises(ValueError, match=words):
+        solve_resultant_path(*BODIES, path, GRID, 0.5, **given)
 
 
 def test_more_than_friction_carries_says_how_much():

@@ -1,0 +1,312 @@
+"""Simulations as TOML files describe them, with units in their keys.
+
+`examples/` next to this module holds some with comments.
+"""
+
+import hashlib
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactmodel.bodies import AbstractBody, HalfSpace, Layer, Rigid
+from contactmodel.checks import Numbers, non_negative, number, poisson, positive
+from contactmodel.grid import Grid
+from contactmodel.indenters import (
+    AbstractIndenter,
+    Cylinder,
+    Domed,
+    Ellipsoid,
+    HeightMap,
+    Paraboloid,
+    Placed,
+    RoundPunch,
+    Sphere,
+    SquarePunch,
+)
+from contactmodel.pose import Pose, make_path
+
+SHAPES: dict[str, tuple[type[AbstractIndenter], tuple[str, ...]]] = {
+    "paraboloid": (Paraboloid, ("radius",)),
+    "sphere": (Sphere, ("radius",)),
+    "cylinder": (Cylinder, ("radius",)),
+    "ellipsoid": (Ellipsoid, ("semi_axes",)),
+    "round_punch": (RoundPunch, ("radius", "edge_radius")),
+    "square_punch": (SquarePunch, ("width", "edge_radius")),
+}
+IN_PLACE_OF = {
+    "normal_force_n": "approach_mm",
+    "shear_force_n": "shift_mm",
+    "moment_nmm": "twist_deg",
+}
+PLANAR = ("shear_force_n",)
+Check = Callable[[Numbers], Any]
+EXAMPLES = resources.files("contactmodel") / "examples"
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What a configuration file asks for.
+
+    Attributes:
+        text: the file, and below it the hashes of the maps that it names.
+        grid: cells.
+        elastomer: S.
+        object_: B.
+        indenter: shape of B, where it touches.
+        path: motion of B.
+        resultants: given in place of some of it, for each step [N, N·mm].
+        friction_coefficient: μ, a number or a map of the grid [-].
+        marker_depth: below the elastomer's surface, where `u_marker` is written [mm].
+    """
+
+    text: str
+    grid: Grid
+    elastomer: AbstractBody
+    object_: AbstractBody
+    indenter: AbstractIndenter
+    path: Pose
+    resultants: dict[str, np.ndarray]
+    friction_coefficient: float | np.ndarray
+    marker_depth: float
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.path.approach)
+
+
+def read_simulation(path: str | Path) -> Simulation:
+    """Read a configuration file, or a shipped example by its name.
+
+    Raises:
+        FileNotFoundError: neither a file nor an example, or a map that it names is not there.
+        ValueError: keys that are missing, unknown or have wrong values.
+    """
+    example = EXAMPLES / f"{path}.toml"
+    if not Path(path).is_file() and not example.is_file():
+        names = sorted(item.name.removesuffix(".toml") for item in EXAMPLES.iterdir())
+        raise FileNotFoundError(f"no file {path}; shipped examples are {', '.join(names)}")
+    source = Path(path) if Path(path).is_file() else example
+    text = source.read_text(encoding="utf-8")
+    try:
+        return _parse(text, _Maps(Path(path).parent))
+    except KeyError as error:
+        raise ValueError(f"{path}: the key {error} is missing") from error
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+class _Maps:
+    """Reads the maps that a configuration names, and notes their hashes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.hashes = ""
+
+    def read(self, name: str) -> np.ndarray:
+        """An array from a `.npy` file, its place relative to the configuration."""
+        file = self.folder / name
+        try:
+            values = np.asarray(np.load(file), dtype=float)
+        except ValueError as error:
+            raise ValueError(f"{name} is no .npy file of numbers ({error})") from error
+        self.hashes += f"# {name}: sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}\n"
+        return values
+
+
+def _parse(text: str, maps: _Maps) -> Simulation:
+    known = {"grid", "elastomer", "object", "indenter", "contact", "motion"}
+    tables = _only(tomllib.loads(text), "the file", known)
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            raise ValueError(f"{name} must be a table, [{name}], got {table!r}")
+    grid = _only(tables["grid"], "grid", {"cells", "size_mm"})
+    cells, size = _list(grid, "cells", "xy", positive), _list(grid, "size_mm", "xy", positive)
+    friction = _friction(tables["contact"], maps)
+    indenter = _indenter(tables["indenter"], tables["elastomer"], maps)
+    path, resultants = _path(tables["motion"])
+    _check_thickness(tables["elastomer"], "elastomer", cells, size)
+    _check_thickness(tables["object"], "object", cells, size)
+    return Simulation(
+        text=text + maps.hashes,
+        grid=Grid(_whole(cells), (float(size[0]), float(size[1]))),
+        elastomer=_body(tables["elastomer"], "elastomer", {"dome_radius_mm", "marker_depth_mm"}),
+        object_=_body(tables["object"], "object", set()) if tables["object"] else Rigid(),
+        indenter=indenter,
+        path=path,
+        resultants=resultants,
+        friction_coefficient=friction,
+        marker_depth=_number(
+            {"marker_depth_mm": 0.0} | tables["elastomer"], "marker_depth_mm", non_negative
+        ),
+    )
+
+
+def _friction(table: dict[str, Any], maps: _Maps) -> float | np.ndarray:
+    _only(table, "contact", {"friction_coefficient", "friction_coefficient_file"})
+    if "friction_coefficient_file" in table:
+        return maps.read(table["friction_coefficient_file"])
+    return _number(table, "friction_coefficient", non_negative)
+
+
+def _body(table: dict[str, Any], name: str, others: set[str]) -> HalfSpace | Layer:
+    """A layer where a thickness is given, else a half-space."""
+    _only(table, name, {"shear_modulus_mpa", "poisson_ratio", "thickness_mm", *others})
+    modulus = _number(table, "shear_modulus_mpa", positive)
+    material = modulus, _number(table, "poisson_ratio", poisson)
+    if "thickness_mm" in table:
+        return Layer(*material, _number(table, "thickness_mm", positive))
+    return HalfSpace(*material)
+
+
+def _check_thickness(
+    table: dict[str, Any], name: str, cells: list[float], size: list[float]
+) -> None:
+    """A layer is not thinner than a cell, and its markers lie in it."""
+    if "thickness_mm" not in table:
+        return
+    thickness, cell = table["thickness_mm"], max(np.divide(size, cells))
+    if thickness < cell:
+        raise ValueError(
+            f"thickness_mm of the {name} is {thickness}, less than a cell of {cell:.4g} mm: "
+            "take more cells or a smaller size_mm"
+        )
+    if table.get("marker_depth_mm", 0.0) > thickness:
+        raise ValueError(f"marker_depth_mm must not be beyond thickness_mm, {thickness}")
+
+
+def _indenter(table: dict[str, Any], elastomer: dict[str, Any], maps: _Maps) -> AbstractIndenter:
+    place = {"position_mm": [0.0, 0.0], "angle_deg": 0.0} | table
+    angle = np.radians(_number(place, "angle_deg"))
+    placed = Placed(_shape(table, maps), _list(place, "position_mm", "xy"), angle)
+    if "dome_radius_mm" not in elastomer:
+        return placed
+    return Domed(placed, _number(elastomer, "dome_radius_mm", positive))
+
+
+def _shape(table: dict[str, Any], maps: _Maps) -> AbstractIndenter:
+    shape = table["shape"]
+    placing = {"shape", "position_mm", "angle_deg"}
+    if shape == "height_map":
+        _only(table, "indenter of shape height_map", {*placing, "heights_mm_file", "spacing_mm"})
+        dx, dy = _list(table, "spacing_mm", "xy")
+        return HeightMap(maps.read(table["heights_mm_file"]), (float(dx), float(dy)))
+    if not isinstance(shape, str) or shape not in SHAPES:
+        raise ValueError(f"unknown shape {shape!r}; known are height_map, {', '.join(SHAPES)}")
+    kind, names = SHAPES[shape]
+    keys = {f"{name}_mm" for name in names}
+    _only(table, f"indenter of shape {shape}", {*placing, *keys})
+    given = {"edge_radius_mm": 0.0} | table
+    return kind(**{name: _size(given, f"{name}_mm") for name in names})
+
+
+def _size(table: dict[str, Any], key: str) -> Any:
+    if key == "semi_axes_mm":
+        return _list(table, key, "xyz", positive)
+    return _number(table, key, non_negative if key == "edge_radius_mm" else positive)
+
+
+def _path(table: dict[str, Any]) -> tuple[Pose, dict[str, np.ndarray]]:
+    """The motion, and the resultants in place of some of it; both run straight along each leg."""
+    _only(table, "motion", {"centre_mm", "first_approach_mm", "legs"})
+    legs: list[dict[str, Any]] = table["legs"]
+    if not legs:
+        raise ValueError("the motion has no legs")
+    centre = _list({"centre_mm": [0.0, 0.0]} | table, "centre_mm", "xy")
+    first = _number({"first_approach_mm": 0.0} | table, "first_approach_mm")
+    used = {key for leg in legs for key in leg}
+    for key, in_place_of in IN_PLACE_OF.items():
+        if {key, in_place_of} <= used:
+            raise ValueError(
+                f"the legs of the motion have both {key} and {in_place_of}; choose one"
+            )
+    by_force = "normal_force_n" in used
+    if by_force != ("first_approach_mm" in table):
+        raise ValueError("first_approach_mm, at which the bodies touch, goes with normal_force_n")
+    state: dict[str, Any] = {key: [0.0, 0.0] if key in PLANAR else 0.0 for key in IN_PLACE_OF}
+    state |= {"approach_mm": first, "shift_mm": [0.0, 0.0], "twist_deg": 0.0}
+    states, steps = [state], []
+    for place, leg in enumerate(legs, start=1):
+        name = f"leg {place} of the motion"
+        _only(leg, name, {"steps", *state})
+        count = leg["steps"]
+        if type(count) is not int or count < 1:
+            raise ValueError(f"{name} needs at least one step, a whole number, got {count!r}")
+        state = state | {key: value for key, value in leg.items() if key != "steps"}
+        steps.append(count)
+        try:
+            _pose(state, centre)
+            _resultants(state, used)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+        states.append(state)
+    path = make_path([_pose(state, centre) for state in states], steps)
+    corners = [_resultants(state, used) for state in states]
+    return path, {name: _ramp([corner[name] for corner in corners], steps) for name in corners[0]}
+
+
+def _resultants(state: dict[str, Any], used: set[str]) -> dict[str, Any]:
+    """The resultants that the legs give, under the names of `solve_resultant`."""
+    return {
+        key.rpartition("_")[0]: _list(state, key, "xy") if key in PLANAR else _number(state, key)
+        for key in IN_PLACE_OF
+        if key in used
+    }
+
+
+def _ramp(corners: list[Any], steps: list[int]) -> np.ndarray:
+    """Straight from corner to corner, without the first."""
+    legs = zip(corners[:-1], corners[1:], steps, strict=True)
+    parts = [np.linspace(start, end, count + 1)[1:] for start, end, count in legs]
+    return np.concatenate(parts)
+
+
+def _pose(state: dict[str, Any], centre: list[float]) -> Pose:
+    twist = np.radians(_number(state, "twist_deg"))
+    return Pose(_number(state, "approach_mm"), _list(state, "shift_mm", "xy"), twist, centre)
+
+
+def _number(table: dict[str, Any], key: str, check: Check = number) -> float:
+    """A number that passes a check, which need not know the key."""
+    value = table[key]
+    if type(value) not in (int, float):  # true and false are not
+        raise ValueError(f"{key} must be a number, got {value!r}")
+    _name(key, check, value)
+    return float(value)
+
+
+def _name(key: str, check: Check, value: Numbers) -> None:
+    """Check a value; the error begins with its key."""
+    try:
+        check(value)
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from error
+
+
+def _list(table: dict[str, Any], key: str, axes: str, check: Check = number) -> list[float]:
+    """One number for each axis, each of which passes a check."""
+    value = table[key]
+    numbers = isinstance(value, list) and all(type(item) in (int, float) for item in value)
+    if not numbers or len(value) != len(axes):
+        along = ", ".join(f"along {axis}" for axis in axes)
+        raise ValueError(f"{key} must be {len(axes)} numbers, [{along}], got {value!r}")
+    _name(key, check, value)
+    return [float(item) for item in value]
+
+
+def _whole(cells: list[float]) -> tuple[int, int]:
+    if any(not count.is_integer() for count in cells):
+        raise ValueError(f"cells must be whole numbers, got {cells}")
+    return int(cells[0]), int(cells[1])
+
+
+def _only(table: dict[str, Any], name: str, known: set[str]) -> dict[str, Any]:
+    """The table, if it has no other keys."""
+    unknown = sorted(set(table) - known)
+    if unknown:
+        raise ValueError(f"unknown key {unknown[0]!r} in {name}; known are {sorted(known)}")
+    return table
