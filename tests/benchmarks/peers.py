@@ -5,11 +5,11 @@ free half-space; then the torsion from rest, c/a = 0.7, which the others do not 
 told apart from solving, the others' operators are made before the clock starts. Where aspher or
 tamaas is not installed its columns are empty.
 
-Residuals differ. Ours: root mean square over the contact of gap and overlap, by the largest overlap
-at p = 0; for the traction, of the slip that friction's law forbids, by the rigid motion. aspher:
-the errors it certifies, of energy, penetration and load. tamaas: its own error estimate for
-Polonsky and Keer's iteration. The peers are given our force, we our approach. The columns of differences, of
-two pressures by the peak, tell whether they are comparable.
+Residuals differ. Ours: root mean square over the contact of gap and overlap, by the largest
+overlap at p = 0; for the traction, of the slip that friction's law forbids, by the rigid motion.
+aspher: the errors it certifies, of energy, penetration and load. tamaas: its own error estimate for
+Polonsky and Keer's iteration. The peers are given our force, we our approach. The columns of
+differences, of two pressures by the peak, tell whether they are comparable.
 """
 
 import importlib
