@@ -1,6 +1,8 @@
 """Simulations as TOML files describe them, with units in their keys.
 
-`examples/` next to this module holds some with comments.
+`examples/` next to this module holds some with comments. Legs may give `normal_force_n`,
+`shear_force_n` and `moment_nmm` in place of `approach_mm`, `shift_mm` and `twist_deg`, in all legs
+alike; they run straight from the leg before, from 0 at first.
 """
 
 import hashlib

@@ -42,7 +42,9 @@ class RESULTS(eqx.Enumeration):
     )
     coupling_max_turns = (
         "pressure and traction did not settle on each other: take the path in smaller steps, or a "
-        "smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
+        "smaller friction coefficient (above about 2, dissimilar bodies may have no solution); a "
+        "nearly incompressible layer ten times thinner than the contact: take a thicker one, or a "
+        "smaller Poisson's ratio"
     )
     beyond_friction = "friction cannot carry the force or moment asked for"
     resultant_max_steps = (

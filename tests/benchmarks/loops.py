@@ -21,7 +21,7 @@ from rich.table import Table
 
 from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 from contactmodel.compliance import pair_compliance
-from contactmodel.friction import _along, _newton_system, find_sets
+from contactmodel.friction import find_sets, make_preconditioner
 from contactmodel.linear import conjugate_gradients
 from contactmodel.normal import pressure_residual, solve_pressure
 
@@ -53,9 +53,13 @@ def linear_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
     compliance = pair_compliance(pad, Rigid(), grid)
     limit = FRICTION * end.pressure
     sets = find_sets(end.traction, end.slip_increment, limit, compliance.stiffest)
-    tangent, precondition = _newton_system(compliance, sets)
+    precondition = make_preconditioner(compliance, sets)
     x, y = jnp.asarray(grid.points)
-    rhs = _along(sets, jnp.stack([-y, x]))
+    rhs = sets.along(jnp.stack([-y, x]))
+
+    def tangent(change: Array) -> Array:
+        free = sets.along(change)
+        return sets.along(compliance.drag(free)) + sets.stiffness * free + (change - free)
 
     def rms(field: Array) -> Array:
         return jnp.sqrt(jnp.mean(field**2))

@@ -82,9 +82,31 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("poisson_ratio = 0.48", "poisson_ratio = 0.6", "Poisson's ratio"),
+        ("poisson_ratio = 0.48", "poisson_ratio = 0.6", "poisson_ratio: Poisson's ratio must"),
         ("poisson_ratio = 0.48", "", "poisson_ratio"),
-        ("poisson_ratio = 0.48", "poisson_ratio = 0.48\nthickness_mm = 0.0", "above 0"),
+        (
+            "poisson_ratio = 0.48",
+            "poisson_ratio = 0.48\nthickness_mm = 0.0",
+            "thickness_mm: a modu",
+        ),
+        (
+            "poisson_ratio = 0.48",
+            "poisson_ratio = 0.48\nthickness_mm = 0.4",
+            "less than a cell of 0.5",
+        ),
+        (
+            "poisson_ratio = 0.48",
+            "poisson_ratio = 0.48\nthickness_mm = 2.0\nmarker_depth_mm = 2.1",
+            "marker_depth_mm must not be beyond thickness_mm, 2.0",
+        ),
+        (
+            "friction_coefficient = 0.5",
+            "friction_coefficient = -0.5",
+            "friction_coefficient: a fri",
+        ),
+        ("twist_deg = 4.0", "twist_deg = 4.0\nmoment_nmm = 1.0", "both moment_nmm and twist_deg"),
+        ("approach_mm = 0.5", "normal_force_n = 0.5", "first_approach_mm, at which the bodies"),
+        ("twist_deg = 4.0", "shear_force_n = 1.0", "shear_force_n must be 2 numbers"),
         ("radius_mm", "radius_m", "unknown key"),
         ('"sphere"', '"pyramid"', "unknown shape"),
         ("cells = [24, 24]", "cells = 24", "cells must be 2 numbers"),
@@ -146,6 +168,25 @@ def test_a_failing_step_is_told(config, tmp_path):
     result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
     assert "edge of the grid" in " ".join(result.stderr.split())
+
+
+def test_forces_and_moments_in_place_of_motion(config, tmp_path):
+    given = SMALL.replace("[motion]", "[motion]\nfirst_approach_mm = 0.1")
+    given = given.replace("approach_mm = 0.5", "normal_force_n = 0.2")
+    config.write_text(given.replace("twist_deg = 4.0", "moment_nmm = 0.04"), encoding="utf-8")
+    resultants = read_simulation(config).resultants
+    np.testing.assert_allclose(resultants["normal_force"], [0.2, 0.2, 0.2])
+    np.testing.assert_allclose(resultants["moment"], [0.0, 0.02, 0.04])
+    out = tmp_path / "out"
+    result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    rows = table(out)
+    # tolerance of the resultants, 1e-7 of what friction carries
+    np.testing.assert_allclose([float(row["force_z_n"]) for row in rows], -0.2, rtol=1e-6)
+    np.testing.assert_allclose(
+        [float(row["moment_nmm"]) for row in rows], [0.0, 0.02, 0.04], atol=1e-6
+    )
+    assert float(rows[2]["twist_deg"]) > 1.5 * float(rows[1]["twist_deg"]) > 0.0
 
 
 def test_shipped_examples_can_be_read():
