@@ -130,14 +130,16 @@ def _parse(text: str, maps: _Maps) -> Simulation:
     cells, size = _list(grid, "cells", "xy", positive), _list(grid, "size_mm", "xy", positive)
     friction = _friction(tables["contact"], maps)
     indenter = _indenter(tables["indenter"], tables["elastomer"], maps)
-    path, resultants = _path(tables["motion"])
+    elastomer = _body(tables["elastomer"], "elastomer", {"dome_radius_mm", "marker_depth_mm"})
+    object_ = _body(tables["object"], "object", set()) if tables["object"] else Rigid()
     _check_thickness(tables["elastomer"], "elastomer", cells, size)
     _check_thickness(tables["object"], "object", cells, size)
+    path, resultants = _path(tables["motion"])
     return Simulation(
         text=text + maps.hashes,
         grid=Grid(_whole(cells), (float(size[0]), float(size[1]))),
-        elastomer=_body(tables["elastomer"], "elastomer", {"dome_radius_mm", "marker_depth_mm"}),
-        object_=_body(tables["object"], "object", set()) if tables["object"] else Rigid(),
+        elastomer=elastomer,
+        object_=object_,
         indenter=indenter,
         path=path,
         resultants=resultants,
@@ -277,7 +279,7 @@ def _number(table: dict[str, Any], key: str, check: Check = number) -> float:
     value = table[key]
     if type(value) not in (int, float):  # true and false are not
         raise ValueError(f"{key} must be a number, got {value!r}")
-    _name(key, check, value)
+    _name(key, check, float(value))
     return float(value)
 
 
@@ -296,8 +298,9 @@ def _list(table: dict[str, Any], key: str, axes: str, check: Check = number) -> 
     if not numbers or len(value) != len(axes):
         along = ", ".join(f"along {axis}" for axis in axes)
         raise ValueError(f"{key} must be {len(axes)} numbers, [{along}], got {value!r}")
-    _name(key, check, value)
-    return [float(item) for item in value]
+    items = [float(item) for item in value]
+    _name(key, check, items)
+    return items
 
 
 def _whole(cells: list[float]) -> tuple[int, int]:
