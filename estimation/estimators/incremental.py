@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.core import CoreTracker
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD, Rigid, RigidFit
 from estimation.fields import Fields
@@ -124,7 +123,6 @@ class Incremental:
         self.keyframe_interval = check_count("keyframe_interval", keyframe_interval)
         self.mature_age = check_count("mature_age", mature_age)
         self.keyframes = [Keyframe(None, -mature_age)]
-        self.core = CoreTracker(stencils, self.rigid.noise_mm)
         self.number = 0
         self.increment: Increment | None = None
 
@@ -133,8 +131,7 @@ class Incremental:
 
         A contact that has already slipped when it is first seen is counted from that frame. Once
         nothing sticks any more the angle is lost until the next contact: gel that stands still may
-        stick again, or the object may slide on over it. Few markers near the axis slip alike, as
-        if they stuck; what surrounds them tells how many do.
+        stick again, or the object may slide on over it.
         """
         self.number += 1
         if not fields.contact.any():
@@ -148,10 +145,6 @@ class Incremental:
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact))
         now, stick = found
-        core = self.core.update(fields, stick)
-        if core is not None and core.markers.sum() < self.rigid.min_stick_markers:
-            self.lose(fields)
-            return Measurement.none(np.zeros_like(fields.contact))
         self._remember(now)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact))
@@ -170,7 +163,6 @@ class Incremental:
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
-        self.core.restart()
         self.keyframes = [Keyframe(None, self.number - self.mature_age)]
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, np.ndarray] | None:
