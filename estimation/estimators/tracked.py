@@ -145,9 +145,11 @@ class Tracked:
         return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
 
     def _at_a_loss(self, gel: Measurement) -> Measurement:
-        """No angle; macro slip only where the markers do not move as one body."""
+        """No angle; macro slip unless the markers turn as one: gel at rest may be slid over."""
         increment = self.incremental.increment
         if increment is None or increment.age < self.mature_age or not increment.stick.any():
+            return gel
+        if abs(increment.angle) < 0.5 * self.slip:
             return gel
         return gel._replace(reason="holds again, but how far the object turned before is unseen")
 
