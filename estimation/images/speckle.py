@@ -1,0 +1,338 @@
+"""A speckle pattern followed from picture to picture, each matched to the reference by itself.
+
+Points of interest lie on a square lattice; what is printed around each says where it is. Where a
+point may be is guessed from the picture before, from rest, from the shift of the whole, from points
+next to it or from features; whether it is there only the reference tells. So no continuity is
+needed, and nothing that was wrong once stays wrong.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from estimation.images.seeds import FeatureSeeds, Guess, find_shift, flatten_light, stay
+from estimation.images.subsets import (
+    Match,
+    Sampler,
+    Subsets,
+    correlate,
+    count_clipped,
+    make_subsets,
+    match_subsets,
+)
+
+POINTS = 400
+"""Points of interest in a picture, about."""
+SIDES = 5.0
+"""Half the side of a subset in half widths of the texture's autocorrelation."""
+RADII = (8, 10, 12, 14, 17, 20)
+"""Half sides of subsets to choose from [px]."""
+NOISE, ERROR = 3.0, 0.1
+"""Grey levels of noise at which a point must be found to so many px."""
+CLIPPED = 0.1
+"""Most of a subset's pixels that may be as good as black or white [-]."""
+REPEATED = 0.75
+"""Correlation of a subset with another place of the reference from which it is ambiguous [-]."""
+SAMPLE, RARE = 40, 0.05
+"""Subsets that are looked for elsewhere, and the share that may be found, to choose their size."""
+USABLE = 0.5
+"""Share of the lattice that must be usable for a picture to be one of speckle [-]."""
+LEAST = 0.7
+"""Correlation with the reference from which a subset is recognised [-]."""
+HOPEFUL = 0.3
+"""Correlation at a guess from which it is followed [-]."""
+FIRM = 0.7
+"""Share of the points that a guess must serve for no other to be looked for [-]."""
+APART = 0.15
+"""Farthest a point may lie from where its neighbour has it [pitches]."""
+PIECE = 4
+"""Fewest points that must fit each other."""
+LOST = 0.3
+"""Share of the reference's points below which a picture counts as not recognised."""
+WAYS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]])
+
+
+class SpeckleStyle(NamedTuple):
+    """What a speckle pattern looks like.
+
+    Attributes:
+        size: distance at which the texture's autocorrelation falls to one half [px].
+        radius: half the side of a subset [px].
+        pitch: of the lattice of points [px].
+    """
+
+    size: float
+    radius: int
+    pitch: int
+
+
+class Lattice(NamedTuple):
+    """Points of interest of a reference.
+
+    Attributes:
+        subsets: about each.
+        number: of the point at each place of the lattice, −1 for none.
+        around: the eight points next to each, −1 for none.
+        left_out: how many places have no point, and why.
+    """
+
+    subsets: Subsets
+    number: Int[np.ndarray, "rows columns"]
+    around: Int[np.ndarray, "m 8"]
+    left_out: dict[str, int]
+
+
+def find_speckle_style(grey: Float32[np.ndarray, "h w"]) -> SpeckleStyle:
+    """Size of the speckles, and of subsets that hold enough of them.
+
+    Raises:
+        ValueError: the picture has no fine texture, or one that repeats.
+    """
+    texture = flatten_light(grey)
+    padded = [cv2.getOptimalDFTSize(2 * n) for n in grey.shape]
+    power = np.abs(np.fft.rfft2(texture, padded)) ** 2
+    correlation = np.fft.fftshift(np.fft.irfft2(power, padded))
+    middle = np.array(padded) // 2
+    y, x = (np.arange(n) - m for n, m in zip(padded, middle, strict=True))
+    overlap = np.maximum(1.0 - np.abs(y) / grey.shape[0], 0.0)[:, None]
+    overlap = overlap * np.maximum(1.0 - np.abs(x) / grey.shape[1], 0.0)
+    correlation = np.where(overlap > 0.2, correlation / np.maximum(overlap, 0.2), 0.0)
+    correlation /= max(correlation[tuple(middle)], 1e-9)
+    distance = np.hypot(y[:, None], x)
+    rings = [correlation[(distance >= r - 0.5) & (distance < r + 0.5)].mean() for r in range(21)]
+    below = np.flatnonzero(np.array(rings) < 0.5)
+    if not len(below):
+        raise ValueError("no fine texture: what is to be seen is larger than 20 px")
+    i = below[0]
+    size = float(i - 1 + (rings[i - 1] - 0.5) / (rings[i - 1] - rings[i]))
+    peak = np.where(distance > 5.0 * size, correlation, 0.0)
+    if peak.max() > 0.5:
+        place = np.unravel_index(np.argmax(peak), peak.shape)
+        raise ValueError(
+            f"the texture repeats every {distance[place]:.0f} px: which part of it is where cannot "
+            "be told"
+        )
+    radius = _unique_radius(grey, round(SIDES * size))
+    pitch = max(round(float(np.sqrt(grey.size / POINTS))), radius)
+    return SpeckleStyle(size, radius, pitch)
+
+
+def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int) -> int:
+    """The smallest half side of subsets that are hardly found twice, and not below `least`."""
+    largest = RADII[-1]
+    low, high = np.full(2, largest), np.array(grey.shape[::-1]) - largest
+    if (low >= high).any():
+        return min(RADII[0], min(grey.shape) // 8)
+    sample = np.random.default_rng(0).integers(low, high, (SAMPLE, 2))
+    sample = sample[count_clipped(grey, sample.astype(float), largest) < CLIPPED]
+    for radius in RADII:
+        if radius >= min(least, largest) and _recurs(grey, sample, radius).mean() < RARE:
+            return radius
+    return largest
+
+
+def lay_points(grey: Float32[np.ndarray, "h w"], style: SpeckleStyle) -> Lattice:
+    """Points of interest wherever the picture has enough texture that is found nowhere else.
+
+    Raises:
+        ValueError: that is in too little of the picture.
+    """
+    rim = style.radius + 2
+    ys, xs = (
+        np.arange(rim + (n - 1 - 2 * rim) % style.pitch // 2, n - rim, style.pitch)
+        for n in grey.shape
+    )
+    x, y = np.meshgrid(xs, ys)
+    centre = np.stack([x.ravel(), y.ravel()], axis=1)
+    if len(centre) < 2 * PIECE:
+        raise ValueError("the picture is too small for its texture")
+    subsets = make_subsets(grey, centre, style.radius)
+    clipped = count_clipped(grey, subsets.centre, style.radius) > CLIPPED
+    error = NOISE * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
+    faint = ~clipped & (error > ERROR)
+    again = np.zeros(len(centre), dtype=bool)
+    clear = np.flatnonzero(~clipped & ~faint)
+    again[clear] = _recurs(grey, centre[clear], style.radius)
+    kept = ~(clipped | faint | again)
+    left_out = {
+        "black or white": int(clipped.sum()),
+        "without texture": int(faint.sum()),
+        "found elsewhere too": int(again.sum()),
+    }
+    if kept.mean() < USABLE:
+        reasons = ", ".join(f"{count} {why}" for why, count in left_out.items() if count)
+        raise ValueError(f"of {len(kept)} places in the picture too many are {reasons}")
+    number = np.full(len(kept), -1)
+    number[kept] = np.arange(kept.sum())
+    number = number.reshape(len(ys), len(xs))
+    padded = np.pad(number, 1, constant_values=-1)
+    at = np.argwhere(number >= 0) + 1
+    around = np.stack([padded[tuple((at + way).T)] for way in WAYS], axis=1)
+    return Lattice(subsets.take(kept), number, around, left_out)
+
+
+def _recurs(
+    grey: Float32[np.ndarray, "h w"], centre: Int[np.ndarray, "n 2"], radius: int
+) -> Bool[np.ndarray, " n"]:
+    """Whether what is about each point is found elsewhere in the picture as well, at half size."""
+    half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    size, found = radius // 2, []
+    last = np.array(half.shape[::-1]) - size - 1
+    for x, y in np.clip(centre // 2, size, last):
+        template = half[y - size : y + size + 1, x - size : x + size + 1]
+        score = cv2.matchTemplate(half, template, cv2.TM_CCOEFF_NORMED)
+        itself = slice(max(y - 2 * size, 0), y + 1), slice(max(x - 2 * size, 0), x + 1)
+        score[itself] = 0.0
+        found.append(np.nanmax(np.where(np.isfinite(score), score, 0.0)) > REPEATED)
+    return np.array(found, dtype=bool)
+
+
+class SpeckleTracker:
+    """Says where the points of a reference are, picture by picture.
+
+    Attributes:
+        style: what the speckles look like.
+        lattice: the points.
+        searched: pictures in which features had to be looked for.
+    """
+
+    def __init__(self, grey: Float32[np.ndarray, "h w"]) -> None:
+        """Learn a reference.
+
+        Raises:
+            ValueError: it has no fine texture, a repeating one, or too little of it.
+        """
+        self.style = find_speckle_style(grey)
+        self.lattice = lay_points(grey, self.style)
+        self.rest = flatten_light(grey)
+        self.features: FeatureSeeds | None = None
+        self.last: Guess | None = None
+        self.searched = 0
+
+    def find(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Match, str]:
+        """The points in the next picture, NaN where not recognised; and why it cannot be used."""
+        subsets, sampler = self.lattice.subsets, Sampler(grey)
+        match = self._spread(sampler, _follow(subsets, sampler, self._guess(grey, sampler)))
+        if match.good.mean() < FIRM:
+            found = self._search(grey)
+            if found is not None:
+                match = _join(match, _follow(subsets, sampler, found, ~match.good))
+                match = self._spread(sampler, match)
+        clipped = count_clipped(grey, match.position, self.style.radius) > CLIPPED
+        match = _blank(match, match.good & ~clipped)
+        match = _blank(match, self._fits(match))
+        seen = int(match.good.sum())
+        self.last = Guess(match.position, match.deformation)
+        if seen < max(LOST * len(match.good), PIECE):
+            self.last = None
+            flaw = f"only {seen} of {len(match.good)} points of the speckle were recognised"
+            if clipped.sum() > seen:
+                flaw += f", {clipped.sum()} are as good as black or white"
+            return _blank(match, np.zeros_like(match.good)), flaw
+        return match, ""
+
+    def _guess(self, grey: Float32[np.ndarray, "h w"], sampler: Sampler) -> Guess:
+        """The best guess for each point: as before, at rest, or moved with the whole picture."""
+        subsets = self.lattice.subsets
+        here = stay(subsets.centre, np.zeros(2))
+        best, most = here, correlate(subsets, sampler, *here)
+        if self.last is not None:
+            known = np.isfinite(self.last.position[:, 0])
+            before = _choose(known, self.last, here)
+            most_before = correlate(subsets, sampler, *before)
+            better = most_before > most
+            best, most = _choose(better, before, best), np.maximum(most, most_before)
+        if (most > HOPEFUL).mean() < FIRM:
+            moved = stay(subsets.centre, find_shift(self.rest, flatten_light(grey)))
+            better = correlate(subsets, sampler, *moved) > most
+            best = _choose(better, moved, best)
+        return best
+
+    def _search(self, grey: Float32[np.ndarray, "h w"]) -> Guess | None:
+        """Guesses from features."""
+        if self.features is None:
+            self.features = FeatureSeeds(self.rest)
+        self.searched += 1
+        return self.features.guess(flatten_light(grey), self.lattice.subsets.centre)
+
+    def _spread(self, sampler: Sampler, match: Match) -> Match:
+        """Go on from the points that are recognised to those next to them."""
+        around, centre = self.lattice.around, self.lattice.subsets.centre
+        fresh = match.good
+        while fresh.any():
+            rim = ~match.good & ((around >= 0) & fresh[around]).any(axis=1)
+            known = (around >= 0) & match.good[around] & rim[:, None]
+            arm = centre[:, None] - centre[around]
+            shape = match.deformation[around]
+            there = match.position[around] + np.einsum("nkij,nkj->nki", shape, arm)
+            weight = np.where(known, 1.0, 0.0) / np.maximum(known.sum(axis=1), 1)[:, None]
+            guess = Guess(
+                np.einsum("nk,nki->ni", weight, np.where(known[..., None], there, 0.0)),
+                np.einsum("nk,nkij->nij", weight, np.where(known[..., None, None], shape, 0.0)),
+            )
+            grown = _join(match, _follow(self.lattice.subsets, sampler, guess, rim))
+            fresh, match = grown.good & ~match.good, grown
+        return match
+
+    def _fits(self, match: Match) -> Bool[np.ndarray, " m"]:
+        """The points that lie where most of their neighbours have them, in pieces of several."""
+        around, centre = self.lattice.around, self.lattice.subsets.centre
+        both = (around >= 0) & match.good[around] & match.good[:, None]
+        arm = centre[:, None] - centre[around]
+        mean = 0.5 * (match.deformation[:, None] + match.deformation[around])
+        there = match.position[around] + np.einsum("nkij,nkj->nki", mean, arm)
+        off = np.linalg.norm(match.position[:, None] - there, axis=2)
+        agree = both & (off < APART * self.style.pitch)
+        count = agree.sum(axis=1)
+        return match.good & (count >= PIECE - 1) & (2 * count >= both.sum(axis=1))
+
+
+def _choose(which: Bool[np.ndarray, " n"], one: Guess, other: Guess) -> Guess:
+    return Guess(
+        np.where(which[:, None], one.position, other.position),
+        np.where(which[:, None, None], one.deformation, other.deformation),
+    )
+
+
+def _follow(
+    subsets: Subsets, sampler: Sampler, guess: Guess, which: Bool[np.ndarray, " n"] | None = None
+) -> Match:
+    """Match subsets from a guess; not those whose guess shows nothing like them."""
+    count = len(subsets.centre)
+    tried = np.ones(count, dtype=bool) if which is None else which
+    tried = tried & np.isfinite(guess.position[:, 0])
+    part = np.flatnonzero(tried)
+    if len(part):
+        hopeful = correlate(subsets.take(part), sampler, *_take(guess, part)) > HOPEFUL
+        part = part[hopeful]
+    found = match_subsets(subsets.take(part), sampler, *_take(guess, part))
+    good = found.good & (found.correlation > LEAST)
+    whole = Match(*(np.full((count, *value.shape[1:]), np.nan) for value in found[:5]), tried)
+    for target, value in zip(whole[:5], found[:5], strict=True):
+        target[part] = value
+    recognised = np.zeros(count, dtype=bool)
+    recognised[part] = good
+    return _blank(whole, recognised)
+
+
+def _take(guess: Guess, part: Int[np.ndarray, " k"]) -> Guess:
+    return Guess(guess.position[part], guess.deformation[part])
+
+
+def _blank(match: Match, good: Bool[np.ndarray, " n"]) -> Match:
+    """The match with only some of its points recognised."""
+    values = [
+        np.where(good.reshape(-1, *[1] * (value.ndim - 1)), value, np.nan) for value in match[:5]
+    ]
+    return Match(*values, good)
+
+
+def _join(one: Match, other: Match) -> Match:
+    """The first match, with what only the second has recognised."""
+    values = [
+        np.where(one.good.reshape(-1, *[1] * (first.ndim - 1)), first, second)
+        for first, second in zip(one[:5], other[:5], strict=True)
+    ]
+    return Match(*values, one.good | other.good)
