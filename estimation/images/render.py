@@ -1,4 +1,4 @@
-"""Virtual images of dots, with exact truth.
+"""Virtual images of dots and of speckle, with exact truth.
 
 Every dot is an ellipse with a sharp rim, drawn on a grid `OVERSAMPLING` times finer than the
 picture, blurred there and averaged over the pixels: no model of the fit is used to make it.
@@ -80,6 +80,21 @@ def project_discs(
     sides = [camera.project(move(reference + s * step[::o])) for o in (1, -1) for s in (1, -1)]
     axes = 0.5 * np.stack([sides[0] - sides[1], sides[2] - sides[3]], axis=-1)
     return camera.project(move(reference)), axes
+
+
+def scatter_speckle(
+    size: tuple[float, float], radius: float, share: float, rng: np.random.Generator
+) -> Float[np.ndarray, "n 2"]:
+    """Centres of small discs that, printed at random, make a speckle pattern.
+
+    Args:
+        size: width and height of the pattern, its middle at the origin [mm].
+        radius: of the discs [mm].
+        share: of the pattern that they cover [-].
+        rng: of where they lie.
+    """
+    count = round(-np.log1p(-share) * size[0] * size[1] / (np.pi * radius**2))
+    return (rng.random((count, 2)) - 0.5) * np.array(size)
 
 
 def render_dots(

@@ -95,7 +95,7 @@ class FeatureSeeds:
         to_complex = np.array([1.0, 1.0j])
         arm = (centre[:, None] - self.points[before][near]) @ to_complex
         place = points[after][near] @ to_complex + middle[:, None] * arm
-        position = np.stack([np.median(place.real, axis=1), np.median(place.imag, axis=1)], axis=1)
+        position = np.median([np.real(place), np.imag(place)], axis=2).T
         cosine, sine = middle.real, middle.imag
         turned = np.stack([cosine, -sine, sine, cosine], axis=1).reshape(-1, 2, 2)
         return Guess(position, turned)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float32, Int
 
 from estimation.images.seeds import FeatureSeeds, Guess, find_shift, flatten_light, stay
 from estimation.images.subsets import (
@@ -126,7 +126,7 @@ def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int) -> int:
     if (low >= high).any():
         return min(RADII[0], min(grey.shape) // 8)
     sample = np.random.default_rng(0).integers(low, high, (SAMPLE, 2))
-    sample = sample[count_clipped(grey, sample.astype(float), largest) < CLIPPED]
+    sample = sample[count_clipped(grey, sample.astype(float), float(largest)) < CLIPPED]
     for radius in RADII:
         if radius >= min(least, largest) and _recurs(grey, sample, radius).mean() < RARE:
             return radius
@@ -149,7 +149,7 @@ def lay_points(grey: Float32[np.ndarray, "h w"], style: SpeckleStyle) -> Lattice
     if len(centre) < 2 * PIECE:
         raise ValueError("the picture is too small for its texture")
     subsets = make_subsets(grey, centre, style.radius)
-    clipped = count_clipped(grey, subsets.centre, style.radius) > CLIPPED
+    clipped = count_clipped(grey, subsets.centre, float(style.radius)) > CLIPPED
     error = NOISE * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
     faint = ~clipped & (error > ERROR)
     again = np.zeros(len(centre), dtype=bool)
@@ -220,7 +220,7 @@ class SpeckleTracker:
             if found is not None:
                 match = _join(match, _follow(subsets, sampler, found, ~match.good))
                 match = self._spread(sampler, match)
-        clipped = count_clipped(grey, match.position, self.style.radius) > CLIPPED
+        clipped = count_clipped(grey, match.position, float(self.style.radius)) > CLIPPED
         match = _blank(match, match.good & ~clipped)
         match = _blank(match, self._fits(match))
         seen = int(match.good.sum())
@@ -308,13 +308,13 @@ def _follow(
         hopeful = correlate(subsets.take(part), sampler, *_take(guess, part)) > HOPEFUL
         part = part[hopeful]
     found = match_subsets(subsets.take(part), sampler, *_take(guess, part))
-    good = found.good & (found.correlation > LEAST)
-    whole = Match(*(np.full((count, *value.shape[1:]), np.nan) for value in found[:5]), tried)
-    for target, value in zip(whole[:5], found[:5], strict=True):
-        target[part] = value
     recognised = np.zeros(count, dtype=bool)
-    recognised[part] = good
-    return _blank(whole, recognised)
+    recognised[part] = found.good & (found.correlation > LEAST)
+    whole = []
+    for value in found[:5]:
+        whole.append(np.full((count, *value.shape[1:]), np.nan))
+        whole[-1][part] = value
+    return _blank(Match(*whole, good=recognised), recognised)
 
 
 def _take(guess: Guess, part: Int[np.ndarray, " k"]) -> Guess:
@@ -326,7 +326,7 @@ def _blank(match: Match, good: Bool[np.ndarray, " n"]) -> Match:
     values = [
         np.where(good.reshape(-1, *[1] * (value.ndim - 1)), value, np.nan) for value in match[:5]
     ]
-    return Match(*values, good)
+    return Match(*values, good=good)
 
 
 def _join(one: Match, other: Match) -> Match:
@@ -335,4 +335,4 @@ def _join(one: Match, other: Match) -> Match:
         np.where(one.good.reshape(-1, *[1] * (first.ndim - 1)), first, second)
         for first, second in zip(one[:5], other[:5], strict=True)
     ]
-    return Match(*values, one.good | other.good)
+    return Match(*values, good=one.good | other.good)

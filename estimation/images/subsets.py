@@ -22,6 +22,8 @@ STRAY = 0.6
 """Farthest a subset may go from its guess [subset radii]."""
 CLIPPED = (3.0, 250.0)
 """Grey levels, of 255, below and above which a pixel may be clipped."""
+ROUNDING = 1.0 / 12.0
+"""Least variance of a pixel, that of rounding to whole grey levels."""
 FINER, TAPS, KAISER = 3, 8, 5.0
 """How much finer pictures are made, and the length and the window of the filter that does it."""
 
@@ -106,7 +108,6 @@ def make_subsets(
         offset=offset.astype(np.float32),
         solve=(inverse @ jacobian).astype(np.float32),
         strength=np.linalg.norm(value, axis=1),
-        # as (u_x, G_xx, G_xy, u_y, …) would be no easier to use: u first, then G row by row
         unit=inverse[:, :6, :6],
     )
 
@@ -145,11 +146,13 @@ class Sampler:
             down = {"anchor": (0, middle), "borderType": cv2.BORDER_REPLICATE}
             self.fine[part::FINER] = cv2.filter2D(wide, -1, taps[:, None], **down)
 
-    def __call__(self, at: Float32[np.ndarray, "n p 2"]) -> Float32[np.ndarray, "n p"]:
+    def __call__(
+        self, x: Float32[np.ndarray, "n p"], y: Float32[np.ndarray, "n p"]
+    ) -> Float32[np.ndarray, "n p"]:
         """Grey levels at points of the picture [px]."""
-        fine = np.float32(FINER) * at
+        scale = np.float32(FINER)
         return cv2.remap(
-            self.fine, fine, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            self.fine, scale * x, scale * y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
 
 
@@ -217,8 +220,8 @@ def _gather(
     contrast = np.where(good, contrast, np.nan)
     explained = contrast * subsets.strength
     correlation = explained / np.sqrt(np.maximum(total, 1e-12))
-    rest = np.maximum(total - explained**2, 0.0) / (len(subsets.offset) - 8)
-    noise = np.sqrt(rest) / contrast
+    rest = (total - explained**2) / (len(subsets.offset) - 8)
+    noise = np.sqrt(np.maximum(rest, ROUNDING)) / contrast
     turn = np.zeros((len(place), 6, 6))
     turn[:, :2, :2] = turn[:, 2:4, 2::2] = shape
     turn[:, 2:, 2:] = np.einsum("nij,kl->nikjl", shape, np.eye(2)).reshape(-1, 4, 4)
@@ -267,8 +270,9 @@ def _sample(
     place: Float[np.ndarray, "n 2"],
     shape: Float[np.ndarray, "n 2 2"],
 ) -> Float32[np.ndarray, "n p"]:
-    spread = offset @ shape.astype(np.float32).transpose(0, 2, 1)
-    return sampler(spread + place.astype(np.float32)[:, None])
+    motion = np.concatenate([shape, place[..., None]], axis=2).astype(np.float32)
+    ahead = np.concatenate([offset, np.ones_like(offset[:, :1])], axis=1).T
+    return sampler(motion[:, 0] @ ahead, motion[:, 1] @ ahead)
 
 
 def _inside(

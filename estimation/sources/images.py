@@ -18,6 +18,7 @@ from estimation.sensor import Sensor
 from estimation.sources.corners import CornerReader
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
 from estimation.sources.pictures import Picture, read_pictures
+from estimation.sources.speckle import SpeckleReader
 from estimation.sources.stereo import StereoReader, find_view_flaw
 
 CONVENTION = (
@@ -115,8 +116,13 @@ class DotReader(MarkerReader):
         return region_of_dispersion(self.reference, position - self.reference.position)
 
 
-READERS: dict[str, type[MarkerReader]] = {"dots": DotReader, "corners": CornerReader}
-"""The kinds of markers there are."""
+READERS: dict[str, type[MarkerReader]] = {
+    "corners": CornerReader,
+    "dots": DotReader,
+    "speckle": SpeckleReader,
+}
+"""The kinds of markers there are, in the order in which they are looked for: the most regular
+first, since the cells of a checkerboard can pass for dots, and either for a texture."""
 
 
 def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
@@ -137,8 +143,7 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
         settings: what is known of the sensor.
 
     Raises:
-        ValueError: no pictures, no dots in rows in the first usable one, or a setting that does
-            not fit.
+        ValueError: no pictures, no markers in the first usable one, or a setting that does not fit.
         OSError: the source cannot be opened.
     """
     settings = ImageSettings() if settings is None else settings
@@ -173,17 +178,41 @@ def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
 
 
 def _make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
-    """The reader for the kind of markers that was given; dots by default."""
+    """The reader for the kind of markers that was given, or is found."""
     assert first.image is not None
     settings.sensor.expect_size(first.image.shape[1], first.image.shape[0])
     if settings.rig is not None:
         if settings.sensor.marker not in (None, "corners"):
             raise ValueError(f"{settings.sensor.marker} are not read in two views: use corners")
         return StereoReader(first, settings)
-    kind = "dots" if settings.sensor.marker is None else settings.sensor.marker
+    sensor = settings.sensor
+    kind = sensor.marker
+    if kind is None and (sensor.radius is not None or sensor.dark is not None):
+        kind = "dots"  # whose radius or polarity was given
+    if kind is None:
+        return _find_reader(first, settings)
     if kind not in READERS:
         raise ValueError(f"no markers of kind {kind!r}; there are {', '.join(READERS)}")
     return READERS[kind](first, settings)
+
+
+def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
+    """The reader for the first kind of markers that a picture shows."""
+    refusals = []
+    for kind, reader in READERS.items():
+        try:
+            found = reader(first, settings)
+        except ValueError as error:
+            refusals.append(f"{kind}: {error}")
+            continue
+        found.chosen = f"Nobody said what the markers are; {kind} were found."
+        if refusals:
+            found.chosen += f" Not found: {'; '.join(refusals)}."
+        return found
+    raise ValueError(
+        "no markers were found in the first usable frame, so that this sensor cannot be read by "
+        f"them. {'; '.join(refusals)}. Say what the markers are if they are there (--marker)"
+    )
 
 
 def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
@@ -217,5 +246,5 @@ def _to_recording(path: Path, reader: MarkerReader, rows: list[Row]) -> Recordin
         name=path.stem if path.parent.name == "" else f"{path.parent.name}-{path.stem}",
         source=str(path),
         convention=CONVENTION,
-        notes=(*reader.notes(), *lengths),
+        notes=(*((reader.chosen,) if reader.chosen else ()), *reader.notes(), *lengths),
     )

@@ -82,11 +82,13 @@ class MarkerReader(ABC):
         layout: the markers at rest.
         scale: what its rows' positions are multiplied by to be in the recording's unit.
         unit: of the recording's lengths, mm or px.
+        chosen: why this kind of markers is read, where nobody has said so.
     """
 
     layout: MarkerLayout
     scale: float
     unit: str
+    chosen: str = ""
 
     @abstractmethod
     def __init__(self, first: Picture, settings: ImageSettings) -> None:

@@ -56,7 +56,7 @@ def shop(tmp_path, monkeypatch) -> Path:
 def no_pip(monkeypatch):
     """Nothing can be downloaded any more."""
 
-    def refuse(folder):
+    def refuse(published, folder):
         raise AssertionError("downloaded again")
 
     monkeypatch.setattr(datasets, "_pip_download", refuse)
@@ -187,9 +187,10 @@ def test_the_manifest_names_plain_files_of_whole_recordings():
         for name, sha256 in published["files"].items():
             assert ".." not in name
             assert not name.startswith("/")
-            assert name.endswith((".npy", ".avi"))
+            assert name.endswith((".npy", ".avi", ".tiff"))
             assert len(sha256) == 64
-    assert set(datasets.NAMES) == {"tac3d-pivot", "tac3d-press", "pivot-videos"}
+    sets = {"tac3d-pivot", "tac3d-press", "pivot-videos", "pyvale-rigid-plate"}
+    assert set(datasets.NAMES) == sets
 
 
 @pytest.mark.parametrize(("name", "frames"), [("tac3d-pivot", [120, 114]), ("tac3d-press", [252])])
