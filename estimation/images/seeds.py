@@ -90,7 +90,7 @@ class FeatureSeeds:
         turn = turns[after] - self.turns[before]
         near = np.asarray(KDTree(self.points[before]).query(centre, AROUND)[1])
         unit = np.exp(1j * turn[near])
-        middle = np.median(unit.real, axis=1) + 1j * np.median(unit.imag, axis=1)
+        middle = np.median(np.real(unit), axis=1) + 1j * np.median(np.imag(unit), axis=1)
         middle /= np.maximum(np.abs(middle), 1e-9)
         to_complex = np.array([1.0, 1.0j])
         arm = (centre[:, None] - self.points[before][near]) @ to_complex
