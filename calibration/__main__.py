@@ -1,4 +1,4 @@
-"""Command line: `python -m calibration noise|softness|squeeze|stereo`."""
+"""Command line: `python -m calibration noise|softness|squeeze|field|design|stereo`."""
 
 import sys
 from pathlib import Path
@@ -10,6 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from calibration.experiment import read_experiment
+from calibration.field_fit import fit_fields
+from calibration.field_report import write_design, write_fit
+from calibration.identifiability import identify
 from calibration.noise import assess_noise, write_noise
 from calibration.softness import (
     ReferenceSettings,
@@ -182,12 +186,51 @@ def stereo(
     print(f"reprojection error {rig.error:.3f} px rms, written to {out / 'stereo.toml'}")
 
 
+_EXPERIMENT = typer.Option(help="TOML file, or a shipped example: tac3d_press, soft_ball.")
+
+
+@app.command()
+def field(
+    recording: Annotated[str, typer.Argument(help="Recording, or name of a data set.")],
+    experiment: Annotated[str, _EXPERIMENT],
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    starts: Annotated[int, typer.Option(min=1, help="Beginnings of the fit.")] = 1,
+) -> None:
+    """Fit numbers of a contact to the fields and forces of frames."""
+    check_writable(out)
+    wanted = read_experiment(experiment)
+    model, data = wanted.of(gather_recordings([recording], Settings(), console.print)[0].recording)
+    with console.status("compiling and fitting"):
+        fit = fit_fields(model, wanted.numbers, data, starts=starts, said=console.print)
+    write_fit(fit, data, model.markers, wanted.frames, out)
+    for line in fit.verdict:
+        print(line)
+    print(f"written to {out / 'report.html'}")
+
+
+@app.command()
+def design(
+    experiment: Annotated[str, _EXPERIMENT],
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+) -> None:
+    """Tell which numbers a planned experiment would determine, and what would help."""
+    check_writable(out)
+    wanted = read_experiment(experiment)
+    model, data = wanted.plan()
+    with console.status("compiling and solving"):
+        found = identify(model, wanted.numbers, data, wanted.design)
+    write_design(found, out)
+    lost = [name for name, known in zip(found.names, found.determined, strict=True) if not known]
+    print(f"not determined: {', '.join(lost)}" if lost else "everything sought is determined")
+    print(f"written to {out / 'report.html'}")
+
+
 def main() -> None:
     """Run the command line; what is wrong with the input goes to stderr, exit status 2."""
     jax.config.update("jax_enable_x64", True)
     try:
         app()
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RuntimeError) as error:
         console.print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
         sys.exit(2)
 

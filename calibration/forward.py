@@ -198,6 +198,7 @@ class FieldModel(eqx.Module):
         scene: makes the scene of its numbers.
         grid: cells; more than cover the contact, and cover the markers.
         frames: last steps of the path that are measured.
+        markers: their positions in the unloaded elastomer [mm].
         along_x: the markers' weights of the columns of the grid, and `along_y` of its rows.
         along_y: see there.
     """
@@ -205,6 +206,7 @@ class FieldModel(eqx.Module):
     scene: MakeScene = eqx.field(static=True)
     grid: Grid = eqx.field(static=True)
     frames: int = eqx.field(static=True)
+    markers: Float[np.ndarray, "n 2"]
     along_x: Float[np.ndarray, "n nx"]
     along_y: Float[np.ndarray, "n ny"]
 
@@ -229,6 +231,7 @@ class FieldModel(eqx.Module):
                     f"cells to {cells[-1]:.2f} mm: take a larger grid, or leave markers out"
                 )
         self.scene, self.grid, self.frames = scene, grid, frames
+        self.markers = markers
         self.along_x = make_interp_spline(grid.x, np.eye(len(grid.x)))(markers[:, 0])
         self.along_y = make_interp_spline(grid.y, np.eye(len(grid.y)))(markers[:, 1])
 

@@ -1,0 +1,175 @@
+"""What the fit of fields and the look at a design write: numbers, pictures, a page."""
+
+import base64
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from calibration.field_fit import FieldData, FieldFit
+from calibration.forward import UNITS
+from calibration.identifiability import Identifiability
+from estimation.files import write_whole
+from estimation.report import figure_png
+
+_MOST_FRAMES = 4
+_HELPS = 3
+
+
+def write_fit(
+    fit: FieldFit,
+    data: FieldData,
+    markers: Float[np.ndarray, "n 2"],
+    frames: tuple[int, ...],
+    folder: Path,
+) -> None:
+    """Write `field.json`, `report.html` and its pictures.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    rows = [_row(fit, i) for i in range(len(fit.names))]
+    summary = {
+        "numbers": rows,
+        "misfit": fit.misfit,
+        "model_describes_data": fit.trusted,
+        "converged": fit.converged,
+        "steps": fit.steps,
+        "share_of_starts_that_agree": fit.agreeing,
+        "covariance_of_coordinates": fit.covariance.tolist(),
+        "best": {name: np.asarray(value).tolist() for name, value in fit.best.items()},
+        "forces_N": {"measured": _plain(data.force), "model": fit.predicted.force.tolist()},
+        "moments_Nmm": {"measured": _plain(data.moment), "model": fit.predicted.moment.tolist()},
+        "verdict": fit.verdict,
+    }
+    images = {
+        "residuals.png": figure_png(plot_residuals(fit, data, markers, frames)),
+        "correlation.png": figure_png(plot_correlation(fit.names, fit.correlation)),
+    }
+    _write(folder, "field", images, summary, fit=fit, data=data, frames=frames)
+
+
+def write_design(found: Identifiability, folder: Path) -> None:
+    """Write `design.json`, `report.html` and its picture.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    rows = [
+        {
+            "name": name,
+            "unit": _unit(name),
+            "value": _figure(found.values[i]),
+            "determined": bool(found.determined[i]),
+            "low": _figure(found.low[i]) if found.determined[i] else None,
+            "high": _figure(found.high[i]) if found.determined[i] else None,
+            "standard_error_of_coordinate": _figure(found.errors[i]),
+            "shares": {what: _figure(share[i]) for what, share in found.shares.items()},
+            "helps": [list(one) for one in found.helps[name][:_HELPS]],
+        }
+        for i, name in enumerate(found.names)
+    ]
+    summary = {"numbers": rows, "unseen": list(found.unseen)}
+    images = {
+        "correlation.png": figure_png(plot_correlation(found.names, found.correlation)),
+    }
+    _write(folder, "design", images, summary)
+
+
+def plot_residuals(
+    fit: FieldFit,
+    data: FieldData,
+    markers: Float[np.ndarray, "n 2"],
+    frames: tuple[int, ...],
+) -> Figure:
+    """Measured displacement, and what the model leaves of it, of the first frames."""
+    count = min(len(frames), _MOST_FRAMES)
+    figure, axes = plt.subplots(
+        count, 4, figsize=(13.0, 3.0 * count), squeeze=False, layout="constrained"
+    )
+    for row, frame in enumerate(frames[:count]):
+        moved, left = data.displacement[row], 1e3 * fit.residual[row]
+        shown = (
+            (axes[row, 0], 1e3 * moved[:, 2], moved, f"frame {frame}: u_z [µm]", "viridis"),
+            (axes[row, 1], left[:, 0], None, "left of u_x [µm]", "RdBu"),
+            (axes[row, 2], left[:, 1], None, "left of u_y [µm]", "RdBu"),
+            (axes[row, 3], left[:, 2], None, "left of u_z [µm]", "RdBu"),
+        )
+        top = np.nanmax(np.abs(left))
+        for axis, value, arrows, title, colours in shown:
+            limits = {} if arrows is not None else {"vmin": -top, "vmax": top}
+            points = axis.scatter(*markers.T, c=value, s=26, marker="s", cmap=colours, **limits)
+            figure.colorbar(points, ax=axis, shrink=0.8)
+            if arrows is not None:
+                axis.quiver(*markers.T, arrows[:, 0], arrows[:, 1], angles="xy", width=4e-3)
+            axis.set(title=title, aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+    return figure
+
+
+def plot_correlation(names: tuple[str, ...], correlation: Float[np.ndarray, "p p"]) -> Figure:
+    """Correlations of what was sought."""
+    size = 3.0 + 0.4 * len(names)
+    figure, axis = plt.subplots(figsize=(size + 1.0, size), layout="constrained")
+    image = axis.imshow(correlation, cmap="RdBu", vmin=-1.0, vmax=1.0)
+    axis.set_xticks(range(len(names)), names, rotation=60, ha="right")
+    axis.set_yticks(range(len(names)), names)
+    if len(names) <= 12:
+        for (i, j), value in np.ndenumerate(correlation):
+            dark = abs(value) > 0.6
+            colour = "white" if dark else "black"
+            axis.text(j, i, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=8)
+    figure.colorbar(image, ax=axis, shrink=0.8, label="correlation")
+    return figure
+
+
+def _row(fit: FieldFit, i: int) -> dict[str, Any]:
+    return {
+        "name": fit.names[i],
+        "unit": _unit(fit.names[i]),
+        "determined": bool(fit.determined[i]),
+        "value": _figure(fit.values[i]),
+        "low": _figure(fit.low[i]),
+        "high": _figure(fit.high[i]),
+    }
+
+
+def _unit(name: str) -> str:
+    return UNITS.get(name.split("[")[0], "")
+
+
+def _figure(value: Any) -> float | None:
+    """Six digits, or none."""
+    return float(f"{value:.6g}") if np.isfinite(value) else None
+
+
+def _plain(values: np.ndarray | None) -> list | None:
+    return None if values is None else values.tolist()
+
+
+def _write(
+    folder: Path, kind: str, images: Mapping[str, bytes], summary: Mapping[str, Any], **others: Any
+) -> None:
+    """The result file, the pictures, and the page with the pictures inside."""
+    write_whole(folder / f"{kind}.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    for name, image in images.items():
+        write_whole(folder / name, image)
+    inline = {
+        name: "data:image/png;base64," + base64.b64encode(image).decode()
+        for name, image in images.items()
+    }
+    loaders = [jinja2.PackageLoader(package) for package in ("calibration", "estimation")]
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(loaders),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template(f"{kind}.html").render(images=inline, summary=summary, **others)
+    write_whole(folder / "report.html", page)

@@ -1,0 +1,82 @@
+"""Experiments in files, and what their commands write."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from calibration.__main__ import app
+from calibration.experiment import read_experiment
+from calibration.forward import Unknown
+from tests.cases import lift
+
+MINIMAL = """
+format_version = 1
+shape = "paraboloid"
+cells = 12
+size_mm = 11.0
+frames = [0]
+markers = { pitch_mm = 1.0, count = 7 }
+[numbers]
+shear_modulus = 0.2
+poisson_ratio = 0.5
+friction_coefficient = 0.6
+radius = 15.0
+approach = { start = 0.5, low = 0.1, high = 1.0, prior = [0.5, 0.01] }
+twist_deg = { start = 5.0, low = 1.0, high = 20.0 }
+"""
+
+
+def test_what_a_file_says(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(MINIMAL.replace("frames = [0]", "frames = [7, 9]").replace(
+        "low = 1.0", "per_frame = true, low = 1.0"))  # fmt: skip
+    experiment = read_experiment(str(path))
+    twist = experiment.numbers["twist"]
+    assert isinstance(twist, Unknown)
+    np.testing.assert_allclose(twist.start, np.radians([5.0, 5.0]))
+    assert experiment.numbers["approach"].prior == (0.5, 0.01)
+    model, data = experiment.of(lift(np.radians(np.linspace(0.0, 5.0, 6))))
+    assert model.frames == 2
+    assert data.displacement.shape == (2, len(model.markers), 3)
+    assert np.abs(model.markers).max() <= model.grid.x[-1]
+    for name in ("tac3d_press", "soft_ball"):
+        assert any(isinstance(one, Unknown) for one in read_experiment(name).numbers.values())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("format_version = 1\nsize = 3", "unknown key 'size'"),
+        ("format_version = 2", "format_version is not 1"),
+        ("format_version = 1\nshape = 'cube'", "no 'frames'"),
+        (MINIMAL + "colour = 3", "no number 'colour'"),
+        (MINIMAL.replace("high = 20.0", "high = 2.0"), "between the bounds"),
+    ],
+)
+def test_files_that_are_refused(tmp_path, wrong, message):
+    path = tmp_path / "wrong.toml"
+    path.write_text(wrong)
+    with pytest.raises(ValueError, match=message):
+        read_experiment(str(path))
+
+
+def test_a_frame_that_is_not_there(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(MINIMAL.replace("frames = [0]", "frames = [99]"))
+    with pytest.raises(ValueError, match="has rows 0 to"):
+        read_experiment(str(path)).of(lift(np.zeros(3)))
+
+
+def test_design_writes_numbers_and_a_page(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(MINIMAL)
+    said = CliRunner().invoke(app, ["design", "--experiment", str(path), "--out", str(tmp_path)])
+    assert said.exit_code == 0, said.output
+    assert "everything sought is determined" in said.output
+    written = json.loads((tmp_path / "design.json").read_text())
+    assert [row["name"] for row in written["numbers"]] == ["approach", "twist"]
+    page = (tmp_path / "report.html").read_text()
+    assert "data:image/png;base64" in page
+    assert "what would help most" in page
