@@ -31,6 +31,7 @@ from estimation.plots import (
 )
 from estimation.recording import Recording
 from estimation.result import Result, State
+from estimation.slip import accumulate_slip
 from estimation.virtual.recording import Truth
 
 FIRM_MARKERS = 10
@@ -47,6 +48,7 @@ COLUMNS = (
     "stick_markers",
     "contact_markers",
     "moment_Nmm",
+    "slip_deg",
 )
 
 
@@ -257,8 +259,11 @@ def _figures(result: Result, truth: Truth | None) -> dict[str, Any]:
     angle = np.degrees(result.angle[answered])
     half_width = np.degrees(result.high - result.low)[answered] / 2.0
     slipping = np.array([state == State.MACRO_SLIP for state in result.state])
+    slip = np.degrees(accumulate_slip(result))
+    slip = slip[np.isfinite(slip)]
     figures = {
         "answered": int(answered.sum()),
+        "slip_last_deg": _number(slip[-1] if len(slip) else np.nan),
         "states": {str(state): result.state.count(state) for state in State},
         "macro_slip_s": _spans(result.time - result.time[0], slipping),
         "angle_min_deg": _number(angle.min(initial=np.inf)),
@@ -311,6 +316,7 @@ def _table(results: Any, *, name_method: bool = False) -> str:
     writer.writerow(("method", *COLUMNS) if name_method else COLUMNS)
     for result in results:
         degrees = np.degrees(np.stack([result.angle, result.low, result.high], axis=1))
+        slip = np.degrees(accumulate_slip(result))
         for i, state in enumerate(result.state):
             row = (
                 f"{result.time[i]:.6f}",
@@ -322,6 +328,7 @@ def _table(results: Any, *, name_method: bool = False) -> str:
                 result.stick[i].sum(),
                 result.contact[i].sum(),
                 f"{result.moment[i]:.6f}",
+                f"{slip[i]:.6f}",
             )
             writer.writerow((result.method, *row) if name_method else row)
     return text.getvalue()

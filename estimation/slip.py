@@ -25,9 +25,27 @@ def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
     Returns:
         NaN outside the contact region and where the angle is unknown.
     """
+    return _slip_curl(result, frame, _count_starts(result)[frame])
+
+
+def accumulate_slip(result: Result) -> Float[np.ndarray, " frames"]:
+    """How far the object has turned over the gel [rad, counter-clockwise].
+
+    Half the curl of the slip, the median over the contact: the object's angle less that of the gel
+    under it, since the angle has been counted. NaN without contact and where the angle is unknown.
+    """
+    slip, starts = np.full(len(result.time), np.nan), _count_starts(result)
+    for frame in np.flatnonzero(result.answered & result.contact.any(axis=1)):
+        curl = _slip_curl(result, int(frame), starts[frame])
+        curl = curl[np.isfinite(curl)]
+        if len(curl):
+            slip[frame] = 0.5 * np.median(curl)
+    return slip
+
+
+def _slip_curl(result: Result, frame: int, start: int | None) -> Float[np.ndarray, " n"]:
     stiffness_ratio = float(result.stiffness_ratio[frame])
     load_term = float(result.load_term[frame])
-    start = _counted_from(result, frame)
     rotation = result.rotation[frame] - (0.0 if start is None else result.rotation[start])
     curl = slip_curl_of_rotation(
         rotation, stiffness_ratio, load_term, clockwise=-float(result.angle[frame])
@@ -35,12 +53,18 @@ def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
     return np.where(result.contact[frame], np.asarray(curl), np.nan)
 
 
-def _counted_from(result: Result, frame: int) -> int | None:
-    """The frame of this contact whose angle was set to zero; None for the unloaded shape."""
+def _count_starts(result: Result) -> list[int | None]:
+    """For each frame the one of its contact at which the angle was set to zero.
+
+    None for the unloaded shape.
+    """
     zero = np.asarray(object_rotation(0.0, result.stiffness_ratio, result.load_term))
-    for i in range(frame, -1, -1):
-        if result.state[i] == State.NO_CONTACT:
-            return None
-        if result.angle[i] == zero[i]:
-            return i
-    return None
+    starts: list[int | None] = []
+    start = None
+    for i, state in enumerate(result.state):
+        if state == State.NO_CONTACT:
+            start = None
+        elif result.angle[i] == zero[i]:
+            start = i
+        starts.append(start)
+    return starts

@@ -7,6 +7,7 @@ from estimation.estimators.incremental import MAX_KEYFRAMES
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
 from estimation.result import State
+from estimation.slip import accumulate_slip
 from estimation.softness import ScalarSoftness
 from estimation.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
@@ -114,6 +115,16 @@ def test_the_outline_takes_over_without_a_jump_and_hands_back():
     assert np.abs(np.diff(found)[30:]).max() < 2.5
     held = (np.degrees(result.low) <= angle) & (angle <= np.degrees(result.high))
     assert held[25:].mean() > 0.8
+
+
+def test_the_slip_grows_by_what_the_object_turns_over_gel_that_stands_still():
+    recording, angle = ellipsoid_slips()
+    slip = np.degrees(accumulate_slip(estimate_angles(recording, "tracked", noise=MICRON)))
+    # the outline's own error, as above
+    assert slip[38] - slip[26] == pytest.approx(angle[38] - angle[26], abs=1.5)
+    # before and after, gel that sticks turns along
+    assert abs(slip[18] - slip[10]) < 2.5
+    assert np.isnan(slip).sum() == 0
 
 
 def test_the_outline_is_the_objects_and_the_softness_correction_the_gels():
