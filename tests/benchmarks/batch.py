@@ -42,6 +42,7 @@ def measure(cases: int, cells: int, dtype: jnp.dtype, rtol: float) -> list[str]:
     """The cells of a row."""
     grid = Grid((cells, cells), (SIDE, SIDE))
     ratio = FRICTION * 2.0 / np.pi * RADIUS / CURVATURE * 2.0  # μp0/2G, p0 = (2/π) E* a/R, E* = 4G
+    friction = jnp.asarray(FRICTION, dtype)
     stick = np.linspace(0.9, 0.5, cases)
     twists = jnp.asarray([float(lubkin_twist(c, ratio)) for c in stick], dtype)
 
@@ -50,7 +51,7 @@ def measure(cases: int, cells: int, dtype: jnp.dtype, rtol: float) -> list[str]:
         pose = Pose(jnp.asarray(RADIUS**2 / CURVATURE, dtype), zero, twist, zero, linear=True)
         body, ball = HalfSpace(1.0, 0.5), Paraboloid(CURVATURE)
         return solve_contact(
-            body, Rigid(), ball, pose, grid, FRICTION, rtol=rtol, throw=False
+            body, Rigid(), ball, pose, grid, friction, rtol=rtol, throw=False
         ).moment
 
     one, many = jax.jit(moment), jax.jit(jax.vmap(moment))
