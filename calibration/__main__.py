@@ -1,4 +1,4 @@
-"""Command line: `python -m calibration noise|softness|squeeze|field|design|stereo`."""
+"""Command line: `python -m calibration noise|sensor|softness|squeeze|field|design|stereo`."""
 
 import sys
 from pathlib import Path
@@ -15,6 +15,7 @@ from calibration.field_fit import fit_fields
 from calibration.field_report import write_design, write_fit
 from calibration.identifiability import identify
 from calibration.noise import assess_noise, write_noise
+from calibration.sensor import calibrate_sensor, fit_lens
 from calibration.softness import (
     ReferenceSettings,
     fit_objects,
@@ -35,6 +36,7 @@ from estimation.images.stereo import write_rig
 from estimation.noise import Noise
 from estimation.recording import Recording
 from estimation.run import Settings, gather_recordings
+from estimation.sensor import write_sensor
 from estimation.softness_fit import LOAD_MODELS
 
 app = typer.Typer(
@@ -223,6 +225,31 @@ def design(
     lost = [name for name, known in zip(found.names, found.determined, strict=True) if not known]
     print(f"not determined: {', '.join(lost)}" if lost else "everything sought is determined")
     print(f"written to {out / 'report.html'}")
+
+
+@app.command()
+def sensor(
+    unloaded: Annotated[Path, typer.Argument(help="Pictures of the pad that nothing touches.")],
+    pitch_mm: Annotated[
+        float | None, typer.Option(help="Distance of neighbouring dots [mm]; else all is in px.")
+    ] = None,
+    boards: Annotated[
+        Path | None, typer.Option(help="Pictures of a checkerboard in several poses: the lens.")
+    ] = None,
+    rows: Annotated[int, typer.Option(help="Rows of its inner corners.")] = 6,
+    columns: Annotated[int, typer.Option(help="Columns of its inner corners.")] = 9,
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+) -> None:
+    """Find lens, scale, marker layout and noise and write them to sensor.toml, for --sensor."""
+    check_writable(out)
+    lens = None
+    if boards is not None:
+        lens, error = fit_lens(boards, (rows, columns))
+        print(f"lens: reprojection error {error:.3f} px rms")
+    found = calibrate_sensor(unloaded, pitch_mm, lens)
+    write_sensor(found.sensor, out / "sensor.toml")
+    for line in (*found.remarks, f"written to {out / 'sensor.toml'}"):
+        print(line)
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ ITEMS = {
     ),
     "marker_images": ("corners", "pivots"),
     "softness": ("virtual", "pivot"),
-    "virtual_pivots": ("accuracy", "reversal"),
+    "virtual_pivots": ("accuracy", "reversal", "rendered"),
 }
 """Items of each paper, modules of its package."""
 

@@ -45,7 +45,7 @@ def test_reversals_are_followed():
 
 
 def test_command(monkeypatch, tmp_path):
-    monkeypatch.setattr(settings, "QUICK_DRAWS", {"accuracy": 1, "reversal": 2})
+    monkeypatch.setattr(settings, "QUICK_DRAWS", {"accuracy": 1, "reversal": 2, "rendered": 1})
     monkeypatch.setattr(settings, "ANGLES_DEG", (5, 10))
     arguments = ["papers", "run", "virtual_pivots", "--quick", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)
@@ -55,6 +55,9 @@ def test_command(monkeypatch, tmp_path):
     names = {path.name for path in (tmp_path / "virtual_pivots").iterdir()}
     assert names == {
         "accuracy.png",
+        "rendered.png",
+        "rendered.csv",
+        "rendered_angles.csv",
         "accuracy.csv",
         "accuracy_angles.csv",
         "reversal.png",

@@ -1,0 +1,145 @@
+"""Error of each method on rendered pictures of virtual pivots: from grey levels to the angle.
+
+640×480 pixels, 400 dots 22 px apart, radius 4.3 px, blur 1 px, 120 grey levels of contrast and
+noise of 2; contact radius 5 mm, μp0/2G* = 0.3. Each draw lays the grid at random under the object
+and renders the resting pad and the pad pressed and twisted; dots, identities, contact region and
+angle are found from the two pictures alone.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+
+from estimation.estimators import METHODS
+from estimation.images.render import Camera, project_discs, render_dots
+from estimation.noise import Noise
+from estimation.recording import Frame, MarkerLayout
+from estimation.sensor import Sensor
+from estimation.sources.images import DotReader
+from estimation.sources.markers import ImageSettings
+from estimation.sources.pictures import Picture
+from estimation.tracker import Tracker
+from estimation.virtual.recording import PivotModel, deform, lay_out_markers
+from papers.items import Track
+from papers.virtual_pivots import settings
+
+CAMERA = Camera(mm_per_px=1.0 / 22.0)
+RADIUS = 4.3 * CAMERA.mm_per_px
+POSITION_NOISE = 0.0085 * CAMERA.mm_per_px
+"""Cramér–Rao bound of a dot's position at this noise [mm]."""
+
+
+class Rendered(NamedTuple):
+    """Draws; where the truth has too few sticking markers, `counts` is false.
+
+    Attributes:
+        angle: true angles [deg].
+        error: estimate minus truth, minus the truth where there is no answer [deg].
+        answered: which draws were answered.
+        counts: which draws count.
+        seen: dots that were recognised.
+    """
+
+    angle: Float[np.ndarray, " angles"]
+    error: Float[np.ndarray, "angles draws methods"]
+    answered: Bool[np.ndarray, "angles draws methods"]
+    counts: Bool[np.ndarray, "angles draws"]
+    seen: Float[np.ndarray, "angles draws"]
+
+
+def compute(quick: bool = False, track: Track = iter) -> Rendered:
+    """Render and estimate."""
+    rng = np.random.default_rng(0)
+    draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["rendered"]
+    angles = settings.ANGLES_DEG[3::12] if quick else settings.ANGLES_DEG
+    shape = (len(angles), draws)
+    error = np.zeros((*shape, len(METHODS)))
+    answered, counts, seen = np.zeros(error.shape, bool), np.zeros(shape, bool), np.zeros(shape)
+    for case in track(list(np.ndindex(shape))):
+        truth = float(angles[case[0]])
+        model = PivotModel(friction_ratio=0.3, offset=tuple(rng.uniform(-0.5, 0.5, 2)))
+        layout, frame, stick = photograph(model, float(np.radians(truth)), rng)
+        counts[case] = stick >= settings.FIRM_MARKERS
+        seen[case] = frame.valid.sum()
+        for i, method in enumerate(METHODS):
+            angle = Tracker(layout, method, noise=Noise.given(POSITION_NOISE)).update(frame).angle
+            answered[(*case, i)] = np.isfinite(angle)
+            error[(*case, i)] = np.degrees(np.nan_to_num(angle)) - truth
+    return Rendered(np.array(angles, dtype=float), error, answered, counts, seen)
+
+
+def photograph(
+    model: PivotModel, angle: float, rng: np.random.Generator
+) -> tuple[MarkerLayout, Frame, int]:
+    """What a camera and the reader make of a pivot: layout, frame, and how many markers stick."""
+    layout = lay_out_markers(model)
+    stick = deform(model, layout, np.ones(1), np.array([angle]))[1].stick[0]
+
+    def move(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        flat = np.column_stack([points, np.zeros(len(points))])
+        some = MarkerLayout(flat, np.full((len(flat), 1), -1))
+        return deform(model, some, np.ones(1), np.array([angle]))[0][0][:, :2]
+
+    def render(path: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        centres, axes = project_discs(CAMERA, path, layout.reference[:, :2], RADIUS)
+        return render_dots(CAMERA, centres, axes, rng)
+
+    rest = Picture(render(lambda points: points), 0.0, 0)
+    now = Picture(render(move), 1.0, 1)
+    reader = DotReader(rest, ImageSettings(Sensor(mm_per_px=CAMERA.mm_per_px)))
+    reader.read(rest)
+    row = reader.read(now)
+    frame = Frame(
+        positions=reader.scale * row.position,
+        valid=np.isfinite(row.position[:, 0]),
+        time=1.0,
+        source_index=1,
+        flaw=row.flaw,
+        contact=row.contact,
+    )
+    return reader.layout, frame, int(stick.sum())
+
+
+def tables(result: Rendered) -> dict[str, list[dict[str, object]]]:
+    """One row per method over all angles, and one per angle."""
+    counted = result.counts
+    methods = [
+        {
+            "method": method,
+            "draws": int(counted.sum()),
+            "answered [%]": round(100 * float(result.answered[counted][:, i].mean()), 1),
+            "mean absolute error [°]": round(float(np.abs(result.error[counted][:, i]).mean()), 4),
+            "largest [°]": round(float(np.abs(result.error[counted][:, i]).max()), 3),
+        }
+        for i, method in enumerate(METHODS)
+    ]
+    angles = [
+        {"angle [°]": int(angle), "draws": int(counted[a].sum()), "dots": int(result.seen[a].min())}
+        | {
+            method: round(float(np.abs(result.error[a][counted[a]][:, i]).mean()), 4)
+            for i, method in enumerate(METHODS)
+        }
+        for a, angle in enumerate(result.angle)
+        if counted[a].any()
+    ]
+    return {"": methods, "_angles": angles}
+
+
+def plot(result: Rendered) -> Figure:
+    """Mean absolute error over the angle."""
+    figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
+    firm = result.counts.any(axis=1)
+    for i, method in enumerate(METHODS):
+        error = [
+            np.abs(result.error[a][result.counts[a]][:, i]).mean() for a in np.flatnonzero(firm)
+        ]
+        axis.semilogy(result.angle[firm], error, "o-", label=method)
+    axis.set_xlabel("object's angle [°]")
+    axis.set_ylabel("mean absolute error [°]")
+    axis.grid(alpha=0.3, which="both")
+    axis.legend(fontsize=8)
+    return figure
