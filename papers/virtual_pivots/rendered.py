@@ -119,10 +119,14 @@ def tables(result: Rendered) -> dict[str, list[dict[str, object]]]:
         for i, method in enumerate(METHODS)
     ]
     angles: list[dict[str, object]] = [
-        {"angle [°]": int(angle), "draws": int(counted[a].sum()), "dots": int(result.seen[a].min())}
-        | {
-            method: round(float(np.abs(result.error[a][counted[a]][:, i]).mean()), 4)
-            for i, method in enumerate(METHODS)
+        {
+            "angle [°]": int(angle),
+            "draws": int(counted[a].sum()),
+            "fewest dots": int(result.seen[a].min()),
+            **{
+                method: round(float(np.abs(result.error[a][counted[a]][:, i]).mean()), 4)
+                for i, method in enumerate(METHODS)
+            },
         }
         for a, angle in enumerate(result.angle)
         if counted[a].any()
