@@ -23,6 +23,7 @@ from contactmodel.normal import pressure_residual, solve_pressure
 
 MAX_TURNS = 60
 _FORCING = 0.03  # tolerance of both solvers by the residual of the turn before
+_FLOOR = 0.5  # the least, by that of the whole: at 1, what one leaves can keep the other above it
 _APPROACH = 0.7  # residual after a turn by that before; above it, the next turn takes half as much
 
 
@@ -100,8 +101,8 @@ def _take_turns(
     coupled = jnp.any(compliance.coupling != 0.0)
 
     def tolerance(found: Tractions) -> Array:
-        before = jnp.minimum(jnp.where(coupled, found.normal.residual, 0.0), _FORCING)
-        return jnp.maximum(_FORCING * before, rtol)
+        before = jnp.minimum(found.normal.residual, _FORCING)
+        return jnp.where(coupled, jnp.maximum(_FORCING * before, _FLOOR * rtol), rtol)
 
     def turn(state: _State) -> _State:
         found, held, share = state
@@ -112,7 +113,9 @@ def _take_turns(
         traction, tangential = solve_traction(
             compliance, drive, load.friction * pressure, start=found.traction, **how
         )
-        pressed, rubbed = (end.residual <= how["rtol"] for end in (normal, tangential))
+        pressed, rubbed = (
+            end.residual <= jnp.maximum(how["rtol"], rtol) for end in (normal, tangential)
+        )
         residual = pressure_residual(compliance, load.gap + compliance.lift(traction), pressure)
         normal = _add(found.normal, normal)._replace(residual=residual)
         slow = residual > _APPROACH * found.normal.residual

@@ -244,6 +244,15 @@ def test_full_slip_under_a_finite_rotation_carries_what_friction_can():
     assert not path.stick[29].any()
 
 
+@pytest.mark.parametrize("approach", [0.305, 0.31, 0.32])
+def test_pressure_and_traction_settle_on_each_other_at_every_step(approach):
+    """A traction within its tolerance must not keep the pressure just outside of its own."""
+    poses = [Pose(approach), Pose(approach, twist=np.radians(30.0)), Pose(approach, twist=0.0)]
+    path = solve_path(PAD, STEEL, BALL, make_path(poses, [30, 30]), GRID, 0.1)
+    assert float(jnp.max(path.normal.residual)) <= 1e-8
+    assert float(jnp.max(path.friction.residual)) <= 1e-8
+
+
 def test_at_rest_everything_sticks():
     poses = [PRESSED, PRESSED]
     turned = solve_contact(PAD, STEEL, BALL, poses[0], GRID, 0.1)
