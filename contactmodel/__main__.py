@@ -53,7 +53,7 @@ def simulate(
         ]
         write_results(stack_steps(solutions), out)
     except (OSError, ValueError, RuntimeError) as error:
-        errors.print(f"[red]error:[/red] {escape(str(error))}", highlight=False)
+        errors.print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
         raise typer.Exit(2) from error
     apart = sum(not bool(solution.contact.any()) for solution in solutions)
     if apart:
