@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -185,7 +186,9 @@ def run(
         grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},
     )
-    inputs = gather_recordings(recordings or [], settings, say=console.print)
+    inputs = gather_recordings(
+        recordings or [], settings, say=console.print, answer=partial(print, flush=True)
+    )
     with Progress(console=console) as progress:
         outcome = run_all(inputs, out, settings, progress)
     for line in outcome.lines:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.fields import Fields, measure_fields
+from estimation.images.imprint import KEYFRAME_ERROR
 from estimation.recording import Recording
 from estimation.stencils import make_stencils
 
@@ -30,6 +31,8 @@ class Axis(NamedTuple):
         elongation: long over short axis of the outline [-]; NaN where unknown.
         curvature: of the object against the pad across the long axis [1/mm].
         reason: why there is no direction; empty where there is one.
+        drifts: whether the error is that of all that was added up since the first frame, and most
+            of it common to one frame and the next.
     """
 
     angle: float
@@ -37,6 +40,18 @@ class Axis(NamedTuple):
     elongation: float
     curvature: float
     reason: str = ""
+    drifts: bool = False
+
+
+def turn_error(before: Axis, after: Axis, readings: int = 1) -> float:
+    """Standard error of the turn from one sight of the axis, or the mean of some, to another [rad].
+
+    Of errors that add up from frame to frame only those count that came in between.
+    """
+    if not after.drifts:
+        return float(np.hypot(after.standard_error, before.standard_error / np.sqrt(readings)))
+    between = abs(after.standard_error**2 - before.standard_error**2)
+    return float(np.sqrt(between + (1.0 + 1.0 / readings) * KEYFRAME_ERROR**2))
 
 
 def find_axis(fields: Fields) -> Axis:
@@ -46,7 +61,9 @@ def find_axis(fields: Fields) -> Axis:
     and its curvature counts as unchanged.
     """
     angle, error = fields.imprint
-    return Axis(angle, error, np.nan, 1.0) if np.isfinite(angle) else measure_axis(fields)
+    if not np.isfinite(angle):
+        return measure_axis(fields)
+    return Axis(angle, error, np.nan, 1.0, drifts=True)
 
 
 class Outline(NamedTuple):

@@ -122,15 +122,16 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
 
 
 def plot_overview(
-    results: Mapping[str, Result], outlines: Mapping[str, Float[np.ndarray, " frames"]]
+    results: Mapping[str, Result],
+    outlines: Mapping[str, tuple[str, Float[np.ndarray, " frames"]]],
 ) -> Figure:
     """Angles of several recordings and of their contact outlines, each on its own clock.
 
-    An outline has no zero of its own: its curve starts on that of the markers.
+    An outline, or an imprint, has no zero of its own: its curve starts on that of the markers.
 
     Args:
         results: by recording.
-        outlines: directions of the outlines' long axes, by recording [rad].
+        outlines: what has been followed beside the markers, and its angle [rad], by recording.
     """
     figure, axis = plt.subplots(figsize=(9, 4.5), layout="constrained")
     for number, (name, result) in enumerate(results.items()):
@@ -140,11 +141,11 @@ def plot_overview(
         axis.fill_between(
             time, np.degrees(result.low), np.degrees(result.high), color=colour, alpha=0.3, lw=0
         )
-        outline = outlines[name]
+        what, outline = outlines[name]
         both = np.nonzero(result.answered & np.isfinite(outline))[0]
         if len(both):
             outline = outline - outline[both[0]] + result.angle[both[0]]
-            axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: outline")
+            axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: {what}")
         slip = np.array([state == State.MACRO_SLIP for state in result.state])
         level = np.full(len(time), np.nan)
         level[slip] = 0.0

@@ -31,7 +31,7 @@ from estimation.plots import (
 )
 from estimation.recording import Recording
 from estimation.result import Result, State
-from estimation.slip import accumulate_slip
+from estimation.slip import accumulate_slip, follow_gel
 from estimation.virtual.recording import Truth
 
 FIRM_MARKERS = 10
@@ -49,6 +49,8 @@ COLUMNS = (
     "contact_markers",
     "moment_Nmm",
     "slip_deg",
+    "gel_deg",
+    "imprint_deg",
 )
 
 
@@ -60,7 +62,7 @@ class Run:
         recording: the recording.
         results: by method, all over the same frames.
         method: the chosen method.
-        outline: direction of the contact's long axis [rad].
+        outline: direction of the contact's long axis, or rotation of the imprint [rad].
         settings: what the run was told, for the summary.
         notes: what a reader of the angles should know, in sentences.
         truth: of a virtual recording.
@@ -76,6 +78,11 @@ class Run:
     truth: Truth | None = None
     slips: Sequence[MacroSlip] = ()
 
+    @property
+    def turns(self) -> str:
+        """What `outline` is the direction of."""
+        return "contact outline" if self.recording.imprint is None else "imprint"
+
 
 def write_run(run: Run, folder: Path) -> None:
     """Write `angles.csv`, `angles_all.csv`, `margin.csv`, `summary.json`, `report.html`, pictures.
@@ -84,14 +91,16 @@ def write_run(run: Run, folder: Path) -> None:
         OSError: a file cannot be written; those that are there are whole.
     """
     main = run.results[run.method]
-    write_whole(folder / "angles.csv", _table([main]))
-    write_whole(folder / "angles_all.csv", _table(run.results.values(), name_method=True))
+    imprint = None if run.recording.imprint is None else run.recording.imprint[:, 0]
+    tables = _table([main], imprint), _table(run.results.values(), imprint, name_method=True)
+    write_whole(folder / "angles.csv", tables[0])
+    write_whole(folder / "angles_all.csv", tables[1])
     write_whole(folder / "margin.csv", _margins(main))
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     references = {}
     if np.isfinite(run.outline).any():
-        references["contact outline (from the first angle)"] = _outline_from(run.outline, main)
+        references[f"{run.turns} (from the first angle)"] = _outline_from(run.outline, main)
     if run.truth is not None:
         references["truth"] = run.truth.angle
     pictures = {
@@ -114,7 +123,7 @@ def write_overview(runs: Sequence[Run], folder: Path) -> None:
     """
     figure = plot_overview(
         {run.recording.name: run.results[run.method] for run in runs},
-        {run.recording.name: run.outline for run in runs},
+        {run.recording.name: (run.turns, run.outline) for run in runs},
     )
     image = figure_png(figure)
     write_whole(folder / "overview.png", image)
@@ -309,14 +318,17 @@ def _number(value: Any) -> float | None:
     return round(float(value), 6) if np.isfinite(value) else None
 
 
-def _table(results: Any, *, name_method: bool = False) -> str:
+def _table(
+    results: Any, imprint: Float[np.ndarray, " frames"] | None, *, name_method: bool = False
+) -> str:
     """Results as CSV, one row per frame and method."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("method", *COLUMNS) if name_method else COLUMNS)
     for result in results:
         degrees = np.degrees(np.stack([result.angle, result.low, result.high], axis=1))
-        slip = np.degrees(accumulate_slip(result))
+        turned = np.full(len(result.time), np.nan) if imprint is None else imprint
+        others = np.stack([accumulate_slip(result), follow_gel(result), turned], axis=1)
         for i, state in enumerate(result.state):
             row = (
                 f"{result.time[i]:.6f}",
@@ -328,7 +340,7 @@ def _table(results: Any, *, name_method: bool = False) -> str:
                 result.stick[i].sum(),
                 result.contact[i].sum(),
                 f"{result.moment[i]:.6f}",
-                f"{slip[i]:.6f}",
+                *(f"{value:.6f}" for value in np.degrees(others[i])),
             )
             writer.writerow((result.method, *row) if name_method else row)
     return text.getvalue()

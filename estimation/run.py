@@ -15,6 +15,7 @@ from estimation.estimators import DEFAULT_METHOD, METHODS
 from estimation.files import check_writable
 from estimation.grasp import compare_fingers
 from estimation.images.preview import write_preview
+from estimation.live import LiveAngles
 from estimation.noise import Noise, estimate_noise
 from estimation.onset import date_macro_slips, describe_slips
 from estimation.outline import follow_outline
@@ -23,7 +24,7 @@ from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_o
 from estimation.result import Estimate, Result, State
 from estimation.softness import Softness
 from estimation.sources import ImageSettings, find_recordings, read_recording
-from estimation.sources.pictures import is_pictures
+from estimation.sources.pictures import is_camera, is_pictures
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -74,14 +75,20 @@ class Outcome(NamedTuple):
 
 
 def gather_recordings(
-    names: Sequence[str], settings: Settings, say: Callable[[str], None]
+    names: Sequence[str],
+    settings: Settings,
+    say: Callable[[str], None],
+    answer: Callable[[str], None] | None = None,
 ) -> list[Input]:
     """Read every recording that was asked for, before anything is computed.
 
+    A camera is read until it goes or Ctrl-C comes.
+
     Args:
         names: paths of recordings or names of data sets; none for the virtual pivot.
-        settings: for the virtual pivot's seed.
+        settings: for the virtual pivot's seed, and what a camera's pictures are answered with.
         say: told what a data set's fetching has to say.
+        answer: told the angle of each picture of a camera as it comes, as a line.
 
     Raises:
         ValueError: what is there is no recording, or a data set cannot be fetched.
@@ -93,7 +100,22 @@ def gather_recordings(
     for name in names:
         is_dataset = name in datasets.NAMES and not Path(name).exists()
         paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
-    return [Input(read_recording(path, settings.images)) for path in paths]
+    return [
+        Input(
+            read_recording(
+                path,
+                settings.images,
+                _answer_live(settings, answer) if answer and is_camera(path) else None,
+            )
+        )
+        for path in paths
+    ]
+
+
+def _answer_live(settings: Settings, answer: Callable[[str], None]) -> LiveAngles:
+    return LiveAngles(
+        answer, settings.method, noise=settings.noise, **_tracking(settings, settings.method)
+    )
 
 
 def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Progress) -> Outcome:
@@ -135,6 +157,17 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
     return Outcome(lines, interrupted)
 
 
+def _tracking(settings: Settings, method: str) -> dict[str, Any]:
+    """What a tracker is told beside the noise."""
+    return {
+        "softness": settings.softness,
+        "onset_mm": settings.onset_mm,
+        "contact_share": settings.contact_share,
+        "stick_share": settings.stick_share,
+        **(settings.constants if method == settings.method else {}),
+    }
+
+
 class _Prepared(NamedTuple):
     """Trackers of a recording by method, the noise they were told, and what to note about it."""
 
@@ -155,11 +188,7 @@ def _prepare(recording: Recording, settings: Settings) -> _Prepared:
             recording.layout,
             method,
             noise=noise,
-            softness=settings.softness,
-            onset_mm=settings.onset_mm,
-            contact_share=settings.contact_share,
-            stick_share=settings.stick_share,
-            **(settings.constants if method == settings.method else {}),
+            **_tracking(settings, method),
         )
         for method in dict.fromkeys((settings.method, *METHODS))
     }

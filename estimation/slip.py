@@ -43,6 +43,21 @@ def accumulate_slip(result: Result) -> Float[np.ndarray, " frames"]:
     return slip
 
 
+def follow_gel(result: Result) -> Float[np.ndarray, " frames"]:
+    """Rotation of the gel under the contact since the angle has been counted [rad].
+
+    The median of φ, whether the gel sticks or not; NaN without contact.
+    """
+    gel, starts = np.full(len(result.time), np.nan), _count_starts(result)
+    for frame in np.flatnonzero(result.contact.any(axis=1)):
+        start = starts[frame]
+        rotation = result.rotation[frame] - (0.0 if start is None else result.rotation[start])
+        rotation = rotation[result.contact[frame] & np.isfinite(rotation)]
+        if len(rotation):
+            gel[frame] = np.median(rotation)
+    return gel
+
+
 def _slip_curl(result: Result, frame: int, start: int | None) -> Float[np.ndarray, " n"]:
     stiffness_ratio = float(result.stiffness_ratio[frame])
     load_term = float(result.load_term[frame])

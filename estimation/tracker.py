@@ -17,6 +17,8 @@ from estimation.stick import MIN_STICK_MARKERS, check_positive
 
 RIGID_OBJECT = ScalarSoftness()
 STICK_SHARE = 0.9
+LEAST_IN_VIEW = 12
+"""Markers of a contact that is cut by the edge of the view below which too little of it is seen."""
 
 
 class Tracker:
@@ -87,6 +89,9 @@ class Tracker:
             )
         if flaw := frame.flaw or self._find_flaw(frame):
             return self._label(frame, State.UNKNOWN, flaw)
+        cut = frame.contact is not None and reaches_edge(self.stencils.neighbours, frame.contact)
+        if cut and frame.contact.sum() < LEAST_IN_VIEW:
+            return self._label(frame, State.UNKNOWN, "too little of the contact is in view")
         if frame.valid.sum() < MIN_STICK_MARKERS:
             return self._label(frame, State.UNKNOWN, f"{frame.valid.sum()} usable markers")
         fields = measure_fields(
@@ -94,7 +99,7 @@ class Tracker:
         )
         gel = self.estimator.update(fields)
         state, reason = self._judge(fields, gel, told=frame.contact is not None)
-        if frame.contact is not None and reaches_edge(self.stencils.neighbours, frame.contact):
+        if cut:
             reason = reason or "the contact reaches the edge of the view"
         contact = Contact(fields, frame.normal_force, gel.stick)
         try:

@@ -15,11 +15,13 @@ from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD
 from estimation.fields import Fields
 from estimation.noise import Noise
-from estimation.outline import Axis, find_axis, unwrap
+from estimation.outline import Axis, find_axis, turn_error, unwrap
 from estimation.stencils import Stencils
 from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
 
 MEMORY = 60
+WIDEST = np.radians(10.0)
+"""Half-width of the interval beyond which an angle is none [rad]."""
 
 
 class _Sight(NamedTuple):
@@ -99,7 +101,13 @@ class Tracked:
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
         self._sights.append(_Sight(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95))
-        return gel if np.isfinite(gel.angle) else self._hand_over(fields, axis, gel)
+        found = gel if np.isfinite(gel.angle) else self._hand_over(fields, axis, gel)
+        if found.high - found.low > 2.0 * WIDEST:
+            self.incremental.lose(fields)
+            self._sights.clear()
+            reason = f"the angle is not known to ±{np.degrees(WIDEST):.0f}° any more"
+            return Measurement.none(found.stick, reason)
+        return found
 
     def _forget(self) -> None:
         """Begin anew with the next contact."""
@@ -125,7 +133,7 @@ class Tracked:
         before = self._sights[-self.mature_age]
         turned = axis.angle - before.axis.angle
         apart = turned - self.gain * (angle - before.angle)
-        doubt = 3.0 * np.hypot(axis.standard_error, before.axis.standard_error)
+        doubt = 3.0 * turn_error(before.axis, axis)
         # an outline that stands still while the gel turns is not the object's, or unseen
         return bool(min(abs(apart), abs(turned)) > max(self.slip, doubt))
 
@@ -137,7 +145,7 @@ class Tracked:
         known = known[-self.mature_age :]
         offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in known]))
         angle = (axis.angle + offset) / self.gain
-        reading = axis.standard_error * np.sqrt(1.0 + 1.0 / len(known)) / self.gain
+        reading = turn_error(known[-1].axis, axis, len(known)) / self.gain
         error = float(np.hypot(reading, known[-1].error))
         stick = self._sticks_again(axis, gel.stick)
         if stick.any():
@@ -160,5 +168,5 @@ class Tracked:
             return none
         before = self._sights[-1 - increment.age].axis
         apart = (axis.angle - before.angle) - self.gain * increment.angle
-        doubt = 2.0 * np.hypot(axis.standard_error, before.standard_error)
+        doubt = 2.0 * turn_error(before, axis)
         return increment.stick if abs(apart) < max(0.5 * self.slip, doubt) else none

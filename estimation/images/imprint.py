@@ -28,7 +28,7 @@ KEYFRAME_ERROR = np.radians(0.3)
 the correlation lacks. Errors add up over keyframes."""
 CUT_ERROR = np.radians(2.0)
 """What a contact that is partly out of view adds to it [rad]."""
-LARGEST_ERROR = np.radians(8.0)
+LARGEST_ERROR = np.radians(4.5)
 """Standard error from which the imprint is given up [rad]."""
 LEAST_STEP = np.radians(12.0)
 """Rotation against the keyframe from which a new one is taken [rad]."""

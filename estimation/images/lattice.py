@@ -19,6 +19,8 @@ FIT = 0.06
 """Distance from a fitted lattice within which a dot is on it [pitches]."""
 DOUBT = 0.15
 """How far from its place at rest a lattice fitted beside it may have a dot [pitches]."""
+REGULAR, SMOOTH = 0.065, 0.02
+"""Largest and root mean square distance of dots at rest from rows bent by a lens [pitches]."""
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -160,6 +162,27 @@ def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 
 def _terms(index: Int[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 6"]:
     i, j = index.T.astype(float)
     return np.stack([np.ones_like(i), i, j, i * i, i * j, j * j], axis=1)
+
+
+def is_regular(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> bool:
+    """Whether dots, at least 30, lie on a lattice that only a lens bends: the gel is unloaded then.
+
+    A cubic has a lens's distortion to its first order, and what there is of print and mounting.
+
+    Args:
+        lattice: of the dots at rest, or about so.
+        place: where its dots are [px], NaN where not seen.
+    """
+    seen = np.isfinite(place[:, 0])
+    if seen.sum() < 30:
+        return False
+    index = lattice.coordinates[seen] / np.abs(lattice.coordinates).max()
+    i, j = (index - index.mean(axis=0)).T
+    terms = np.stack([i**a * j**b for a in range(4) for b in range(4 - a)], axis=1)
+    off = place[seen] - terms @ np.linalg.lstsq(terms, place[seen], rcond=None)[0]
+    squared = (off**2).sum(axis=1) / lattice.pitch**2
+    mean = squared.sum() / (len(squared) - terms.shape[1])
+    return bool(squared.max() < REGULAR**2 and mean < SMOOTH**2)
 
 
 class Reference(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 from estimation.recording import Recording
 from estimation.result import Result
 from estimation.sensor import Sensor
+from estimation.slip import follow_gel
 from estimation.sources.pictures import is_camera, read_pictures
 
 ENLARGED = 3
@@ -32,6 +33,7 @@ def write_preview(recording: Recording, result: Result, sensor: Sensor, path: Pa
     source = Path(recording.source)
     if is_camera(source):
         raise ValueError("a camera's pictures are not kept: there is no preview of them")
+    gel = np.degrees(follow_gel(result))
     rate = 1.0 / max(float(np.median(np.diff(recording.time))), 1e-3) if len(recording) > 1 else 25
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         draft = Path(folder) / path.name
@@ -39,7 +41,7 @@ def write_preview(recording: Recording, result: Result, sensor: Sensor, path: Pa
         for row, picture in zip(range(len(result.time)), read_pictures(source), strict=False):
             if picture.image is None:
                 continue
-            image = annotate(picture.image, recording, result, row, sensor)
+            image = annotate(picture.image, recording, result, row, sensor, float(gel[row]))
             if writer is None:
                 size = (image.shape[1], image.shape[0])
                 writer = cv2.VideoWriter(str(draft), cv2.VideoWriter.fourcc(*"MJPG"), rate, size)
@@ -52,7 +54,12 @@ def write_preview(recording: Recording, result: Result, sensor: Sensor, path: Pa
 
 
 def annotate(
-    picture: np.ndarray, recording: Recording, result: Result, row: int, sensor: Sensor
+    picture: np.ndarray,
+    recording: Recording,
+    result: Result,
+    row: int,
+    sensor: Sensor,
+    gel_deg: float,
 ) -> np.ndarray:
     """One picture, enlarged, with what was found drawn into it."""
     image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
@@ -70,7 +77,8 @@ def annotate(
         turned = np.degrees(recording.imprint[row, 0])
     texts = (
         f"frame {result.source_index[row]}  {result.state[row]}  {result.reason[row]}",
-        f"angle {angle:.1f} deg  imprint {turned:.1f} deg  difference {angle - turned:.1f} deg",
+        f"angle {angle:.1f}  gel {gel_deg:.1f}  imprint {turned:.1f}  "
+        f"imprint - gel {turned - gel_deg:.1f} deg",
     )
     for line, text in enumerate(texts):
         place = (8, image.shape[0] - 2 * LINE + (line + 1) * LINE - 8)

@@ -1,6 +1,6 @@
 """Recordings from pictures of markers."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,13 @@ from estimation.contact import reaches_edge
 from estimation.images.contact import region_of_dispersion, region_of_light
 from estimation.images.dots import DotStyle, to_grey
 from estimation.images.imprint import ImprintFollower
-from estimation.images.lattice import Reference, lay_reference, make_reference
+from estimation.images.lattice import (
+    Reference,
+    index_lattice,
+    is_regular,
+    lay_reference,
+    make_reference,
+)
 from estimation.images.style import find_dots, find_style
 from estimation.images.tracking import DotTracker
 from estimation.recording import Recording
@@ -27,8 +33,20 @@ CONVENTION = (
 )
 
 
+RESTING = 5
+"""Frames in a row in which the dots must lie regularly, and still, to be at rest."""
+RECOGNISED = 0.9
+"""Share of a picture's dots that must be among them."""
+STILL = 0.02
+"""Distance by which dots at rest may move from frame to frame [pitches]."""
+
+
 class DotReader(MarkerReader):
-    """Turns pictures of printed dots, one after the other, into marker positions."""
+    """Turns pictures of printed dots, one after the other, into marker positions.
+
+    Where a clip starts loaded the reference is guessed; as soon as the gel is seen at rest, that is
+    the reference of the whole clip.
+    """
 
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
         """Learn dots and reference from a picture.
@@ -45,6 +63,9 @@ class DotReader(MarkerReader):
         self.tracker = DotTracker(self.reference)
         self.imprint = ImprintFollower()
         self.light = False
+        self.lattice = index_lattice(self.reference.position)
+        self.guessed = self.reference.doubt is not None
+        self.resting, self.before = 0, self.reference.position
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale)
 
@@ -61,7 +82,12 @@ class DotReader(MarkerReader):
         seen = (match >= 0)[:, None]
         position = np.where(seen, straight[match], np.nan)
         in_picture = np.where(seen, dots.centre[match], np.nan)
+        if self.guessed:
+            most = seen.sum() >= RECOGNISED * len(straight)
+            self._look_for_rest(position if most else np.nan * position, picture.number)
         contact = self._contact(picture.image, position, in_picture)
+        if not contact.any():
+            self.imprint = ImprintFollower()
         turned = self.imprint.update(
             picture.image,
             dots.centre,
@@ -101,6 +127,26 @@ class DotReader(MarkerReader):
         size = (image.shape[1], image.shape[0])
         return make_reference(self.sensor.straighten(dots.centre), size, unloaded)
 
+    def _look_for_rest(self, position: Float[np.ndarray, "m 2"], number: int) -> None:
+        """Take the dots as the reference once they have been regular and still for long enough."""
+        moved = np.linalg.norm(position - self.before, axis=1)
+        still = np.nanmax(moved, initial=0.0) < STILL * self.reference.pitch
+        rests = is_regular(self.lattice, position[self.lattice.dot])
+        self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
+        self.before = position
+        if self.resting < RESTING:
+            return
+        self.guessed, doubt = False, self.reference.doubt
+        known = np.isfinite(position[:, 0])
+        self.reference = self.reference._replace(
+            position=np.where(known[:, None], position, self.reference.position),
+            doubt=doubt if doubt is None else np.where(known, 0.0, doubt),
+            note=f"The clip starts loaded: the reference is frame {number}, in which all dots lie "
+            "on a regular lattice and have come to rest.",
+        )
+        self.tracker.reference = self.reference
+        self.layout = self.reference.layout(self.scale)
+
     def _contact(
         self,
         image: Shaped[np.ndarray, "h w *colour"],
@@ -132,7 +178,13 @@ def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle
     return found if sensor.radius is None else found._replace(radius=sensor.radius)
 
 
-def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
+Watch = Callable[[MarkerReader, Row], None]
+"""Is told every row as it comes, and the reader that it comes from."""
+
+
+def read_images(
+    path: Path, settings: ImageSettings | None = None, watch: Watch | None = None
+) -> Recording:
     """Read a video, a folder of images or a camera as a recording of markers.
 
     Without a scale all lengths are in px. What has been read when a source breaks off, or when
@@ -141,6 +193,7 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
     Args:
         path: as for `read_pictures`.
         settings: what is known of the sensor.
+        watch: told what every picture has given before the next is taken.
 
     Raises:
         ValueError: no pictures, no markers in the first usable one, or a setting that does not fit.
@@ -157,8 +210,11 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
                 continue
             if reader is None:
                 reader = _make_reader(picture, settings)
-                rows += [reader.read(one) for one in waiting]
-            rows.append(reader.read(picture))
+            for one in (*waiting, picture):
+                rows.append(reader.read(one))
+                if watch is not None:
+                    watch(reader, rows[-1])
+            waiting.clear()
     except KeyboardInterrupt:
         if not rows:
             raise

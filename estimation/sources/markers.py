@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from estimation.images.stereo import Rig
-from estimation.recording import MarkerLayout
+from estimation.recording import Frame, MarkerLayout
 from estimation.sensor import Sensor
 from estimation.sources.pictures import Picture
 
@@ -97,6 +97,20 @@ class MarkerReader(ABC):
     @abstractmethod
     def read(self, picture: Picture) -> Row:
         """What the next picture gives."""
+
+    def frame(self, row: Row) -> Frame:
+        """A row of this reader's as `Tracker.update` takes it."""
+        position = self.scale * row.position
+        return Frame(
+            positions=position,
+            valid=np.isfinite(position[:, 0]),
+            time=row.time,
+            source_index=row.number,
+            flaw=row.flaw,
+            contact=row.contact,
+            imprint=(row.imprint, row.imprint_error),
+            rotation=row.rotation,
+        )
 
     @abstractmethod
     def notes(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from estimation.inspection import inspect_recording
 from estimation.recording import Recording
 from estimation.sources.archive import SUFFIX, read_archive
-from estimation.sources.images import read_images
+from estimation.sources.images import Watch, read_images
 from estimation.sources.markers import ImageSettings
 from estimation.sources.pictures import is_camera, is_pictures
 from estimation.sources.tac3d import is_tac3d, read_tac3d
@@ -16,12 +16,15 @@ EXPECTED = (
 )
 
 
-def read_recording(path: str | Path, images: ImageSettings | None = None) -> Recording:
+def read_recording(
+    path: str | Path, images: ImageSettings | None = None, watch: Watch | None = None
+) -> Recording:
     """Read the one recording at `path` and inspect it.
 
     Args:
         path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
         images: what is known of the pictures.
+        watch: told what every picture has given before the next is taken.
 
     Raises:
         FileNotFoundError: there is nothing there, or an array is missing.
@@ -33,7 +36,7 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
         names = ", ".join(one.name for one in found)
         raise ValueError(f"{path} holds {len(found)} recordings ({names}): name one of them")
     if is_pictures(found[0]):
-        return inspect_recording(read_images(found[0], images))
+        return inspect_recording(read_images(found[0], images, watch))
     reader = read_tac3d if found[0].is_dir() else read_archive
     return inspect_recording(reader(found[0]))
 

@@ -18,7 +18,6 @@ from estimation.images.pattern import Pattern, render_pattern
 from estimation.images.render import Camera
 from estimation.images.stereo import Rig, View
 from estimation.noise import Noise
-from estimation.recording import Frame
 from estimation.sensor import Sensor
 from estimation.sources.corners import CornerReader
 from estimation.sources.markers import ImageSettings, MarkerReader
@@ -129,16 +128,7 @@ def photograph(setup: Setup, move: Motion, pattern: Pattern, rng: np.random.Gene
 
 
 def _estimate(setup: Setup, reader: MarkerReader, picture: Picture) -> list[float]:
-    row = reader.read(picture)
-    frame = Frame(
-        positions=reader.scale * row.position,
-        valid=np.isfinite(row.position[:, 0]),
-        time=row.time,
-        source_index=row.number,
-        flaw=row.flaw,
-        contact=row.contact,
-        rotation=row.rotation,
-    )
+    frame = reader.frame(reader.read(picture))
     noise = Noise.given(setup.noise)
     return [Tracker(reader.layout, method, noise=noise).update(frame).angle for method in METHODS]
 

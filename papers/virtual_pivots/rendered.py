@@ -93,15 +93,7 @@ def photograph(
     now = Picture(render(move), 1.0, 1)
     reader = DotReader(rest, ImageSettings(Sensor(mm_per_px=CAMERA.mm_per_px)))
     reader.read(rest)
-    row = reader.read(now)
-    frame = Frame(
-        positions=reader.scale * row.position,
-        valid=np.isfinite(row.position[:, 0]),
-        time=1.0,
-        source_index=1,
-        flaw=row.flaw,
-        contact=row.contact,
-    )
+    frame = reader.frame(reader.read(now))
     return reader.layout, frame, int(stick.sum())
 
 

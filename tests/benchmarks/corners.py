@@ -28,7 +28,6 @@ from estimation.images.placing import place_board
 from estimation.images.render import Camera
 from estimation.images.rings import find_saddles, read_rings
 from estimation.noise import Noise
-from estimation.recording import Frame
 from estimation.sensor import Sensor
 from estimation.sources.corners import CornerReader
 from estimation.sources.markers import ImageSettings
@@ -62,18 +61,8 @@ def main() -> None:
     clock = iter(range(10**6))
 
     def whole() -> None:
-        row = reader.read(Picture(turned, 0.0, 0))
-        number = next(clock)
-        tracker.update(
-            Frame(
-                positions=reader.scale * row.position,
-                valid=np.isfinite(row.position[:, 0]),
-                time=float(number),
-                source_index=number,
-                contact=row.contact,
-                rotation=row.rotation,
-            )
-        )
+        frame = reader.frame(reader.read(Picture(turned, 0.0, 0)))
+        tracker.update(replace(frame, time=float(next(clock))))
 
     grey, style, plan = to_light(turned), reader.tracker.style, reader.tracker.plan
     seeds = find_saddles(grey, style.radius).astype(float)
@@ -82,15 +71,7 @@ def main() -> None:
     corners = find_corners(grey, style)
     board = connect_corners(corners, style.pitch)
     cells = [read_cells(grey, corners, board, 0)]
-    row = reader.read(Picture(turned, 0.0, 0))
-    frame = Frame(
-        positions=reader.scale * row.position,
-        valid=np.isfinite(row.position[:, 0]),
-        time=0.0,
-        source_index=0,
-        contact=row.contact,
-        rotation=row.rotation,
-    )
+    frame = reader.frame(reader.read(Picture(turned, 0.0, 0)))
     stages: dict[str, Callable[[], object]] = {
         "picture to angle": whole,
         "  saddles": lambda: find_saddles(grey, style.radius),

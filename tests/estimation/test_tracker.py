@@ -182,3 +182,18 @@ def test_constants_left_alone_are_known():
     assert tracker.constants["window"] == 7
     assert tracker.constants["min_stick_markers"] == 3
     assert "gain" not in Tracker(domed_pad(), "tracked").constants
+
+
+def test_a_contact_that_is_mostly_out_of_view_is_not_answered():
+    recording = lift(ANGLES)
+    frame = list(recording)[10]
+    x = recording.layout.reference[:, 0]
+    corner = np.zeros(len(x), dtype=bool)
+    corner[np.argsort(x)[:10]] = True  # a row at the edge of the markers
+    cut = Tracker(recording.layout, noise=MICRON).update(replace(frame, contact=corner))
+    assert cut.state == State.UNKNOWN
+    assert "too little of the contact is in view" in cut.reason
+    assert np.isnan(cut.angle)
+    corner[np.argsort(x)[:40]] = True
+    seen = Tracker(recording.layout, noise=MICRON).update(replace(frame, contact=corner))
+    assert "edge of the view" in seen.reason

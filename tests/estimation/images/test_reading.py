@@ -10,8 +10,10 @@ from typer.testing import CliRunner
 
 from estimation.__main__ import app
 from estimation.images.imprint import ImprintFollower
+from estimation.live import HEADER
+from estimation.run import Settings, gather_recordings
 from estimation.sensor import Sensor
-from estimation.sources import ImageSettings, find_recordings, read_images, read_recording
+from estimation.sources import ImageSettings, read_images, read_recording
 from estimation.sources.pictures import read_pictures
 from tests.estimation.images.scenes import REST, picture, real, twisted
 
@@ -64,6 +66,24 @@ def test_video_and_folder_give_the_same(pictures, tmp_path):
     assert "unloaded" in " ".join(video.notes)
     assert not video.contact[0].any()
     assert video.contact[-1].any()
+
+
+def test_a_loaded_start_is_counted_from_the_rest_that_follows(tmp_path):
+    rng = np.random.default_rng(3)
+    angles = (8.0, 7.0, *(0.0,) * 6, 3.0)
+    images = [picture(twisted(angle, rigid=50.0), rng) for angle in angles]
+    settings = ImageSettings(Sensor(dark=True, radius=4.3))
+    recording = read_recording(write_folder(tmp_path / "clip", images), settings)
+    assert "the reference is frame 6" in " ".join(recording.notes)
+    assert recording.contact.any(axis=1)[[0, 1, 6, 7, 8]].tolist() == [
+        True,
+        True,
+        False,
+        False,
+        True,
+    ]
+    # against one frame at rest: as above, with noise from both
+    assert rotation_of_the_middle(recording) == pytest.approx(angles, abs=0.035)
 
 
 def test_scale_turns_px_to_mm(pictures, tmp_path):
@@ -138,26 +158,40 @@ def test_nothing_usable_is_refused(tmp_path):
         read_recording(write_folder(tmp_path / "flat", grey))
 
 
-def test_a_camera_that_goes_leaves_what_it_gave(pictures, monkeypatch):
+def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
+    pictures, monkeypatch, tmp_path, capsys
+):
+    told = []
+
     class Unplugged:
         def __init__(self, device):
             assert device == 0
-            self.left = list(pictures[:3])
+            self.left = [pictures[i] for i in (0, 1, 4, 5)]
 
         def isOpened(self):
             return True
 
         def read(self):
+            told.append(capsys.readouterr().out)  # what has been answered before this picture
             return (True, self.left.pop(0)) if self.left else (False, None)
 
         def release(self):
             pass
 
     monkeypatch.setattr(cv2, "VideoCapture", Unplugged)
-    (path,) = find_recordings(__import__("pathlib").Path("camera:0"))
-    recording = read_recording(path)
-    assert recording.flaws == ("", "", "", "the camera has gone")
-    assert recording.valid[:3].all()
+    settings = Settings(images=ImageSettings(Sensor(dark=True, radius=4.3)))
+    (found,) = gather_recordings(["camera:0"], settings, print, print)
+    assert found.recording.flaws == ("", "", "", "", "the camera has gone")
+    assert found.recording.valid[:4].all()
+    lines = [text.strip().splitlines() for text in (*told, capsys.readouterr().out)]
+    assert lines[0] == []
+    assert lines[1][0] == HEADER
+    assert [len(one) for one in lines[1:]] == [2, 1, 1, 1, 1]
+    cells = [one[-1].split(",") for one in lines[1:]]
+    assert [one[2] for one in cells[:2]] == ["no_contact"] * 2
+    assert "the camera has gone" in cells[4][-1]
+    # a dozen dots that stick, 35 px from their middle, 0.01 px each: 0.005°, and some slip unseen
+    assert [float(one[3]) for one in cells[2:4]] == pytest.approx([3.0, 4.0], abs=0.1)
 
 
 def test_wrong_settings_are_refused(pictures, tmp_path):
