@@ -10,6 +10,9 @@ from jaxtyping import Float
 from contactmodel.rotation import object_rotation, slip_curl_of_rotation
 from estimation.result import Result, State
 
+FEWEST = 5
+"""Markers that tell how far the gel has turned."""
+
 
 def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
     """rot(s) at each marker since the angle has been counted ([Li2024] Eq. 9) [rad].
@@ -44,17 +47,21 @@ def accumulate_slip(result: Result) -> Float[np.ndarray, " frames"]:
 
 
 def follow_gel(result: Result) -> Float[np.ndarray, " frames"]:
-    """Rotation of the gel under the contact since the angle has been counted [rad].
+    """Rotation of the gel where it has turned most, since the angle has been counted [rad].
 
-    The median of φ, whether the gel sticks or not; NaN without contact.
+    The median of φ over the tenth of the contact's markers, at least `FEWEST`, that have turned
+    furthest. Around what sticks, φ falls and changes sign, so that a mean over a contact drawn too
+    wide says little. Noise of φ adds up to twice itself. NaN without contact.
     """
     gel, starts = np.full(len(result.time), np.nan), _count_starts(result)
     for frame in np.flatnonzero(result.contact.any(axis=1)):
         start = starts[frame]
         rotation = result.rotation[frame] - (0.0 if start is None else result.rotation[start])
-        rotation = rotation[result.contact[frame] & np.isfinite(rotation)]
-        if len(rotation):
-            gel[frame] = np.median(rotation)
+        rotation = np.sort(rotation[result.contact[frame] & np.isfinite(rotation)])
+        most = max(len(rotation) // 10, FEWEST)
+        if len(rotation) >= most:
+            ends = np.median(rotation[:most]), np.median(rotation[-most:])
+            gel[frame] = max(ends, key=abs)
     return gel
 
 

@@ -21,7 +21,7 @@ ITEMS = {
         "reversals",
         "marker_depth",
     ),
-    "marker_images": ("corners", "pivots"),
+    "marker_images": ("corners", "pivots", "clips"),
     "softness": ("virtual", "pivot"),
     "virtual_pivots": ("accuracy", "reversal", "rendered"),
 }

@@ -20,3 +20,18 @@ FRICTION_RATIOS = (0.2, 0.3, 0.5)
 
 PIVOT_DRAWS, PIVOT_PITCH, FIRM_MARKERS = 1, 0.92, 10
 """Draws of each ratio; side of a cell [mm]; markers that must truly stick for a frame to count."""
+
+CLIP_FRAMES = (0, 30, 60, 90, 110, 150, 200, 300, 420)
+"""Frames of the published clips that the table shows."""
+
+REGISTERED = {
+    f"screw_driver_blue_gray/exp_num_1/camera_{camera}": dict(
+        zip((30, 60, 90, 120, 150, 180, 210, 240, 300), angles, strict=True)
+    )
+    for camera, angles in (
+        (0, (17.7, 18.1, 18.3, 18.1, 33.0, 36.1, 36.8, 35.7, 35.0)),
+        (2, (-11.5, -11.6, -11.3, -11.9, -24.8, -27.9, -28.9, -28.2, -28.5)),
+    )
+}
+"""Rotation of the handle's imprint since frame 0, by frame [deg, clockwise on the screen], ±1°: the
+edge image registered with the dots painted out, apart from this code, and looked at."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.noise import Noise
-from estimation.slip import find_slip_curl
+from estimation.slip import find_slip_curl, follow_gel
 from estimation.softness import ScalarSoftness
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
@@ -66,3 +66,13 @@ def test_a_contact_first_seen_slipped_is_counted_from_there(pivot):
     curl = find_slip_curl(result, 0)
     np.testing.assert_array_equal(curl[result.contact[0]], 0.0)
     assert np.isnan(curl[~result.contact[0]]).all()
+
+
+def test_the_gel_is_followed_where_it_sticks(pivot):
+    recording, truth, result = pivot
+    reversed_at = int(np.nanargmax(truth.angle))
+    gel = follow_gel(result)
+    firm = np.flatnonzero(truth.stick[:reversed_at].sum(axis=1) >= 10)
+    assert len(firm) > 10
+    # twice the noise of φ, 0.03°, and what the stencils lose to the slip around a small core
+    assert np.abs(gel[firm] - truth.angle[firm]).max() < np.radians(0.5)
