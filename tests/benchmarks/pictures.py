@@ -1,0 +1,230 @@
+"""Time from a decoded picture to the object's angle, for each kind of markers, on one core.
+
+`python -m tests.benchmarks.pictures [KIND…]`: a rendered pivot, twisted to 8° and back, read and
+answered frame by frame after one pass to warm up. Clip names of the data set `pivot-videos`, such
+as `screw_driver_blue_gray/exp_num_1/camera_0`, are real ones, imprint included.
+"""
+
+import os
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[name] = "1"  # before NumPy is imported
+os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from types import ModuleType
+from typing import NamedTuple
+from unittest.mock import patch
+
+import cv2
+import jax
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import estimation.images.corner_tracking as corner_tracking
+import estimation.images.speckle as speckle
+import estimation.images.style as style
+import estimation.sources.corners as corners
+import estimation.sources.images as images
+import estimation.sources.speckle as speckle_source
+from estimation import datasets
+from estimation.images.imprint import ImprintFollower
+from estimation.images.pattern import Pattern, render_pattern
+from estimation.images.render import Camera, project_discs, render_dots, scatter_speckle
+from estimation.images.tracking import DotTracker
+from estimation.noise import Noise
+from estimation.sensor import Sensor
+from estimation.sources.markers import ImageSettings
+from estimation.sources.pictures import Picture, read_pictures
+from estimation.tracker import Tracker
+from estimation.virtual.recording import PivotModel
+from estimation.virtual.surface import Motion, simulate_surface
+
+ANGLES_DEG = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
+PASSES = 6
+LARGE = Camera()
+SMALL = Camera(width=320, height=240)
+
+Owner = ModuleType | type
+STAGES: dict[str, list[tuple[str, Owner, str]]] = {
+    "dots": [
+        ("grey levels", images, "to_grey"),
+        ("seeds", style, "find_seeds"),
+        ("fit to the table", style, "fit_alike"),
+        ("fit in full", style, "fit_dots"),
+        ("which dot is which", DotTracker, "update"),
+        ("contact region", images.DotReader, "_contact"),
+        ("imprint", ImprintFollower, "update"),
+        ("angle (`tracked`)", Tracker, "update"),
+    ],
+    "corners": [
+        ("saddles and rings", corner_tracking, "find_corners"),
+        ("neighbours", corner_tracking, "connect_corners"),
+        ("cells", corner_tracking, "read_cells"),
+        ("place", corner_tracking, "place_board"),
+        ("contact region", corners, "region_of_dispersion"),
+        ("rotation", corners, "measure_rotation"),
+        ("angle (`tracked`)", Tracker, "update"),
+    ],
+    "speckle": [
+        ("guess", speckle.SpeckleTracker, "_guess"),
+        ("match", speckle, "match_subsets"),
+        ("clipped", speckle, "count_clipped"),
+        ("neighbours agree", speckle.SpeckleTracker, "_fits"),
+        ("rotation", speckle_source, "measure_rotation"),
+        ("angle (`tracked`)", Tracker, "update"),
+    ],
+}
+"""Functions whose time is told, none of which calls another."""
+
+
+class Case(NamedTuple):
+    """Pictures to read."""
+
+    name: str
+    kind: str
+    pictures: list[np.ndarray]
+    mm_per_px: float | None
+
+
+def main() -> None:
+    """Print a table for each kind."""
+    jax.config.update("jax_enable_x64", True)
+    cv2.setNumThreads(1)
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    for name in sys.argv[1:] or CASES:
+        measure(CASES[name]() if name in CASES else read_clip(name))
+
+
+def render_dot_pictures(camera: Camera, shape: tuple[int, int], pitch_px: float) -> Case:
+    """Dots in rows."""
+    pitch = pitch_px * camera.mm_per_px
+    y, x = np.mgrid[: shape[0], : shape[1]].reshape(2, -1)
+    centres = pitch * (np.stack([x, y], axis=1) - 0.5 * (np.array(shape[::-1]) - 1))
+    rng = np.random.default_rng(0)
+    taken = [
+        render_dots(
+            camera,
+            *project_discs(camera, lambda p, m=m: m(p)[:, :2], centres, 4.3 * camera.mm_per_px),
+            rng,
+        )
+        for m in motions(camera)
+    ]
+    return Case(f"{len(centres)} dots", "dots", taken, camera.mm_per_px)
+
+
+def render_corner_pictures() -> Case:
+    """A coded checkerboard."""
+    rng, pattern = np.random.default_rng(0), Pattern.coded((20, 20), 23.0 * LARGE.mm_per_px)
+    taken = [
+        render_pattern(LARGE, lambda p, m=m: LARGE.project(m(p)[:, :2]), pattern, rng)
+        for m in motions(LARGE)
+    ]
+    return Case("400 corners", "corners", taken, LARGE.mm_per_px)
+
+
+def render_speckle_pictures() -> Case:
+    """Speckle."""
+    rng, radius = np.random.default_rng(0), 2.0 * LARGE.mm_per_px
+    size = (LARGE.width + 80) * LARGE.mm_per_px, (LARGE.height + 80) * LARGE.mm_per_px
+    centres = scatter_speckle(size, radius, 0.45, rng)
+    taken = [
+        render_dots(LARGE, *project_discs(LARGE, lambda p, m=m: m(p)[:, :2], centres, radius), rng)
+        for m in motions(LARGE)
+    ]
+    return Case("speckle", "speckle", taken, LARGE.mm_per_px)
+
+
+def motions(camera: Camera) -> list[Motion]:
+    """What the pivot does to the surface; its contact fills a third of the picture's height."""
+    model = PivotModel(friction_ratio=0.3)
+    assert camera.mm_per_px == LARGE.mm_per_px
+    load = np.append(0.0, np.ones(len(ANGLES_DEG) - 1))
+    return simulate_surface(model, load, np.radians(ANGLES_DEG)).motions
+
+
+def read_clip(name: str) -> Case:
+    """The first frames of a published clip."""
+    root = datasets.fetch("pivot-videos").parents[1]
+    taken = [p.image for _, p in zip(range(100), read_pictures(root / f"{name}.avi"), strict=False)]
+    return Case(name, "dots", [one for one in taken if one is not None], None)
+
+
+CASES: dict[str, Callable[[], Case]] = {
+    "dots-320": lambda: render_dot_pictures(SMALL, (7, 10), 31.0),
+    "dots-640": lambda: render_dot_pictures(LARGE, (20, 20), 22.0),
+    "corners": render_corner_pictures,
+    "speckle": render_speckle_pictures,
+}
+
+
+def measure(case: Case) -> None:
+    """Time every frame and every stage, and print them."""
+    settings = ImageSettings(Sensor(marker=case.kind, mm_per_px=case.mm_per_px))
+    first, *others = (Picture(image, 0.0, 0) for image in case.pictures)
+    reader = images.READERS[case.kind](first, settings)
+    tracker = Tracker(reader.layout, noise=Noise.given(0.01 * reader.scale))
+    there_and_back = [first, *others, *others[::-1]]
+    number, spent, wall = 0, [], []
+    with timed_stages(case.kind) as stages:
+        for repeat in range(PASSES + 1):
+            if repeat == 1:
+                stages.update(dict.fromkeys(stages, 0.0))
+            for picture in there_and_back:
+                start, used = time.perf_counter(), time.process_time()
+                frame = reader.frame(reader.read(picture))
+                tracker.update(replace(frame, time=float(number)))
+                number += 1
+                if repeat:
+                    spent.append(time.process_time() - used)
+                    wall.append(time.perf_counter() - start)
+    total = float(np.sum(spent))
+    height, width = case.pictures[0].shape[:2]
+    console = Console()
+    console.print(
+        f"{case.name}, {width}×{height}: {len(spent) / total:.0f} frames/s by processor time, "
+        f"median {1e3 * np.median(spent):.2f} ms ({1e3 * np.median(wall):.2f} ms by the clock), "
+        f"99th percentile {1e3 * np.percentile(spent, 99):.2f} ms; {len(spent)} frames"
+    )
+    table = Table("stage", "mean [ms]", "share [%]")
+    stages["everything else"] = total - sum(stages.values())
+    for stage, value in stages.items():
+        table.add_row(stage, f"{1e3 * value / len(spent):.3f}", f"{100 * value / total:.0f}")
+    console.print(table)
+
+
+@contextmanager
+def timed_stages(kind: str) -> Iterator[dict[str, float]]:
+    """Add up the processor time that is spent in each stage [s]."""
+    spent = {stage: 0.0 for stage, _, _ in STAGES[kind]}
+
+    def timed(stage: str, call: Callable) -> Callable:
+        def wrapper(*args: object, **kwargs: object) -> object:
+            start = time.process_time()
+            value = call(*args, **kwargs)
+            spent[stage] += time.process_time() - start
+            return value
+
+        return wrapper
+
+    patches = [
+        patch.object(owner, name, timed(stage, getattr(owner, name)))
+        for stage, owner, name in STAGES[kind]
+    ]
+    for one in patches:
+        one.start()
+    try:
+        yield spent
+    finally:
+        for one in patches:
+            one.stop()
+
+
+if __name__ == "__main__":
+    main()
