@@ -89,8 +89,9 @@ class Tracker:
             )
         if flaw := frame.flaw or self._find_flaw(frame):
             return self._label(frame, State.UNKNOWN, flaw)
-        cut = frame.contact is not None and reaches_edge(self.stencils.neighbours, frame.contact)
-        if cut and frame.contact.sum() < LEAST_IN_VIEW:
+        told = frame.contact
+        cut = told is not None and reaches_edge(self.stencils.neighbours, told)
+        if told is not None and cut and told.sum() < LEAST_IN_VIEW:
             return self._label(frame, State.UNKNOWN, "too little of the contact is in view")
         if frame.valid.sum() < MIN_STICK_MARKERS:
             return self._label(frame, State.UNKNOWN, f"{frame.valid.sum()} usable markers")
@@ -98,7 +99,7 @@ class Tracker:
             self.stencils, frame, onset_mm=self.onset_mm, share=self.contact_share
         )
         gel = self.estimator.update(fields)
-        state, reason = self._judge(fields, gel, told=frame.contact is not None)
+        state, reason = self._judge(fields, gel, told=told is not None)
         if cut:
             reason = reason or "the contact reaches the edge of the view"
         contact = Contact(fields, frame.normal_force, gel.stick)

@@ -69,7 +69,7 @@ def test_a_contact_first_seen_slipped_is_counted_from_there(pivot):
 
 
 def test_the_gel_is_followed_where_it_sticks(pivot):
-    recording, truth, result = pivot
+    _, truth, result = pivot
     reversed_at = int(np.nanargmax(truth.angle))
     gel = follow_gel(result)
     firm = np.flatnonzero(truth.stick[:reversed_at].sum(axis=1) >= 10)
