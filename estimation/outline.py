@@ -83,7 +83,8 @@ class Outline(NamedTuple):
 def measure_axis(fields: Fields) -> Axis:
     """Long axis of the contact in one frame, from a quadratic through the indentation.
 
-    Refused where the contact has too few markers, is too round, or the shape fits too badly.
+    Markers count by how much deeper they are than the shallowest, so that the axis does not jump
+    where one of the rim comes or goes. Refused where the contact has too few markers, is too round, or the shape fits too badly.
     """
     nothing = Axis(np.nan, np.nan, np.nan, np.nan)
     points = fields.positions[fields.contact, :2]
@@ -91,10 +92,13 @@ def measure_axis(fields: Fields) -> Axis:
         return nothing._replace(reason=f"{len(points)} markers in contact")
     x, y = (points - points.mean(axis=0)).T
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    inverse = np.linalg.pinv(design.T @ design)
-    shape = inverse @ (design.T @ fields.indentation[fields.contact])
-    misfit = fields.indentation[fields.contact] - design @ shape
-    covariance = inverse[3:, 3:] * (misfit @ misfit) / (len(x) - 6)
+    depth = fields.indentation[fields.contact]
+    weights = depth - depth.min()
+    solve = np.linalg.pinv(design.T @ (weights[:, None] * design)) @ (design.T * weights)
+    shape = solve @ depth
+    misfit = depth - design @ shape
+    variance = float(weights @ misfit**2) / max(float(weights.sum()), 1e-30)
+    covariance = (solve @ solve.T)[3:, 3:] * variance * len(x) / (len(x) - 6)
     xx, xy, yy = shape[3:]
     spread = float(np.hypot(xx - yy, xy))
     short, long = xx + yy - spread, xx + yy + spread  # twice the principal values, both below 0

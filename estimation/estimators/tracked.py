@@ -128,12 +128,14 @@ class Tracked:
 
     def _overtaken(self, axis: Axis, angle: float) -> bool:
         """Whether the outline has lately turned away from markers that seem to stick."""
-        if len(self._sights) < self.mature_age:
+        if len(self._sights) < self.mature_age + 2:
             return False
-        before = self._sights[-self.mature_age]
-        turned = axis.angle - before.axis.angle
-        apart = turned - self.gain * (angle - before.angle)
-        doubt = 3.0 * turn_error(before.axis, axis)
+        # one outline may be wrong, in the first frames of a contact above all: the middle of three
+        before = list(self._sights)[-self.mature_age - 2 : -self.mature_age + 1]
+        turned = axis.angle - np.median([s.axis.angle for s in before])
+        apart = axis.angle - np.median([s.axis.angle - self.gain * s.angle for s in before])
+        apart -= self.gain * angle
+        doubt = 3.0 * turn_error(before[1].axis, axis)
         # an outline that stands still while the gel turns is not the object's, or unseen
         return bool(min(abs(apart), abs(turned)) > max(self.slip, doubt))
 
@@ -142,7 +144,8 @@ class Tracked:
         known = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
         if not (known and np.isfinite(axis.angle)):
             return self._at_a_loss(gel)
-        known = known[-self.mature_age :]
+        # the last of them may have slipped unseen
+        known = known[-3 * self.mature_age : -self.mature_age] or known
         offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in known]))
         angle = (axis.angle + offset) / self.gain
         reading = turn_error(known[-1].axis, axis, len(known)) / self.gain
