@@ -58,6 +58,16 @@ class Keyframe(NamedTuple):
             lag_high=self.lag_high + max(fit.lag, 0.0),
         )
 
+    def agrees(self, other: "Keyframe") -> bool:
+        """Whether the intervals of two angles of one frame have anything in common."""
+        return not (self.high < other.low or other.high < self.low)
+
+    def doubt(self, apart: float) -> "Keyframe":
+        """The keyframe, its angle in doubt by what another one's markers have turned beyond it."""
+        return self._replace(
+            lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart)
+        )
+
     @property
     def low(self) -> float:
         """Lower end of the angle's 95 % interval [rad]."""
@@ -169,7 +179,9 @@ class Incremental:
         """The frame counted from the best mature keyframe, and its markers that stick.
 
         The oldest serves while nine markers or more hold on to it; among weaker ones the one that
-        leaves the narrowest interval. While the angle is lost it is the newest, which forgets the
+        leaves the narrowest interval. What has stuck since an older keyframe has stuck since a newer
+        one too: where their intervals have nothing in common, the newer one was made while all but
+        the older one's markers slipped, and since then the object rests. While the angle is lost it is the newest, which forgets the
         slip soonest. Those that no longer hold are forgotten.
         """
         mature = [i for i, k in enumerate(self.keyframes) if self._age(k) >= self.mature_age]
@@ -183,6 +195,9 @@ class Incremental:
                 broken.append(i)
                 continue
             now = self.keyframes[i].advance(fields, self.number, fit)
+            if best is not None and not best[2].agrees(now):
+                self.keyframes[i] = self.keyframes[i].doubt(best[2].angle - now.angle)
+                continue
             width = float(np.nan_to_num(now.high - now.low, nan=np.inf))
             if best is None or width < best[0]:
                 best = width, i, now, fit
