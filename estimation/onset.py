@@ -36,12 +36,18 @@ LEAST_MARKERS = 12
 WORST_MISFIT = 2.0
 """Misfit over noise from which the motion is not a disc's [-]."""
 
+SCALE = np.array([0.1, 0.1, 0.1, 0.01])
+"""Of the disc's axis, radius and rotation, in pitches and radians."""
+
+MOST_STEPS = 20
+"""Evaluations of the misfit in one fit of a disc."""
+
 LARGEST_ERROR = 0.15
 """Standard error of the disc's radius, in pitches, beyond which a window says nothing: the object
 rests, or slides."""
 
 AT_REST = 1.5
-"""Motion over its noise below which the contact rests [-]."""
+"""Motion of the twelve markers about the axis, over its noise, below which the contact rests."""
 
 AXIS_DRIFT = 0.05
 """How far the axis may be from where it was while nine markers stuck, in pitches."""
@@ -146,7 +152,10 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
         if both.sum() < LEAST_MARKERS:
             continue
         before, after = z[j, both], z[i, both]
-        if np.mean(np.abs(after - before) ** 2) < 2.0 * (AT_REST * scale) ** 2:
+        moved = np.abs(after - before)
+        if axis is not None:  # those near the axis move to the end
+            moved = moved[np.argsort(np.abs(before - complex(*axis)))[:LEAST_MARKERS]]
+        if np.mean(moved**2) < 2.0 * (AT_REST * scale) ** 2:
             continue
         best = _fit_best(before, after, scale, last, axis)
         errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)))
@@ -172,15 +181,36 @@ def _fit_best(
 ) -> OptimizeResult:
     """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
 
+    def stack(left: np.ndarray, drift: np.ndarray) -> np.ndarray:
+        parts = [left.real / scale, left.imag / scale]
+        return np.concatenate(parts if axis is None else [*parts, drift / AXIS_DRIFT])
+
     def residual(parameters: np.ndarray) -> np.ndarray:
         x, y, radius, turned = parameters
         arm = before - complex(x, y)
         left = after - before - np.expm1(1j * turned * _share(np.abs(arm), abs(radius))) * arm
-        drift = [] if axis is None else (parameters[:2] - axis) / AXIS_DRIFT
-        return np.concatenate([left.real / scale, left.imag / scale, drift])
+        return stack(left, parameters[:2] - (0.0 if axis is None else axis))
+
+    def jacobian(parameters: np.ndarray) -> np.ndarray:
+        x, y, radius, turned = parameters
+        arm = before - complex(x, y)
+        distance = np.maximum(np.abs(arm), 1e-12)
+        share, slope = _share(distance, abs(radius)), _share_slope(distance, abs(radius))
+        spin = np.exp(1j * turned * share)
+        outwards = 1j * turned * slope * spin * arm  # by d ln(radius), less d ln(distance)
+        moved = spin - 1.0
+        columns = (
+            moved - outwards * arm.real / distance**2,
+            1j * moved - outwards * arm.imag / distance**2,
+            -outwards / radius,
+            -1j * share * spin * arm,
+        )
+        return np.stack([stack(c, d) for c, d in zip(columns, np.eye(4, 2), strict=True)], axis=1)
 
     def solve(start: np.ndarray) -> OptimizeResult:
-        return least_squares(residual, start, x_scale=[0.1, 0.1, 0.1, 0.01], max_nfev=15)
+        return least_squares(
+            residual, start, jacobian, method="lm", x_scale=SCALE, max_nfev=MOST_STEPS
+        )
 
     solutions = []
     if last is not None:
@@ -200,6 +230,14 @@ def _share(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray
     """Rotation about the axis, over that of the disc, of points of the surface ([Jaeger1995])."""
     q = np.minimum(radius / np.maximum(distance, 1e-12), 1.0)
     return 2.0 / np.pi * (np.arcsin(q) - q * np.sqrt(1.0 - q * q))
+
+
+def _share_slope(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:
+    """Derivative of the share by the logarithm of the radius; at the rim, where it has no bound,
+    that of a twentieth."""
+    q = np.minimum(radius / np.maximum(distance, 1e-12), 1.0)
+    root = np.sqrt(1.0 - q * q)
+    return np.where(q < 1.0, 4.0 / np.pi * q**3 / np.maximum(root, 0.05), 0.0)
 
 
 def _date(discs: list[Disc], near: float) -> MacroSlip:

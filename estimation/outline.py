@@ -84,7 +84,8 @@ def measure_axis(fields: Fields) -> Axis:
     """Long axis of the contact in one frame, from a quadratic through the indentation.
 
     Markers count by how much deeper they are than the shallowest, so that the axis does not jump
-    where one of the rim comes or goes. Refused where the contact has too few markers, is too round, or the shape fits too badly.
+    where one of the rim comes or goes. Refused where the contact has too few markers, is too
+    round, or the shape fits too badly.
     """
     nothing = Axis(np.nan, np.nan, np.nan, np.nan)
     points = fields.positions[fields.contact, :2]

@@ -92,6 +92,7 @@ def leaderboard(
         for name in leaderboard_settings.CONDITIONS
         for draw in range(draws)
     ]
+    virtual += [cases.elongated_case(draw) for draw in range(draws)]
     every = virtual + cases.real_cases()
     others = [answers for path in angles or () for answers in board.read_answers(path, every)]
     if export is not None:

@@ -23,7 +23,7 @@ ITEMS = {
     ),
     "marker_images": ("corners", "pivots", "clips"),
     "softness": ("virtual", "pivot"),
-    "virtual_pivots": ("accuracy", "reversal", "rendered"),
+    "virtual_pivots": ("accuracy", "reversal", "elongated", "rendered"),
 }
 """Items of each paper, modules of its package."""
 

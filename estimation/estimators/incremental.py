@@ -64,9 +64,7 @@ class Keyframe(NamedTuple):
 
     def doubt(self, apart: float) -> "Keyframe":
         """The keyframe, its angle in doubt by what another one's markers have turned beyond it."""
-        return self._replace(
-            lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart)
-        )
+        return self._replace(lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart))
 
     @property
     def low(self) -> float:
@@ -179,10 +177,11 @@ class Incremental:
         """The frame counted from the best mature keyframe, and its markers that stick.
 
         The oldest serves while nine markers or more hold on to it; among weaker ones the one that
-        leaves the narrowest interval. What has stuck since an older keyframe has stuck since a newer
-        one too: where their intervals have nothing in common, the newer one was made while all but
-        the older one's markers slipped, and since then the object rests. While the angle is lost it is the newest, which forgets the
-        slip soonest. Those that no longer hold are forgotten.
+        leaves the narrowest interval. What has stuck since an older keyframe has stuck since a
+        newer one too: where their intervals have nothing in common, the newer one was made while
+        all but the older one's markers slipped, and the object has rested since. While the angle
+        is lost it is the newest that serves, which forgets the slip soonest. Those that no longer
+        hold are forgotten.
         """
         mature = [i for i, k in enumerate(self.keyframes) if self._age(k) >= self.mature_age]
         if mature and np.isnan(self.keyframes[0].angle):

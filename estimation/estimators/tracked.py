@@ -149,7 +149,7 @@ class Tracked:
         offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in known]))
         angle = (axis.angle + offset) / self.gain
         reading = turn_error(known[-1].axis, axis, len(known)) / self.gain
-        error = float(np.hypot(reading, known[-1].error))
+        error = float(np.hypot(reading, np.median([s.error for s in known])))
         stick = self._sticks_again(axis, gel.stick)
         if stick.any():
             self.incremental.resume(fields, angle, error)

@@ -12,9 +12,10 @@ from estimation.outline import follow_outline
 from estimation.recording import Recording
 from estimation.softness import ScalarSoftness
 from estimation.sources import find_recordings, read_recording
-from estimation.virtual.recording import simulate_pivot
+from estimation.virtual.recording import Camera, Truth, simulate_pivot
 from papers.leaderboard import settings
 from papers.limits import MEAN_ABSOLUTE, angle_limit
+from papers.virtual_pivots.elongated import simulate_elongated
 
 
 class Case(NamedTuple):
@@ -44,17 +45,28 @@ def virtual_case(condition: str, draw: int) -> Case:
     """One draw of a virtual pivot; its frames after macro slip are scored apart."""
     told = settings.CONDITIONS[condition]
     recording, truth = simulate_pivot(told.model, seed=draw, dropped=told.dropped, **told.path)
+    turned = np.abs(np.diff(np.nan_to_num(truth.angle), prepend=0.0)).cumsum()
+    recording = _spoil(recording, turned / turned[-1], told, draw)
+    return _case(condition, draw, recording, truth, told.model.noise)
+
+
+def elongated_case(draw: int) -> Case:
+    """One draw of the elongated contact, which has an outline to follow in macro slip."""
+    friction, resolution = settings.ELONGATED
+    recording, truth = simulate_elongated(friction, draw, resolution)
+    return _case("elongated", draw, recording, truth, Camera().noise[0])
+
+
+def _case(condition: str, draw: int, recording: Recording, truth: Truth, noise: float) -> Case:
     name = f"{condition}-{draw}"
     known = np.isfinite(truth.angle)
     slipped = np.maximum.accumulate(truth.macro_slip)
     parts = {condition: known & ~slipped}
     if slipped.any():
         parts[f"{condition}, after macro slip"] = known & slipped
-    turned = np.abs(np.diff(np.nan_to_num(truth.angle), prepend=0.0)).cumsum()
-    recording = _spoil(recording, turned / turned[-1], told, draw)
     seen = truth.sticking & recording.valid
     points = recording.layout.reference[:, :2]
-    limit = [angle_limit(points, frame, told.model.noise) for frame in seen]
+    limit = [angle_limit(points, frame, noise) for frame in seen]
     return Case(
         name=name,
         recording=replace(recording, name=name),

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from estimation.virtual.recording import PivotModel
+from papers.virtual_pivots.settings import FINE
 
 LIFT = {"angles_deg": (0.0, 15.0), "frames": (60,)}
 """A lift by 15° in two seconds."""
@@ -48,6 +49,9 @@ CONDITIONS = {
 }
 """Virtual pivots by name. Every one is round, as their closed forms are; `round` is so to the
 markers as well, its axis in the middle of four of them."""
+
+ELONGATED = (0.5, FINE)
+"""Friction and resolution of the solved contact of 2:1, turned back through zero to macro slip."""
 
 GRIPS = (0.05, 0.1, 0.15, 3.0)
 """μp0/2G* of the pivots that slip warnings are measured on [-]; at the last nothing slips."""

@@ -7,7 +7,7 @@ import pytest
 from estimation import datasets
 from estimation.estimators import METHODS, RIVALS
 from estimation.sources import read_archive
-from estimation.virtual.recording import PivotModel
+from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.__main__ import main
 from papers.leaderboard import alarms, board, cases, settings
 
@@ -23,6 +23,12 @@ TINY = {
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch):
     monkeypatch.setattr(settings, "CONDITIONS", TINY)
+    model = PivotModel(friction_ratio=0.3)
+    monkeypatch.setattr(  # the solver's path is tested with its own study
+        cases,
+        "simulate_elongated",
+        lambda friction, draw, _: simulate_pivot(model, seed=draw, **LIFT),
+    )
     monkeypatch.setattr(settings, "GRIPS", (0.1,))
     monkeypatch.setattr(settings, "TWIST", {"angles_deg": (0.0, 25.0), "frames": (15,)})
     monkeypatch.setattr(datasets, "find", lambda name: None)
@@ -55,7 +61,8 @@ def test_command_writes_every_method_and_another_groups(monkeypatch, tmp_path):
     }
     with (folder / "leaderboard.csv").open() as file:
         rows = {(row["case"], row["method"]): row for row in csv.DictReader(file)}
-    assert set(rows) == {(c, m) for c in TINY for m in METHODS | RIVALS} | {("rigid", "theirs")}
+    every = {(c, m) for c in (*TINY, "elongated") for m in METHODS | RIVALS}
+    assert set(rows) == every | {("rigid", "theirs")}
     other = rows["rigid", "theirs"]
     # written with six digits
     assert float(other["bias [°]"]) == pytest.approx(0.5, abs=1e-5)

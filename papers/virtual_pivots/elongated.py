@@ -1,0 +1,181 @@
+"""The default method on elongated contacts: into macro slip, and on by the outline.
+
+An ellipsoid that touches a half-space (ν = ½) in an ellipse of 2:1, 6.6 by 3.1 mm to each side,
+is lifted to 10°, held and turned back to −25°, its shape going along with what slides
+(`solve_sliding`). Frames are steps of the path, with more steps between them where it slides: the
+shape lags by one step, which is 0.1° here. Each draw lays the markers anew, with new noise.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel import Ellipsoid, Grid, HalfSpace, Pose, Rigid, make_path, solve_sliding
+from contactmodel.solution import ContactSolution
+from estimation.estimators import DEFAULT_METHOD
+from estimation.recording import Recording
+from estimation.result import State
+from estimation.tracker import estimate_angles
+from estimation.virtual.contact import simulate_recording
+from estimation.virtual.recording import Camera, PivotModel, Truth, lay_out_markers
+from papers.items import Track
+from papers.virtual_pivots import settings
+
+METHODS = (DEFAULT_METHOD, "castano")
+OBJECT = Ellipsoid((19.0, 11.0, 10.0))
+PAD = HalfSpace(0.2, 0.5)
+APPROACH_MM = 1.2
+CORNERS_DEG = (0.0, 10.0, 10.0, -25.0)
+WIDTH_MM = 18.0
+
+
+class Elongated(NamedTuple):
+    """One value per draw.
+
+    Attributes:
+        friction: μ [-].
+        error: mean absolute error while at least ten markers do not slip, by method [deg].
+        slipped: the same in macro slip, once the state says so [deg].
+        unanswered: share of the frames in contact without an answer [-].
+        inside: share of the frames while at least ten do not slip whose interval holds the truth.
+        inside_slipped: the same of the frames in macro slip.
+        late: frames by which the state says macro slip after it began.
+        lost: whether the state said macro slip before.
+    """
+
+    friction: Float[np.ndarray, " draws"]
+    error: Float[np.ndarray, "draws methods"]
+    slipped: Float[np.ndarray, "draws methods"]
+    unanswered: Float[np.ndarray, " draws"]
+    inside: Float[np.ndarray, " draws"]
+    inside_slipped: Float[np.ndarray, " draws"]
+    late: Float[np.ndarray, " draws"]
+    lost: Float[np.ndarray, " draws"]
+
+
+@cache
+def solve_pivot(friction: float, resolution: settings.Resolution) -> ContactSolution:
+    """The contact along the path, a step a frame."""
+    poses = [Pose(0.0)]
+    poses += [Pose(APPROACH_MM, twist=np.radians(angle)) for angle in CORNERS_DEG]
+    steps = [n * per for n, per in zip(resolution.frames, resolution.steps, strict=True)]
+    grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
+    path = make_path(poses, steps)
+    solved = solve_sliding(PAD, Rigid(), OBJECT, path, grid, friction, rtol=1e-5)
+    kept = np.cumsum(np.repeat(resolution.steps, resolution.frames)) - 1
+
+    def of_frames(leaf: jax.Array) -> jax.Array:
+        return leaf[kept] if leaf.ndim and len(leaf) == sum(steps) else leaf
+
+    return jax.tree.map(of_frames, solved)
+
+
+def simulate_elongated(
+    friction: float, seed: int, resolution: settings.Resolution = settings.FINE
+) -> tuple[Recording, Truth]:
+    """A recording of the path, the markers laid and turned at random under the object."""
+    rng = np.random.default_rng((7, seed))
+    offset = (float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5)))
+    model = PivotModel(offset=offset, grid_angle=float(rng.uniform(0.0, np.pi / 2)))
+    path = solve_pivot(friction, resolution)
+    return simulate_recording(path, lay_out_markers(model), Camera(seed=seed))
+
+
+def compute(quick: bool = False, track: Track = iter) -> Elongated:
+    """Draw and estimate."""
+    draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["elongated"]
+    resolution = settings.COARSE if quick else settings.FINE
+    cases = [(friction, draw) for friction in settings.FRICTIONS for draw in range(draws)]
+    rows = [_follow(friction, draw, resolution) for friction, draw in track(cases)]
+    return Elongated(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+
+
+def _follow(friction: float, draw: int, resolution: settings.Resolution) -> tuple:
+    recording, truth = simulate_elongated(friction, draw, resolution)
+    results = [estimate_angles(recording, method) for method in METHODS]
+    main = results[0]
+    firm = truth.sticking.sum(axis=1) >= settings.FIRM_MARKERS
+    slipping = np.array([state == State.MACRO_SLIP for state in main.state])
+    began = int(np.argmax(truth.macro_slip))
+    handed = truth.macro_slip & slipping
+    inside = (main.low <= truth.angle) & (truth.angle <= main.high)
+    touching = np.isfinite(truth.angle)
+
+    def error(angle: np.ndarray, frames: np.ndarray) -> float:
+        of = np.abs(np.degrees(angle - truth.angle))[frames]
+        return float(np.nanmean(of)) if np.isfinite(of).any() else np.nan
+
+    first = np.flatnonzero(slipping & truth.macro_slip)
+    late = (
+        recording.source_index[first[0]] - recording.source_index[began] if len(first) else np.nan
+    )
+    return (
+        friction,
+        [error(result.angle, firm) for result in results],
+        [error(result.angle, handed) for result in results],
+        np.mean(~main.answered[touching]),
+        inside[firm & main.answered].mean(),
+        inside[handed].mean() if handed.any() else np.nan,
+        late if truth.macro_slip.any() else np.nan,
+        (slipping & firm).any(),
+    )
+
+
+def tables(result: Elongated) -> dict[str, list[dict[str, object]]]:
+    """A row for each friction and method."""
+    rows = []
+    for friction in np.unique(result.friction):
+        of = result.friction == friction
+        for i, method in enumerate(METHODS):
+            mine = i == 0
+            rows.append(
+                {
+                    "μ": float(friction),
+                    "method": method,
+                    "draws": int(of.sum()),
+                    "error, ten stick [°]": _round(result.error[of, i]),
+                    "error, handed over [°]": _round(result.slipped[of, i]),
+                    "worst draw, handed over [°]": _round(result.slipped[of, i], np.nanmax),
+                    "interval holds, ten stick [%]": _round(100 * result.inside[of])
+                    if mine
+                    else None,
+                    "interval holds, handed over [%]": _round(100 * result.inside_slipped[of])
+                    if mine
+                    else None,
+                    "unanswered [%]": _round(100 * result.unanswered[of]) if mine else None,
+                    "late, median [frames]": _round(result.late[of], np.nanmedian)
+                    if mine
+                    else None,
+                    "lost before [draws]": int(result.lost[of].sum()) if mine else None,
+                }
+            )
+    return {"": rows}
+
+
+def plot(result: Elongated) -> Figure:
+    """Errors of the draws, before and in macro slip."""
+    figure, axis = plt.subplots(figsize=(7, 3.8), layout="constrained")
+    for i, method in enumerate(METHODS):
+        for values, mark, when in (
+            (result.error, "o", "ten stick"),
+            (result.slipped, "x", "slips"),
+        ):
+            spread = result.friction + 0.003 * (i - 0.5)
+            axis.semilogy(spread, values[:, i], mark, color=f"C{i}", label=f"{method}, {when}")
+    axis.axhline(0.5, color="0.6", ls=":", lw=1)
+    axis.set_xlabel("μ [-]")
+    axis.set_ylabel("mean absolute error of a draw [°]")
+    axis.legend(fontsize=8, frameon=False)
+    axis.grid(alpha=0.3, which="both")
+    return figure
+
+
+def _round(values: np.ndarray, summary=np.nanmean) -> float | None:
+    """To three digits; None where there is no number."""
+    known = np.isfinite(values).any()
+    return float(f"{summary(values):.3g}") if known else None
