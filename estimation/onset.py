@@ -181,8 +181,8 @@ def _fit_best(
 ) -> OptimizeResult:
     """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
 
-    def stack(left: np.ndarray, drift: np.ndarray) -> np.ndarray:
-        parts = [left.real / scale, left.imag / scale]
+    def stack(left: Complex[np.ndarray, " m"], drift: Float[np.ndarray, " 2"]) -> np.ndarray:
+        parts = [np.real(left) / scale, np.imag(left) / scale]
         return np.concatenate(parts if axis is None else [*parts, drift / AXIS_DRIFT])
 
     def residual(parameters: np.ndarray) -> np.ndarray:
@@ -209,7 +209,12 @@ def _fit_best(
 
     def solve(start: np.ndarray) -> OptimizeResult:
         return least_squares(
-            residual, start, jacobian, method="lm", x_scale=SCALE, max_nfev=MOST_STEPS
+            residual,
+            start,
+            jacobian,  # pyright: ignore[reportArgumentType]
+            method="lm",
+            x_scale=SCALE,
+            max_nfev=MOST_STEPS,
         )
 
     solutions = []

@@ -54,10 +54,10 @@ class Reversals(NamedTuple):
 
 def compute(quick: bool = False, track: Track = iter) -> Reversals:
     """Draw and estimate."""
-    rng = np.random.default_rng(0)
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["reversal"]
     rows = []
     for draw in track(range(draws)):
+        rng = np.random.default_rng((0, draw))
         model = PivotModel(
             friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
             offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
