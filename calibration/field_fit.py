@@ -203,7 +203,7 @@ class Problem(eqx.Module):
             raise ValueError(f"{count} measured values cannot tell {len(start)} numbers")
         return cls(
             model=model,
-            known={n: jnp.asarray(v) for n, v in numbers.items() if n not in unknown},
+            known={n: jnp.asarray(v, float) for n, v in numbers.items() if n not in unknown},
             data=measured,
             weights=weights,
             low=jnp.asarray(low),

@@ -114,7 +114,7 @@ class Scene(NamedTuple):
     indenter: AbstractIndenter
     path: Pose
     friction_coefficient: Array
-    depth: Array
+    depth: Array | float
 
 
 MakeScene = Callable[[Mapping[str, Any]], Scene]
@@ -169,7 +169,7 @@ def press_and_move(shape: str) -> MakeScene:
             indenter,
             path,
             jnp.asarray(numbers["friction_coefficient"]),
-            jnp.asarray(numbers.get("depth", 0.0)),
+            jnp.asarray(numbers["depth"]) if "depth" in numbers else 0.0,  # then much is known
         )
 
     return scene

@@ -11,18 +11,20 @@ from scipy.optimize import least_squares
 
 from calibration.field_fit import Z95, invert_information
 from estimation.estimators.measurement import Z95 as HALF_WIDTH
-from estimation.layered_softness import LayeredSoftness, Matrix, missed_rotation
+from estimation.layered_softness import LayeredSoftness, Matrix, lifting_kernels, small_turn
 from estimation.noise import Noise
 from estimation.recording import Recording
 from estimation.result import State
-from estimation.softness import Contact, ScalarSoftness, Validity
+from estimation.softness import Contact, Lifting, ScalarSoftness, Validity
 from estimation.tracker import RIGID_OBJECT, Tracker
 
 LEAST_STICK = 10
 METHOD = "incremental"
 _LEAST_TURN = np.radians(0.5)  # of the elastomer, below which a frame says little about k
 _OUTLIER = 2.0  # standard errors at which a residual begins to count less
-_FILTER_SHARE = 0.01  # of the angle: what the correction itself may be off by
+_FILTER_SHARE = 0.005  # of the angle: what the lifting itself may be off by
+_GUESSES = (0.1, 0.5, 1.5)  # k for which frames are lifted at first
+_ROUNDS = 2
 _LEARNT = 0.7  # of what was known beforehand; less is counted as told by the turns
 
 
@@ -30,16 +32,25 @@ class Turn(NamedTuple):
     """One frame whose object's angle is known.
 
     Attributes:
-        rotation: φ of what sticks [rad].
+        rotation: φ of what sticks, in the frame as it was lifted for `at` [rad].
         error: its standard error [rad].
-        contact: of the frame.
+        at: k, thickness and depth that it was lifted for.
+        contact: of the frame; `as_seen` is what its markers showed.
+        points: the markers in the unloaded elastomer [mm].
         reference: the object's angle [rad].
     """
 
     rotation: float
     error: float
+    at: tuple[float, float, float]
     contact: Contact
+    points: Float[np.ndarray, "n 2"]
     reference: float
+
+    @property
+    def markers(self) -> int:
+        """How many stick."""
+        return 0 if self.contact.stick is None else int(self.contact.stick.sum())
 
 
 @dataclass(frozen=True)
@@ -61,13 +72,33 @@ class LayeredFit:
     residual: Float[np.ndarray, " turns"]
 
 
+class Grasp(NamedTuple):
+    """A recording of an object that turns in the grasp, and its angle.
+
+    Attributes:
+        recording: from the unloaded state on.
+        reference: the object's angle in each frame, NaN where unknown [rad].
+        noise: of the markers; None to take the misfit within each frame.
+    """
+
+    recording: Recording
+    reference: Float[np.ndarray, " frames"]
+    noise: Noise | None = None
+
+
 class _Listener:
-    """A softness that corrects nothing and keeps what it is asked about."""
+    """A softness that lifts frames and keeps what it is asked about."""
 
-    stiffness_ratio = 0.0
-
-    def __init__(self) -> None:
+    def __init__(self, softness: LayeredSoftness) -> None:
+        self.softness = softness
         self.contact: Contact | None = None
+
+    @property
+    def stiffness_ratio(self) -> float:
+        return self.softness.stiffness_ratio
+
+    def lifting(self, points: Float[np.ndarray, "n 2"]) -> Lifting | None:
+        return self.softness.lifting(points)
 
     def at(self, contact: Contact) -> ScalarSoftness:
         self.contact = contact
@@ -77,57 +108,86 @@ class _Listener:
         return {}
 
 
-def gather_turns(
-    recording: Recording, reference: Float[np.ndarray, " frames"], noise: Noise | None = None
-) -> list[Turn]:
+def gather_turns(grasp: Grasp, guess: LayeredSoftness) -> list[Turn]:
     """The frames of a recording that tell k: what sticks, turned by half a degree or more.
 
     Args:
-        recording: of an object that turns in the grasp, from the unloaded state on.
-        reference: the object's angle in each frame, NaN where unknown [rad].
-        noise: of the markers; without it errors come from the misfit within each frame.
+        grasp: recording and reference.
+        guess: what its frames are lifted for; soft objects on thin elastomers do not seem to stick
+            to markers that are not lifted.
     """
-    listener = _Listener()
-    tracker = Tracker(recording.layout, METHOD, noise=noise, softness=listener)
+    listener = _Listener(guess)
+    layout = grasp.recording.layout
+    tracker = Tracker(layout, METHOD, noise=grasp.noise, softness=listener)
+    at = (guess.stiffness_ratio, guess.thickness, guess.depth)
+    points = layout.reference[:, :2]
     turns = []
-    for frame, angle in zip(recording, reference, strict=True):
+    for frame, angle in zip(grasp.recording, grasp.reference, strict=True):
         found = tracker.update(frame)
         holds = found.state in (State.STICK, State.INCIPIENT)
         if not holds or listener.contact is None or found.stick.sum() < LEAST_STICK:
             continue
         if np.isfinite(angle) and abs(found.angle) >= _LEAST_TURN:
             error = 0.5 * (found.high - found.low) / HALF_WIDTH
-            turns.append(Turn(found.angle, error, listener.contact, float(angle)))
+            turns.append(Turn(found.angle, error, at, listener.contact, points, float(angle)))
     return turns
 
 
 def fit_layered_softness(
-    turns: Sequence[Turn],
+    grasps: Sequence[Grasp],
     thickness: tuple[float, float],
     depth: tuple[float, float] = (0.0, 0.0),
     *,
     reference_error: float = 1e-3,
 ) -> LayeredFit:
-    """Fit k, and refine thickness and depth as far as the turns tell more than was known.
+    """Fit k, and refine thickness and depth as far as the grasps tell more than was known.
+
+    What sticks is sought in frames lifted for several k, and, after a first fit with the k that
+    holds most markers together, in frames lifted for what was found.
 
     Args:
-        turns: of one object, several grasps at once.
+        grasps: of one object, several at once.
         thickness: of the elastomer and its standard deviation, 0 where exact [mm].
         depth: of the markers and its standard deviation [mm].
         reference_error: standard deviation of the reference [rad].
 
     Raises:
-        ValueError: too few turns.
+        ValueError: too few frames in which the object turns and sticks.
     """
-    if len(turns) < 3:
-        raise ValueError(
-            f"{len(turns)} frames in which {LEAST_STICK} markers stick and the elastomer has "
-            "turned by 0.5° or more; at least 3 are needed: press harder, or turn the object more"
-        )
-    priors = (thickness, depth)
+    best: list[Turn] = []
+    most = -1
+    for k in _GUESSES:
+        turns = _gather(grasps, LayeredSoftness(k, thickness[0], depth[0]))
+        held = sum(turn.markers for turn in turns)
+        if held > most:
+            best, most = turns, held
+    fit = None
+    for _ in range(_ROUNDS):
+        turns = best if fit is None else _gather(grasps, fit.softness)
+        if len(turns) < 3:
+            raise ValueError(
+                f"{len(turns)} frames in which {LEAST_STICK} markers stick and the elastomer has "
+                "turned by 0.5° or more; at least 3 are needed: press harder, or turn the object "
+                "more"
+            )
+        fit = _fit_turns(turns, (thickness, depth), reference_error)
+    assert fit is not None
+    return fit
+
+
+def _gather(grasps: Sequence[Grasp], guess: LayeredSoftness) -> list[Turn]:
+    return [turn for grasp in grasps for turn in gather_turns(grasp, guess)]
+
+
+def _fit_turns(
+    turns: Sequence[Turn], priors: Sequence[tuple[float, float]], reference_error: float
+) -> LayeredFit:
+    """Fit the numbers to turns whose markers that stick are taken as known."""
     free = [i for i, (_, spread) in enumerate(priors) if spread > 0.0]
     means, spreads = (np.array([priors[i][j] for i in free]) for j in (0, 1))
     phi, error, angle = (np.array([getattr(t, n) for t in turns]) for n in _COLUMNS)
+    lifts = [_Lift.of(turn) for turn in turns]
+    there = np.array([lift.turn(*turn.at) for lift, turn in zip(lifts, turns, strict=True)])
 
     def unpack(x: np.ndarray) -> tuple[float, float, float]:
         whole = [mean for mean, _ in priors]
@@ -136,17 +196,16 @@ def fit_layered_softness(
         return float(x[0]), whole[0], whole[1]
 
     def rest(x: np.ndarray) -> np.ndarray:
-        k, h, z = unpack(x)
-        below, thin = np.array([missed_rotation(t.contact, h, z) for t in turns]).T
-        return (1.0 + k) * phi + below + k * thin - angle
+        here = np.array([lift.turn(*unpack(x)) for lift in lifts])
+        return (1.0 + x[0]) * (phi + here - there) - angle
 
     def residual(x: np.ndarray) -> np.ndarray:
         sigma = np.hypot((1.0 + x[0]) * error, np.hypot(reference_error, _FILTER_SHARE * angle))
         return np.concatenate([rest(x) / sigma, (x[1:] - means) / spreads])
 
-    guess = max(float(np.median(angle / phi)) / 1.2 - 1.0, 0.05)  # a thin one turns more
+    guess = max(float(np.median(angle / phi)) - 1.0, 0.01)
     low = [0.0, *((1e-3, 0.0)[i] for i in free)]
-    high = [np.inf, *((np.inf, 0.9 * thickness[0])[i] for i in free)]
+    high = [np.inf, *((np.inf, 0.9 * priors[0][0])[i] for i in free)]
     found = least_squares(
         residual,
         np.clip([guess, *means], low, high),
@@ -169,12 +228,38 @@ def fit_layered_softness(
         ),
         values - Z95 * errors,
         values + Z95 * errors,
-        errors < _LEARNT * np.array([np.inf, thickness[1], depth[1]]),
+        errors < _LEARNT * np.array([np.inf, priors[0][1], priors[1][1]]),
         rest(found.x),
     )
 
 
 _COLUMNS = ("rotation", "error", "reference")
+
+
+class _Lift:
+    """The rotation of the markers that stick in one frame, lifted for any k, thickness, depth."""
+
+    def __init__(self, at: np.ndarray, points: np.ndarray, moved: np.ndarray) -> None:
+        self.at, self.points, self.moved = at, points, moved
+        self._known: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+    @classmethod
+    def of(cls, turn: Turn) -> "_Lift":
+        stick, moved = turn.contact.stick, turn.contact.as_seen
+        if stick is None or moved is None:  # a half-space's frames are seen as they are
+            moved = turn.contact.fields.displacement[:, :2]
+        stick = turn.contact.fields.contact if stick is None else stick
+        known = np.isfinite(moved[:, 0])
+        return cls(turn.points[stick & known], turn.points[known], moved[known])
+
+    def turn(self, k: float, thickness: float, depth: float) -> float:
+        """What lifting adds to the rotation [rad]."""
+        if self._known is None or self._known[0] != (thickness, depth):
+            both = lifting_kernels(self.at, self.points, thickness, depth)
+            below, thin = (small_turn(self.at, one.of(self.moved)) for one in both)
+            self._known = (thickness, depth), (below, thin)
+        below, thin = self._known[1]
+        return below + k / (1.0 + k) * thin
 
 
 def _rows(matrix: np.ndarray) -> Matrix:

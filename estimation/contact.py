@@ -14,6 +14,9 @@ SHARE = 0.5
 EDGE_SHARE = 0.25
 """Share of the contact's markers at the edge of the view from which part of it counts as unseen."""
 
+SURROUNDED_SHARE = 0.05
+"""Share of the largest normal displacement from which surrounded markers count as touched."""
+
 
 def find_contact(
     stencils: Stencils,
@@ -26,9 +29,10 @@ def find_contact(
     """Markers of the contact region, and the stick centre among them ([Li2024] IV-B).
 
     The region holds the markers that are pressed in by at least a share of the largest normal
-    displacement. There is contact once the stick centre has moved by the onset. A recording in
-    two dimensions has no normal displacement: every marker counts, once one of them has moved by
-    the onset.
+    displacement, and those that they surround: a flat object as soft as the elastomer presses its
+    rim in deepest, and its middle hardly. There is contact once the stick centre has moved by the
+    onset, or, where it is one of those, another marker has. A recording in two dimensions has no
+    normal displacement: every marker counts, once one of them has moved by the onset.
 
     Args:
         stencils: of the layout.
@@ -44,14 +48,39 @@ def find_contact(
     seen = np.isfinite(indentation)
     region = seen & has_rotation
     moved = np.sqrt(np.einsum("ni,ni->n", displacement, displacement))
+    hollow = False
     if not stencils.flat:
         deepest = indentation[seen].max(initial=0.0)
+        pressed = region & (indentation > SURROUNDED_SHARE * deepest)
         region &= (indentation >= share * deepest) & (deepest > 0.0)
+        filled = _fill_hollow(stencils.reference[:, :2], region, pressed)
+        hollow, region = bool((filled & ~region).any()), filled
     if region.any():
         centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
-        if (moved[region].max() if stencils.flat else moved[centre]) >= onset_mm:
+        anywhere = stencils.flat or hollow
+        if (moved[region].max() if anywhere else moved[centre]) >= onset_mm:
             return region, centre
     return np.zeros_like(region), -1
+
+
+def _fill_hollow(
+    points: Float[np.ndarray, "n 2"],
+    region: Bool[np.ndarray, " n"],
+    pressed: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """A region whose middle is not part of it, with what is pressed in between its markers."""
+    if not region.any():
+        return region
+    middle = np.argmin(np.sum((points - points[region].mean(axis=0)) ** 2, axis=1))
+    if region[middle]:
+        return region
+    open_ = np.nonzero(pressed & ~region)[0]
+    away = points[region] - points[open_, None]
+    angle = np.sort(np.arctan2(away[..., 1], away[..., 0]), axis=1)
+    gap = np.diff(angle, axis=1, append=angle[:, :1] + 2.0 * np.pi).max(axis=1, initial=0.0)
+    filled = region.copy()
+    filled[open_[gap < np.pi]] = True
+    return filled
 
 
 def known_contact(

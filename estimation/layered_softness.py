@@ -3,27 +3,34 @@
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (2) and (13).
 
-Every wave q of the rotation turns the object's surface against the elastomer's by
+Every wave q that turns the elastomer turns the object's surface against it by
 k̂(q) = k coth(qh) (`contactmodel.transfer_function`, the object a half-space), and markers at the
-depth z turn by D(q) = sinh(q(h − z))/sinh(qh) of the surface. Where the object sticks it has
-therefore turned by the wave sum of (1 + k̂)/D over the φ that the markers show, whatever slips
-beside. Eq. (13)'s (1 + k)φ is part of it; the rest is L, other in every frame, a sum over all
-markers of φ times a function of distance.
+depth z turn by D(q) = sinh(q(h − z))/sinh(qh) of the surface. Where the object sticks to it the
+elastomer therefore does not move as one body, and no one rotation φ is there to be multiplied by
+1 + k. But the displacement u of the markers, lifted to
+
+    ũ = u + (1/D − 1) u + k/(1 + k) · (coth qh − 1)/D · u
+
+by its waves that turn (transverse ones), is (1 + k)⁻¹ of the object's own motion there, whatever
+slips beside: what a thick elastomer's surface would show. Frames are lifted before anything is
+sought in them, and Eq. (13) with the number k holds for what is found. Longitudinal waves turn
+nothing and are left as they are, the squeeze of a thin elastomer among them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull
-from scipy.special import j0
+from scipy.special import j0, j1
 
 from estimation.softness import (
     READERS,
     Contact,
+    Lifting,
     ScalarSoftness,
     Validity,
     read_validity,
@@ -44,8 +51,7 @@ Matrix = tuple[tuple[float, ...], ...]
 class LayeredSoftness:
     """Stiffness ratio of an object, and the elastomer that it is held against.
 
-    The object is a half-space. Angles that are counted from a loaded frame, not from the unloaded
-    reference, take the load term with them that this frame already had.
+    The object is a half-space.
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
@@ -89,34 +95,65 @@ class LayeredSoftness:
                 "without negative eigenvalues"
             )
 
+    def lifting(self, points: Float[np.ndarray, "n 2"]) -> Lifting | None:
+        """What is to be added to what markers show.
+
+        Args:
+            points: the markers in the unloaded elastomer [mm].
+        """
+        if np.isinf(self.thickness) and self.depth == 0.0:
+            return None
+        share = self.stiffness_ratio / (1.0 + self.stiffness_ratio)
+        both = lifting_kernels(points, points, self.thickness, self.depth)
+        return Lifting(*(below + share * thin for below, thin in zip(*both, strict=True)))
+
     def at(self, contact: Contact) -> ScalarSoftness:
-        """The k and the L that stand for it in one contact."""
-        below, thin = self._load(contact)
-        slopes = [-2.0 * thin, *(self._slope(name, contact) for name in ("thickness", "depth"))]
+        """The number k, for a frame that has been lifted; in L's covariance that of h and z.
+
+        Raises:
+            ValueError: the contact does not tell what its markers showed before they were lifted.
+        """
+        if not any(any(row) for row in self.covariance):
+            return ScalarSoftness(self.stiffness_ratio, validity=self.validity)
+        thin, *slopes = self._slopes(contact)
+        # θ = (1 + k)(φ + below) + k thin, and (1 + k) times the lifted φ is all of it
+        slopes = [-2.0 * thin / (1.0 + self.stiffness_ratio), *(-2.0 * slope for slope in slopes)]
         to = np.array([[1.0, 0.0, 0.0], slopes])
         (kk, kl), (_, ll) = (to @ np.asarray(self.covariance) @ to.T).tolist()
         return ScalarSoftness(
-            self.stiffness_ratio,
-            -2.0 * (below + self.stiffness_ratio * thin),
-            ((kk, kl), (kl, ll)),
-            validity=self.validity,
+            self.stiffness_ratio, 0.0, ((kk, kl), (kl, ll)), validity=self.validity
         )
 
-    def _load(self, contact: Contact) -> tuple[float, float]:
-        return missed_rotation(contact, self.thickness, self.depth)
+    def _slopes(self, contact: Contact) -> list[float]:
+        """Turn of the thin part, and derivatives of the object's angle by thickness and depth."""
+        if contact.as_seen is None:
+            return [0.0, 0.0, 0.0]
+        fields = contact.fields
+        points = (fields.positions - fields.displacement)[:, :2]
+        known = np.isfinite(points[:, 0]) & np.isfinite(contact.as_seen[:, 0])
+        region = _region(contact)[known]
+        points, moved = points[known], contact.as_seen[known]
+        if np.count_nonzero(region) < 3:
+            return [0.0, 0.0, 0.0]
 
-    def _slope(self, name: str, contact: Contact) -> float:
-        """Derivative of L by the thickness or the depth; 0 where that is known exactly."""
-        place = 1 if name == "thickness" else 2
-        if self.covariance[place][place] == 0.0:
-            return 0.0
-        step = _STEP * self.thickness
-        start = max(getattr(self, name) - step, 0.0 if name == "depth" else 0.5 * self.thickness)
-        ends = [
-            replace(self, **{name: value})._load(contact) for value in (start, start + 2.0 * step)
-        ]
-        below, thin = np.subtract(ends[1], ends[0]) / (2.0 * step)
-        return -2.0 * float(below + self.stiffness_ratio * thin)
+        def turn(thickness: float, depth: float) -> np.ndarray:
+            both = lifting_kernels(points[region], points, thickness, depth)
+            return np.array([small_turn(points[region], one.of(moved)) for one in both])
+
+        found = [float(turn(self.thickness, self.depth)[1])]
+        k = self.stiffness_ratio
+        for place, name in ((1, "thickness"), (2, "depth")):
+            if self.covariance[place][place] == 0.0:
+                found.append(0.0)
+                continue
+            step = _STEP * self.thickness
+            least = 0.0 if name == "depth" else 0.5 * self.thickness
+            start = max(getattr(self, name) - step, least)
+            here = {"thickness": self.thickness, "depth": self.depth}
+            ends = [turn(**(here | {name: value})) for value in (start, start + 2.0 * step)]
+            below, thin = (ends[1] - ends[0]) / (2.0 * step)
+            found.append(float((1.0 + k) * below + k * thin))
+        return found
 
     def content(self) -> dict[str, Any]:
         """What stands in its file."""
@@ -131,40 +168,36 @@ class LayeredSoftness:
         }
 
 
-def missed_rotation(contact: Contact, thickness: float, depth: float) -> tuple[float, float]:
-    """What the object has turned beyond (1 + k)φ: one part, and another for each unit of k [rad].
+def lifting_kernels(
+    at: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "n 2"], thickness: float, depth: float
+) -> tuple[Lifting, Lifting]:
+    """What is lacking at some of the markers, from what all of them show.
 
-    The mean over the markers that stick, weighted as a rigid fit of them weighs the rotations of a
-    disc; over the contact where none sticks.
+    The first is 1/D − 1, what markers below the surface do not show; the second (coth qh − 1)/D,
+    to be multiplied by k/(1 + k).
 
     Args:
-        contact: fields of a frame, and what sticks in it.
+        at: markers where it is wanted, some of `points` [mm].
+        points: all markers in the unloaded elastomer [mm].
         thickness: h [mm].
         depth: z [mm].
     """
-    fields = contact.fields
-    seen = np.isfinite(fields.rotation) & np.isfinite(fields.positions[:, 0])
-    region = _region(contact) & seen
-    if np.count_nonzero(region) < 3:
-        return 0.0, 0.0
-    points = (fields.positions - fields.displacement)[seen, :2]
-    phi, inside = fields.rotation[seen], region[seen]
     pitch = _pitch(points)
-    apart = np.linalg.norm(points[inside][:, None] - points, axis=-1) / pitch
-    weight = _disc_weights(points[inside])
-    thin = _Kernel.of(thickness / pitch, depth / pitch, thin=True)
-    turned = weight @ thin.at(apart) @ phi
+    away = (at[:, None] - points) / pitch
+    thin = _Kernel.of(thickness / pitch, depth / pitch, thin=True).at(away)
     if depth == 0.0:
-        return 0.0, float(turned)
-    below = _Kernel.of(thickness / pitch, depth / pitch, thin=False)
-    matrix = below.at(apart)
-    matrix[np.arange(len(apart)), np.flatnonzero(inside)] = below.at_itself
-    lifted = float(weight @ matrix @ phi)
-    return lifted, lifted + float(turned)
+        return Lifting(*(np.zeros_like(part) for part in thin)), thin
+    return _Kernel.of(thickness / pitch, depth / pitch, thin=False).at(away), thin
+
+
+def small_turn(points: Float[np.ndarray, "m 2"], moved: Float[np.ndarray, "m 2"]) -> float:
+    """Rotation of the rigid motion that is nearest to small displacements of points [rad]."""
+    arm = points - points.mean(axis=0)
+    return float(np.sum(arm[:, 0] * moved[:, 1] - arm[:, 1] * moved[:, 0]) / np.sum(arm**2))
 
 
 def _region(contact: Contact) -> Bool[np.ndarray, " n"]:
-    """The markers over which the correction is averaged."""
+    """The markers that the rotation is of."""
     stick = contact.stick
     return contact.fields.contact if stick is None or not stick.any() else stick
 
@@ -174,26 +207,33 @@ def _pitch(points: Float[np.ndarray, "n 2"]) -> float:
     return float(np.sqrt(ConvexHull(points).volume)) / (np.sqrt(len(points)) - 1.0)
 
 
-def _disc_weights(points: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:
-    """R² − r², as the rigid fit of a disc of radius R weighs its rotations; their sum is 1."""
-    square = np.sum((points - points.mean(axis=0)) ** 2, axis=1)
-    weight = np.maximum(2.3 * square.mean() - square, 0.0)  # 2 for a disc of no markers' width
-    return weight / weight.sum()
-
-
 @dataclass(frozen=True)
 class _Kernel:
-    """A function of distance in pitches, to be summed over markers, and its value at distance 0."""
+    """A function of the wave number, as functions of distance in pitches to be summed over markers.
 
-    table: Float[np.ndarray, " steps"]
+    Attributes:
+        even: ∫ f q J0 dq/2π.
+        odd: ∫ f q J2 dq/2π, of the part that depends on the direction.
+        at_itself: what a marker's own value counts with.
+    """
+
+    even: Float[np.ndarray, " steps"]
+    odd: Float[np.ndarray, " steps"]
     at_itself: float
 
-    def at(self, distance: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-        """Its value at distances in pitches."""
-        place = np.minimum(distance * (_STEPS / _REACH), _STEPS - 1.0)
-        whole = np.minimum(place.astype(int), _STEPS - 1)
-        rest = place - whole
-        return self.table[whole] * (1.0 - rest) + self.table[whole + 1] * rest
+    def at(self, away: Float[np.ndarray, "m n 2"]) -> Lifting:
+        """Its matrices between markers that are so far apart, in pitches.
+
+        The transverse part δ_ij − q_i q_j/q² is ½δ_ij J0 + (n_i n_j − ½δ_ij) J2 in space.
+        """
+        distance = np.linalg.norm(away, axis=-1)
+        itself = distance == 0.0
+        even = np.where(itself, self.at_itself, _interpolate(self.even, distance))
+        odd = np.where(itself, 0.0, _interpolate(self.odd, distance))
+        along = away / np.where(itself, 1.0, distance)[..., None]
+        turned = np.einsum("mni,mnj->mnij", along, along) - 0.5 * np.eye(2)
+        whole = 0.5 * even[..., None, None] * np.eye(2) + odd[..., None, None] * turned
+        return Lifting(np.ascontiguousarray(whole.transpose(0, 2, 1, 3)), even)
 
     @staticmethod
     @lru_cache(maxsize=64)
@@ -205,16 +245,31 @@ class _Kernel:
         q = 0.5 * top * (nodes + 1.0)
         base, lift = np.exp(-2.0 * q * h), np.exp(q * z)
         inverse = lift * (1.0 - base) / (1.0 - np.exp(-2.0 * q * (h - z)))  # 1/D
-        wave = inverse * 2.0 * base / (1.0 - base) if thin else inverse - 1.0
-        wave = wave * q * np.exp(-0.5 * (q * _RESOLUTION) ** 2) * 0.5 * top * weights
+        blurred = np.exp(-0.5 * (q * _RESOLUTION) ** 2)
+        wave = inverse * 2.0 * base / (1.0 - base) if thin else (inverse - 1.0) * blurred
+        wave = wave * q * 0.5 * top * weights / (2.0 * np.pi)
         distance = np.linspace(0.0, _REACH, _STEPS + 1)
-        table = j0(np.outer(distance, q)) @ wave / (2.0 * np.pi)
+        phase = np.outer(distance, q)
+        zeroth = j0(phase)
+        second = 2.0 * j1(phase) / np.maximum(phase, 1e-9) - zeroth
+        even, odd = zeroth @ wave, second @ wave
+        if thin:  # smooth: markers are points of it
+            return _Kernel(even, odd, float(even[0]))
         far = np.arange(-_FAR, _FAR + 1.0)
         others = np.hypot(*np.meshgrid(far, far)).ravel()
         others = others[others > 0.0]
-        uniform = 0.0 if np.isinf(h) or thin else z / (h - z)  # of a wave of infinite length
-        rest = uniform - np.sum(np.interp(others, distance, table))
-        return _Kernel(table, float(rest))
+        uniform = 0.0 if np.isinf(h) else z / (h - z)  # of a wave of infinite length
+        return _Kernel(even, odd, float(uniform - np.sum(_interpolate(even, others))))
+
+
+def _interpolate(
+    table: Float[np.ndarray, " steps"], distance: Float[np.ndarray, "..."]
+) -> Float[np.ndarray, "..."]:
+    """Values of a table at distances in pitches; its end beyond."""
+    place = np.minimum(distance * (_STEPS / _REACH), _STEPS - 1.0)
+    whole = np.minimum(place.astype(int), _STEPS - 1)
+    rest = place - whole
+    return table[whole] * (1.0 - rest) + table[whole + 1] * rest
 
 
 def _read_layered(content: dict[str, Any]) -> LayeredSoftness:

@@ -33,16 +33,36 @@ class Contact(NamedTuple):
         fields: of the frame.
         normal_force: pressing force [N]; NaN where the source does not have it.
         stick: the markers that the rotation was measured with, where they are known.
+        as_seen: displacement of the markers in the plane, before a softness has lifted it [mm];
+            None where none has.
     """
 
     fields: Fields
     normal_force: float = float("nan")
     stick: Bool[np.ndarray, " n"] | None = None
+    as_seen: Float[np.ndarray, "n 2"] | None = None
 
     @property
     def radius(self) -> float:
         """Size of the contact region, see `disc_radius` [mm]."""
         return disc_radius(self.fields.positions[self.fields.contact, :2])
+
+
+class Lifting(NamedTuple):
+    """What is to be added at some markers, as matrices on what all markers show.
+
+    Attributes:
+        displacement: on displacements in the plane.
+        rotation: on rotations.
+    """
+
+    displacement: Float[np.ndarray, "m 2 n 2"]
+    rotation: Float[np.ndarray, "m n"]
+
+    def of(self, moved: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
+        """What is to be added to displacements."""
+        rows, columns = 2 * len(self.rotation), 2 * len(moved)
+        return (self.displacement.reshape(rows, columns) @ moved.ravel()).reshape(-1, 2)
 
 
 def disc_radius(points: Float[np.ndarray, "n 2"]) -> float:
@@ -61,8 +81,16 @@ class Softness(Protocol):
         """A typical k [-], for what must be known before there is a contact."""
         ...
 
+    def lifting(self, points: Float[np.ndarray, "n 2"]) -> "Lifting | None":
+        """What is to be added to what markers show before a rotation is sought; None for nothing.
+
+        Args:
+            points: the markers in the unloaded elastomer [mm].
+        """
+        ...
+
     def at(self, contact: Contact) -> "ScalarSoftness":
-        """The k and L that stand for it in one contact.
+        """The k and L that stand for it in one contact, its fields lifted.
 
         Raises:
             ValueError: the contact lacks what the softness needs to know.
@@ -136,6 +164,9 @@ class ScalarSoftness:
                 f"covariance of (k, L) is {self.covariance}; it must be a symmetric 2×2 matrix "
                 "without negative eigenvalues"
             )
+
+    def lifting(self, points: Float[np.ndarray, "n 2"]) -> None:
+        """Nothing: what moves as one body is multiplied as a whole."""
 
     def at(self, contact: Contact) -> "ScalarSoftness":
         """Itself, or with L for the contact's normal force where it grows with that.

@@ -1,9 +1,11 @@
 """Run an estimator over frames, one at a time or a whole recording."""
 
+from dataclasses import replace
 from inspect import signature
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from estimation.contact import ONSET_MM, SHARE, reaches_edge
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, Estimator, Measurement
@@ -67,6 +69,7 @@ class Tracker:
         )
         self.constants = _own_constants(method) | constants
         self.softness = softness
+        self._lifting = softness.lifting(self.stencils.reference[:, :2])
         self._time = -np.inf
         self.onset_mm = check_positive("onset_mm", onset_mm)
         self.contact_share = _check_share("contact_share", contact_share)
@@ -95,6 +98,7 @@ class Tracker:
             return self._label(frame, State.UNKNOWN, "too little of the contact is in view")
         if frame.valid.sum() < MIN_STICK_MARKERS:
             return self._label(frame, State.UNKNOWN, f"{frame.valid.sum()} usable markers")
+        frame, as_seen = self._lift(frame)
         fields = measure_fields(
             self.stencils, frame, onset_mm=self.onset_mm, share=self.contact_share
         )
@@ -102,7 +106,7 @@ class Tracker:
         state, reason = self._judge(fields, gel, told=told is not None)
         if cut:
             reason = reason or "the contact reaches the edge of the view"
-        contact = Contact(fields, frame.normal_force, gel.stick)
+        contact = Contact(fields, frame.normal_force, gel.stick, as_seen)
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
         except ValueError as error:
@@ -124,6 +128,27 @@ class Tracker:
             load_term=softness.load_term,
             covered=softness.validity.covers(gel.angle, contact),
         )
+
+    def _lift(self, frame: Frame) -> tuple[Frame, Float[np.ndarray, "n 2"] | None]:
+        """The frame that the softness wants to see, and the displacement that the markers show.
+
+        A marker that is not seen counts with the mean of its neighbours.
+        """
+        if self._lifting is None:
+            return frame, None
+        moved = (frame.positions - self.stencils.reference[:, : frame.positions.shape[1]])[:, :2]
+        seen = frame.valid
+        beside = self.stencils.neighbours
+        counts = (beside >= 0) & seen[beside]
+        total = np.sum(np.where(counts[..., None], moved[beside], 0.0), axis=1)
+        mean = total / np.maximum(counts.sum(axis=1), 1)[:, None]
+        moved = np.where(seen[:, None], moved, mean)
+        positions = frame.positions.copy()
+        positions[:, :2] += self._lifting.of(moved)
+        rotation = frame.rotation
+        if rotation is not None:
+            rotation = rotation + self._lifting.rotation @ np.nan_to_num(rotation)
+        return replace(frame, positions=positions, rotation=rotation), moved
 
     def _find_flaw(self, frame: Frame) -> str:
         """What a frame and the one before it show to be wrong; empty where nothing is."""

@@ -22,7 +22,7 @@ ITEMS = {
         "marker_depth",
     ),
     "marker_images": ("corners", "pivots", "clips"),
-    "softness": ("virtual", "pivot"),
+    "softness": ("virtual", "layered", "pivot"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "rendered"),
 }
 """Items of each paper, modules of its package."""

@@ -21,7 +21,8 @@ Values = Mapping[str, Shaped[np.ndarray, "..."]]
 
 _T = TypeVar("_T")
 
-_PHYSICS = ("contactmodel", "estimation", "calibration")
+PHYSICS = ("contactmodel", "estimation", "calibration")
+"""Packages whose change makes results outdated, unless a study says which of them it uses."""
 
 
 class Study(NamedTuple):
@@ -35,6 +36,7 @@ class Study(NamedTuple):
         static: columns that fix shapes. They stay plain numbers; cases are batched by them.
         batch: cases of a batch.
         traced: whether `evaluate` is for `jax.vmap`; else cases are evaluated one by one.
+        uses: packages that the results depend on.
     """
 
     cases: Callable[[bool], Table]
@@ -42,6 +44,7 @@ class Study(NamedTuple):
     static: tuple[str, ...] = ()
     batch: int = 1
     traced: bool = True
+    uses: tuple[str, ...] = PHYSICS
 
 
 class Failure(NamedTuple):
@@ -68,7 +71,7 @@ def find_study(name: str) -> Study:
 def code_version(name: str) -> str:
     """What the results of a study depend on: release, and hash of the packages and the module."""
     files = [Path(import_module(name).__file__ or "")]
-    for package in _PHYSICS:
+    for package in find_study(name).uses:
         files += sorted(Path(import_module(package).__file__ or "").parent.rglob("*.py"))
     digest = hashlib.sha256()
     for file in files:

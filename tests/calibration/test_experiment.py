@@ -1,12 +1,8 @@
 """Experiments in files, and what their commands write."""
 
-import json
-
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from calibration.__main__ import app
 from calibration.experiment import read_experiment
 from calibration.forward import Unknown
 from tests.cases import lift
@@ -67,16 +63,3 @@ def test_a_frame_that_is_not_there(tmp_path):
     path.write_text(MINIMAL.replace("frames = [0]", "frames = [99]"))
     with pytest.raises(ValueError, match="has rows 0 to"):
         read_experiment(str(path)).of(lift(np.zeros(3)))
-
-
-def test_design_writes_numbers_and_a_page(tmp_path):
-    path = tmp_path / "plan.toml"
-    path.write_text(MINIMAL)
-    said = CliRunner().invoke(app, ["design", "--experiment", str(path), "--out", str(tmp_path)])
-    assert said.exit_code == 0, said.output
-    assert "everything sought is determined" in said.output
-    written = json.loads((tmp_path / "design.json").read_text())
-    assert [row["name"] for row in written["numbers"]] == ["approach", "twist"]
-    page = (tmp_path / "report.html").read_text()
-    assert "data:image/png;base64" in page
-    assert "what would help most" in page

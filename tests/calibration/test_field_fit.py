@@ -13,7 +13,6 @@ TRUTH = {
     "poisson_ratio": 0.45,
     "thickness": 4.0,
     "friction_coefficient": 0.6,
-    "depth": 0.3,
     "radius": 15.0,
     "approach": 0.5,
     "twist": np.array([0.0, 0.15]),

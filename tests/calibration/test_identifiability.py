@@ -1,14 +1,37 @@
 """What an experiment tells: against what is known in closed form."""
 
+import json
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from calibration import experiment as experiments
+from calibration.__main__ import app
 from calibration.field_fit import FieldData
 from calibration.forward import FieldModel, Unknown, press_and_move
 from calibration.identifiability import identify
 from contactmodel import Grid, Pose
 
 K, TWIST = 0.5, 0.15
+PITCH = 8.0 / 7.0
+
+PLAN = f"""
+format_version = 1
+shape = "paraboloid"
+cells = 16
+size_mm = 11.0
+frames = [0]
+markers = {{ pitch_mm = {PITCH!r}, count = 8 }}
+[numbers]
+shear_modulus = 0.2
+poisson_ratio = 0.5
+friction_coefficient = 1e3
+radius = 15.0
+approach = 0.6
+stiffness_ratio = {{ start = {K}, low = 0.01, high = 10.0 }}
+twist_deg = {{ start = 8.6, low = 0.05, high = 34.0, prior = [8.6, 0.1] }}
+"""
 
 
 def linear_twist(numbers):
@@ -21,7 +44,7 @@ def linear_twist(numbers):
 
 def experiment(**changed):
     """A ball that sticks on a half-space, both incompressible: θ and k show as θ/(1 + k)."""
-    at = np.linspace(-4.0, 4.0, 8)
+    at = (np.arange(8) - 3.5) * PITCH
     markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
     model = FieldModel(linear_twist, Grid((16, 16), (11.0, 11.0)), markers)
     numbers = {
@@ -54,3 +77,18 @@ def test_a_half_space_does_not_tell_softness_from_angle():
     error = by_angle["twist from elsewhere, to 1 %"] * found.errors[0]
     assert error == pytest.approx(0.01 * (1 + K) / K, rel=0.02)  # the noise adds to it
     assert found.helps["twist"][-1].error == pytest.approx(1.0, abs=0.05)  # no twist helps
+
+
+def test_a_plan_in_a_file_gives_numbers_and_a_page(tmp_path, monkeypatch):
+    # the scene of the test above: it is compiled already
+    monkeypatch.setattr(experiments, "press_and_move", lambda shape: linear_twist)
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN)
+    said = CliRunner().invoke(app, ["design", "--experiment", str(path), "--out", str(tmp_path)])
+    assert said.exit_code == 0, said.output
+    assert "everything sought is determined" in said.output
+    written = json.loads((tmp_path / "design.json").read_text())
+    assert [row["name"] for row in written["numbers"]] == ["stiffness_ratio", "twist"]
+    page = (tmp_path / "report.html").read_text()
+    assert "data:image/png;base64" in page
+    assert "what would help most" in page

@@ -126,3 +126,20 @@ def test_noise_of_one_markers_rotation():
     ]
     # 600 draws: the spread is known to 3 %
     assert np.std(readings) == pytest.approx(stencils.rotation_noise(1e-3), rel=0.12)
+
+
+def test_a_flat_soft_object_touches_where_it_hardly_presses_in():
+    # Its rim is pressed in deepest, its middle by a tenth: the middle belongs to the contact.
+    layout = domed_pad((16, 16), radius=1e4)
+    x, y = layout.reference[:, :2].T
+    inside = np.maximum(np.abs(x), np.abs(y)) < 4.0
+    deep = 0.02 + 0.18 * (np.maximum(np.abs(x), np.abs(y)) / 4.0) ** 4
+    pressed = layout.reference - np.where(inside, deep, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    fields = measure_fields(make_stencils(layout), frame_of(pressed))
+    np.testing.assert_array_equal(fields.contact, inside)
+    # Two separate contacts with the pad as it was between them stay two.
+    two = (np.abs(np.abs(x) - 5.0) < 2.0) & (np.abs(y) < 2.0)
+    apart = layout.reference - np.where(two, 0.2, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    np.testing.assert_array_equal(
+        measure_fields(make_stencils(layout), frame_of(apart)).contact, two
+    )

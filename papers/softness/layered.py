@@ -1,0 +1,242 @@
+"""Soft objects on thin elastomers: k fitted on two grasps, tested on a smaller and a larger one.
+
+The contacts are those of `contacts`. Both softnesses, the number k of Eq. (13) and the layered one,
+are fitted to the same two grasps; a frame of the other two counts where ten markers or more have
+always stuck, a frame without an answer as an error as large as the angle.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+from matplotlib.figure import Figure
+
+from calibration.layered_fit import Grasp, fit_layered_softness
+from estimation.layered_softness import LayeredSoftness
+from estimation.noise import Noise
+from estimation.recording import MarkerLayout, Recording, grid_neighbours
+from estimation.references import Reference
+from estimation.softness import ScalarSoftness, Softness
+from estimation.softness_fit import fit_softness
+from estimation.tracker import estimate_angles
+from estimation.trials import make_trials
+from papers.items import Track
+from papers.softness import contacts
+from papers.sweeps import run_study
+
+NOISES_MM = (1e-3, 1e-2)
+FIRM = 10
+UNLOADED, HELD = 10, 12
+"""Frames before the contact, and under full load before the turn."""
+
+SHARE, FLOOR_DEG = 0.02, 0.1
+"""What is asked of the error: a share of the angle, or so much, whichever is larger."""
+
+WAYS = ("none", "scalar", "layered")
+
+
+Values = Mapping[str, Shaped[np.ndarray, "..."]]
+
+
+class Cell(NamedTuple):
+    """One object on one elastomer, at one noise.
+
+    Attributes:
+        shape: of the object.
+        k: true stiffness ratio [-].
+        thickness: of the elastomer [mm].
+        noise: of the markers in the plane [mm].
+        found: k by the scalar and the layered fit [-]; NaN where refused.
+        error: mean absolute error over the angle, by way [-].
+        within: share of frames within what is asked, by way [-].
+        frames: tested.
+    """
+
+    shape: str
+    k: float
+    thickness: float
+    noise: float
+    found: tuple[float, float]
+    error: dict[str, float]
+    within: dict[str, float]
+    frames: int
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A recording of one grasp, the object's angle, and the frames that count."""
+
+    recording: Recording
+    angle: Float[np.ndarray, " frames"]
+    firm: Bool[np.ndarray, " frames"]
+
+
+def compute(quick: bool = False, track: Track = iter) -> list[Cell]:
+    """Solve what `python -m papers sweep papers.softness.contacts` has not, then fit and test."""
+    found = run_study("papers.softness.contacts", quick, track)
+    if found.failures:
+        raise ValueError(f"{len(found.failures)} contacts failed: {found.failures}")
+    table = {name: np.asarray(column) for name, column in found.table.items()}
+    objects = np.arange(len(table["grasp"])).reshape(-1, len(contacts.OFFSETS))  # grasps go fastest
+    noises = NOISES_MM[:1] if quick else NOISES_MM
+    cells = []
+    for rows in track(objects):
+        for noise in noises:
+            grasps = [_make(found.values, table, int(row), noise) for row in rows]
+            first = {name: column[rows[0]].item() for name, column in table.items()}
+            cells.append(_test(first, grasps, noise))
+    return cells
+
+
+def _make(values: Values, table: Values, row: int, noise: float) -> _Seen:
+    """A recording of a solved path, unloaded and held before it."""
+    grasp = int(table["grasp"][row])
+    plane = contacts.markers(grasp)
+    reference = np.pad(plane, ((0, 0), (0, 1)))
+    moved, contact, stick = (values[name][row] for name in ("displacement", "contact", "stick"))
+    positions = reference + np.concatenate(
+        [np.zeros((UNLOADED, *reference.shape)), np.repeat(moved[:1], HELD, axis=0), moved]
+    )
+    before = UNLOADED + HELD
+    turn = np.radians(contacts.TWISTS_DEG)
+    angle = np.concatenate([np.full(UNLOADED, np.nan), np.zeros(HELD), turn])
+    kept = contact & ~np.logical_or.accumulate(contact & ~stick, axis=0)
+    firm = np.concatenate([np.zeros(before, dtype=bool), (kept.sum(axis=1) >= FIRM) & (turn > 0.0)])
+    side = (contacts.MARKERS, contacts.MARKERS)
+    count = len(positions)
+    recording = Recording(
+        layout=MarkerLayout(reference, grid_neighbours(side), side),
+        positions=positions,
+        valid=np.ones(positions.shape[:2], dtype=bool),
+        time=np.arange(count) / 30.0,
+        source_index=np.arange(count),
+        name=f"{contacts.SHAPES[int(table['shape'][row])]}, grasp {grasp + 1}",
+        source="virtual contact from the contact model",
+    )
+    rng = np.random.default_rng(row)
+    spread = np.array([noise, noise, 3.5 * noise])
+    noisy = recording.positions + spread * rng.normal(size=positions.shape)
+    return _Seen(replace(recording, positions=noisy), angle, firm)
+
+
+def _test(first: dict, grasps: list[_Seen], noise: float) -> Cell:
+    told = Noise.given(noise)
+    k, h = first["stiffness_ratio"], first["thickness"]
+    fitted = [grasps[i] for i in contacts.FITTED]
+    ways: dict[str, Softness | None] = {
+        "none": ScalarSoftness(),
+        "scalar": _fit_scalar(fitted, told),
+        "layered": _fit_layered(fitted, told, h),
+    }
+    error, within = {}, {}
+    frames = 0
+    for name, softness in ways.items():
+        off, size = [], []
+        for seen in (grasps[i] for i in contacts.TESTED):
+            angle = np.zeros(len(seen.angle))
+            if softness is not None:
+                found = estimate_angles(
+                    seen.recording, "incremental", noise=told, softness=softness
+                )
+                angle = np.nan_to_num(found.angle)
+            off.append(np.abs(angle - seen.angle)[seen.firm])
+            size.append(seen.angle[seen.firm])
+        off, size = np.concatenate(off), np.concatenate(size)
+        frames = len(off)
+        error[name] = float(np.mean(off / size))
+        within[name] = float(np.mean(off <= np.maximum(SHARE * size, np.radians(FLOOR_DEG))))
+    ks = [
+        float("nan") if one is None else one.stiffness_ratio
+        for one in (ways["scalar"], ways["layered"])
+    ]
+    return Cell(contacts.SHAPES[first["shape"]], k, h, noise, (ks[0], ks[1]), error, within, frames)
+
+
+def _fit_scalar(grasps: list[_Seen], noise: Noise) -> Softness | None:
+    """k of Eq. (13), or none where the fit refuses."""
+    try:
+        trials = []
+        for one in grasps:
+            unknown = np.full(len(one.angle), np.nan)
+            time = one.recording.time
+            reference = Reference(time, one.angle, unknown, True, True, "truth")
+            trials += make_trials(one.recording, reference, noise=noise)
+        return fit_softness(trials, model="none").softness
+    except ValueError:
+        return None
+
+
+def _fit_layered(grasps: list[_Seen], noise: Noise, thickness: float) -> LayeredSoftness | None:
+    """k, the thickness known, or none where the fit refuses."""
+    turns = [Grasp(one.recording, one.angle, noise) for one in grasps]
+    try:
+        return fit_layered_softness(turns, (thickness, 0.0)).softness
+    except ValueError:
+        return None
+
+
+def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
+    """A row for each object, elastomer and noise."""
+    return {
+        "": [
+            {
+                "shape": one.shape,
+                "h [mm]": one.thickness,
+                "k": one.k,
+                "noise [µm]": round(1e3 * one.noise, 3),
+                "k, scalar": round(one.found[0], 3),
+                "k, layered": round(one.found[1], 3),
+                **{f"error, {way} [%]": round(100 * one.error[way], 1) for way in WAYS},
+                **{f"within, {way} [%]": round(100 * one.within[way]) for way in WAYS},
+                "frames": one.frames,
+            }
+            for one in result
+        ]
+    }
+
+
+def plot(result: list[Cell]) -> Figure:
+    """Mean error over k and thickness: a map for each shape, noise and way."""
+    noises = sorted({one.noise for one in result})
+    shapes = list(dict.fromkeys(one.shape for one in result))
+    rows = [(noise, way) for noise in noises for way in WAYS]
+    figure, axes = plt.subplots(
+        len(rows), len(shapes), squeeze=False, layout="constrained",
+        figsize=(1.5 + 3.2 * len(shapes), 0.8 + 1.9 * len(rows)),
+    )  # fmt: skip
+    images = []
+    for (noise, way), line in zip(rows, axes, strict=True):
+        for shape, axis in zip(shapes, line, strict=True):
+            mine = [one for one in result if (one.shape, one.noise) == (shape, noise)]
+            images.append(_map(axis, mine, way))
+            axis.set_title(f"{shape}, {1e3 * noise:g} µm, {_TITLES[way]}", fontsize=8)
+    figure.colorbar(images[0], ax=axes, label="mean error of the angle [%]", shrink=0.6)
+    return figure
+
+
+_TITLES = {"none": "uncorrected", "scalar": "scalar k", "layered": "layered"}
+
+
+def _map(axis, cells: list[Cell], way: str):
+    """Errors as colours and numbers; bold where all frames are within what is asked."""
+    ks = sorted({one.k for one in cells})
+    heights = sorted({one.thickness for one in cells})
+    shade = np.full((len(heights), len(ks)), np.nan)
+    for one in cells:
+        i, j = heights.index(one.thickness), ks.index(one.k)
+        shade[i, j] = 100 * one.error[way]
+        weight = "bold" if one.within[way] >= 0.95 else "normal"
+        colour = "white" if shade[i, j] > 3.0 else "black"
+        axis.text(j, i, f"{shade[i, j]:.1f}", ha="center", va="center", fontsize=7,
+                  color=colour, weight=weight)  # fmt: skip
+    image = axis.imshow(
+        shade, norm="log", vmin=0.3, vmax=100.0, cmap="viridis_r", aspect="auto", origin="lower"
+    )
+    axis.set_xticks(range(len(ks)), [f"{k:g}" for k in ks], fontsize=7)
+    axis.set_yticks(range(len(heights)), [f"{h:g}" for h in heights], fontsize=7)
+    axis.set_xlabel("k", fontsize=7)
+    axis.set_ylabel("h [mm]", fontsize=7)
+    return image
