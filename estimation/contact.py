@@ -31,7 +31,7 @@ def find_contact(
     The region holds the markers that are pressed in by at least a share of the largest normal
     displacement, and those that they surround: a flat object as soft as the elastomer presses its
     rim in deepest, and its middle hardly. There is contact once the stick centre has moved by the
-    onset, or, where it is one of those, another marker has. A recording in two dimensions has no
+    onset, or, where there are such, the rim is pressed in by it. A recording in two dimensions has no
     normal displacement: every marker counts, once one of them has moved by the onset.
 
     Args:
@@ -48,17 +48,18 @@ def find_contact(
     seen = np.isfinite(indentation)
     region = seen & has_rotation
     moved = np.sqrt(np.einsum("ni,ni->n", displacement, displacement))
-    hollow = False
+    pressed_on = False
     if not stencils.flat:
         deepest = indentation[seen].max(initial=0.0)
         pressed = region & (indentation > SURROUNDED_SHARE * deepest)
         region &= (indentation >= share * deepest) & (deepest > 0.0)
         filled = _fill_hollow(stencils.reference[:, :2], region, pressed)
-        hollow, region = bool((filled & ~region).any()), filled
+        pressed_on = bool((filled & ~region).any()) and float(deepest) >= onset_mm
+        region = filled
     if region.any():
         centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
-        anywhere = stencils.flat or hollow
-        if (moved[region].max() if anywhere else moved[centre]) >= onset_mm:
+        moved_on = (moved[region].max() if stencils.flat else moved[centre]) >= onset_mm
+        if moved_on or pressed_on:
             return region, centre
     return np.zeros_like(region), -1
 
