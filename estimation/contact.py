@@ -31,8 +31,8 @@ def find_contact(
     The region holds the markers that are pressed in by at least a share of the largest normal
     displacement, and those that they surround: a flat object as soft as the elastomer presses its
     rim in deepest, and its middle hardly. There is contact once the stick centre has moved by the
-    onset, or, where there are such, the rim is pressed in by it. A recording in two dimensions has no
-    normal displacement: every marker counts, once one of them has moved by the onset.
+    onset, or, where there are such, the rim is pressed in by it. A recording in two dimensions has
+    no normal displacement: every marker counts, once one of them has moved by the onset.
 
     Args:
         stencils: of the layout.
