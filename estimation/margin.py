@@ -135,30 +135,32 @@ class MarginTracker:
             self._sign, self._guess = -self._sign, None
 
 
-def follow_margin(result: Result) -> tuple[list[Margin], list[Branch | None]]:
-    """Margin and branch after every frame of a recording, from that and earlier frames only."""
+class MarginPath(NamedTuple):
+    """Margin and branch after every frame of a recording, from that and earlier frames only.
+
+    Attributes:
+        margins: by frame; NaN in macro slip.
+        last: the branch as known in the last frame that has a margin; None if there is none.
+    """
+
+    margins: list[Margin]
+    last: Branch | None
+
+
+def follow_margin(result: Result) -> MarginPath:
+    """Margins of a recording, frame by frame."""
     tracker = MarginTracker()
-    margins, branches = [], []
+    margins, last = [], None
     for state, angle, moment in zip(result.state, result.angle, result.moment, strict=True):
         if state == State.NO_CONTACT:
             tracker.restart()
             margins.append(Margin())
-        else:
-            margin = tracker.update(float(angle), float(moment))
-            margins.append(Margin() if state == State.MACRO_SLIP else margin)
-        branches.append(tracker.branch)
-    return margins, branches
-
-
-def last_branch(result: Result) -> Branch | None:
-    """The branch as known in the last frame that holds and has a margin."""
-    margins, branches = follow_margin(result)
-    told = [
-        branch
-        for margin, branch in zip(margins, branches, strict=True)
-        if np.isfinite(margin.angle_left)
-    ]
-    return told[-1] if told else None
+            continue
+        margin = tracker.update(float(angle), float(moment))
+        margins.append(Margin() if state == State.MACRO_SLIP else margin)
+        if np.isfinite(margins[-1].angle_left):
+            last = tracker.branch
+    return MarginPath(margins, last)
 
 
 def fit_branch(

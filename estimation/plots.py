@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from estimation.grasp import Grasp
-from estimation.margin import last_branch
+from estimation.margin import Branch
 from estimation.recording import Recording
 from estimation.result import Result, State
 from estimation.slip import find_slip_curl
@@ -185,16 +185,16 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     return figure
 
 
-def plot_moment(results: Mapping[str, Result]) -> Figure:
+def plot_moment(results: Mapping[str, tuple[Result, Branch | None]]) -> Figure:
     """Moment against angle, and the branch of partial-slip torsion fitted while it held.
 
     Args:
-        results: by name, with moments.
+        results: by name, with moments and the branch, if it is known.
     """
     figure, axes = plt.subplots(
         1, len(results), figsize=(5.2 * len(results), 4.2), squeeze=False, layout="constrained"
     )
-    for axis, (name, result) in zip(axes[0], results.items(), strict=True):
+    for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
         slip = np.array([state == State.MACRO_SLIP for state in result.state])
         for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
             axis.plot(
@@ -204,7 +204,6 @@ def plot_moment(results: Mapping[str, Result]) -> Figure:
                 color=colour,
                 label=label,
             )
-        branch = last_branch(result)
         if branch is not None:
             furthest = np.nanmax(branch.sign * (result.angle - branch.start))
             angle = branch.start + branch.sign * np.linspace(0.0, furthest, 200)

@@ -5,8 +5,8 @@ import csv
 import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from estimation.files import write_whole
 from estimation.grasp import Fit, Grasp
-from estimation.margin import follow_margin, last_branch
+from estimation.margin import Branch, MarginPath
 from estimation.onset import MacroSlip
 from estimation.plots import (
     choose_frames,
@@ -53,6 +53,17 @@ COLUMNS = (
     "imprint_deg",
 )
 
+MARGIN_COLUMNS = (
+    "stick_ratio",
+    "angle_left_deg",
+    "angle_left_low_deg",
+    "angle_left_high_deg",
+    "moment_left_Nmm",
+    "moment_left_low_Nmm",
+    "moment_left_high_Nmm",
+)
+"""Beside the chosen method's angles; empty where they cannot be told."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -67,6 +78,7 @@ class Run:
         notes: what a reader of the angles should know, in sentences.
         truth: of a virtual recording.
         slips: when macro slip began, by the whole recording.
+        margin: what is left before macro slip, by the chosen method.
     """
 
     recording: Recording
@@ -77,6 +89,7 @@ class Run:
     notes: Sequence[str] = ()
     truth: Truth | None = None
     slips: Sequence[MacroSlip] = ()
+    margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
 
     @property
     def turns(self) -> str:
@@ -85,17 +98,17 @@ class Run:
 
 
 def write_run(run: Run, folder: Path) -> None:
-    """Write `angles.csv`, `angles_all.csv`, `margin.csv`, `summary.json`, `report.html`, pictures.
+    """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and its pictures.
 
     Raises:
         OSError: a file cannot be written; those that are there are whole.
     """
     main = run.results[run.method]
     imprint = None if run.recording.imprint is None else run.recording.imprint[:, 0]
-    tables = _table([main], imprint), _table(run.results.values(), imprint, name_method=True)
+    own = _table([main], imprint, margin=run.margin)
+    tables = own, _table(run.results.values(), imprint, name_method=True)
     write_whole(folder / "angles.csv", tables[0])
     write_whole(folder / "angles_all.csv", tables[1])
-    write_whole(folder / "margin.csv", _margins(main))
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     references = {}
@@ -107,6 +120,9 @@ def write_run(run: Run, folder: Path) -> None:
         "angles.png": plot_angles(run.results, run.method, references),
         "maps.png": plot_maps(run.recording, main, choose_frames(main)),
     }
+    if np.isfinite(main.moment).any():
+        branches = {run.recording.name: (main, run.margin.last)}
+        pictures["moment.png"] = plot_moment(branches)
     images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():
         write_whole(folder / name, image)
@@ -133,13 +149,13 @@ def write_overview(runs: Sequence[Run], folder: Path) -> None:
     write_whole(folder / "report.html", page)
 
 
-def write_grasp(grasp: Grasp, results: Mapping[str, Result], folder: Path) -> None:
+def write_grasp(grasp: Grasp, runs: Mapping[str, Run], folder: Path) -> None:
     """Write `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`, on the first's clock.
 
     Raises:
         OSError: a file cannot be written.
     """
-    names = list(results)
+    names = list(runs)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
@@ -165,16 +181,16 @@ def write_grasp(grasp: Grasp, results: Mapping[str, Result], folder: Path) -> No
         "second": names[1],
         "slope_fixed": _describe_fit(grasp.fixed),
         "slope_free": _describe_fit(grasp.free),
-        "branches": {name: _describe_branch(result) for name, result in results.items()},
+        "branches": {name: _describe_branch(run.margin.last) for name, run in runs.items()},
     }
     write_whole(folder / "grasp.json", json.dumps(figures, indent=2, ensure_ascii=False) + "\n")
     write_whole(folder / "grasp.png", figure_png(plot_grasp(grasp, names)))
-    write_whole(folder / "moment.png", figure_png(plot_moment(results)))
+    branches = {name: (run.results[run.method], run.margin.last) for name, run in runs.items()}
+    write_whole(folder / "moment.png", figure_png(plot_moment(branches)))
 
 
-def _describe_branch(result: Result) -> dict[str, Any] | None:
+def _describe_branch(branch: Branch | None) -> dict[str, Any] | None:
     """The branch of moment against angle while it held; nothing where the data cannot tell."""
-    branch = last_branch(result)
     if branch is None:
         return None
     return {
@@ -188,22 +204,12 @@ def _describe_branch(result: Result) -> dict[str, Any] | None:
     }
 
 
-def _margins(result: Result) -> str:
-    """Margin before macro slip as CSV, a row per frame; empty where it cannot be told."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = ("angle_left", "angle_left_low", "angle_left_high")
-    columns = [f"{name}_deg" for name in names]
-    columns += [f"{name.replace('angle', 'moment')}_Nmm" for name in names]
-    writer.writerow(("time_s", "state", "stick_ratio", *columns))
-    margins, _ = follow_margin(result)
-    for i, margin in enumerate(margins):
-        contact = result.contact[i].sum()
-        ratio = np.sqrt(result.stick[i].sum() / contact) if contact else np.nan
-        values = (ratio, *np.degrees(margin[:3]), *margin[3:])
-        shown = (f"{value:.6f}" if np.isfinite(value) else "" for value in values)
-        writer.writerow((f"{result.time[i]:.6f}", result.state[i], *shown))
-    return text.getvalue()
+def _margin_cells(result: Result, margin: MarginPath, frame: int) -> list[str]:
+    """A frame's `MARGIN_COLUMNS`."""
+    contact, left = result.contact[frame].sum(), margin.margins[frame]
+    ratio = np.sqrt(result.stick[frame].sum() / contact) if contact else np.nan
+    values = (ratio, *np.degrees(left[:3]), *left[3:])
+    return [f"{value:.6f}" if np.isfinite(value) else "" for value in values]
 
 
 def _describe_fit(fit: Fit) -> dict[str, Any]:
@@ -236,10 +242,23 @@ def summarise(run: Run) -> dict[str, Any]:
         "frames": len(run.results[run.method].time),
         "duration_s": _number(np.ptp(recording.time)),
         "dropped_frames": int(np.clip(np.diff(recording.source_index) - 1, 0, None).sum()),
+        "branch": _describe_branch(run.margin.last),
+        "margin_last": _describe_margin(run),
         "macro_slips": [_describe_slip(slip, recording.time[0]) for slip in run.slips],
         "methods": {name: _figures(result, run.truth) for name, result in run.results.items()},
         "notes": [*recording.notes, *run.notes],
     }
+
+
+def _describe_margin(run: Run) -> dict[str, float | None] | None:
+    """The margin in the last frame that has one, and when that was; None without moments."""
+    known = [i for i, left in enumerate(run.margin.margins) if np.isfinite(left.angle_left)]
+    if not known:
+        return None
+    left, time = run.margin.margins[known[-1]], run.recording.time
+    values = (*np.degrees(left[:3]), *left[3:])
+    cells = {name: _number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)}
+    return {"time_s": _number(time[known[-1]] - time[0])} | cells
 
 
 def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | None]:
@@ -319,12 +338,17 @@ def _number(value: Any) -> float | None:
 
 
 def _table(
-    results: Any, imprint: Float[np.ndarray, " frames"] | None, *, name_method: bool = False
+    results: Iterable[Result],
+    imprint: Float[np.ndarray, " frames"] | None,
+    *,
+    name_method: bool = False,
+    margin: MarginPath | None = None,
 ) -> str:
-    """Results as CSV, one row per frame and method."""
+    """Results as CSV, one row per frame and method; the margin beside one method's angles."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("method", *COLUMNS) if name_method else COLUMNS)
+    columns = COLUMNS if margin is None else COLUMNS + MARGIN_COLUMNS
+    writer.writerow(("method", *columns) if name_method else columns)
     for result in results:
         degrees = np.degrees(np.stack([result.angle, result.low, result.high], axis=1))
         turned = np.full(len(result.time), np.nan) if imprint is None else imprint
@@ -341,6 +365,7 @@ def _table(
                 result.contact[i].sum(),
                 f"{result.moment[i]:.6f}",
                 *(f"{value:.6f}" for value in np.degrees(others[i])),
+                *([] if margin is None else _margin_cells(result, margin, i)),
             )
             writer.writerow((result.method, *row) if name_method else row)
     return text.getvalue()

@@ -16,6 +16,7 @@ from estimation.files import check_writable
 from estimation.grasp import compare_fingers
 from estimation.images.preview import write_preview
 from estimation.live import LiveAngles
+from estimation.margin import follow_margin
 from estimation.noise import Noise, estimate_noise
 from estimation.onset import date_macro_slips, describe_slips
 from estimation.outline import follow_outline
@@ -248,6 +249,7 @@ def _put_together(
         notes=notes,
         truth=truth,
         slips=slips,
+        margin=follow_margin(main),
     )
 
 
@@ -296,7 +298,7 @@ def _compare(runs: Sequence[Run], out: Path) -> list[str]:
     names = _folder_names([run.recording.name for run in runs])
     write_grasp(
         grasp,
-        {name: run.results[run.method] for name, run in zip(names, runs, strict=True)},
+        dict(zip(names, runs, strict=True)),
         out,
     )
     return [

@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from estimation.estimators import METHODS
 from estimation.noise import Noise
-from estimation.report import COLUMNS
+from estimation.report import COLUMNS, MARGIN_COLUMNS
 from estimation.run import Input, Settings, run_all
 from estimation.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import simulate_pivot
@@ -20,7 +20,7 @@ ANGLES = np.radians(np.linspace(0.0, 10.0, 20))
 FILES = {
     "angles.csv",
     "angles_all.csv",
-    "margin.csv",
+    "moment.png",
     "summary.json",
     "report.html",
     "angles.png",
@@ -44,7 +44,7 @@ def test_everything_is_written(tmp_path, progress):
     assert not outcome.interrupted
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
     rows = rows_of(tmp_path / "out" / "angles.csv")
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == COLUMNS + MARGIN_COLUMNS
     assert len(rows) == len(recording)
     result = estimate_angles(recording)
     for i, row in enumerate(rows):
@@ -55,6 +55,9 @@ def test_everything_is_written(tmp_path, progress):
             np.degrees(result.angle[i]), abs=1e-6, nan_ok=True
         )
         assert float(row["moment_Nmm"]) == pytest.approx(recording.moment[i, 2])
+        # the moment rises in a straight line: no end can be told
+        assert row["angle_left_deg"] == row["moment_left_Nmm"] == ""
+        assert bool(row["stick_ratio"]) == bool(int(row["contact_markers"]))
     everything = rows_of(tmp_path / "out" / "angles_all.csv")
     assert {row["method"] for row in everything} == set(METHODS)
     assert len(everything) == len(METHODS) * len(recording)
@@ -78,7 +81,7 @@ def test_the_report_needs_nothing_else(tmp_path, progress):
     run_all([Input(lift(ANGLES))], tmp_path, Settings(), progress)
     page = (tmp_path / "report.html").read_text()
     sources = re.findall(r"(?:src|href)\s*=\s*\"([^\"]*)\"", page)
-    assert len(sources) == 2
+    assert len(sources) == 3
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert "<script" not in page
     assert "http" not in re.sub(r"base64,[^\"]*", "", page)
