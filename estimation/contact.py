@@ -101,7 +101,8 @@ def reaches_edge(neighbours: Int[np.ndarray, "n k"], contact: Bool[np.ndarray, "
         contact: the contact region.
     """
     count = (neighbours >= 0).sum(axis=1)
-    return bool(contact.any() and np.mean(count[contact] < np.median(count)) >= EDGE_SHARE)
+    typical = np.sort(count)[len(count) // 2]
+    return bool(contact.any() and np.mean(count[contact] < typical) >= EDGE_SHARE)
 
 
 def find_stick_centre(

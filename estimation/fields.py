@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from contactmodel.kinematics import mean_line_rotation, polar_rotation
 from estimation.contact import ONSET_MM, SHARE, find_contact, known_contact
 from estimation.recording import Frame
-from estimation.stencils import Stencils, in_space, unit
+from estimation.stencils import Stencils, cross, in_space, unit
 
 
 class Fields(NamedTuple):
@@ -113,10 +113,10 @@ def tilt(
     after: Float[np.ndarray, "*#batch 3"],
 ) -> Float[np.ndarray, "*batch 3"]:
     """Turn vectors by the smallest rotation that takes the unit vector `before` to `after`."""
-    axis = np.cross(before, after)
+    axis = cross(before, after)
     cosine = np.sum(before * after, axis=-1, keepdims=True)
-    once = np.cross(axis, vectors)
-    return vectors + once + np.cross(axis, once) / (1.0 + cosine)
+    once = cross(axis, vectors)
+    return vectors + once + cross(axis, once) / (1.0 + cosine)
 
 
 def _surface_gradient(
@@ -127,7 +127,7 @@ def _surface_gradient(
     edges = positions[stencils.neighbours] - positions[:, None]
     edges = np.where(weights[..., None] > 0, edges, 0.0)
     images = edges.transpose(0, 2, 1) @ stencils.offsets @ inverse
-    normals = unit(np.cross(images[..., 0], images[..., 1]))
+    normals = unit(cross(images[..., 0], images[..., 1]))
     tangents = tilt(
         stencils.tangents.transpose(0, 2, 1), stencils.normals[:, None], normals[:, None]
     )

@@ -91,6 +91,8 @@ def measure_axis(fields: Fields) -> Axis:
     points = fields.positions[fields.contact, :2]
     if len(points) < LEAST_MARKERS:
         return nothing._replace(reason=f"{len(points)} markers in contact")
+    if not fields.indentation[fields.contact].any():
+        return nothing._replace(reason="one view tells no indentation")
     x, y = (points - points.mean(axis=0)).T
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     depth = fields.indentation[fields.contact]

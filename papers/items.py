@@ -21,7 +21,7 @@ ITEMS = {
         "reversals",
         "marker_depth",
     ),
-    "marker_images": ("corners", "pivots", "clips"),
+    "marker_images": ("dots", "corners", "speckle", "pivots", "clips"),
     "softness": ("virtual", "layered", "pivot"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "rendered"),
 }

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from estimation.fields import Fields, tilt
-from estimation.stencils import Stencils
+from estimation.stencils import Stencils, cross
 
 
 class Motion(NamedTuple):
@@ -66,7 +66,7 @@ def in_contact_plane(
     normal = _mean_direction(normals[markers])
     along = stencils.tangents[markers][0, :, 0]
     along = _mean_direction((along - normal * (along @ normal))[None])
-    basis = np.stack([along, np.cross(normal, along)])
+    basis = np.stack([along, cross(normal, along)])
     basis_now = tilt(basis, normal, _mean_direction(fields.normals[markers]))
     to_complex = np.array([1.0, 1.0j])
     return (positions @ basis.T) @ to_complex, (fields.positions @ basis_now.T) @ to_complex

@@ -24,7 +24,7 @@ LONGEST = np.array([1.0, 1.0, 0.3, 0.3, 0.4], dtype=np.float32)
 """Longest step in x and y [px], both angles [rad] and the blur [px]."""
 SETTLED = 0.12
 """Share of the longest step that the last may have: the next one is then below the noise."""
-BATCH = 64
+BATCH = 32
 """Corners fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
 SIZES = (5, 9)
 """Pixels on each side of the middle that are looked at: two sizes are compiled."""
@@ -196,6 +196,7 @@ def _step(
     t1, t2 = (c1 * y - s1 * x) / blur, (c2 * y - s2 * x) / blur
     e1, e2 = jax.lax.erf(t1 * root_half), jax.lax.erf(t2 * root_half)
     f1, f2 = density * jnp.exp(-0.5 * t1**2), density * jnp.exp(-0.5 * t2**2)
+    e1, e2, f1, f2 = jax.lax.optimization_barrier((e1, e2, f1, f2))  # once, not for each column
     rho = c1 * c2 + s1 * s2
     both = 4.0 * f1 * f2
     saddle = e1 * e2 + rho * both

@@ -95,9 +95,29 @@ def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarra
     strength = response[y, x]
     if not len(x):
         return np.zeros((0, 2), dtype=int)
-    typical = np.median(strength[strength > 0.5 * np.percentile(strength, 90)])
-    keep = strength > FAINT * typical
-    return part * np.stack([x[keep], y[keep]], axis=1)
+    ranked = np.sort(strength)
+    strong = ranked[np.searchsorted(ranked, 0.5 * ranked[int(0.9 * (len(ranked) - 1))]) :]
+    keep = strength > FAINT * strong[len(strong) // 2]
+    x, y = x[keep], y[keep]
+    peak = np.stack([x + _peak(response, y, x, (0, 1)), y + _peak(response, y, x, (1, 0))], axis=1)
+    limit = part * np.array(response.shape[::-1]) - 1
+    return np.clip(np.rint(part * peak + 0.5 * (part - 1)), 0, limit).astype(int)
+
+
+def _peak(
+    response: Float[np.ndarray, "h w"],
+    y: Int[np.ndarray, " n"],
+    x: Int[np.ndarray, " n"],
+    step: tuple[int, int],
+) -> Float[np.ndarray, " n"]:
+    """How far the top of a parabola through three pixels lies from the middle one [px]."""
+    inside = np.array(response.shape) - 1
+    ahead, behind = (
+        response[np.clip(y + s * step[0], 0, inside[0]), np.clip(x + s * step[1], 0, inside[1])]
+        for s in (1, -1)
+    )
+    bend = np.maximum(2.0 * response[y, x] - ahead - behind, 1e-6)
+    return np.clip(0.5 * (ahead - behind) / bend, -0.5, 0.5)
 
 
 def fit_dots(

@@ -15,6 +15,8 @@ from jaxtyping import Float, Shaped, UInt8
 
 ROWS = 120
 """Rows, about, of the picture that is registered; larger ones are scaled down."""
+SMALLEST_DOT = 2.0
+"""Radius that scaling down leaves a dot [px]: a smaller one cannot be painted out."""
 LEAST_CORRELATION = 0.65
 """Correlation with the keyframe below which the imprint has lost its place."""
 FOUND_AGAIN = 0.8
@@ -117,6 +119,8 @@ class ImprintFollower:
         self.before: _Keyframe | None = None
         self.angle = 0.0
         self.missed = 0
+        self.confirmed = False
+        """Whether a second frame has shown the first one's texture: else it may be noise."""
 
     def update(
         self,
@@ -143,10 +147,13 @@ class ImprintFollower:
         if self.last is None or self.before is None:
             return self._begin(texture)
         found = self._find(texture, self.last, self.before)
+        if found is None and not self.confirmed:
+            self.keyframes.clear()
+            return self._begin(texture)
         if found is None:
             self.missed += 1
             return LOST
-        self.missed = 0
+        self.missed, self.confirmed = 0, True
         error = float(np.hypot(found.error, CUT_ERROR)) if cut else found.error
         if error > LARGEST_ERROR:
             self.missed = PATIENCE + 1
@@ -194,7 +201,7 @@ class ImprintFollower:
             return found
         still = np.eye(2, 3, dtype=np.float32)
         found = register(before, texture, still, LEAST_CORRELATION)
-        if found is None:
+        if found is None and self.confirmed:
             guess = search_motion(before.texture, texture)
             found = None if guess is None else register(before, texture, guess, FOUND_AGAIN)
         return found
@@ -287,7 +294,7 @@ def paint_out(
         region: dots of the contact region [px].
         channel: of the picture; by default the one with the strongest texture.
     """
-    part = max(round(picture.shape[0] / ROWS), 1)
+    part = max(min(round(picture.shape[0] / ROWS), int(radius / SMALLEST_DOT)), 1)
     size = (picture.shape[1] // part, picture.shape[0] // part)
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     image = small.astype(np.float32) * np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)

@@ -7,9 +7,7 @@ from the neighbours found before. Earlier frames play no part, so none can misle
 """
 
 import numpy as np
-from jaxtyping import Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from estimation.images.lattice import NEAR, Reference, nearest
@@ -92,16 +90,28 @@ def _largest_piece(
     expected: Float[np.ndarray, "m 2"],
 ) -> Int[np.ndarray, " m"]:
     """The largest set of neighbours that have kept their places to each other."""
-    i, slot = np.nonzero(reference.neighbours >= 0)
-    j = reference.neighbours[i, slot]
-    both = (match[i] >= 0) & (match[j] >= 0)
-    i, j = i[both], j[both]
-    moved = (centre[match[j]] - centre[match[i]]) - (expected[j] - expected[i])
-    firm = np.linalg.norm(moved, axis=1) < STRETCH * reference.pitch
-    graph = coo_array((np.ones(firm.sum()), (i[firm], j[firm])), shape=(len(match), len(match)))
-    label = connected_components(graph, directed=False)[1]
-    largest = np.argmax(np.bincount(label[match >= 0], minlength=1))
-    return np.where((label == largest) & (match >= 0), match, -1)
+    neighbours = reference.neighbours
+    known = match >= 0
+    both = (neighbours >= 0) & known[neighbours] & known[:, None]
+    off = centre[match] - expected
+    moved = off[neighbours] - off[:, None]
+    firm = both & (np.einsum("nki,nki->nk", moved, moved) < (STRETCH * reference.pitch) ** 2)
+    label = _label_pieces(neighbours, firm)
+    largest = np.argmax(np.bincount(label[known], minlength=1))
+    return np.where((label == largest) & known, match, -1)
+
+
+def _label_pieces(
+    neighbours: Int[np.ndarray, "m k"], joined: Bool[np.ndarray, "m k"]
+) -> Int[np.ndarray, " m"]:
+    """For each point the lowest number of a point that joints connect it to."""
+    label = np.arange(len(neighbours))
+    while True:
+        lower = np.minimum(label, np.where(joined, label[neighbours], len(label)).min(axis=1))
+        lower = lower[lower]  # as far as the label's own label: pieces are long
+        if (lower == label).all():
+            return label
+        label = lower
 
 
 def _spread(

@@ -37,13 +37,15 @@ def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
 
 
 def _keep_dots(dots: Dots, grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
-    size = np.sqrt(np.abs(np.linalg.det(dots.axes))) / style.radius
+    xx, xy, yx, yy = dots.axes.reshape(-1, 4).T
+    size = np.sqrt(np.abs(xx * yy - xy * yx)) / style.radius
     good = (dots.explained > EXPLAINED) & (size > 0.5) & (size < 1.8) & (dots.contrast > 3.0)
     good &= np.isfinite(dots.covariance).all(axis=(1, 2))
     good &= (dots.centre > -1.0).all(axis=1)
     good &= (dots.centre < np.array(grey.shape[::-1])).all(axis=1)
     if good.any():
-        good &= dots.contrast > 0.4 * np.median(dots.contrast[good])
+        typical = np.sort(dots.contrast[good])[good.sum() // 2]
+        good &= dots.contrast > 0.4 * typical
     return dots.take(good)
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from estimation.images.dots import Dots, DotStyle, model_dots
 
 PARTS = 8
-"""Centres tabulated per pixel, along each axis."""
+"""Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
 SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
 """Radii tabulated, as multiples of the typical one."""
 DAMPING = 1e-5
@@ -34,12 +34,16 @@ class Templates(NamedTuple):
         jacobian: derivatives of each entry by the ten parameters of `model_dots`, for a dot of
             height 1; the entries are sorted by radius, then y, then x.
         gram: products of the derivatives.
+        inverse: of the products, damped.
+        solver: takes the grey levels of a window, less their mean, to the linear fit.
     """
 
     dx: Int[np.ndarray, " pixels"]
     dy: Int[np.ndarray, " pixels"]
     jacobian: Float[np.ndarray, "entries 10 pixels"]
     gram: Float[np.ndarray, "entries 10 10"]
+    inverse: Float[np.ndarray, "entries 10 10"]
+    solver: Float[np.ndarray, "entries 10 pixels"]
 
 
 @lru_cache(maxsize=4)
@@ -49,7 +53,7 @@ def make_templates(radius: float, blur: float) -> Templates:
     dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
     inside = dx**2 + dy**2 <= (half + 0.5) ** 2
     dx, dy = dx[inside], dy[inside]
-    spots = np.arange(PARTS) / PARTS - 0.5
+    spots = np.arange(PARTS + 1) / PARTS - 0.5
     size, y, x = (a.ravel() for a in np.meshgrid(SIZES, spots, spots, indexing="ij"))
     none, one = np.zeros_like(x), np.ones_like(x)
     inverse = 1.0 / (radius * size)
@@ -57,7 +61,16 @@ def make_templates(radius: float, blur: float) -> Templates:
     pixels = (jnp.asarray(one, dtype=jnp.float32) for one in (dx, dy))
     jacobian = np.asarray(jax.jit(model_dots)(jnp.asarray(p, dtype=jnp.float32), *pixels)[1])
     gram = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
-    return Templates(dx, dy, jacobian, gram)
+    inverse = _invert(gram)
+    return Templates(
+        dx, dy, jacobian, gram, inverse, np.matmul(inverse, jacobian).astype(np.float32)
+    )
+
+
+def _invert(gram: Float[np.ndarray, "n 10 10"]) -> Float[np.ndarray, "n 10 10"]:
+    diagonal = np.einsum("nii->ni", gram)
+    damping = DAMPING * diagonal + 1e-6
+    return np.linalg.inv(gram + damping[:, :, None] * np.eye(10))
 
 
 def fit_alike(
@@ -96,27 +109,30 @@ def _fit_linear(
 ) -> Dots:
     """One linear fit about the entries next to the centres."""
     pixel = np.rint(centre).astype(int)
-    part = np.clip(np.rint((centre - pixel + 0.5) * PARTS).astype(int), 0, PARTS - 1)
-    entry = (size * PARTS + part[:, 1]) * PARTS + part[:, 0]
+    part = np.rint((centre - pixel + 0.5) * PARTS).astype(int)
+    entry = (size * (PARTS + 1) + part[:, 1]) * (PARTS + 1) + part[:, 0]
     start = (pixel[:, 1] + margin) * padded.shape[1] + pixel[:, 0] + margin
     value = padded.ravel()[start[:, None] + (templates.dy * padded.shape[1] + templates.dx)]
-    jacobian, gram = templates.jacobian[entry], templates.gram[entry]
+    gram, inverse = templates.gram[entry], templates.inverse[entry]
     count = np.full(len(value), float(value.shape[1]))
     cut = np.flatnonzero(~np.isfinite(value.sum(axis=1)))  # by the picture's border
     there = np.isfinite(value[cut])
     if len(cut):
         count[cut] = there.sum(axis=1)
-        jacobian[cut] *= there[:, None]
-        gram[cut] = jacobian[cut] @ jacobian[cut].transpose(0, 2, 1)
         value[cut] = np.where(there, value[cut], 0.0)
-    level = value.sum(axis=1) / count
-    value -= level[:, None]
-    value[cut] *= there
-    diagonal = np.einsum("nii->ni", gram)
-    diagonal += DAMPING * diagonal + 1e-6
-    inverse = np.linalg.inv(gram)
-    right = np.matmul(jacobian, value[..., None])[..., 0].astype(float)
-    found = np.einsum("nij,nj->ni", inverse, right)
+    value -= (value.sum(axis=1) / count)[:, None]
+    if len(entry) and (entry == entry[0]).all():  # as for seeds: one matrix for all
+        found = (value @ templates.solver[entry[0]].T).astype(float)
+    else:
+        found = np.matmul(templates.solver[entry], value[..., None])[..., 0].astype(float)
+    if len(cut):
+        value[cut] *= there
+        jacobian = templates.jacobian[entry[cut]] * there[:, None]
+        gram[cut] = jacobian @ jacobian.transpose(0, 2, 1)
+        inverse[cut] = _invert(gram[cut])
+        products = np.matmul(jacobian, value[cut][..., None])
+        found[cut] = np.matmul(inverse[cut], products)[..., 0]
+    right = np.matmul(gram, found[..., None])[..., 0]
     spread = np.einsum("np,np->n", value, value).astype(float)
     misfit = np.maximum(spread - np.einsum("ni,ni->n", found, right), 0.0)
     height = np.where(np.abs(found[:, 6]) > 1e-3, found[:, 6], 1e-3)

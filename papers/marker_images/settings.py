@@ -35,3 +35,6 @@ REGISTERED: dict[str, dict[int, float]] = {
 }
 """Rotation of the handle's imprint since frame 0, by frame [deg, clockwise on the screen], ±1°: the
 edge image registered with the dots painted out, apart from this code, and looked at."""
+
+TWISTS_DEG = (0.5, 2.0, 5.0, 10.0, 20.0)
+"""By which speckle is turned from picture to picture [deg]."""

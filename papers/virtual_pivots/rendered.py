@@ -29,6 +29,9 @@ from papers.virtual_pivots import settings
 
 CAMERA = Camera(mm_per_px=1.0 / 22.0)
 RADIUS = 4.3 * CAMERA.mm_per_px
+SENSOR = ImageSettings(
+    Sensor(mm_per_px=CAMERA.mm_per_px, radius=RADIUS / CAMERA.mm_per_px, dark=True)
+)
 POSITION_NOISE = 0.0085 * CAMERA.mm_per_px
 """Cramér–Rao bound of a dot's position at this noise [mm]."""
 
@@ -53,7 +56,6 @@ class Rendered(NamedTuple):
 
 def compute(quick: bool = False, track: Track = iter) -> Rendered:
     """Render and estimate."""
-    rng = np.random.default_rng(0)
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["rendered"]
     middle = len(settings.ANGLES_DEG) // 2
     angles = settings.ANGLES_DEG[middle : middle + 1] if quick else settings.ANGLES_DEG
@@ -62,6 +64,7 @@ def compute(quick: bool = False, track: Track = iter) -> Rendered:
     answered, counts, seen = np.zeros(error.shape, bool), np.zeros(shape, bool), np.zeros(shape)
     for case in track(list(np.ndindex(shape))):
         truth = float(angles[case[0]])
+        rng = np.random.default_rng((angles[case[0]], case[1]))
         model = PivotModel(friction_ratio=0.3, offset=tuple(rng.uniform(-0.5, 0.5, 2)))
         layout, frame, stick = photograph(model, float(np.radians(truth)), rng)
         counts[case] = stick >= settings.FIRM_MARKERS
@@ -91,7 +94,7 @@ def photograph(
 
     rest = Picture(render(lambda points: points), 0.0, 0)
     now = Picture(render(move), 1.0, 1)
-    reader = DotReader(rest, ImageSettings(Sensor(mm_per_px=CAMERA.mm_per_px)))
+    reader = DotReader(rest, SENSOR)
     reader.read(rest)
     frame = reader.frame(reader.read(now))
     return reader.layout, frame, int(stick.sum())

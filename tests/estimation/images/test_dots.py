@@ -4,49 +4,26 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from estimation.images.dots import DotStyle, find_seeds, fit_dots, to_grey
+from estimation.images.dots import DotStyle, fit_dots, to_grey
 from estimation.images.render import Camera, render_dots
 from estimation.images.style import find_dots, find_style
+from papers.marker_images import settings
+from papers.marker_images.dots import RADIUS, compute, position_limit, tables
 from tests.estimation.images.scenes import REST, picture, real
 
 
-def position_bound(noise, radius=4.3, contrast=120.0, blur=1.0, step=0.02):
-    """Cramér–Rao bound of the position [px]; radial nuisances are orthogonal to it by symmetry.
-
-    Information on x is the mean square slope of the picture: ∫ (∂I/∂x)² dA / noise², the profile
-    that of an edge under the blur.
-    """
-    r = np.arange(step, radius + 8.0 * blur, step)
-    slope = contrast * np.exp(-0.5 * ((r - radius) / blur) ** 2) / (blur * np.sqrt(2.0 * np.pi))
-    information = np.pi * np.sum(slope**2 * r) * step / noise**2
-    return information**-0.5
-
-
 def test_bound_is_the_known_one():
-    assert position_bound(2.0) == pytest.approx(0.0085, abs=5e-5)  # printed digits
-    assert position_bound(5.0) == pytest.approx(0.0214, abs=1e-4)
+    for noise, printed in ((2.0, 0.0085), (5.0, 0.0214)):
+        limit = position_limit(noise, RADIUS, settings.CONTRAST, settings.BLUR)
+        assert limit == pytest.approx(printed, abs=1e-4)  # its digits
 
 
-@pytest.mark.parametrize("noise", [2.0, 5.0])
-def test_positions_reach_the_bound(noise):
-    rng = np.random.default_rng(1)
-    grid = np.stack(np.meshgrid(np.arange(20) * 30 + 35, np.arange(15) * 30 + 30), -1)
-    errors, claimed = [], []
-    style = DotStyle(dark=True, radius=4.0)  # not the true radius: it is fitted
-    for _ in range(3):
-        truth = grid.reshape(-1, 2) + rng.uniform(-0.5, 0.5, (300, 2))
-        grey = to_grey(picture(truth, rng, Camera(noise=noise)), dark=True)
-        dots = fit_dots(grey, find_seeds(grey, style), style)
-        assert len(dots.centre) == 300
-        nearest = KDTree(dots.centre).query(truth)[1]
-        errors.append(dots.centre[nearest] - truth)
-        claimed.append(dots.covariance[nearest, [0], [0]])
-    errors = np.concatenate(errors)
-    bound = position_bound(noise)
-    # 900 dots: their scatter is known to 2.4 %, their mean to 1/30 of it
-    assert errors.std() < 1.5 * bound
-    assert np.abs(errors.mean(axis=0)).max() < bound / 3.0
-    assert np.sqrt(np.mean(claimed)) == pytest.approx(errors.std(), rel=0.1)
+def test_positions_reach_the_bound():
+    """Three pictures of 300 dots: their scatter is known to 2.4 %, their mean to 1/30 of it."""
+    for row in tables(compute(quick=True))[""]:
+        assert row["over the bound"] < 1.5
+        assert row["bias over the bound"] < 1.0 / 3.0
+        assert row["claimed [px]"] == pytest.approx(row["position [px]"], rel=0.1)
 
 
 def test_shape_and_contrast_of_an_ellipse():
