@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from estimation.images.corners import Corners
+from estimation.images.rings import Rings
 
 ASIDE = np.radians(25.0)
 """Farthest a neighbour may lie from the direction of the edge that leads to it."""
@@ -44,7 +45,7 @@ class Board(NamedTuple):
     turn: Int[np.ndarray, " n"]
 
 
-def connect_corners(corners: Corners, pitch: float) -> Board:
+def connect_corners(corners: Corners | Rings, pitch: float) -> Board:
     """Lattice coordinates of the corners; none for those that two paths number differently.
 
     Args:
@@ -88,7 +89,7 @@ def connect_corners(corners: Corners, pitch: float) -> Board:
     return Board(np.where(piece < 0, -1, rank[piece]), index, turn)
 
 
-def _link(corners: Corners, pitch: float) -> tuple[np.ndarray, np.ndarray]:
+def _link(corners: Corners | Rings, pitch: float) -> tuple[np.ndarray, np.ndarray]:
     """The neighbour along each half edge, −1 for none, and which of its half edges leads back."""
     count = len(corners.position)
     link, back = np.full((count, 4), -1), np.full((count, 4), -1)

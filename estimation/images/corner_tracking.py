@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from estimation.images.board import STEP, Board, Cells, connect_corners, read_cells
-from estimation.images.corners import Corners, CornerStyle, find_corners
+from estimation.images.corners import Corners, CornerStyle, find_corners, find_rings
 from estimation.images.lattice import Lattice, fit_lattice
 from estimation.images.lines import straighten_edges
 from estimation.images.placing import (
@@ -191,6 +191,9 @@ def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED
     best, most = None, 0
     for pitch in PITCHES:
         style: CornerStyle | None = CornerStyle(pitch)
+        board = connect_corners(find_rings(grey, style), pitch)
+        if (board.piece == 0).sum() < FEWEST:
+            continue  # before anything is fitted
         for _ in range(2):
             style = style and _refined(grey, style)
         if style is None:

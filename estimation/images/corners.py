@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from estimation.images.rings import Rings, find_saddles, read_rings
+from estimation.images.rings import Rings, find_saddles, half_edges, read_rings
 
 STEPS = 5
 """Most steps of a fit; corners that have settled before take no more."""
@@ -81,13 +81,8 @@ class Corners(NamedTuple):
 
     @property
     def directions(self) -> Float[np.ndarray, "n 4"]:
-        """Of the four half edges, rising and falling in turn, in ascending order [rad].
-
-        Between the first and the second it is bright, between the second and the third dark.
-        """
-        rising, falling = self.angles.T
-        falling = rising + (falling - rising) % np.pi
-        return np.stack([rising, falling, rising + np.pi, falling + np.pi], axis=1)
+        """Of the four half edges, rising and falling in turn, in ascending order [rad]."""
+        return half_edges(self.angles)
 
     def take(self, which: Shaped[np.ndarray, " m"]) -> "Corners":
         """Some of the corners."""
@@ -101,8 +96,7 @@ def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
         grey: the picture, 0 to 255.
         style: what the corners look like.
     """
-    rings = read_rings(grey, find_saddles(grey, style.radius).astype(float), style.radius)
-    rings = rings.take(rings.good)
+    rings = find_rings(grey, style)
     corners = fit_corners(grey, rings, style)
     good = (corners.explained > EXPLAINED) & (corners.contrast > 0.0)
     good &= np.linalg.norm(corners.position - rings.position, axis=1) < 0.2 * style.radius
@@ -112,6 +106,12 @@ def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
         left = 1.0 - corners.explained
         good &= left < ODD * np.median(left[good])
     return corners.take(good)
+
+
+def find_rings(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Rings:
+    """The saddles of a picture that both rings confirm."""
+    rings = read_rings(grey, find_saddles(grey, style.radius).astype(float), style.radius)
+    return rings.take(rings.good)
 
 
 def fit_corners(grey: Float[np.ndarray, "h w"], start: Rings, style: CornerStyle) -> Corners:

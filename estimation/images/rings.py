@@ -43,9 +43,24 @@ class Rings(NamedTuple):
     level: Float[np.ndarray, " n"]
     good: Bool[np.ndarray, " n"]
 
+    @property
+    def directions(self) -> Float[np.ndarray, "n 4"]:
+        """Of the four half edges, rising and falling in turn, in ascending order [rad]."""
+        return half_edges(self.angles)
+
     def take(self, which: Shaped[np.ndarray, " m"]) -> "Rings":
         """Some of the corners."""
         return Rings(*(value[which] for value in self))
+
+
+def half_edges(angles: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 4"]:
+    """Directions of a corner's four half edges, rising and falling in turn, ascending [rad].
+
+    Between the first and the second it is bright, between the second and the third dark.
+    """
+    rising, falling = angles.T
+    falling = rising + (falling - rising) % np.pi
+    return np.stack([rising, falling, rising + np.pi, falling + np.pi], axis=1)
 
 
 def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarray, "n 2"]:

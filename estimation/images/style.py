@@ -66,7 +66,7 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
             scale = RADII[0] / radius
             grey = cv2.resize(original, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             tried = DotStyle(polarity, RADII[0])
-            dots = _keep_dots(fit_dots(grey, find_seeds(grey, tried), tried), grey, tried)
+            dots = _keep_dots(fit_alike(grey, find_seeds(grey, tried), tried), grey, tried)
             lattice = index_lattice(dots.centre)
             count = len(lattice.dot)
             found = float(np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))) if count else 0.0

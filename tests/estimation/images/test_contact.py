@@ -1,0 +1,76 @@
+"""The contact region from one view: by how far dots have gone, and by how light has changed."""
+
+import cv2
+import numpy as np
+import pytest
+
+from estimation.images.contact import LIGHT_ONSET, region_of_dispersion, region_of_light
+from estimation.images.lattice import make_reference
+from estimation.sensor import Sensor
+from estimation.sources import ImageSettings, read_recording
+from tests.estimation.images.scenes import PITCH, REST, picture, twisted
+from tests.estimation.images.test_reading import write_folder
+
+MIDDLE, RADIUS = np.array([160.0, 120.0]), 70.0
+REFERENCE = make_reference(REST, (320, 240))
+
+
+def lit(image, change):
+    """The picture with more light where the object touches, its rim as soft as a gel's."""
+    spot = np.zeros(image.shape, np.float32)
+    cv2.circle(spot, (160, 120), int(RADIUS), 1.0, -1)
+    return np.clip(image + change * cv2.GaussianBlur(spot, (0, 0), 6.0), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("change", [25.0, -25.0])
+def test_light_tells_where_the_object_touches(change):
+    rng = np.random.default_rng(0)
+    before, now = picture(REST, rng), lit(picture(REST, rng), change)
+    region = region_of_light(REFERENCE, before, now, REFERENCE.position)
+    from_middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1)
+    # the smoothing, half a pitch wide, shifts the rim by less than a pitch
+    assert region[from_middle < RADIUS - 0.7 * PITCH].all()
+    assert not region[from_middle > RADIUS + 0.7 * PITCH].any()
+
+
+def test_no_change_of_light_is_no_contact():
+    rng = np.random.default_rng(1)
+    before, now = picture(REST, rng), picture(REST, rng)
+    assert not region_of_light(REFERENCE, before, now, REFERENCE.position).any()
+    faint = lit(now, 0.7 * LIGHT_ONSET)
+    assert not region_of_light(REFERENCE, before, faint, REFERENCE.position).any()
+
+
+def test_colour_and_16_bit_tell_the_same():
+    rng = np.random.default_rng(2)
+    before, now = picture(REST, rng), lit(picture(REST, rng), 25.0)
+    grey = region_of_light(REFERENCE, before, now, REFERENCE.position)
+    deep = [one.astype(np.uint16) * 257 for one in (before, now)]
+    assert np.array_equal(region_of_light(REFERENCE, *deep, REFERENCE.position), grey)
+    colour = [np.stack([one, before, before], axis=-1) for one in (before, now)]
+    assert np.array_equal(region_of_light(REFERENCE, *colour, REFERENCE.position), grey)
+
+
+def test_dispersion_holds_the_middle_of_a_twist():
+    points = REFERENCE.position
+    region = region_of_dispersion(REFERENCE, twisted(8.0, rigid=50.0) - REST)
+    from_middle = np.linalg.norm(points - MIDDLE, axis=1)
+    assert region[from_middle < 50.0].all()
+    assert not region[from_middle > 118.0 + PITCH].any()
+    assert not region_of_dispersion(REFERENCE, np.zeros_like(points)).any()
+
+
+def test_the_way_is_chosen_and_told(tmp_path):
+    rng = np.random.default_rng(3)
+    images = [picture(REST, rng), lit(picture(twisted(4.0, rigid=50.0), rng), 25.0)]
+    sensor = Sensor(dark=True, radius=4.3)
+    told = {
+        unloaded: " ".join(
+            read_recording(
+                write_folder(tmp_path / str(unloaded), images), ImageSettings(sensor, unloaded)
+            ).notes
+        )
+        for unloaded in (0, None)
+    }
+    assert "found by the change of light" in told[0]
+    assert "found by the dispersion" in told[None]
