@@ -21,6 +21,7 @@ from calibration.softness import (
     fit_objects,
     gather_trials,
     write_fits,
+    write_layered,
     write_two_fingers,
 )
 from calibration.squeeze import (
@@ -103,6 +104,17 @@ def softness(
         float | None,
         typer.Option(help="Two fingers of one grasp, no reference: k on the first over second."),
     ] = None,
+    thickness_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Of an elastomer that is not thick beside the contact [mm]; needs CSVs "
+            "with --zeroed and --same-clock.",
+        ),
+    ] = None,
+    depth_mm: Annotated[
+        float, typer.Option(min=0.0, help="Of its markers below the surface [mm].")
+    ] = 0.0,
 ) -> None:
     """Fit k and L of objects to references: softness.toml for --softness, and a report."""
     check_writable(out)
@@ -113,6 +125,11 @@ def softness(
             print(line)
         return
     settings = ReferenceSettings(flip, zeroed, same_clock)
+    if thickness_mm is not None:
+        layer = (thickness_mm, depth_mm)
+        for line in write_layered(found, reference or [], settings, told, layer, out):
+            print(line)
+        return
     with Progress(console=console) as progress:
         tracked = progress.track(found, description="recordings")
         trials = gather_trials(found, reference or [], thing or [], settings, told, tracked)

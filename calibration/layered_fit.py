@@ -62,13 +62,15 @@ class LayeredFit:
         low: lower ends of the 95 % intervals of k, thickness and depth.
         high: upper ends.
         determined: whether each was told by the turns, not by what was known beforehand.
-        residual: of the object's angle in each turn [rad].
+        reference: the object's angle in each turn [rad].
+        residual: of it [rad].
     """
 
     softness: LayeredSoftness
     low: Float[np.ndarray, "3"]
     high: Float[np.ndarray, "3"]
     determined: Bool[np.ndarray, "3"]
+    reference: Float[np.ndarray, " turns"]
     residual: Float[np.ndarray, " turns"]
 
 
@@ -229,6 +231,7 @@ def _fit_turns(
         values - Z95 * errors,
         values + Z95 * errors,
         errors < _LEARNT * np.array([np.inf, priors[0][1], priors[1][1]]),
+        angle,
         rest(found.x),
     )
 

@@ -10,8 +10,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from calibration.layered_fit import Grasp, LayeredFit, fit_layered_softness
 from estimation.files import write_whole
-from estimation.noise import Noise
+from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
 from estimation.references import NO_REFERENCE, Reference, outline_reference, read_reference
 from estimation.report import figure_png, render_page
@@ -201,6 +202,83 @@ def write_two_fingers(
     write_softness(found.first, out / "first.toml")
     write_softness(found.second, out / "second.toml")
     return [*lines, f"written to {out / 'first.toml'} and {out / 'second.toml'}"]
+
+
+def write_layered(
+    recordings: Sequence[Recording],
+    references: Sequence[str],
+    settings: ReferenceSettings,
+    noise: Noise | None,
+    layer: tuple[float, float],
+    out: Path,
+) -> list[str]:
+    """Write `softness.toml` of an elastomer of known thickness, and a report.
+
+    Args:
+        recordings: grasps of one object, each from the unloaded state on.
+        references: a CSV for each.
+        settings: how they are read; they count from the onset of contact on the recording's clock.
+        noise: of the markers; estimated from each recording unless given.
+        layer: thickness of the elastomer and depth of its markers [mm].
+        out: folder to write to.
+
+    Returns:
+        Lines for the terminal.
+
+    Raises:
+        ValueError: references that do not fit, or nothing that tells k.
+        OSError: a file cannot be read or written.
+    """
+    if not (settings.same_clock and settings.zeroed):
+        raise ValueError(
+            "on an elastomer of finite thickness frames are fitted one by one: the references must "
+            "count from the onset of contact on the recording's clock (--zeroed --same-clock)"
+        )
+    if len(references) != len(recordings):
+        raise ValueError(f"{len(references)} references for {len(recordings)} recordings")
+    grasps, errors = [], []
+    for recording, source in zip(recordings, references, strict=True):
+        found = _read(recording, source, settings)
+        if not (found.same_clock and found.zeroed):
+            raise ValueError(f"{found.source} has a zero of its own: give a CSV")
+        angle = np.interp(recording.time, found.time, found.angle, left=np.nan, right=np.nan)
+        grasps.append(Grasp(recording, angle, noise or estimate_noise(recording)))
+        errors.append(found.error)
+    known = np.concatenate(errors)
+    known = known[np.isfinite(known)]
+    error = {"reference_error": float(np.median(known))} if len(known) else {}
+    thickness, depth = layer
+    fit = fit_layered_softness(grasps, (thickness, 0.0), (depth, 0.0), **error)
+    lines = [
+        f"k = {fit.softness.stiffness_ratio:.4f} (95 %: {fit.low[0]:.4f} to {fit.high[0]:.4f}) on "
+        f"{thickness:g} mm, markers {depth:g} mm deep, from {len(fit.residual)} frames of "
+        f"{len(grasps)} grasps"
+    ]
+    image = figure_png(plot_layered(fit))
+    page = render_page(
+        "findings.html",
+        {"layered.png": image},
+        title="Softness of an object on a thin elastomer",
+        lead=lines,
+        lists={},
+        captions={"layered.png": "What the fit leaves of the object's angle, frame by frame."},
+        tables={},
+    )
+    write_whole(out / "layered.png", image)
+    write_whole(out / "report.html", page)
+    write_softness(fit.softness, out / "softness.toml")
+    return [*lines, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
+
+
+def plot_layered(fit: LayeredFit) -> Figure:
+    """What is left of the object's angle."""
+    figure, axis = plt.subplots(figsize=(6, 3.5), layout="constrained")
+    axis.plot(np.degrees(fit.reference), np.degrees(fit.residual), ".")
+    axis.axhline(0.0, color="k", lw=1)
+    axis.set_xlabel("object's angle [°]")
+    axis.set_ylabel("corrected − object's angle [°]")
+    axis.grid(alpha=0.3)
+    return figure
 
 
 def _state(fit: SoftnessFit) -> str:

@@ -116,7 +116,8 @@ def tilt(
     axis = cross(before, after)
     cosine = np.sum(before * after, axis=-1, keepdims=True)
     once = cross(axis, vectors)
-    return vectors + once + cross(axis, once) / (1.0 + cosine)
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN where a plane is turned over
+        return vectors + once + cross(axis, once) / (1.0 + cosine)
 
 
 def _surface_gradient(

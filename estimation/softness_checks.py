@@ -36,6 +36,20 @@ def check_sensors(trials: Sequence[Trial]) -> None:
             )
 
 
+def check_frames(trials: Sequence[Trial]) -> None:
+    """See that every trial has more than one frame: readings are taken between frames.
+
+    Raises:
+        ValueError: one has not.
+    """
+    for trial in trials:
+        if len(trial.time) < 2:
+            raise ValueError(
+                f"{trial.name}: {len(trial.time)} frames with a rotation of the elastomer"
+                f"{_left_out(trial)}: record more frames before macro slip"
+            )
+
+
 def check_points(
     trials: Sequence[Trial], series: Sequence[Series], offsets: Float[np.ndarray, " trials"]
 ) -> None:
@@ -72,8 +86,6 @@ def check_points(
 
 def _too_few(trial: Trial, one: Series, found: int) -> str:
     """Why there are too few readings."""
-    excluded = ", ".join(f"{count} frames {reason}" for reason, count in trial.excluded.items())
-    left_out = f" (left out: {excluded})" if excluded else ""
     known = np.isfinite(one.reference)
     first, last = one.frame_time[0], one.frame_time[-1]
     if known.any() and (
@@ -88,9 +100,15 @@ def _too_few(trial: Trial, one: Series, found: int) -> str:
         )
     return (
         f"{trial.name}: {found} readings with a rotation of the elastomer, "
-        f"{FEWEST_POINTS} are needed{left_out}: record more frames before macro slip, or read the "
-        "reference more often"
+        f"{FEWEST_POINTS} are needed{_left_out(trial)}: record more frames before macro slip, or "
+        "read the reference more often"
     )
+
+
+def _left_out(trial: Trial) -> str:
+    """The frames that are not used, in brackets."""
+    excluded = ", ".join(f"{count} frames {reason}" for reason, count in trial.excluded.items())
+    return f" (left out: {excluded})" if excluded else ""
 
 
 def check_line(trial: Trial, one: Series, line: Line) -> None:

@@ -21,7 +21,7 @@ from scipy.stats import chi2, t
 from estimation.estimators.measurement import Z95
 from estimation.references import NO_REFERENCE
 from estimation.softness import Covariance, ScalarSoftness, Validity
-from estimation.softness_checks import check_line, check_points, check_sensors
+from estimation.softness_checks import check_frames, check_line, check_points, check_sensors
 from estimation.softness_line import Columns, Line, Series, find_clock_offset, fit_line, total_error
 from estimation.trials import Trial
 
@@ -131,6 +131,7 @@ def fit_softness(
     if not trials:
         raise ValueError(f"no trial: {NO_REFERENCE}")
     check_sensors(trials)
+    check_frames(trials)
     series = [_series(trial, clock_search) for trial in trials]
     offsets = np.array([find_clock_offset(one) for one in series])
     check_points(trials, series, offsets)

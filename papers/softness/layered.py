@@ -1,7 +1,7 @@
 """Soft objects on thin elastomers: k fitted on two grasps, tested on a smaller and a larger one.
 
-The contacts are those of `contacts`. Both softnesses, the number k of Eq. (13) and the layered one,
-are fitted to the same two grasps; a frame of the other two counts where ten markers or more have
+The contacts are those of `contacts`. Both softnesses, the number k of Eq. (13), which is that of a half-space, and
+the layered one, are fitted to the same two grasps; a frame of the other two counts where ten markers or more have
 always stuck, a frame without an answer as an error as large as the angle.
 """
 
@@ -18,11 +18,8 @@ from calibration.layered_fit import Grasp, fit_layered_softness
 from estimation.layered_softness import LayeredSoftness
 from estimation.noise import Noise
 from estimation.recording import MarkerLayout, Recording, grid_neighbours
-from estimation.references import Reference
 from estimation.softness import ScalarSoftness, Softness
-from estimation.softness_fit import fit_softness
 from estimation.tracker import estimate_angles
-from estimation.trials import make_trials
 from papers.items import Track
 from papers.softness import contacts
 from papers.sweeps import run_study
@@ -128,8 +125,8 @@ def _test(first: dict, grasps: list[_Seen], noise: float) -> Cell:
     fitted = [grasps[i] for i in contacts.FITTED]
     ways: dict[str, Softness | None] = {
         "none": ScalarSoftness(),
-        "scalar": _fit_scalar(fitted, told),
-        "layered": _fit_layered(fitted, told, h),
+        "scalar": _fit(fitted, told, np.inf),
+        "layered": _fit(fitted, told, h),
     }
     error, within = {}, {}
     frames = 0
@@ -155,22 +152,8 @@ def _test(first: dict, grasps: list[_Seen], noise: float) -> Cell:
     return Cell(contacts.SHAPES[first["shape"]], k, h, noise, (ks[0], ks[1]), error, within, frames)
 
 
-def _fit_scalar(grasps: list[_Seen], noise: Noise) -> Softness | None:
-    """k of Eq. (13), or none where the fit refuses."""
-    try:
-        trials = []
-        for one in grasps:
-            unknown = np.full(len(one.angle), np.nan)
-            time = one.recording.time
-            reference = Reference(time, one.angle, unknown, True, True, "truth")
-            trials += make_trials(one.recording, reference, noise=noise)
-        return fit_softness(trials, model="none").softness
-    except ValueError:
-        return None
-
-
-def _fit_layered(grasps: list[_Seen], noise: Noise, thickness: float) -> LayeredSoftness | None:
-    """k, the thickness known, or none where the fit refuses."""
+def _fit(grasps: list[_Seen], noise: Noise, thickness: float) -> LayeredSoftness | None:
+    """k on an elastomer of known thickness; none where the fit refuses."""
     turns = [Grasp(one.recording, one.angle, noise) for one in grasps]
     try:
         return fit_layered_softness(turns, (thickness, 0.0)).softness

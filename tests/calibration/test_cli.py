@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.__main__ import app
+from estimation import LayeredSoftness
 from estimation.softness import read_softness
 from estimation.sources import write_archive
 from tests.cases import lift
@@ -77,6 +78,18 @@ def test_softness_of_two_objects_is_pooled_too(grasps, tmp_path):
     assert {"sponge.toml", "tube.toml", "softness.toml", "all-objects.png"} <= names
 
 
+def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
+    more = ("--zeroed", "--thickness-mm", "80", "--depth-mm", "0")
+    result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
+    assert result.exit_code == 0, result.output
+    softness = read_softness(tmp_path / "softness.toml")
+    assert isinstance(softness, LayeredSoftness)
+    assert softness.thickness == 80.0
+    # as thick as that it is a half-space, of which the fixture is
+    assert softness.stiffness_ratio == pytest.approx(0.5, abs=0.02)
+    assert "<img" in (tmp_path / "report.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
@@ -84,6 +97,7 @@ def test_softness_of_two_objects_is_pooled_too(grasps, tmp_path):
         (("--object", "a", "--object", "b", "--object", "c"), "3 objects for 2 recordings"),
         (("--reference", "outline"), "3 references for 2 recordings"),
         (("--second-ratio", "1"), "fingers alike"),
+        (("--thickness-mm", "3"), "--zeroed --same-clock"),
     ],
 )
 def test_softness_leaves_nothing_behind_where_it_fails(grasps, tmp_path, more, message):

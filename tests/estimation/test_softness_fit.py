@@ -207,6 +207,9 @@ def _with(one, **changes):
     return replace(one, reference=replace(one.reference, **changes))
 
 
+_PER_FRAME = ("time", "rotation", "error", "normal_force", "radius")
+
+
 def _broken():
     rng = np.random.default_rng(0)
     good = trial(rng)
@@ -214,6 +217,9 @@ def _broken():
     lost = np.where(rng.random(60) < 0.5, rng.normal(size=60), angle)
     few = np.where(np.arange(60) % 15 == 0, angle, np.nan)
     return {
+        "1 frames with a rotation": [
+            replace(good, **{n: getattr(good, n)[:1] for n in _PER_FRAME}),
+        ],
         "4 readings with a rotation": [_with(good, angle=few)],
         "all its readings are at one angle": [replace(good, rotation=good.error + 0.1)],
         "does not turn": [trial(rng, span=0.0)],
