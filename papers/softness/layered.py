@@ -1,8 +1,8 @@
 """Soft objects on thin elastomers: k fitted on two grasps, tested on a smaller and a larger one.
 
-The contacts are those of `contacts`. Both softnesses, the number k of Eq. (13), which is that of a half-space, and
-the layered one, are fitted to the same two grasps; a frame of the other two counts where ten markers or more have
-always stuck, a frame without an answer as an error as large as the angle.
+The contacts are those of `contacts`. Both softnesses, the number k of Eq. (13), which is that of a
+half-space, and the layered one, are fitted to the same two grasps. A frame of the other two counts
+where ten markers or more have always stuck; without an answer its error is as large as the angle.
 """
 
 from collections.abc import Mapping
