@@ -15,12 +15,17 @@ from scipy.optimize import least_squares
 from contactmodel.analytic import lubkin_moment, lubkin_twist
 from estimation.estimators.measurement import Z95
 from estimation.result import Result, State
+from estimation.stick import MIN_STICK_MARKERS
 
 TURN = np.radians(1.0)
 """Rotation back by which a reversal is believed, and forth by which a branch has begun [rad]."""
 
-END_STICK_RATIO = 0.2
-"""c/a that counts as macro slip [-]: three markers in a contact of 80; Lubkin's never ends."""
+LEAST_STICK_RATIO = 0.1
+"""c/a to which Lubkin's curve is followed [-]; it never ends."""
+
+THIRD_MARKER = (0.91, 0.092)
+"""Distance of the third-nearest marker of a square grid from a point, in pitches: mean and standard
+deviation over the points."""
 
 LEAST_POINTS = 12
 MOST_POINTS = 60
@@ -104,8 +109,14 @@ class MarginTracker:
         """Forget everything: the object has left."""
         self.__init__()
 
-    def update(self, angle: float, moment: float) -> Margin:
-        """What is left after this frame's angle [rad] and moment [N·mm]."""
+    def update(self, angle: float, moment: float, contact_markers: int) -> Margin:
+        """What is left after a frame.
+
+        Args:
+            angle: of the object [rad].
+            moment: about the normal [N·mm].
+            contact_markers: markers in contact; macro slip is when fewer than three of them stick.
+        """
         if not np.isfinite(angle + moment):
             return Margin()
         self._points.append((angle, moment))
@@ -117,7 +128,7 @@ class MarginTracker:
             return Margin()
         angles, moments = np.array(self._points).T
         self.branch = fit_branch(angles, moments, self._sign, self._guess)
-        margin = margin_at(self.branch, angle)
+        margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers))
         # a fit that could not tell is no place to start from
         self._guess = self.branch.parameters if np.isfinite(margin.angle_left) else None
         return margin
@@ -151,12 +162,13 @@ def follow_margin(result: Result) -> MarginPath:
     """Margins of a recording, frame by frame."""
     tracker = MarginTracker()
     margins, last = [], None
-    for state, angle, moment in zip(result.state, result.angle, result.moment, strict=True):
+    frames = zip(result.state, result.angle, result.moment, result.contact.sum(axis=1), strict=True)
+    for state, angle, moment, contact in frames:
         if state == State.NO_CONTACT:
             tracker.restart()
             margins.append(Margin())
             continue
-        margin = tracker.update(float(angle), float(moment))
+        margin = tracker.update(float(angle), float(moment), int(contact))
         margins.append(Margin() if state == State.MACRO_SLIP else margin)
         if np.isfinite(margins[-1].angle_left):
             last = tracker.branch
@@ -211,18 +223,34 @@ def fit_branch(
     )
 
 
-def margin_at(branch: Branch, angle: float) -> Margin:
-    """What the branch has left at an angle on it; nothing while its limit cannot be told."""
+def end_stick_ratio(contact_markers: int) -> float:
+    """c/a at which three of the contact's markers stick, at least that of Lubkin's table [-]."""
+    radius = np.sqrt(max(contact_markers, MIN_STICK_MARKERS) / np.pi)  # in pitches
+    return float(np.clip(THIRD_MARKER[0] / radius, LEAST_STICK_RATIO, 0.99))
+
+
+def margin_at(branch: Branch, angle: float, end: float) -> Margin:
+    """What the branch has left at an angle on it; nothing while its limit cannot be told.
+
+    Args:
+        branch: the branch.
+        angle: of the object [rad].
+        end: c/a that counts as macro slip [-].
+    """
     if branch.covariance[0, 0] > MOST_DOUBT**2:
         return Margin()
     travel = max(branch.sign * (angle - branch.start), 0.0)
     best = branch.parameters
     steps = np.array([1e-3, 1e-3, 1e-3 * branch.limit])
-    middle = _left(best, travel)
+    middle = _left(best, travel, end)
     slope = np.stack(
-        [(_left(best + step, travel) - middle) / step.sum() for step in np.diag(steps)], axis=1
+        [(_left(best + step, travel, end) - middle) / step.sum() for step in np.diag(steps)],
+        axis=1,
     )
-    half = Z95 * np.sqrt(np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0))
+    variance = np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0)
+    spread = THIRD_MARKER[1] / THIRD_MARKER[0]
+    variance += (_left(best, travel, end * (1.0 - spread)) - middle) ** 2
+    half = Z95 * np.sqrt(variance)
     # measured and fitted moment differ by the rms; the interval of the moment has it
     half[1] = np.hypot(half[1], Z95 * branch.rms)
     low, high = np.maximum(middle - half, 0.0), np.maximum(middle + half, 0.0)
@@ -231,14 +259,19 @@ def margin_at(branch: Branch, angle: float) -> Margin:
     return Margin(*(float(value) for value in pairs))
 
 
-def _left(parameters: Float[np.ndarray, " 3"], travel: float) -> Float[np.ndarray, " 2"]:
+def _left(
+    parameters: Float[np.ndarray, " 3"], travel: float, end: float
+) -> Float[np.ndarray, " 2"]:
     """Angle and moment left at a travel along the branch, below 0 beyond its end."""
     limit, stiffness = np.exp(parameters[:2])
-    x, y = _virgin()
+    x, _ = _virgin()
+    last = float(np.interp(-end, -_stick_ratios(), x))
     start = _virgin_inverse(parameters[2] / limit)
-    ends = (x[-1] - start) * limit / stiffness
+    # beyond twice the start the branch is the first-loading curve
+    ends = (last - start if last >= -start else 2.0 * last) * limit / stiffness
     now = _branch_moment(parameters, np.array([travel]))[0]
-    return np.array([ends - travel, limit * y[-1] - now])
+    at_end = _branch_moment(parameters, np.array([ends]))[0]
+    return np.array([ends - travel, at_end - now])
 
 
 def _branch_moment(
@@ -262,7 +295,7 @@ def _branch_moment(
 def _virgin_at(x: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
     """M over its limit, at θ times stiffness over limit, x ≥ 0."""
     twist, moment = _virgin()
-    # beyond the table the rest to the limit is less than what the stick ratio's end leaves
+    # beyond the table less is left to the limit than at its end
     return np.interp(x, twist, moment)
 
 
@@ -272,10 +305,15 @@ def _virgin_inverse(moment: float) -> float:
     return float(np.sign(moment) * np.interp(abs(moment), y, x))
 
 
+def _stick_ratios() -> Float[np.ndarray, " points"]:
+    """c/a of the table's points."""
+    return np.geomspace(1.0, LEAST_STICK_RATIO, 600)
+
+
 @cache
 def _virgin() -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """Lubkin's curve with limit 1 and slope 1 at the origin, to the end's stick ratio."""
-    kappa = np.geomspace(1.0, END_STICK_RATIO, 600)
+    """Lubkin's curve with limit 1 and slope 1 at the origin, to the least stick ratio."""
+    kappa = _stick_ratios()
     share = 3.0 * np.pi / 16.0
     twist = np.asarray(lubkin_twist(kappa, 1.0), dtype=float) * (4.0 / np.pi) / share
     moment = np.asarray(lubkin_moment(kappa, 1.0, 1.0, 1.0), dtype=float) / share

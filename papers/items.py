@@ -23,7 +23,7 @@ ITEMS = {
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips"),
     "softness": ("virtual", "layered", "pivot"),
-    "virtual_pivots": ("accuracy", "reversal", "elongated", "rendered"),
+    "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered"),
 }
 """Items of each paper, modules of its package."""
 

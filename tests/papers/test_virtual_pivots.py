@@ -63,6 +63,8 @@ def test_command(monkeypatch, tmp_path):
         "accuracy.csv",
         "accuracy_angles.csv",
         "elongated.png",
+        "margin.png",
+        "margin.csv",
         "elongated.csv",
         "reversal.png",
         "reversal.csv",

@@ -1,0 +1,103 @@
+"""How early and how well the margin foretells macro slip.
+
+Reversals of the round pivots, friction and markers at random, the moment read with 0.05 N·mm of
+noise: at some angles before fewer than three markers stick, how far the foretold end is from the
+true one, and whether the interval holds it. Its truth has the steps of single markers.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from estimation.margin import follow_margin
+from estimation.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, simulate_pivot
+from papers.items import Track
+from papers.virtual_pivots import settings
+
+AHEAD_DEG = (20.0, 15.0, 10.0, 5.0, 2.0)
+MOMENT_NOISE_NMM = 0.05
+
+
+class Foretold(NamedTuple):
+    """By draw and angle ahead; NaN where nothing is foretold.
+
+    Attributes:
+        error: foretold less true angle left [deg].
+        low: its interval's lower end less the true angle left [deg].
+        high: the upper end [deg].
+    """
+
+    error: Float[np.ndarray, "draws aheads"]
+    low: Float[np.ndarray, "draws aheads"]
+    high: Float[np.ndarray, "draws aheads"]
+
+
+def compute(quick: bool = False, track: Track = iter) -> Foretold:
+    """Draw, follow and foretell."""
+    draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["margin"]
+    columns = np.array([_foretell(draw) for draw in track(range(draws))])
+    return Foretold(*np.moveaxis(columns, 1, 0))
+
+
+def _foretell(draw: int) -> Float[np.ndarray, "3 aheads"]:
+    rng = np.random.default_rng((1, draw))
+    model = PivotModel(
+        friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
+        offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
+        grid_angle=float(rng.uniform(0.0, np.pi / 2)),
+    )
+    recording, truth = simulate_pivot(model, seed=draw)
+    result = estimate_angles(recording)
+    noise = MOMENT_NOISE_NMM * rng.standard_normal(len(recording))
+    margins = follow_margin(replace(result, moment=result.moment + noise)).margins
+    left = np.degrees(truth.angle - truth.angle[np.argmax(truth.macro_slip)])
+    found = np.full((3, len(AHEAD_DEG)), np.nan)
+    for i, ahead in enumerate(AHEAD_DEG):
+        turning = np.flatnonzero((recording.source_index >= 80) & (left <= ahead))
+        if truth.macro_slip.any() and len(turning):
+            frame = turning[0]
+            found[:, i] = np.degrees(margins[frame][:3]) - left[frame]
+    return found
+
+
+def tables(result: Foretold) -> dict[str, list[dict[str, object]]]:
+    """A row for each angle ahead."""
+    rows = []
+    for i, ahead in enumerate(AHEAD_DEG):
+        known = np.isfinite(result.error[:, i])
+        error, low, high = (column[known, i] for column in result)
+        rows.append(
+            {
+                "ahead [°]": ahead,
+                "draws": len(known),
+                "foretold [%]": round(100 * float(known.mean()), 1),
+                "bias [°]": round(float(error.mean()), 2) if known.any() else None,
+                "mean absolute error [°]": round(float(np.abs(error).mean()), 2)
+                if known.any()
+                else None,
+                "interval holds [%]": round(100 * float(np.mean((low <= 0) & (high >= 0))), 1)
+                if known.any()
+                else None,
+            }
+        )
+    return {"": rows}
+
+
+def plot(result: Foretold) -> Figure:
+    """Errors of the foretold end against how far ahead it was."""
+    figure, axis = plt.subplots(figsize=(7, 3.8), layout="constrained")
+    for i, ahead in enumerate(AHEAD_DEG):
+        width = np.linspace(-0.5, 0.5, len(result.error))
+        bars = np.stack([result.error - result.low, result.high - result.error])[:, :, i]
+        axis.errorbar(ahead + width, result.error[:, i], bars, fmt=".", lw=0.5, color="C0")
+    axis.axhline(0.0, color="0.6", lw=1)
+    axis.invert_xaxis()
+    axis.set_xlabel("true angle left [°]")
+    axis.set_ylabel("foretold less true [°]")
+    axis.grid(alpha=0.3)
+    return figure
