@@ -102,7 +102,8 @@ class Dong:
             noise: of the markers.
             exact: whether the motion is a finite rotation instead of a small one.
             deviation_mm: deviation from the fit from which a marker counts as slipping [mm]; the
-                authors' is given in pixels of their camera.
+                authors' is in pixels of their camera. 0.1 is ours, not checked against the paper,
+                and so is the erosion by one ring of markers.
         """
         self.stencils = stencils
         self.exact = exact
@@ -147,7 +148,7 @@ class Castano:
         Args:
             stencils: of the marker layout.
             noise: of the markers.
-            window: frames of the trailing mean [-].
+            window: frames of the trailing mean [-]; 5 is ours, not checked against the paper.
         """
         if window < 1:
             raise ValueError(f"window is {window}; it must be at least one frame")

@@ -37,7 +37,7 @@ def test_frames_with_too_little_stick_do_not_count(result):
 
 
 def test_reversals_are_followed(monkeypatch):
-    monkeypatch.setattr(settings, "QUICK_DRAWS", {"reversal": 3})
+    monkeypatch.setattr(settings, "QUICK_DRAWS", {"reversal": 2})
     result = reversal.compute(quick=True)
     assert (result.error < 1.0).all()  # little grip leaves five markers at the turn
     assert np.median(result.error) < 0.05
