@@ -104,3 +104,12 @@ def test_softness_leaves_nothing_behind_where_it_fails(grasps, tmp_path, more, m
     result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
     assert message in str(result.exception)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_fit_leaves_nothing_behind(grasps, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calibration.__main__.fit_objects", interrupted)
+    assert CliRunner().invoke(app, arguments(grasps, tmp_path)).exit_code != 0
+    assert not list(tmp_path.iterdir())
