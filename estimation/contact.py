@@ -31,8 +31,9 @@ def find_contact(
     The region holds the markers that are pressed in by at least a share of the largest normal
     displacement, and those that they surround: a flat object as soft as the elastomer presses its
     rim in deepest, and its middle hardly. There is contact once the stick centre has moved by the
-    onset, or, where there are such, the rim is pressed in by it. A recording in two dimensions has
-    no normal displacement: every marker counts, once one of them has moved by the onset.
+    onset, or, where there are such, half of the rim is pressed in by it. A recording
+    in two dimensions has no normal displacement: every marker counts, once one has moved by the
+    onset.
 
     Args:
         stencils: of the layout.
@@ -54,7 +55,8 @@ def find_contact(
         pressed = region & (indentation > SURROUNDED_SHARE * deepest)
         region &= (indentation >= share * deepest) & (deepest > 0.0)
         filled = _fill_hollow(stencils.reference[:, :2], region, pressed)
-        pressed_on = bool((filled & ~region).any()) and float(deepest) >= onset_mm
+        hollow = bool((filled & ~region).any())
+        pressed_on = hollow and float(np.median(indentation[region])) >= onset_mm
         region = filled
     if region.any():
         centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)

@@ -143,3 +143,7 @@ def test_a_flat_soft_object_touches_where_it_hardly_presses_in():
     np.testing.assert_array_equal(
         measure_fields(make_stencils(layout), frame_of(apart)).contact, two
     )
+    rng = np.random.default_rng(0)  # noise whose peaks surround others is no contact
+    for _ in range(20):
+        noisy = layout.reference + rng.normal(size=(256, 3)) * [0.01, 0.01, 0.035]
+        assert not measure_fields(make_stencils(layout), frame_of(noisy)).contact.any()
