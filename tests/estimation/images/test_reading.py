@@ -118,6 +118,25 @@ def test_bad_pictures_are_labelled(pictures, tmp_path):
     assert recording.valid[-1].all()
 
 
+def test_colour_and_16_bit_are_read_like_grey_and_8_bit(pictures, tmp_path):
+    grey = pictures[4]
+    kinds = {
+        "grey": grey,
+        "deep": grey.astype(np.uint16) * 257,
+        "colour": cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR),
+        "deep colour": cv2.cvtColor(grey.astype(np.uint16) * 257, cv2.COLOR_GRAY2BGR),
+    }
+    settings = ImageSettings(Sensor(dark=True, radius=4.3))
+    found = [
+        read_images(write_folder(tmp_path / name, [image]), settings).positions
+        for name, image in kinds.items()
+    ]
+    for positions in found[1:]:
+        assert positions == pytest.approx(
+            found[0], abs=1e-3, nan_ok=True
+        )  # single precision's rounding
+
+
 def test_a_truncated_video_keeps_what_was_read(pictures, tmp_path):
     path = write_video(tmp_path / "clip.mkv", pictures)
     content = path.read_bytes()
