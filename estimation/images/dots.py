@@ -99,25 +99,24 @@ def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarra
     strong = ranked[np.searchsorted(ranked, 0.5 * ranked[int(0.9 * (len(ranked) - 1))]) :]
     keep = strength > FAINT * strong[len(strong) // 2]
     x, y = x[keep], y[keep]
-    peak = np.stack([x + _peak(response, y, x, (0, 1)), y + _peak(response, y, x, (1, 0))], axis=1)
+    off = np.stack(_find_tops(response, y, x), axis=1)
     limit = part * np.array(response.shape[::-1]) - 1
-    return np.clip(np.rint(part * peak + 0.5 * (part - 1)), 0, limit).astype(int)
+    place = part * (np.stack([x, y], axis=1) + off) + 0.5 * (part - 1)
+    return np.clip(np.rint(place), 0, limit).astype(int)
 
 
-def _peak(
-    response: Float[np.ndarray, "h w"],
-    y: Int[np.ndarray, " n"],
-    x: Int[np.ndarray, " n"],
-    step: tuple[int, int],
-) -> Float[np.ndarray, " n"]:
-    """How far the top of a parabola through three pixels lies from the middle one [px]."""
-    inside = np.array(response.shape) - 1
-    ahead, behind = (
-        response[np.clip(y + s * step[0], 0, inside[0]), np.clip(x + s * step[1], 0, inside[1])]
-        for s in (1, -1)
-    )
-    bend = np.maximum(2.0 * response[y, x] - ahead - behind, 1e-6)
-    return np.clip(0.5 * (ahead - behind) / bend, -0.5, 0.5)
+def _find_tops(
+    response: Float[np.ndarray, "h w"], y: Int[np.ndarray, " n"], x: Int[np.ndarray, " n"]
+) -> list[Float[np.ndarray, " n"]]:
+    """How far parabolas through three pixels have their tops from the middle one, in x and y."""
+    padded = cv2.copyMakeBorder(response, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    width, value = padded.shape[1], padded.ravel()
+    at, offsets = (y + 1) * width + x + 1, []
+    for step in (1, width):
+        ahead, behind = value[at + step], value[at - step]
+        bend = np.maximum(2.0 * value[at] - ahead - behind, 1e-6)
+        offsets.append(np.clip(0.5 * (ahead - behind) / bend, -0.5, 0.5))
+    return offsets
 
 
 def fit_dots(

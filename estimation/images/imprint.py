@@ -40,6 +40,8 @@ SEARCHED = np.radians(np.arange(-30.0, 31.0, 6.0))
 """Rotations against the keyframe that are tried where the imprint has lost its place [rad]."""
 OVERLAP = 0.4
 """Share of the smaller contact region that both must show: elsewhere the pad itself is seen."""
+UNSEEN = 4
+"""Frames that are passed over after one in which the object prints nothing."""
 PATIENCE = 25
 """Frames in a row without the imprint after which it is given up."""
 FEWEST = 9
@@ -119,6 +121,7 @@ class ImprintFollower:
         self.before: _Keyframe | None = None
         self.angle = 0.0
         self.missed = 0
+        self.resting = 0
         self.confirmed = False
         """Whether a second frame has shown the first one's texture: else it may be noise."""
 
@@ -141,6 +144,9 @@ class ImprintFollower:
                 it moves, and a registration is worth less.
         """
         if self.missed > PATIENCE or len(region) < FEWEST:
+            return LOST
+        if self.resting > 0:
+            self.resting -= 1
             return LOST
         channel = self.keyframes[0].texture.channel if self.keyframes else None
         texture = paint_out(picture, dots, radius, region, channel)
@@ -167,6 +173,7 @@ class ImprintFollower:
 
     def _begin(self, texture: Texture) -> Imprint:
         if texture.value[texture.mask > 0].std() < TEXTURE:
+            self.resting = UNSEEN
             return LOST
         self.before = _Keyframe(texture, np.eye(3), 0.0)
         self._keep(self.before)
