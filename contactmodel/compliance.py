@@ -8,6 +8,7 @@ conjugate gradients, deflation, and an FFT-based preconditioner".
 The convolution runs by FFT on a grid of twice the size, so that there are no periodic images.
 """
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -92,9 +93,20 @@ class Coefficients(NamedTuple):
     turn_y: Array
 
 
-# along x and y of each coefficient, in their order: +1 even, -1 odd
+_ROWS = 128  # of a large grid at a time
 _EVEN, _ODD_X, _ODD_Y, _ODD = (1, 1), (-1, 1), (1, -1), (-1, -1)
-_PARITY = (_EVEN, _EVEN, _EVEN, _ODD, _ODD_X, _ODD_Y, _ODD_X, _ODD_Y, _ODD_Y, _ODD_X)
+_PARITY = {  # along x and y: +1 even, -1 odd
+    "zz": _EVEN,
+    "xx": _EVEN,
+    "yy": _EVEN,
+    "xy": _ODD,
+    "xz": _ODD_X,
+    "yz": _ODD_Y,
+    "zx": _ODD_X,
+    "zy": _ODD_Y,
+    "turn_x": _ODD_Y,
+    "turn_y": _ODD_X,
+}
 
 
 @runtime_checkable
@@ -180,7 +192,7 @@ def cell_integrals(
 def grid_coefficients(
     body: Deformable, grid: Grid, depth: Float[Array, ""] | None = None
 ) -> Coefficients:
-    """A body's coefficients for every distance on a grid, laid out for `convolve`.
+    """A body's coefficients for every distance on a grid that is not negative along x and y.
 
     Args:
         body: half-space, layer or rigid.
@@ -188,12 +200,9 @@ def grid_coefficients(
         depth: of the displaced points below the surface; none at the surface [mm].
     """
     if depth is None:
-        cell = jax.tree.map(jnp.asarray, _surface_integrals(grid))
-    else:
-        x, y = map(jnp.asarray, _distances(grid))
-        cell = cell_integrals(x, y, grid.spacing, depth)
-    quarter = body.coefficients(cell, grid.spacing)
-    return Coefficients(*map(_unfold, quarter, _PARITY))
+        return body.coefficients(_at_surface(_surface_integrals(grid), grid), grid.spacing)
+    x, y = jnp.meshgrid(*map(jnp.asarray, _distances(grid)), indexing="ij")
+    return body.coefficients(cell_integrals(x, y, grid.spacing, depth), grid.spacing)
 
 
 def convolve(spectrum: Array, field: Float[Array, "*batch nx ny"]) -> Float[Array, "*batch nx ny"]:
@@ -206,9 +215,15 @@ def convolve(spectrum: Array, field: Float[Array, "*batch nx ny"]) -> Float[Arra
     return _from_waves(spectrum * _to_waves(field), field.shape[-2:])
 
 
-def transform(coefficient: Float[Array, "*batch mx my"]) -> Array:
-    """Spectrum of a coefficient that `grid_coefficients` has laid out, waves along y first."""
-    return jnp.swapaxes(jnp.fft.rfft2(coefficient), -2, -1)
+def transform(coefficient: Float[Array, "hx hy"], name: str) -> Array:
+    """Spectrum on the doubled grid of a coefficient, waves along y first.
+
+    Args:
+        coefficient: for distances that are not negative, of `grid_coefficients`.
+        name: which of `Coefficients` it is.
+    """
+    factor = {2: 1.0, 0: 1j, -2: -1.0}[sum(_PARITY[name])]
+    return factor * _waves(coefficient, name)
 
 
 class Compliance(eqx.Module):
@@ -221,12 +236,12 @@ class Compliance(eqx.Module):
     """
 
     normal: Float[Array, "my mx"]
-    shear: Float[Array, "3 my mx"]
+    shear: Float[Array, "3 #my #mx"]
     coupling: Float[Array, "2 my mx"]
 
     def press(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
         """w_S + w_B by a pressure [mm]."""
-        return convolve(self.normal, pressure)
+        return _convolve_by_rows(self.normal, pressure)
 
     def drag(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
         """u_S − u_B by a traction [mm]."""
@@ -234,11 +249,12 @@ class Compliance(eqx.Module):
 
     def pull(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "2 nx ny"]:
         """u_S − u_B by a pressure [mm]."""
-        return convolve(1j * self.coupling, jnp.stack([pressure, pressure]))
+        return jnp.stack([_convolve_by_rows(c, pressure, 1j) for c in self.coupling])
 
     def lift(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "nx ny"]:
         """w_S + w_B by a traction [mm]."""
-        return -jnp.sum(convolve(1j * self.coupling, traction), axis=0)
+        waves = jnp.sum(-1j * self.coupling * _to_waves(traction), axis=0)
+        return _from_waves(waves, traction.shape[-2:])
 
     def displace(
         self, pressure: Float[Array, "nx ny"], traction: Float[Array, "2 nx ny"]
@@ -270,6 +286,17 @@ class Compliance(eqx.Module):
             coupling=jnp.zeros_like(self.coupling),
         )
 
+    def coarsen(self, ratio: int) -> "Compliance":
+        """Its long waves: the compliance of cells `ratio` times as long, roughly."""
+        my, mx = self.normal.shape
+        rows, half = (my - 1) // ratio + 1, mx // (2 * ratio)
+
+        def long_waves(spectrum: Array) -> Array:
+            low = spectrum[..., :rows, :]
+            return jnp.concatenate([low[..., :half], low[..., -half:]], axis=-1)
+
+        return jax.tree.map(long_waves, self)
+
     @property
     def stiffest(self) -> Float[Array, ""]:
         """The largest displacement by a unit traction of any wave, a bound on `drag` [mm/MPa]."""
@@ -277,17 +304,61 @@ class Compliance(eqx.Module):
         return jnp.max(0.5 * (xx + yy) + jnp.sqrt(0.25 * (xx - yy) ** 2 + xy**2))
 
 
-def pair_compliance(elastomer: Deformable, object_: Deformable, grid: Grid) -> Compliance:
+def pair_compliance(
+    elastomer: Deformable, object_: Deformable, grid: Grid, *, smooth: bool = False
+) -> Compliance:
     """Compliance of two bodies pressed against each other: the sum of theirs.
 
     Only the coupling is their difference, as the object carries −τ.
+
+    Args:
+        elastomer: S.
+        object_: B.
+        grid: cells.
+        smooth: without friction nothing is sheared, and `shear` is left at 0.
     """
-    s, b = grid_coefficients(elastomer, grid), grid_coefficients(object_, grid)
+    return _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
+
+
+@eqx.filter_jit
+def _pair(
+    elastomer: Deformable,
+    object_: Deformable,
+    integrals: Mapping[str, AnyArray],
+    grid: Grid,
+    smooth: bool,
+) -> Compliance:
+    cell = _at_surface(integrals, grid)
+    s, b = (body.coefficients(cell, grid.spacing) for body in (elastomer, object_))
+    both = jax.tree.map(jnp.add, s, b)
+    normal = _waves(both.zz, "zz")
+    shear = [_waves(both.xx, "xx"), _waves(both.yy, "yy"), -_waves(both.xy, "xy")]
     return Compliance(
-        normal=transform(s.zz + b.zz).real,
-        shear=transform(jnp.stack([s.xx + b.xx, s.yy + b.yy, s.xy + b.xy])).real,
-        coupling=transform(jnp.stack([s.xz - b.xz, s.yz - b.yz])).imag,
+        normal=normal,
+        shear=jnp.zeros((3, 1, 1), normal.dtype) if smooth else jnp.stack(shear),
+        coupling=jnp.stack([_waves(s.xz - b.xz, "xz"), _waves(s.yz - b.yz, "yz")]),
     )
+
+
+def _convolve_by_rows(spectrum: Array, field: Array, factor: complex = 1.0) -> Array:
+    """`convolve` with factor times spectrum, some waves along y at a time where they are many.
+
+    Those stay in the processor's cache and take little memory.
+    """
+    nx, ny = field.shape
+    if ny < 2 * _ROWS:
+        return convolve(factor * spectrum, field)
+
+    def along_x(start: ArrayLike, count: int, waves: Array) -> Array:
+        some, by = (jax.lax.dynamic_slice_in_dim(a, start, count) for a in (waves, spectrum))
+        some = jnp.fft.ifft(factor * by * jnp.fft.fft(some, n=2 * nx))[:, :nx]
+        return jax.lax.dynamic_update_slice_in_dim(waves, some, start, 0)
+
+    waves = jnp.fft.rfft(field, n=2 * ny).T
+    whole, rest = divmod(len(waves), _ROWS)
+    waves = jax.lax.fori_loop(0, whole, lambda i, w: along_x(i * _ROWS, _ROWS, w), waves)
+    waves = along_x(whole * _ROWS, rest, waves)
+    return jnp.fft.irfft(waves.T, n=2 * ny)[:, :ny]
 
 
 def _apply(matrix: Array, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
@@ -311,26 +382,64 @@ def _from_waves(waves: Array, shape: tuple[int, ...]) -> Array:
     return jnp.fft.irfft(along_y, n=2 * ny)[..., :ny]
 
 
-def _unfold(quarter: Array, parity: tuple[int, int]) -> Array:
-    """All distances in FFT order from those that are not negative.
+def _waves(coefficient: Array, name: str) -> Array:
+    """The spectrum but for its factor, real; each axis by its parity."""
+    waves = coefficient
+    for parity in _PARITY[name]:
+        half = jnp.fft.rfft(_mirror(waves, parity), axis=0)
+        waves = (half.real if parity > 0 else half.imag).T
+    return _mirror(waves, _PARITY[name][0]).T
+
+
+def _mirror(half: Array, parity: int) -> Array:
+    """Along the first axis, all in FFT order from those that are not negative.
 
     The distance of a whole grid is never used; there, what is odd has no definite sign and is 0.
     """
-    x, y = parity
-    row = quarter[-1:] if x > 0 else jnp.zeros_like(quarter[-1:])
-    half = jnp.concatenate([quarter[:-1], row, x * quarter[-2:0:-1]])
-    column = half[:, -1:] if y > 0 else jnp.zeros_like(half[:, -1:])
-    return jnp.concatenate([half[:, :-1], column, y * half[:, -2:0:-1]], axis=1)
+    last = half[-1:] if parity > 0 else jnp.zeros_like(half[-1:])
+    return jnp.concatenate([half[:-1], last, parity * half[-2:0:-1]])
 
 
 def _distances(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Distances along x and y that are not negative [mm]."""
+    """Distances along x and along y that are not negative [mm]."""
     x, y = (np.arange(n + 1) * d for n, d in zip(grid.shape, grid.spacing, strict=True))
-    x, y = np.meshgrid(x, y, indexing="ij")
     return x, y
 
 
 @lru_cache(maxsize=8)
-def _surface_integrals(grid: Grid) -> CellIntegrals:
-    """Integrals for the distances on the grid; in double precision always."""
-    return cell_integrals(*_distances(grid), grid.spacing)
+def _surface_integrals(grid: Grid) -> dict[str, np.ndarray]:
+    """What does not vanish at the surface, for the distances on the grid.
+
+    In double precision always, and by rows: what is needed on the way takes far more memory. On a
+    square grid of square cells y is x, swapped.
+    """
+    x, y = _distances(grid)
+    names = ("xx", "xy", "x", "turn_x")
+    names = names if np.array_equal(x, y) else (*names, "yy", "y", "turn_y")
+    kept = {name: np.empty((len(x), len(y))) for name in names}
+    for row in range(0, len(x), _ROWS):
+        here = slice(row, row + _ROWS)
+        cell = cell_integrals(*np.meshgrid(x[here], y, indexing="ij"), grid.spacing)
+        for name in names:
+            kept[name][here] = getattr(cell, name)
+    return kept
+
+
+def _at_surface(integrals: Mapping[str, AnyArray], grid: Grid) -> CellIntegrals:
+    """All integrals at the surface."""
+    known = {name: jnp.asarray(value) for name, value in integrals.items()}
+    if "yy" not in known:
+        known |= {"yy": known["xx"].T, "y": known["x"].T, "turn_y": -known["turn_x"].T}
+    x, y = jnp.meshgrid(*map(jnp.asarray, _distances(grid)), indexing="ij")
+    none = jnp.zeros_like(x)
+    return CellIntegrals(
+        offset=(x, y),
+        depth=jnp.zeros(()),
+        zz=none,
+        xz=none,
+        yz=none,
+        flat_xx=known["yy"],
+        flat_yy=known["xx"],
+        flat_xy=-known["xy"],
+        **known,
+    )

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
-from contactmodel.derivative import attach_derivative
+from contactmodel.derivative import attach_derivative, attach_smooth
 from contactmodel.friction import solve_traction
 from contactmodel.linear import Iterations
 from contactmodel.normal import pressure_residual, solve_pressure
@@ -117,11 +117,11 @@ def _take_turns(
             end.residual <= jnp.maximum(how["rtol"], rtol) for end in (normal, tangential)
         )
         residual = pressure_residual(compliance, load.gap + compliance.lift(traction), pressure)
-        normal = _add(found.normal, normal)._replace(residual=residual)
+        normal = normal.after(found.normal)._replace(residual=residual)
         slow = residual > _APPROACH * found.normal.residual
         share = jnp.where(slow, 0.5 * share, jnp.minimum(1.2 * share, 1.0))
         held = held + share * (traction - held)
-        tangential = _add(found.tangential, tangential)
+        tangential = tangential.after(found.tangential)
         return _State(
             Tractions(pressure, traction, normal, tangential, found.turns + 1, pressed, rubbed),
             held,
@@ -141,6 +141,42 @@ def _take_turns(
     return jax.lax.while_loop(go_on, turn, _State(begin, begin.traction, one)).found
 
 
+def solve_smooth(
+    compliance: Compliance,
+    gap: Float[Array, "nx ny"],
+    *,
+    start: Float[Array, "nx ny"],
+    rtol: float,
+    max_steps: int,
+) -> Tractions:
+    """The pressure alone, without friction; as `solve_tractions`."""
+    pressure, normal = _press((compliance, gap), start, rtol, max_steps)
+    zero, true = jnp.zeros((), jnp.int32), jnp.ones((), bool)
+    still = Iterations(zero, zero, jnp.zeros((), gap.dtype))
+    none = jnp.zeros((2, *gap.shape), gap.dtype)
+    return Tractions(pressure, none, normal, still, zero + 1, normal.residual <= rtol, true)
+
+
+@eqx.filter_custom_jvp
+def _press(
+    task: tuple[Compliance, Array], start: Array, rtol: float, max_steps: int
+) -> tuple[Array, Iterations]:
+    return solve_pressure(*task, start=start, rtol=rtol, max_steps=max_steps)
+
+
+@_press.def_jvp
+def _press_jvp(primals, tangents):
+    """The derivative of the pressure; that of the start is 0."""
+    task, start, rtol, max_steps = primals
+    pressure, done = _press(task, start, rtol, max_steps)
+
+    def attach(task: tuple[Compliance, Array]) -> Array:
+        return attach_smooth(pressure, *task, rtol=rtol, max_steps=max_steps)
+
+    _, change = eqx.filter_jvp(attach, (task,), (tangents[0],))
+    return (pressure, done), (change, jax.tree.map(lambda _: None, done))
+
+
 @_take_turns.def_jvp
 def _take_turns_jvp(primals, tangents):
     """The derivative of what was found; that of the start is 0."""
@@ -154,9 +190,3 @@ def _take_turns_jvp(primals, tangents):
     _, (dpressure, dtraction) = eqx.filter_jvp(attach, (task,), (tangents[0],))
     still = jax.tree.map(lambda _: None, end)
     return end, still._replace(pressure=dpressure, traction=dtraction)
-
-
-def _add(before: Iterations, now: Iterations) -> Iterations:
-    return Iterations(
-        before.steps + now.steps, before.applications + now.applications, now.residual
-    )

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from contactmodel.compliance import Compliance
 from contactmodel.friction import Sets, find_sets, make_preconditioner
-from contactmodel.linear import Operator
+from contactmodel.linear import Operator, conjugate_gradients
 
 _RESTART = 20  # steps of GMRES whose directions are kept
 
@@ -86,6 +86,38 @@ def attach_derivative(
     unknown = jax.lax.custom_linear_solve(tangent, change, solve, solve_transposed)
     dp, free = unknown[0], unknown[1:]
     return p + dp, carried + free + mu * dp * sets.normal
+
+
+def attach_smooth(
+    pressure: Float[Array, "nx ny"],
+    compliance: Compliance,
+    gap: Float[Array, "nx ny"],
+    *,
+    rtol: float,
+    max_steps: int,
+) -> Float[Array, "nx ny"]:
+    """The same of the pressure without friction, by conjugate gradients.
+
+    Args:
+        pressure: the solution [MPa].
+        compliance: of the pair.
+        gap: between the undeformed bodies [mm].
+        rtol: tolerance of the linear solve [-].
+        max_steps: of the linear solve at most.
+    """
+    p, fixed = jax.lax.stop_gradient((pressure, compliance))
+    contact, inverse = p > 0.0, fixed.inverse()
+    gap = compliance.press(p) + gap
+    change = jnp.where(contact, jax.lax.stop_gradient(gap) - gap, 0.0)
+
+    def on_contact(press: Operator) -> Operator:  # the identity where nothing may change
+        return lambda field: jnp.where(contact, press(jnp.where(contact, field, 0.0)), field)
+
+    def solve(operator: Operator, rhs: Array) -> Array:
+        rough = on_contact(inverse.press)
+        return conjugate_gradients(operator, rhs, rough, rtol=rtol, max_steps=max_steps)[0]
+
+    return p + jax.lax.custom_linear_solve(on_contact(fixed.press), change, solve, symmetric=True)
 
 
 def _find_sets(

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 
 @dataclass(frozen=True)
@@ -62,3 +63,14 @@ class Grid:
     def points(self) -> Float[np.ndarray, "2 nx ny"]:
         """Centres of the cells [mm]."""
         return np.stack(np.meshgrid(self.x, self.y, indexing="ij"))
+
+
+def make_points(grid: Grid, dtype: np.dtype) -> Float[Array, "2 nx ny"]:
+    """The same centres, made inside a compiled program instead of stored in it [mm].
+
+    Args:
+        grid: cells.
+        dtype: precision.
+    """
+    axes = (jnp.asarray(axis, dtype) for axis in (grid.x, grid.y))
+    return jnp.stack(jnp.meshgrid(*axes, indexing="ij"))

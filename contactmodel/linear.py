@@ -28,6 +28,11 @@ class Iterations(NamedTuple):
     applications: Int[Array, ""]
     residual: Float[Array, ""]
 
+    def after(self, before: "Iterations") -> "Iterations":
+        """These and those before; the residual is that of these."""
+        applications = before.applications + self.applications
+        return Iterations(before.steps + self.steps, applications, self.residual)
+
 
 class _State(NamedTuple):
     solution: Array

@@ -179,13 +179,13 @@ class ContactSolution(eqx.Module):
     @eqx.filter_jit
     def _on_grid(self, body: AbstractBody, traction: Array, depth: Array | None) -> list[Array]:
         coefficients = grid_coefficients(body, self.grid, depth)
-        spectra = jax.tree.map(transform, coefficients)
+        spectra = Coefficients(*map(transform, coefficients, Coefficients._fields))
         return _displacement(spectra, self.pressure, traction, convolve)
 
     def _rotation(self, body: AbstractBody, traction: Array) -> Array:
         c = grid_coefficients(body, self.grid)
-        turned = convolve(transform(jnp.stack([c.turn_x, c.turn_y])), traction)
-        return jnp.sum(turned, axis=-3)
+        spectra = jnp.stack([transform(c.turn_x, "turn_x"), transform(c.turn_y, "turn_y")])
+        return jnp.sum(convolve(spectra, traction), axis=-3)
 
     @eqx.filter_jit
     def _at(

@@ -11,11 +11,12 @@ from jaxtyping import Array
 from contactmodel.bodies import AbstractBody, Rigid
 from contactmodel.checks import is_traced, non_negative
 from contactmodel.compliance import Compliance, pair_compliance
-from contactmodel.coupling import Load, Tractions, solve_tractions
+from contactmodel.coupling import Load, Tractions, solve_smooth, solve_tractions
 from contactmodel.friction import find_sliding
-from contactmodel.grid import Grid
+from contactmodel.grid import Grid, make_points
 from contactmodel.indenters import AbstractIndenter
 from contactmodel.linear import Iterations
+from contactmodel.normal import guess_pressure, is_large
 from contactmodel.pose import Pose
 from contactmodel.solution import RESULTS, ContactSolution
 
@@ -63,9 +64,10 @@ def solve_contact(
         RuntimeError: a failure.
     """
     _check(elastomer, object_, pose, grid, friction_coefficient, rtol, path=False)
-    friction = non_negative(friction_coefficient)
+    task = _prepare(elastomer, object_, grid, friction_coefficient, rtol, max_steps)
     last = _remember(previous, pose, grid)
-    solution = _solve_one(elastomer, object_, indenter, pose, grid, friction, last, rtol, max_steps)
+    step = _solve_one(task, indenter, pose, last, is_large(grid) and previous is None)
+    solution = _gather(elastomer, object_, task, step)
     return raise_failure(solution) if throw else solution
 
 
@@ -104,9 +106,9 @@ def solve_path(
         RuntimeError: a failure in any step.
     """
     _check(elastomer, object_, path, grid, friction_coefficient, rtol, path=True)
-    friction = non_negative(friction_coefficient)
-    last = _remember(previous, path, grid)
-    solution = _solve_all(elastomer, object_, indenter, path, grid, friction, last, rtol, max_steps)
+    task = _prepare(elastomer, object_, grid, friction_coefficient, rtol, max_steps)
+    steps = _solve_all(task, indenter, path, _remember(previous, path, grid))
+    solution = _gather(elastomer, object_, task, steps)
     return raise_failure(solution) if throw else solution
 
 
@@ -136,43 +138,45 @@ class _Step(NamedTuple):
     friction: Iterations
 
 
+class _Task(NamedTuple):
+    """What all steps have in common; `smooth` without friction."""
+
+    compliance: Compliance
+    friction: Array
+    grid: Grid
+    smooth: bool
+    rtol: float
+    max_steps: int
+
+
+def _prepare(
+    elastomer: AbstractBody,
+    object_: AbstractBody,
+    grid: Grid,
+    friction_coefficient: ArrayLike,
+    rtol: float,
+    max_steps: int,
+) -> _Task:
+    friction = non_negative(friction_coefficient)
+    smooth = not is_traced(friction) and not bool(jnp.any(friction))
+    compliance = pair_compliance(elastomer, object_, grid, smooth=smooth)
+    return _Task(compliance, friction, grid, smooth, rtol, max_steps)
+
+
 @eqx.filter_jit
 def _solve_one(
-    elastomer: AbstractBody,
-    object_: AbstractBody,
-    indenter: AbstractIndenter,
-    pose: Pose,
-    grid: Grid,
-    friction: Array,
-    last: _Memory,
-    rtol: float,
-    max_steps: int,
-) -> ContactSolution:
-    compliance = _in_precision_of(pair_compliance(elastomer, object_, grid), pose)
-    step = _step(compliance, indenter, pose, grid, friction, last, rtol, max_steps)
-    return _gather(elastomer, object_, grid, friction, step)
+    task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, guess: bool
+) -> _Step:
+    return _step(task, indenter, pose, last, guess)
 
 
 @eqx.filter_jit
-def _solve_all(
-    elastomer: AbstractBody,
-    object_: AbstractBody,
-    indenter: AbstractIndenter,
-    path: Pose,
-    grid: Grid,
-    friction: Array,
-    last: _Memory,
-    rtol: float,
-    max_steps: int,
-) -> ContactSolution:
-    compliance = _in_precision_of(pair_compliance(elastomer, object_, grid), path)
-
+def _solve_all(task: _Task, indenter: AbstractIndenter, path: Pose, last: _Memory) -> _Step:
     def advance(last: _Memory, pose: Pose) -> tuple[_Memory, _Step]:
-        step = _step(compliance, indenter, pose, grid, friction, last, rtol, max_steps)
+        step = _step(task, indenter, pose, last, guess=False)
         return _recall(step), step
 
-    _, steps = jax.lax.scan(advance, last, path)
-    return _gather(elastomer, object_, grid, friction, steps)
+    return jax.lax.scan(advance, last, path)[1]
 
 
 def _recall(step: "_Step | ContactSolution") -> _Memory:
@@ -181,56 +185,55 @@ def _recall(step: "_Step | ContactSolution") -> _Memory:
 
 
 def _gather(
-    elastomer: AbstractBody, object_: AbstractBody, grid: Grid, friction: Array, step: _Step
+    elastomer: AbstractBody, object_: AbstractBody, task: _Task, step: _Step
 ) -> ContactSolution:
     """The solution of a step, or of many."""
     return ContactSolution(
-        grid=grid,
+        grid=task.grid,
         elastomer=elastomer,
         object_=object_,
-        friction_coefficient=friction,
+        friction_coefficient=task.friction,
         **step._asdict(),
     )
 
 
-def _step(
-    compliance: Compliance,
-    indenter: AbstractIndenter,
-    pose: Pose,
-    grid: Grid,
-    friction_coefficient: Array,
-    last: _Memory,
-    rtol: float,
-    max_steps: int,
-) -> _Step:
-    """The contact at a pose, from the one before."""
-    points = jnp.asarray(grid.points, last.pressure.dtype)
+def _step(task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, guess: bool) -> _Step:
+    """The contact at a pose, from the one before; the pressure from a guess or the last one."""
+    grid, rtol = task.grid, task.rtol
+    compliance, friction = _in_precision_of((task.compliance, task.friction), pose)
+    points = make_points(grid, last.pressure.dtype)
     undeformed = _in_precision_of(indenter.height(points) - pose.approach, pose)
     carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
     motion = carried + pose.increment(last.pose, carried, points)
-    end = solve_tractions(
-        compliance,
-        Load(undeformed, motion, friction_coefficient),
-        start=(last.pressure, last.traction),
-        rtol=rtol,
-        max_steps=max_steps,
-    )
+    how = {"rtol": rtol, "max_steps": task.max_steps}
+    start, before = last.pressure, None
+    if guess:
+        start, before = guess_pressure(compliance, undeformed)
+    if task.smooth:
+        end = solve_smooth(compliance, undeformed, start=start, **how)
+    else:
+        load = Load(undeformed, motion, friction)
+        end = solve_tractions(compliance, load, start=(start, last.traction), **how)
     pressure, traction = end.pressure, end.traction
-    limit, pulled = friction_coefficient * pressure, compliance.pull(pressure)
-    dragged = compliance.drag(traction)
+    gap, pulled = undeformed + compliance.press(pressure), compliance.pull(pressure)
+    dragged = jnp.zeros_like(traction)
+    if not task.smooth:
+        gap, dragged = gap + compliance.lift(traction), compliance.drag(traction)
     increment = motion - pulled - dragged
-    sliding = find_sliding(compliance, traction, motion - pulled, increment, pressure, limit, rtol)
+    sliding = find_sliding(
+        compliance, traction, motion - pulled, increment, pressure, friction * pressure, rtol
+    )
     return _Step(
         pose=pose,
         pressure=pressure,
         traction=traction,
-        gap=undeformed + compliance.press(pressure) + compliance.lift(traction),
+        gap=gap,
         sliding=sliding,
         slip=pose.displacement(points) - pulled - dragged,
         slip_increment=increment,
         dissipated_energy=last.dissipated_energy + jnp.sum(traction * increment) * grid.cell_area,
         result=_judge(end, rtol),
-        normal=end.normal,
+        normal=end.normal if before is None else end.normal.after(before),
         friction=end.tangential,
     )
 

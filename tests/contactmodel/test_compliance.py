@@ -102,7 +102,7 @@ def test_convolution_is_the_direct_sum_without_images():
     grid = Grid((6, 9), (3.0, 2.0))
     body = HalfSpace(0.8, 0.4)
     field = jax.random.normal(jax.random.key(1), grid.shape)
-    fast = convolve(transform(grid_coefficients(body, grid).xz), field)
+    fast = convolve(transform(grid_coefficients(body, grid).xz, "xz"), field)
     points = grid.points.reshape(2, -1)
     x, y = points[:, :, None] - points[:, None, :]
     cell = cell_integrals(jnp.asarray(x), jnp.asarray(y), grid.spacing)
