@@ -3,9 +3,12 @@
 Pressing pulls the surfaces of dissimilar bodies past each other, and friction lifts them. For a
 given traction the pressure is the minimum of one convex energy, for a given pressure the traction
 that of another (`normal`, `friction`), but the two together are not one minimum: they are solved in
-turn until the pressure needs no more steps, with less of the new traction if they do not approach.
+turn until the pressure needs no more steps, with a secant step between turns [Anderson1965] and
+less of the new traction if they do not approach.
 Each turn solves both a little further than the turns have come. Bodies with the same (1−2ν)/G need
 one turn.
+
+[Anderson1965] D. G. Anderson, "Iterative procedures for nonlinear integral equations".
 """
 
 from typing import NamedTuple
@@ -67,6 +70,7 @@ class _State(NamedTuple):
     found: Tractions
     held: Float[Array, "2 nx ny"]  # the traction that the next pressure is found for
     share: Float[Array, ""]  # of the new traction in it
+    miss: Float[Array, "2 nx ny"]  # traction found less held, of the turn before
 
 
 def solve_tractions(
@@ -105,7 +109,7 @@ def _take_turns(
         return jnp.where(coupled, jnp.maximum(_FORCING * before, _FLOOR * rtol), rtol)
 
     def turn(state: _State) -> _State:
-        found, held, share = state
+        found, held, share, miss = state
         how = {"rtol": tolerance(found), "max_steps": max_steps}
         gap = load.gap + compliance.lift(held)
         pressure, normal = solve_pressure(compliance, gap, start=found.pressure, **how)
@@ -120,12 +124,15 @@ def _take_turns(
         normal = normal.after(found.normal)._replace(residual=residual)
         slow = residual > _APPROACH * found.normal.residual
         share = jnp.where(slow, 0.5 * share, jnp.minimum(1.2 * share, 1.0))
-        held = held + share * (traction - held)
+        before, miss = miss, traction - held
+        ahead = jnp.where(slow | (found.turns == 0), 0.0, _secant(before, miss))
+        held = held + share * miss - ahead * (traction - found.traction)
         tangential = tangential.after(found.tangential)
         return _State(
             Tractions(pressure, traction, normal, tangential, found.turns + 1, pressed, rubbed),
             held,
             share,
+            miss,
         )
 
     def go_on(state: _State) -> Array:
@@ -138,7 +145,19 @@ def _take_turns(
     true = jnp.ones((), bool)
     begin = Tractions(*start, none, none, zero, true, true)
     one = jnp.ones((), load.gap.dtype)
-    return jax.lax.while_loop(go_on, turn, _State(begin, begin.traction, one)).found
+    first = _State(begin, begin.traction, one, jnp.zeros_like(begin.traction))
+    return jax.lax.while_loop(go_on, turn, first).found
+
+
+def _secant(before: Array, now: Array) -> Array:
+    """Where between two turns what is amiss is least, as a share of the way back to the first.
+
+    [Anderson1965] with the memory of one turn, not followed farther than half of that way.
+    """
+    change = now - before
+    square = jnp.sum(change**2)
+    share = jnp.sum(change * now) / jnp.where(square > 0.0, square, 1.0)
+    return jnp.clip(share, -0.5, 0.5)
 
 
 def solve_smooth(
