@@ -2,8 +2,10 @@
 
 `python -m tests.benchmarks.peers [CELLS …]`: a paraboloid, contact radius 0.3 of the side, on a
 free half-space; then the torsion from rest, c/a = 0.7, which the others do not have. Compiling is
-told apart from solving, the others' operators are made before the clock starts. Where aspher or
-tamaas is not installed its columns are empty.
+told apart from solving, the others' operators are made before the clock starts, and times are
+those of the processor, which other programs on the machine disturb less. The coarse grid that ours
+begins with is in its time and its steps. Where aspher or tamaas is not installed its columns are
+empty; the memory is of use in the first row only.
 
 Residuals differ. Ours: root mean square over the contact of gap and overlap, by the largest
 overlap at p = 0; for the traction, of the slip that friction's law forbids, by the rigid motion.
@@ -59,8 +61,8 @@ def measure(cells: int, imported: float) -> list[str]:
     start = time.perf_counter()
     pressed = solve(cells, 0.0, 0.0)
     first = time.perf_counter() - start
+    used = memory() - imported  # before friction and the peers take theirs
     turned = solve(cells, twist, FRICTION)
-    used = memory() - imported  # before the peers take theirs
     mean = float(jnp.mean(pressed.pressure))
     gap = (Paraboloid(CURVATURE).height(jnp.asarray(pressed.grid.points))).__array__()
     runs: dict[str, Run | None] = {
@@ -128,7 +130,7 @@ def find(name: str) -> Any:
 
 
 def side_by_side(runs: dict[str, Run | None]) -> tuple[dict[str, float], dict[str, Any]]:
-    """Seconds, medians of laps in turn, and what the last lap gave."""
+    """Seconds of the processor, medians of laps in turn, and what the last lap gave."""
     there = {name: run for name, run in runs.items() if run is not None}
     ends: dict[str, Any] = {}
     laps = []

@@ -132,3 +132,13 @@ def test_preconditioner_is_positive_and_near_the_inverse():
     field = jnp.zeros(grid.shape).at[16, 12].set(1.0)
     back = pair.inverse().press(pair.press(field))
     assert float(jnp.max(jnp.abs(back - field))) < 0.1  # what cutting at the grid's edge costs
+
+
+def test_rows_at_a_time_are_the_convolution():
+    grid = Grid((6, 300), (1.0, 50.0))
+    pair = pair_compliance(HalfSpace(1.0, 0.3), Rigid(), grid)
+    field = jax.random.normal(jax.random.key(2), grid.shape)
+    whole = convolve(pair.normal, field)
+    np.testing.assert_allclose(pair.press(field), whole, atol=1e-12)  # rounding
+    both = convolve(1j * pair.coupling, jnp.stack([field, field]))
+    np.testing.assert_allclose(pair.pull(field), both, atol=1e-12)
