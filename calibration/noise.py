@@ -188,6 +188,7 @@ def plot_noise(found: RestNoise) -> Figure:
     right.plot(range(1, len(found.temporal) + 1), found.temporal, "o-", color="#08306b")
     right.set_xlabel("frames apart")
     right.set_ylabel("correlation of one marker's errors")
+    right.set_ylim(min(-0.2, *right.get_ylim()), 1.0)
     right.grid(alpha=0.3)
     return figure
 
