@@ -5,9 +5,6 @@ held. The angle of reference is the angular sensor's: the turn of the object whe
 what it bends beyond.
 """
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from contactmodel import (
@@ -16,10 +13,9 @@ from contactmodel import (
     Ellipsoid,
     Grid,
     HalfSpace,
-    HeightMap,
     Layer,
     Pose,
-    solve_contact,
+    solve_sliding,
 )
 from estimation.estimators import DEFAULT_METHOD
 from estimation.tracker import estimate_angles
@@ -90,36 +86,17 @@ def evaluate(
 
 
 def _lift(told: settings.Thing, angle: float) -> ContactSolution:
-    """Pressed, turned and held, a contact for each frame.
-
-    The model presses where the object lay when it touched. What has slipped since lies elsewhere on
-    it: above X is the object's point X − R⁻¹s (Eq. 1), so that each step takes the heights from
-    there, with the slip s of the step before. Without it the contact's outline would lag behind an
-    object that slips, and methods that follow the outline would be misled.
-    """
-    pad = Layer(_SHEAR_MODULUS, _POISSON_RATIO, told.thickness)
-    object_ = HalfSpace(_SHEAR_MODULUS / max(told.stiffness_ratio, _RIGID), _POISSON_RATIO)
-    twists = np.concatenate([[0.0], np.linspace(0.0, angle, _TURN + 1), np.full(_HOLD, angle)])
-    shape, points = Ellipsoid(told.semi_axes), jnp.asarray(_GRID.points)
-    under, steps = points, []
-    for twist in twists:
-        steps.append(
-            solve_contact(
-                pad,
-                object_,
-                Domed(HeightMap(shape.height(under), _GRID.spacing), settings.DOME_MM),
-                Pose(told.approach, twist=twist),
-                _GRID,
-                told.friction_coefficient,
-                previous=steps[-1] if steps else None,
-                rtol=1e-6,
-            )
-        )
-        c, s = np.cos(twist), np.sin(twist)
-        under = points - jnp.tensordot(np.array([[c, s], [-s, c]]), steps[-1].slip, 1)
-    path = jax.tree.map(lambda *leaves: jnp.stack(leaves), *steps)
-    constants = (steps[0].elastomer, steps[0].object_, steps[0].friction_coefficient)
-    return eqx.tree_at(lambda s: (s.elastomer, s.object_, s.friction_coefficient), path, constants)
+    """Pressed, turned and held, a contact per frame; the outline goes along with what slips."""
+    twists = [np.zeros(1), np.linspace(0.0, angle, _TURN + 1), np.full(_HOLD, angle)]
+    return solve_sliding(
+        Layer(_SHEAR_MODULUS, _POISSON_RATIO, told.thickness),
+        HalfSpace(_SHEAR_MODULUS / max(told.stiffness_ratio, _RIGID), _POISSON_RATIO),
+        Domed(Ellipsoid(told.semi_axes), settings.DOME_MM),
+        Pose(told.approach, twist=np.concatenate(twists)),
+        _GRID,
+        told.friction_coefficient,
+        rtol=1e-6,
+    )
 
 
 STUDY = Study(cases, evaluate, batch=1, traced=False)
