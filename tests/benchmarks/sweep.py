@@ -1,8 +1,9 @@
 """Solves per second of the atlas with one worker and with two: `python -m tests.benchmarks.sweep`.
 
 Paths of 40 steps on 64² cells, spread over the whole table, in turn with one worker and with two,
-and the machine's load before each: what else runs there takes from both. The clock starts when
-every worker has given back its first batch: starting and compiling are left out.
+and the machine's load before each: what else runs there takes from both. Every worker is first given
+the same batch, and the clock starts when all have given it back: starting and compiling are left
+out, and what is counted is the same work for any number of workers.
 """
 
 import os
@@ -15,7 +16,7 @@ from papers.model_error import atlas
 from papers.sweeps import local_processes
 from papers.sweeps.executors import Batch
 
-CASES = 16
+CASES = 32
 TURNS = 2
 NAME = "papers.model_error.atlas"
 
@@ -29,10 +30,9 @@ def measure(workers: int) -> float:
         for rows in np.split(cases, len(cases) // atlas.STUDY.batch)
     ]
     ends = []
-    for _ in local_processes(workers)(NAME, batches):
+    for _ in local_processes(workers)(NAME, [batches[0]] * workers + batches):
         ends.append(time.perf_counter())
-    counted = (len(ends) - workers) * atlas.STUDY.batch * sum(atlas.STEPS)
-    return counted / (ends[-1] - ends[workers - 1])
+    return len(cases) * sum(atlas.STEPS) / (ends[-1] - ends[workers - 1])
 
 
 if __name__ == "__main__":
