@@ -1,9 +1,9 @@
 """Solves per second of the atlas with one worker and with two: `python -m tests.benchmarks.sweep`.
 
 Paths of 40 steps on 64² cells, spread over the whole table, in turn with one worker and with two,
-and the machine's load before each: what else runs there takes from both. Every worker is first given
-the same batch, and the clock starts when all have given it back: starting and compiling are left
-out, and what is counted is the same work for any number of workers.
+and the machine's load before each: what else runs there takes from both. Every worker is first
+given the same batch, and the clock starts when all have given it back: starting and compiling are
+left out, and what is counted is the same work for any number of workers.
 """
 
 import os
