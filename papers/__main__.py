@@ -47,16 +47,25 @@ def run(
     quick: Annotated[bool, typer.Option(help="A few draws instead of all.")] = False,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/papers"),
 ) -> None:
-    """Compute items, draw them, print their tables and what was published beside ours."""
+    """Compute items, draw them, print their tables and what was published beside ours.
+
+    Items whose data cannot be had are left out, said, and counted at the end, exit status 2.
+    """
     chosen = choose_items(paper, item)
     check_writable(out)
     found: dict[Callable, Any] = {}  # some items draw what another has computed
+    left_out = []
     for name, part in chosen:
         module = import_module(f"papers.{name}.{part}")
         if module.compute not in found:
-            with _progress() as progress:
-                track = partial(progress.track, description=f"{name} {part}")
-                found[module.compute] = module.compute(quick=quick, track=track)
+            try:
+                with _progress() as progress:
+                    track = partial(progress.track, description=f"{name} {part}")
+                    found[module.compute] = module.compute(quick=quick, track=track)
+            except OSError as error:  # data that cannot be fetched
+                _say_error(f"{name} {part}: {error}")
+                left_out.append(f"{name} {part}")
+                continue
         result = found[module.compute]
         write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
         shown: dict[str, list[dict[str, object]]] = module.tables(result)
@@ -65,6 +74,8 @@ def run(
         for suffix, rows in shown.items():
             write_whole(out / name / f"{part}{suffix}.csv", _csv(rows))
             Console(width=200).print(_table(f"{name} {part}{suffix}", rows))
+    if left_out:
+        raise OSError(f"{', '.join(left_out)} left out of what was written to {out}")
     print(f"written to {out}")
 
 
@@ -168,13 +179,17 @@ def _table(title: str, rows: list[dict[str, object]]) -> Table:
     return table
 
 
+def _say_error(message: str) -> None:
+    console.print(f"[red]error:[/red] {escape(message)}", highlight=False, soft_wrap=True)
+
+
 def main() -> None:
     """Run the command line; what is wrong with the input goes to stderr, exit status 2."""
     jax.config.update("jax_enable_x64", True)
     try:
         app()
     except (ValueError, OSError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
+        _say_error(str(error))
         sys.exit(2)
 
 

@@ -91,6 +91,22 @@ def test_run_draws_and_prints_ours_beside_theirs(tmp_path, monkeypatch, capsys):
     assert {row["verdict"] for row in rows} == {"reproduced"}
 
 
+def test_an_item_without_its_data_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
+    def compute(**_):
+        raise OSError("cannot be downloaded")
+
+    items = [("marker_images", "clips"), ("li2024", "method")]
+    monkeypatch.setattr("papers.__main__.choose_items", lambda paper, item: items)
+    monkeypatch.setattr("papers.marker_images.clips.compute", compute)
+    with pytest.raises(SystemExit) as done:
+        run(monkeypatch, "run", "--quick", "--out", tmp_path)
+    assert done.value.code == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "marker_images clips: cannot be downloaded" in said
+    assert f"marker_images clips left out of what was written to {tmp_path}" in said
+    assert (tmp_path / "li2024" / "method.png").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
