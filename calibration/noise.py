@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from calibration.findings import write_findings
 from estimation.estimators.rigid import THRESHOLD
 from estimation.files import toml_text, write_whole
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
-from estimation.report import figure_png, render_page
 from estimation.stencils import make_stencils
 from estimation.stick import ANGLE_FLOOR_DEG
 
@@ -220,17 +220,14 @@ def write_noise(found: RestNoise, out: Path) -> list[str]:
         f"smallest rotation between two frames that is no noise (95 %): {smallest}",
         f"suggested: --angle-floor-deg {found.angle_floor_deg:.2g} --onset-mm {found.onset:.2g}",
     ]
-    image = figure_png(plot_noise(found))
-    page = render_page(
-        "findings.html",
-        {"noise.png": image},
+    write_findings(
+        out,
+        "noise.png",
+        plot_noise(found),
         title="Noise of the sensor at rest",
         lead=lines,
+        caption="Noise by axis about mean and drift; its correlation in time.",
         lists={"notes": found.notes},
-        captions={"noise.png": "Noise by axis about mean and drift; its correlation in time."},
-        tables={},
     )
     write_whole(out / "noise.toml", toml_text(found.content()))
-    write_whole(out / "noise.png", image)
-    write_whole(out / "report.html", page)
     return [*lines, *found.notes, f"written to {out / 'noise.toml'}"]

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from calibration.findings import write_findings
 from calibration.layered_fit import Grasp, LayeredFit, fit_layered_softness
 from estimation.files import write_whole
 from estimation.noise import Noise, estimate_noise
@@ -187,18 +188,16 @@ def write_two_fingers(
             recordings, (found.first, found.second), found.low, found.high, strict=True
         )
     ]
-    image = figure_png(plot_fit(found.fit))
-    page = render_page(
-        "findings.html",
-        {"two-fingers.png": image},
+    write_findings(
+        out,
+        "two-fingers.png",
+        plot_fit(found.fit),
         title="Softness from two fingers",
         lead=lines,
+        caption="The softer finger's rotation over the other's.",
         lists={"notes": found.fit.notes},
-        captions={"two-fingers.png": "The softer finger's rotation over the other's."},
         tables={"grasps": _grasps(found.fit)},
     )
-    write_whole(out / "two-fingers.png", image)
-    write_whole(out / "report.html", page)
     write_softness(found.first, out / "first.toml")
     write_softness(found.second, out / "second.toml")
     return [*lines, f"written to {out / 'first.toml'} and {out / 'second.toml'}"]
@@ -254,18 +253,14 @@ def write_layered(
         f"{thickness:g} mm, markers {depth:g} mm deep, from {len(fit.residual)} frames of "
         f"{len(grasps)} grasps"
     ]
-    image = figure_png(plot_layered(fit))
-    page = render_page(
-        "findings.html",
-        {"layered.png": image},
+    write_findings(
+        out,
+        "layered.png",
+        plot_layered(fit),
         title="Softness of an object on a thin elastomer",
         lead=lines,
-        lists={},
-        captions={"layered.png": "What the fit leaves of the object's angle, frame by frame."},
-        tables={},
+        caption="What the fit leaves of the object's angle, frame by frame.",
     )
-    write_whole(out / "layered.png", image)
-    write_whole(out / "report.html", page)
     write_softness(fit.softness, out / "softness.toml")
     return [*lines, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
 

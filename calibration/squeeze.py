@@ -19,11 +19,10 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from scipy.stats import t
 
+from calibration.findings import write_findings
 from estimation.estimators.measurement import Z95
 from estimation.fields import measure_fields
-from estimation.files import write_whole
 from estimation.recording import Recording
-from estimation.report import figure_png, render_page
 from estimation.softness import ScalarSoftness, write_softness
 from estimation.stencils import make_stencils
 
@@ -280,18 +279,15 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
         f"{found.low:.4f} to {found.high:.4f})",
         f"the object takes {found.share:.4f} of the elastomer's share of the approach",
     ]
-    image = figure_png(plot_squeeze(found))
-    page = render_page(
-        "findings.html",
-        {"squeeze.png": image},
+    write_findings(
+        out,
+        "squeeze.png",
+        plot_squeeze(found),
         title="Softness from pressing",
         lead=lines,
+        caption=found.source,
         lists={"notes": found.notes},
-        captions={"squeeze.png": found.source},
-        tables={},
     )
-    write_whole(out / "squeeze.png", image)
-    write_whole(out / "report.html", page)
     write_softness(softness, out / "softness.toml")
     return [*lines, *found.notes, f"written to {out / 'softness.toml'}"]
 

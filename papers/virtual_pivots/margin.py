@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 
 from estimation.margin import follow_margin
 from estimation.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import simulate_pivot
 from papers.items import Track
 from papers.virtual_pivots import settings
+from papers.virtual_pivots.reversal import draw_model
 
 AHEAD_DEG = (20.0, 15.0, 10.0, 5.0, 2.0)
 MOMENT_NOISE_NMM = 0.05
@@ -46,12 +47,7 @@ def compute(quick: bool = False, track: Track = iter) -> Foretold:
 
 def _foretell(draw: int) -> Float[np.ndarray, "3 aheads"]:
     rng = np.random.default_rng((1, draw))
-    model = PivotModel(
-        friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
-        offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-        grid_angle=float(rng.uniform(0.0, np.pi / 2)),
-    )
-    recording, truth = simulate_pivot(model, seed=draw)
+    recording, truth = simulate_pivot(draw_model(rng), seed=draw)
     result = estimate_angles(recording)
     noise = MOMENT_NOISE_NMM * rng.standard_normal(len(recording))
     margins = follow_margin(replace(result, moment=result.moment + noise)).margins

@@ -52,17 +52,22 @@ class Reversals(NamedTuple):
     dated_inside: Bool[np.ndarray, " draws"]
 
 
+def draw_model(rng: np.random.Generator) -> PivotModel:
+    """A pivot with friction and the place of the markers at random."""
+    return PivotModel(
+        friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
+        offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
+        grid_angle=float(rng.uniform(0.0, np.pi / 2)),
+    )
+
+
 def compute(quick: bool = False, track: Track = iter) -> Reversals:
     """Draw and estimate."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["reversal"]
     rows = []
     for draw in track(range(draws)):
         rng = np.random.default_rng((0, draw))
-        model = PivotModel(
-            friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
-            offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-            grid_angle=float(rng.uniform(0.0, np.pi / 2)),
-        )
+        model = draw_model(rng)
         recording, truth = simulate_pivot(model, seed=draw)
         noise = estimate_noise(recording)
         result = estimate_angles(recording, DEFAULT_METHOD, noise=noise)
