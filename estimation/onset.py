@@ -66,19 +66,22 @@ NOISE_FRAMES = 3.0
 
 
 class MacroSlip(NamedTuple):
-    """A time in which fewer than three markers stuck.
+    """A time in which fewer than three markers stuck, or may have.
 
     Attributes:
-        onset: when it began [s].
+        onset: when it began, or the gel came to rest [s].
         low: lower end of its 95 % interval [s].
-        high: upper end [s].
+        high: upper end [s]; of a slip that is not certain, when the gel rested last.
         regained: when markers stuck again [s]; NaN if they did not.
+        certain: whether a disc was seen to close; else the gel came to rest while few markers
+            stuck, and the object may rest with it or slide on.
     """
 
     onset: float
     low: float
     high: float
     regained: float = float("nan")
+    certain: bool = True
 
     @property
     def ended(self) -> bool:
@@ -101,15 +104,8 @@ class Disc(NamedTuple):
     error: float
 
 
-def date_macro_slips(recording: Recording, result: Result, noise: Noise) -> list[MacroSlip]:
-    """When fewer than three markers stuck, by the whole recording.
-
-    Args:
-        recording: the recording.
-        result: of one of its methods, for the contact.
-        noise: of the markers.
-    """
-    discs = follow_disc(recording, result, noise)
+def date_slips(discs: Sequence[Disc]) -> list[MacroSlip]:
+    """When fewer than three markers stuck, by the discs of a whole recording."""
     slips: list[MacroSlip] = []
     slipping = False
     for i, disc in enumerate(discs):
@@ -120,18 +116,26 @@ def date_macro_slips(recording: Recording, result: Result, noise: Noise) -> list
         if slipping:
             slips[-1] = slips[-1]._replace(regained=disc.time)
         else:
-            slips.append(_date(discs[max(i - AROUND, 0) : i + AROUND + 1], disc.time))
+            slips.append(_date(list(discs[max(i - AROUND, 0) : i + AROUND + 1]), disc.time))
         slipping = not slipping
     return slips
 
 
 def describe_slips(slips: Sequence[MacroSlip], start: float) -> tuple[str, ...]:
     """A sentence about each, in seconds since a start [s]."""
-    return tuple(
+    return tuple(_describe(slip, start) for slip in slips)
+
+
+def _describe(slip: MacroSlip, start: float) -> str:
+    if not slip.certain:
+        return (
+            f"From {slip.onset - start:.3f} to {slip.high - start:.3f} s the gel rests, with few "
+            "markers that stuck before: the object may have rested with it or slid on."
+        )
+    return (
         f"Looking back, macro slip began at {slip.onset - start:.3f} s "
         f"(95 %: {slip.low - start:.3f} to {slip.high - start:.3f} s), counted from the first frame"
         + (f", and markers stuck again at {slip.regained - start:.3f} s." if slip.ended else ".")
-        for slip in slips
     )
 
 

@@ -261,13 +261,14 @@ def _describe_margin(run: Run) -> dict[str, float | None] | None:
     return {"time_s": _number(time[known[-1]] - time[0])} | cells
 
 
-def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | None]:
+def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | bool | None]:
     """When macro slip began and ended, since the first frame."""
     return {
         "onset_s": _number(slip.onset - start),
         "onset_low_s": _number(slip.low - start),
         "onset_high_s": _number(slip.high - start),
         "regained_s": _number(slip.regained - start),
+        "certain": slip.certain,
     }
 
 

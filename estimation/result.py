@@ -8,6 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+TOO_FEW_STICK = "too few markers stick"
+UNSEEN_TURN = "holds again, but how far the object turned before is unseen"
+"""Reasons why an angle is missing that more than one place gives."""
+
 
 class State(StrEnum):
     """State of the contact in a frame.
@@ -16,7 +20,7 @@ class State(StrEnum):
     `stick_share` of the contact region's markers stick. `incipient`: fewer, but at least three.
     `macro_slip`: fewer than three; frame by frame it is seen some frames late (3 in the median of
     round virtual pivots, up to 9 in 95 %), since the last markers slip alike, and only
-    `estimation.onset.date_macro_slips` dates it, looking back. `unknown`: the frame cannot be
+    `estimation.lookback` dates it, looking back. `unknown`: the frame cannot be
     used, or what seems to stick moves as no one body; the reason says which.
     """
 

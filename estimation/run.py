@@ -16,9 +16,10 @@ from estimation.files import check_writable
 from estimation.grasp import compare_fingers
 from estimation.images.preview import write_preview
 from estimation.live import LiveAngles
+from estimation.lookback import FOLLOWING, find_slips, withdraw
 from estimation.margin import follow_margin
 from estimation.noise import Noise, estimate_noise
-from estimation.onset import date_macro_slips, describe_slips
+from estimation.onset import describe_slips
 from estimation.outline import follow_outline
 from estimation.recording import Recording
 from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_overview, write_run
@@ -224,16 +225,22 @@ def _put_together(
         truth = None if truth is None else truth.take(slice(done))
     columns = zip(prepared.trackers, zip(*estimates, strict=True), strict=True)
     results = {method: Result.gather(method, column) for method, column in columns}
-    notes += _reference_notes(results[settings.method])
-    notes += _softness_notes(results[settings.method])
-    noise, main = prepared.noise, results[settings.method]
-    slips = [] if noise is None else date_macro_slips(recording, main, noise)
+    noise, outline = prepared.noise, follow_outline(recording).angle
+    slips = [] if noise is None else find_slips(recording, results[settings.method], noise)
+    results |= {
+        method: withdraw(results[method], slips, outline)
+        for method in FOLLOWING
+        if method in results
+    }
+    main = results[settings.method]
+    notes += _reference_notes(main)
+    notes += _softness_notes(main)
     notes += describe_slips(slips, recording.time[0])
     return Run(
         recording=recording,
         results=results,
         method=settings.method,
-        outline=follow_outline(recording).angle,
+        outline=outline,
         settings={
             "seed": settings.seed if truth is not None else None,
             "noise_in_plane_um" if recording.unit == "mm" else "noise_in_plane_millipx": (

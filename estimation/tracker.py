@@ -12,7 +12,7 @@ from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, Estimator, Me
 from estimation.fields import Fields, measure_fields
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Frame, MarkerLayout, Recording
-from estimation.result import Estimate, Result, State
+from estimation.result import TOO_FEW_STICK, Estimate, Result, State
 from estimation.softness import Contact, ScalarSoftness, Softness
 from estimation.stencils import Stencils, make_stencils
 from estimation.stick import MIN_STICK_MARKERS, check_positive
@@ -171,7 +171,7 @@ class Tracker:
         if gel.reason:
             return State.UNKNOWN, gel.reason
         if not np.isfinite(gel.angle):
-            return State.MACRO_SLIP, "too few markers stick"
+            return State.MACRO_SLIP, TOO_FEW_STICK
         if not gel.stick.any():
             return State.MACRO_SLIP, ""
         if gel.stick.sum() >= self.stick_share * fields.contact.sum():

@@ -16,6 +16,7 @@ from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD
 from estimation.fields import Fields
 from estimation.noise import Noise
 from estimation.outline import Axis, find_axis, turn_error, unwrap
+from estimation.result import UNSEEN_TURN
 from estimation.stencils import Stencils
 from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
 
@@ -162,7 +163,7 @@ class Tracked:
             return gel
         if abs(increment.angle) < 0.5 * self.slip:
             return gel
-        return gel._replace(reason="holds again, but how far the object turned before is unseen")
+        return gel._replace(reason=UNSEEN_TURN)
 
     def _sticks_again(self, axis: Axis, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """The markers that have moved as one body, and with the outline, for long enough."""

@@ -254,6 +254,7 @@ def deform(
     contact = r < radius
     stick_radius = np.where(touching, stick_radius, 0.0)
     sticking = contact & (r < stick_radius[:, None])
+    slipping = touching & (stick_radius < radius[:, 0])
     ever = np.minimum.accumulate(np.where(touching, stick_radius, np.inf))
     truth = Truth(
         angle=np.where(touching, twist, np.nan),
@@ -263,7 +264,7 @@ def deform(
         slip=np.where(contact[..., None], slip, 0.0),
         stick_radius=stick_radius,
         moment=np.where(touching, moment, 0.0),
-        macro_slip=touching & (twist != 0) & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
+        macro_slip=slipping & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
         stiffness_ratio=model.stiffness_ratio,
     )
     return np.concatenate([surface, -depth[..., None]], axis=-1), truth

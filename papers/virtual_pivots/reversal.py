@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
+from estimation.lookback import find_slips, withdraw
 from estimation.noise import Noise, estimate_noise
-from estimation.onset import date_macro_slips
 from estimation.recording import Recording
 from estimation.result import Result, State
 from estimation.tracker import estimate_angles
@@ -39,6 +39,9 @@ class Reversals(NamedTuple):
         late: frames by which macro slip was seen after it began; NaN where it was not seen.
         dated: the same of the date that the whole recording gives.
         dated_inside: whether the date's interval holds the truth, which lies between two frames.
+        slid_live: share of the frames from macro slip on that have an angle, asked live.
+        slid: the same, looking back.
+        withdrawn: share of the frames that count whose angle is wrongly withdrawn, looking back.
     """
 
     friction_ratio: Float[np.ndarray, " draws"]
@@ -50,6 +53,9 @@ class Reversals(NamedTuple):
     late: Float[np.ndarray, " draws"]
     dated: Float[np.ndarray, " draws"]
     dated_inside: Bool[np.ndarray, " draws"]
+    slid_live: Float[np.ndarray, " draws"]
+    slid: Float[np.ndarray, " draws"]
+    withdrawn: Float[np.ndarray, " draws"]
 
 
 def draw_model(rng: np.random.Generator) -> PivotModel:
@@ -90,7 +96,7 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
                 result.low[picked] <= truth.angle[picked] <= result.high[picked],
                 MEAN_ABSOLUTE * np.degrees(np.mean(bounds)),
                 late,
-                *_date(recording, truth, result, noise),
+                *_look_back(recording, truth, result, noise, firm),
             )
         )
     columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
@@ -100,15 +106,29 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
     return Reversals(*columns)
 
 
-def _date(recording: Recording, truth: Truth, result: Result, noise: Noise) -> tuple[float, bool]:
-    """Frames from the true onset to the first date, and whether its interval holds the onset."""
-    slips = date_macro_slips(recording, result, noise)
-    if not (slips and truth.macro_slip.any()):
-        return np.nan, False
+def _look_back(
+    recording: Recording,
+    truth: Truth,
+    result: Result,
+    noise: Noise,
+    firm: Int[np.ndarray, " firm"],
+) -> tuple[float, bool, float, float, float]:
+    """Frames from the true onset to the first date, whether its interval holds the onset, the
+    shares of frames from then on with an angle, live and looking back, and of firm ones without."""
+    slips = find_slips(recording, result, noise)
+    round_one = np.full(len(recording), np.nan)
+    back = withdraw(result, slips, round_one).answered
+    withdrawn = float(np.mean(result.answered[firm] & ~back[firm]))
+    dates = [slip for slip in slips if slip.certain]
+    if not truth.macro_slip.any():
+        return np.nan, False, np.nan, np.nan, withdrawn
     first = int(np.argmax(truth.macro_slip))
+    shares = float(result.answered[first:].mean()), float(back[first:].mean()), withdrawn
+    if not dates:
+        return np.nan, False, *shares
     before, after = recording.time[first - 1], recording.time[first]
-    late = (slips[0].onset - after) * settings.RATE
-    return float(late), bool(slips[0].low <= after and before <= slips[0].high)
+    late = (dates[0].onset - after) * settings.RATE
+    return float(late), bool(dates[0].low <= after and before <= dates[0].high), *shares
 
 
 def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
@@ -140,6 +160,9 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
                     100 * float(np.mean(np.abs(result.dated) <= 2.0))
                 ),
                 "date's interval holds [%]": _round(100 * float(result.dated_inside.mean())),
+                "angles in macro slip, live [%]": _round(100 * float(np.nanmean(result.slid_live))),
+                "looking back [%]": _round(100 * float(np.nanmean(result.slid))),
+                "wrongly withdrawn [%]": _round(100 * float(result.withdrawn.mean())),
             }
         ]
     }

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.lookback import find_slips
 from estimation.margin import follow_margin
 from estimation.noise import Noise
-from estimation.onset import date_macro_slips
 from estimation.result import State
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
@@ -29,7 +29,7 @@ def test_sticking_from_start_to_end():
     assert result.answered[4:].all()
     assert State.MACRO_SLIP not in result.state
     assert np.nanmax(error) < 0.02  # 1 µm over some 60 markers: 0.003°
-    assert date_macro_slips(recording, result, MICRON) == []
+    assert find_slips(recording, result, MICRON) == []
     # what little has bent the moment is far from the end
     left = np.degrees([left.angle_left for left in follow_margin(result).margins])
     assert np.nanmin(left, initial=np.inf) > 20.0

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from contactmodel.analytic import hertz_density, torsion_displacement
+from estimation.lookback import find_slips
 from estimation.noise import Noise, estimate_noise
-from estimation.onset import _share, _share_slope, date_macro_slips, describe_slips
+from estimation.onset import _share, _share_slope, describe_slips
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
@@ -36,7 +37,7 @@ def test_the_onset_is_dated_to_two_frames(seed):
     model = PivotModel(friction_ratio=0.1 + 0.024 * seed, grid_angle=0.3 * seed)
     recording, truth = simulate_pivot(model, seed=seed)
     noise = estimate_noise(recording)
-    (slip,) = date_macro_slips(recording, estimate_angles(recording, noise=noise), noise)
+    (slip,) = find_slips(recording, estimate_angles(recording, noise=noise), noise)
     first = int(np.argmax(truth.macro_slip))
     # the number that is asked for
     assert abs(slip.onset - recording.time[first]) < 2.0 / 30.0
@@ -50,7 +51,7 @@ def test_a_turn_back_ends_macro_slip():
     model = PivotModel(friction_ratio=0.06)
     legs = {"angles_deg": (0.0, 25.0, 15.0), "frames": (75, 40)}
     recording, truth = simulate_pivot(model, seed=2, **legs)
-    slips = date_macro_slips(recording, estimate_angles(recording, noise=MICRON), MICRON)
+    slips = find_slips(recording, estimate_angles(recording, noise=MICRON), MICRON)
     first, last = np.flatnonzero(truth.macro_slip)[[0, -1]]
     assert abs(slips[0].onset - recording.time[first]) < 2.0 / 30.0
     # a window that has the turn in it tells no disc
@@ -63,4 +64,4 @@ def test_what_sticks_has_no_date(angles_deg):
     model = PivotModel(friction_ratio=1.0)
     recording, _ = simulate_pivot(model, angles_deg=angles_deg, frames=(30,))
     result = estimate_angles(recording, noise=MICRON)
-    assert date_macro_slips(recording, result, MICRON) == []
+    assert find_slips(recording, result, MICRON) == []

@@ -1,0 +1,172 @@
+"""What the whole recording says of answers that were given frame by frame.
+
+A tracker that knows only the past sees macro slip some frames late. Where there is little friction
+it may not see it at all: the gel comes to rest under an object that slides on, and a round contact
+looks the same whether it slides or rests. Looking back, the closing disc dates the slip
+(`estimation.onset`), and gel that came to rest while few markers stuck is a reason for doubt.
+Either way the angle is unknown from there until the contact ends, unless an outline or imprint was
+in sight, which the tracker then follows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.noise import Noise
+from estimation.onset import (
+    AT_REST,
+    LEAST_MARKERS,
+    WINDOW,
+    Disc,
+    MacroSlip,
+    date_slips,
+    follow_disc,
+)
+from estimation.recording import Recording
+from estimation.result import TOO_FEW_STICK, UNSEEN_TURN, Result, State
+
+FOLLOWING = ("tracked", "incremental")
+"""Methods that follow the object, whose angles are withdrawn where they may have lost it."""
+
+FIRM_SHARE = 1.0 / 3.0
+"""Share of the contact's markers that stick beyond which the angle is not believed to be lost."""
+
+LEAST_MARGIN = 0.25
+"""Radius of the closing disc beyond the third marker, in pitches, from which gel that comes to rest
+is believed to rest under the object. On virtual pivots the last four discs before an unseen slip
+come below it; before a true rest they do where hardly more than three markers stick."""
+
+RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
+
+
+def find_slips(recording: Recording, result: Result, noise: Noise) -> list[MacroSlip]:
+    """When fewer than three markers stuck, or may have: in order of time.
+
+    Args:
+        recording: the recording.
+        result: of one of its methods, for the contact and the markers that stick.
+        noise: of the markers.
+    """
+    discs = follow_disc(recording, result, noise)
+    slips = date_slips(discs)
+    doubts = [
+        doubt
+        for doubt in _find_doubts(recording, result, noise, discs)
+        if not any(slip.onset < doubt.high and doubt.low < _end(slip) for slip in slips)
+    ]
+    return sorted(slips + doubts)
+
+
+def withdraw(
+    result: Result, slips: Sequence[MacroSlip], outline: Float[np.ndarray, " frames"]
+) -> Result:
+    """The result without the angles that were given while the object slid unseen, or may have.
+
+    Args:
+        result: of a method that follows the object.
+        slips: of the recording.
+        outline: direction of the contact's outline in each frame, NaN where refused [rad].
+
+    Returns:
+        States and reasons say why an angle is missing. A slip is left alone where a third of the
+        contact's markers stick all the while it begins, and where the outline is in sight.
+    """
+    state, reason = list(result.state), list(result.reason)
+    stick, angle, low, high = (
+        np.array(column) for column in (result.stick, result.angle, result.low, result.high)
+    )
+    for slip in slips:
+        rows = _contact_from(result, slip.onset)
+        sliding = result.time[rows] < _end(slip)
+        if not len(rows) or np.isfinite(outline[rows][sliding]).mean() > 0.5:
+            continue
+        if not _lets_go(result, int(rows[0])):
+            continue
+        for row, slides in zip(rows, sliding, strict=True):
+            if not np.isfinite(angle[row]):
+                continue
+            angle[row] = low[row] = high[row] = np.nan
+            if slides and slip.certain:
+                state[row], reason[row], stick[row] = State.MACRO_SLIP, TOO_FEW_STICK, False
+            else:
+                state[row], reason[row] = State.UNKNOWN, RESTS_OR_SLIDES if slides else UNSEEN_TURN
+    return replace(
+        result,
+        state=tuple(state),
+        reason=tuple(reason),
+        stick=stick,
+        angle=angle,
+        low=low,
+        high=high,
+    )
+
+
+def _find_doubts(
+    recording: Recording, result: Result, noise: Noise, discs: Sequence[Disc]
+) -> list[MacroSlip]:
+    """Times in which gel rests that came to rest while few markers stuck."""
+    rests = _is_at_rest(recording, result, noise)
+    doubts: list[MacroSlip] = []
+    for first, last in _runs(rests):
+        begin = first - WINDOW  # the window's first frame
+        rows = _contact_from(result, recording.time[begin])
+        moved = begin > 0 and result.contact[begin - 1].any()
+        if last - first < WINDOW or not moved or rows[-1] < first:
+            continue
+        lately = [
+            disc.margin
+            for disc in discs
+            if recording.time[max(begin - WINDOW, 0)] <= disc.time <= recording.time[first]
+        ]
+        if _lets_go(result, begin) and min(lately[-4:], default=0.0) < LEAST_MARGIN:
+            time = recording.time
+            moves_again = last < rows[-1]
+            doubts.append(
+                MacroSlip(
+                    onset=float(time[begin]),
+                    low=float(time[begin]),
+                    high=float(time[last]),
+                    regained=float(time[last]) if moves_again else np.nan,
+                    certain=False,
+                )
+            )
+    return doubts
+
+
+def _lets_go(result: Result, row: int) -> bool:
+    """Whether few markers stuck in any of the frames around."""
+    around = slice(max(row - WINDOW, 0), row + WINDOW + 1)
+    stick, contact = result.stick[around].sum(axis=1), result.contact[around].sum(axis=1)
+    return bool((stick < FIRM_SHARE * contact).any())
+
+
+def _is_at_rest(recording: Recording, result: Result, noise: Noise) -> Bool[np.ndarray, " frames"]:
+    """Rows since `WINDOW` frames before which the contact's markers have not moved."""
+    rests = np.zeros(len(recording), dtype=bool)
+    points = recording.positions[..., :2]
+    least = 2.0 * (AT_REST * np.sqrt(2.0) * noise.in_plane) ** 2
+    for row in range(WINDOW, len(recording)):
+        both = result.contact[row] & result.contact[row - WINDOW]
+        both &= np.isfinite(points[row] + points[row - WINDOW]).all(axis=-1)
+        moved = (points[row] - points[row - WINDOW])[both]
+        rests[row] = both.sum() >= LEAST_MARKERS and np.mean((moved**2).sum(axis=-1)) < least
+    return rests
+
+
+def _end(slip: MacroSlip) -> float:
+    return slip.regained if slip.ended else np.inf
+
+
+def _contact_from(result: Result, time: float) -> np.ndarray:
+    """Rows of a contact from a time on until it ends."""
+    first = int(np.searchsorted(result.time, time))
+    free = [i for i in range(first, len(result.time)) if result.state[i] == State.NO_CONTACT]
+    return np.arange(first, free[0] if free else len(result.time))
+
+
+def _runs(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:
+    """First and last row of each run of True."""
+    edges = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(int)))
+    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
