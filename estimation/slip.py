@@ -1,4 +1,4 @@
-"""How far the object has slipped over the pad: the curl of the slip.
+"""How far the object has slipped over the pad: the curl of the slip, and in all.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (9).
@@ -34,34 +34,37 @@ def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
 def accumulate_slip(result: Result) -> Float[np.ndarray, " frames"]:
     """How far the object has turned over the gel [rad, counter-clockwise].
 
-    Half the curl of the slip, the median over the contact: the object's angle less that of the gel
-    under it, since the angle has been counted. NaN without contact and where the angle is unknown.
+    The object's angle less that of the gel under it (`follow_gel`), both since the angle has been
+    counted: zero while some of the gel has turned as far as the object. NaN without contact and
+    where the angle is unknown.
     """
-    slip, starts = np.full(len(result.time), np.nan), _count_starts(result)
-    for frame in np.flatnonzero(result.answered & result.contact.any(axis=1)):
-        curl = _slip_curl(result, int(frame), starts[frame])
-        curl = curl[np.isfinite(curl)]
-        if len(curl):
-            slip[frame] = 0.5 * np.median(curl)
-    return slip
+    return result.angle - np.asarray(
+        object_rotation(follow_gel(result), result.stiffness_ratio, result.load_term)
+    )
 
 
 def follow_gel(result: Result) -> Float[np.ndarray, " frames"]:
-    """Rotation of the gel where it has turned most, since the angle has been counted [rad].
+    """Rotation of the gel that has followed the object furthest, since the angle is counted [rad].
 
-    The median of φ over the tenth of the contact's markers, at least `FEWEST`, that have turned
-    furthest. Around what sticks, φ falls and changes sign, so that a mean over a contact drawn too
-    wide says little. Noise of φ adds up to twice itself. NaN without contact.
+    Around what sticks φ falls and changes sign, and after a reversal the rim keeps what it was
+    turned before: a mean over the contact says little. The ends are the medians of φ over the tenth
+    of the contact's markers, at least `FEWEST`, that have turned furthest either way; noise of φ
+    adds up to twice itself to them. Between them some gel has turned as the object wants it; beyond
+    them the nearer one is the answer, and where the object's angle is unknown the larger one. NaN
+    without contact.
     """
     gel, starts = np.full(len(result.time), np.nan), _count_starts(result)
+    zero = np.asarray(object_rotation(0.0, result.stiffness_ratio, result.load_term))
+    wanted = (result.angle - zero) / (1.0 + result.stiffness_ratio)
     for frame in np.flatnonzero(result.contact.any(axis=1)):
         start = starts[frame]
         rotation = result.rotation[frame] - (0.0 if start is None else result.rotation[start])
         rotation = np.sort(rotation[result.contact[frame] & np.isfinite(rotation)])
         most = max(len(rotation) // 10, FEWEST)
         if len(rotation) >= most:
-            ends = np.median(rotation[:most]), np.median(rotation[-most:])
-            gel[frame] = max(ends, key=abs)
+            low, high = float(np.median(rotation[:most])), float(np.median(rotation[-most:]))
+            known = np.isfinite(wanted[frame])
+            gel[frame] = np.clip(wanted[frame], low, high) if known else max(low, high, key=abs)
     return gel
 
 

@@ -137,8 +137,10 @@ class Tracked:
         apart = axis.angle - np.median([s.axis.angle - self.gain * s.angle for s in before])
         apart -= self.gain * angle
         doubt = 3.0 * turn_error(before[1].axis, axis)
-        # an outline that stands still while the gel turns is not the object's, or unseen
-        return bool(min(abs(apart), abs(turned)) > max(self.slip, doubt))
+        # friction drags the gel along: what stands still while the gel turns, or turns less, is not
+        # the object's, or unseen
+        ahead = apart * turned > 0.0
+        return bool(ahead and min(abs(apart), abs(turned)) > max(self.slip, doubt))
 
     def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement) -> Measurement:
         """The angle by the outline, until markers stick to what it shows."""

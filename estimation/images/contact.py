@@ -6,10 +6,13 @@
 Visuotactile Sensing During In-Hand Object Pivoting".
 """
 
+from collections import deque
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
+from estimation.contact import reaches_edge
 from estimation.images.lattice import Reference
 
 ONSET = 0.04
@@ -18,6 +21,10 @@ SHARE = 0.35
 """Share of the largest dispersion that bounds the region [-]."""
 LIGHT_ONSET = 6.0
 """Change of grey level, of 255, from which there is contact."""
+UNSEEN = 0.25
+"""Share of the contact's markers that may go unseen: what sticks might be among them."""
+SETTLED, ALIKE = 8, 0.7
+"""Frames over which a contact must have kept this share of its markers to be all in view."""
 
 
 def region_of_dispersion(
@@ -69,6 +76,54 @@ def region_of_light(
     if level.max(initial=0.0) < LIGHT_ONSET:
         return np.zeros_like(seen)
     return seen & (level >= max(0.5 * LIGHT_ONSET, SHARE * level.max()))
+
+
+def find_unseen_flaw(
+    reference: Reference, contact: Bool[np.ndarray, " m"], seen: np.ndarray
+) -> str:
+    """Why a contact region cannot be judged: too many markers in it are not seen; empty if not.
+
+    Motion blurs the middle of a contact first, and a cover or a tear may lie over it.
+
+    Args:
+        reference: the markers at rest.
+        contact: the contact region, of markers that are seen.
+        seen: which are.
+    """
+    region = _hull(reference.position, contact)
+    unseen = int((region & ~seen).sum())
+    if unseen <= UNSEEN * region.sum():
+        return ""
+    return f"{unseen} of the contact's {region.sum()} markers are not seen"
+
+
+class Arrival:
+    """Tells a contact that comes into view over its edge from one that is all there.
+
+    Of an object that is pushed in from the side ever new parts come into view: neither what its
+    markers did before is known, nor is what is seen of it the same from frame to frame.
+    """
+
+    def __init__(self, reference: Reference) -> None:
+        """Start at the first frame of a clip: a contact that is there then has arrived."""
+        self.reference = reference
+        self._arriving = False
+        self._before: deque[np.ndarray] | None = None
+
+    def find_flaw(self, contact: Bool[np.ndarray, " m"]) -> str:
+        """Why the contact in the next frame cannot be judged yet, empty if it can."""
+        if not contact.any():
+            self._arriving, self._before = False, deque(maxlen=SETTLED)
+            return ""
+        if self._before is None:
+            return ""
+        if len(self._before) < SETTLED:
+            self._arriving |= reaches_edge(self.reference.neighbours, contact)
+        self._before.append(contact)
+        if len(self._before) == SETTLED:
+            kept = min((c & contact).sum() / (c | contact).sum() for c in self._before)
+            self._arriving &= bool(kept < ALIKE)
+        return "a contact at the edge of the view has not settled" if self._arriving else ""
 
 
 def _smooth(image: Shaped[np.ndarray, "h w *colour"], pitch: float) -> np.ndarray:

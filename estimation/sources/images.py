@@ -7,9 +7,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from estimation.contact import reaches_edge
-from estimation.images.contact import region_of_dispersion, region_of_light
+from estimation.images.contact import (
+    Arrival,
+    find_unseen_flaw,
+    region_of_dispersion,
+    region_of_light,
+)
 from estimation.images.dots import DotStyle, to_grey
-from estimation.images.imprint import ImprintFollower
+from estimation.images.imprint import LOST, ImprintFollower
 from estimation.images.lattice import (
     Reference,
     index_lattice,
@@ -61,7 +66,7 @@ class DotReader(MarkerReader):
         self.rest = first.image if given else None
         self.reference = self._make_reference(first.image, given)
         self.tracker = DotTracker(self.reference)
-        self.imprint = ImprintFollower()
+        self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.light = False
         self.lattice = index_lattice(self.reference.position)
         self.guessed = self.reference.doubt is not None
@@ -86,20 +91,23 @@ class DotReader(MarkerReader):
             most = seen.sum() >= RECOGNISED * len(straight)
             self._look_for_rest(position if most else np.nan * position, picture.number)
         contact = self._contact(picture.image, position, in_picture)
-        if not contact.any():
-            self.imprint = ImprintFollower()
-        turned = self.imprint.update(
-            picture.image,
-            dots.centre,
-            self.style.radius,
-            in_picture[contact],
-            cut=reaches_edge(self.reference.neighbours, contact),
-        )
+        flaw = self.arrival.find_flaw(contact)
+        if flaw or not contact.any():
+            self.imprint, turned = ImprintFollower(), LOST
+        else:
+            turned = self.imprint.update(
+                picture.image,
+                dots.centre,
+                self.style.radius,
+                in_picture[contact],
+                cut=reaches_edge(self.reference.neighbours, contact),
+            )
         return Row(
             position=position,
             contact=contact,
             time=picture.time,
             number=picture.number,
+            flaw=flaw or find_unseen_flaw(self.reference, contact, seen[:, 0]),
             imprint=turned.angle,
             imprint_error=turned.error,
         )

@@ -170,10 +170,11 @@ def test_keyframes_stay_few(pivot):
         assert len(tracker.estimator.incremental.keyframes) <= MAX_KEYFRAMES
 
 
-def test_an_outline_that_stands_still_does_not_take_over_from_a_gel_that_turns():
-    layout, angle = domed_pad(), np.concatenate([[0.0], np.linspace(0.0, 12.0, 25)])
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_an_outline_that_turns_less_does_not_take_over_from_a_gel_that_turns(share):
+    layout, angle = domed_pad(), np.concatenate([[0.0], np.linspace(0.0, 24.0, 25)])
     positions = [
-        pressed_by_an_ellipsoid(turn_about_z(layout.reference, a), 0.0, noise=0.0)
+        pressed_by_an_ellipsoid(turn_about_z(layout.reference, a), share * a, noise=0.0)
         for a in np.radians(angle)
     ]
     positions[0] = layout.reference

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.noise import Noise
-from estimation.slip import find_slip_curl, follow_gel
+from estimation.slip import accumulate_slip, find_slip_curl, follow_gel
 from estimation.softness import ScalarSoftness
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
@@ -68,11 +68,30 @@ def test_a_contact_first_seen_slipped_is_counted_from_there(pivot):
     assert np.isnan(curl[~result.contact[0]]).all()
 
 
-def test_the_gel_is_followed_where_it_sticks(pivot):
+def test_nothing_has_slipped_in_all_while_something_has_always_stuck(pivot):
     _, truth, result = pivot
-    reversed_at = int(np.nanargmax(truth.angle))
-    gel = follow_gel(result)
-    firm = np.flatnonzero(truth.stick[:reversed_at].sum(axis=1) >= 10)
-    assert len(firm) > 10
+    gel, slip = follow_gel(result), accumulate_slip(result)
+    firm = np.flatnonzero(truth.stick.sum(axis=1) >= 10)
+    assert (firm > int(np.nanargmax(truth.angle))).any()  # after the reversal too
     # twice the noise of φ, 0.03°, and what the stencils lose to the slip around a small core
     assert np.abs(gel[firm] - truth.angle[firm]).max() < np.radians(0.5)
+    assert np.abs(slip[firm]).max() < np.radians(0.5)
+
+
+def test_softness_turns_the_object_further_than_its_gel(pivot):
+    recording, truth, _ = pivot
+    soft = ScalarSoftness(0.3, 0.02)
+    result = estimate_angles(recording.head(30), noise=MICRON, softness=soft)
+    firm = np.flatnonzero(truth.stick[:30].sum(axis=1) >= 10)
+    np.testing.assert_allclose(accumulate_slip(result)[firm], 0.0, atol=np.radians(0.5))
+    np.testing.assert_allclose(follow_gel(result)[firm], truth.angle[firm], atol=np.radians(0.5))
+
+
+def test_the_larger_turn_of_the_gel_stands_where_the_object_is_lost(pivot):
+    _, truth, result = pivot
+    last = int(np.flatnonzero(truth.macro_slip)[-1])
+    gel = follow_gel(result)
+    assert np.isnan(result.angle[last])
+    # it stands still where it held last
+    held = gel[np.flatnonzero(result.answered)[-1]]
+    assert gel[last] == pytest.approx(held, abs=np.radians(1.0))  # what the last core gave back

@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from estimation.images.contact import LIGHT_ONSET, region_of_dispersion, region_of_light
+from estimation.images.contact import (
+    LIGHT_ONSET,
+    SETTLED,
+    Arrival,
+    find_unseen_flaw,
+    region_of_dispersion,
+    region_of_light,
+)
 from estimation.images.lattice import make_reference
 from estimation.sensor import Sensor
 from estimation.sources import ImageSettings, read_recording
@@ -74,3 +81,30 @@ def test_the_way_is_chosen_and_told(tmp_path):
     }
     assert "found by the change of light" in told[0]
     assert "found by the dispersion" in told[None]
+
+
+def test_a_contact_whose_middle_is_not_seen_is_not_judged():
+    from_middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1)
+    region, blurred = from_middle < 70.0, from_middle < 40.0
+    assert not find_unseen_flaw(REFERENCE, region, np.ones_like(region))
+    few = from_middle < 0.5 * PITCH
+    assert not find_unseen_flaw(REFERENCE, region & ~few, ~few)
+    flaw = find_unseen_flaw(REFERENCE, region & ~blurred, ~blurred)
+    assert flaw == f"{blurred.sum()} of the contact's {region.sum()} markers are not seen"
+
+
+def test_a_contact_that_comes_in_over_the_edge_is_judged_once_it_has_settled():
+    x = REFERENCE.position[:, 0]
+    none = np.zeros(len(x), dtype=bool)
+    coming = [x < edge for edge in np.arange(30.0, 130.0, 10.0)]
+    late, loaded, inside = (Arrival(REFERENCE) for _ in range(3))
+    assert not late.find_flaw(none)
+    assert all("settled" in late.find_flaw(one) for one in coming)
+    still = [late.find_flaw(coming[-1]) for _ in range(SETTLED)]
+    assert still[0]
+    assert not still[-1]
+    # a clip that starts so, and a contact away from the edge, count at once
+    assert not any(loaded.find_flaw(one) for one in coming)
+    inside.find_flaw(none)
+    middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1) < 50.0
+    assert not inside.find_flaw(middle)
