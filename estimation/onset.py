@@ -33,6 +33,9 @@ WINDOW = 6
 LEAST_MARKERS = 12
 """Markers in contact from which a disc is fitted: it has four unknowns."""
 
+LOAD_CHANGE = 0.15
+"""Share by which the contact may grow or shrink over a window: pressing moves its markers too."""
+
 WORST_MISFIT = 2.0
 """Misfit over noise from which the motion is not a disc's [-]."""
 
@@ -150,10 +153,11 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
     missed = 0
     for i in range(WINDOW, len(recording)):
         j = i - WINDOW
+        either = result.contact[i] | result.contact[j]
         both = result.contact[i] & result.contact[j] & np.isfinite(z[i] + z[j])
         if both.sum() < LEAST_MARKERS or missed > 2 * WINDOW:
             last, axis, missed = None, None, 0
-        if both.sum() < LEAST_MARKERS:
+        if both.sum() < LEAST_MARKERS or both.sum() < (1.0 - LOAD_CHANGE) * either.sum():
             continue
         before, after = z[j, both], z[i, both]
         moved = np.abs(after - before)
