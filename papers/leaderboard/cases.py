@@ -94,9 +94,10 @@ def _spoil(
 def real_cases() -> list[Case]:
     """The published recordings that have been fetched; reference is the contact's outline.
 
-    It is no truth: it is an angle of the object that does not come from the markers' twist. Methods
-    that follow the outline themselves (`castano`; ours after macro slip) agree with it for that.
-    Recordings without a frame whose outline has a direction are left out.
+    In clips it is the object's imprint. It is no truth: it is an angle of the object that does not
+    come from the markers' twist. Methods that follow the outline themselves (`castano`; ours after
+    macro slip) agree with it for that. Recordings without a frame whose outline has a direction are
+    left out.
     """
     cases = []
     for name in settings.REAL:

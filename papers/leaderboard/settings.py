@@ -59,7 +59,7 @@ GRIPS = (0.05, 0.1, 0.15, 3.0)
 TWIST = {"angles_deg": (0.0, 30.0), "frames": (90,)}
 """The twist they are measured in: 10°/s."""
 
-REAL = ("tac3d-pivot",)
+REAL = ("tac3d-pivot", "pivot-videos")
 """Data sets that are scored where they have been fetched. `tac3d-press` is not among them: it
 presses many times and twists little, so no one constant relates its outline to the angle."""
 
