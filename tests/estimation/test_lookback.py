@@ -1,5 +1,7 @@
 """Angles that were given while a round object slid unseen are taken back, others are not."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -13,13 +15,17 @@ MICRON = Noise.given(1e-3)
 LEGS = {"angles_deg": (0.0, 10.0, 10.0, 0.0), "frames": (40, 15, 30)}
 
 
-def look_back(friction, unseen=True):
+@cache
+def estimate(friction):
     model = PivotModel(friction_ratio=friction, grid_angle=0.3)
     recording, truth = simulate_pivot(model, dropped=0.0, **LEGS)
     live = estimate_angles(recording, noise=MICRON)
-    slips = find_slips(recording, live, MICRON)
-    outline = np.full(len(recording), np.nan if unseen else 0.0)
-    return truth, live, slips, withdraw(live, slips, outline)
+    return truth, live, find_slips(recording, live, MICRON)
+
+
+def look_back(friction, outline=np.nan):
+    truth, live, slips = estimate(friction)
+    return truth, live, slips, withdraw(live, slips, np.full(len(live.time), outline))
 
 
 def test_gel_that_rests_under_a_sliding_object():
@@ -58,6 +64,6 @@ def test_a_rest_with_little_grip_keeps_its_angle(friction):
 
 
 def test_with_an_outline_in_sight_the_tracker_is_believed():
-    _, live, slips, back = look_back(friction=0.04, unseen=False)
+    _, live, slips, back = look_back(friction=0.04, outline=0.0)
     assert slips
     np.testing.assert_array_equal(back.angle, live.angle)
