@@ -46,7 +46,7 @@ PATIENCE = 25
 """Frames in a row without the imprint after which it is given up."""
 FEWEST = 9
 """Dots of the contact region below which too little of the object is seen."""
-STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 1e-4)
+STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 3e-4)
 
 
 class Imprint(NamedTuple):

@@ -152,6 +152,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
         stream = container.streams.video[0]
         _check_size(stream.width, stream.height, path)
         stream.codec_context.thread_count = 1
+        stream.codec_context.options = {"max_pixels": str(LARGEST)}  # of frames to come
         rate = float(stream.average_rate or RATE)
         number = -1
         try:
