@@ -31,6 +31,8 @@ RADII = (8, 10, 12, 14, 17, 20)
 """Half sides of subsets to choose from [px]."""
 NOISE, ERROR = 3.0, 0.1
 """Grey levels of noise at which a point must be found to so many px."""
+GRAIN = 0.3
+"""Correlation of a pixel with the next from which there is texture rather than noise [-]."""
 CLIPPED = 0.1
 """Most of a subset's pixels that may be as good as black or white [-]."""
 REPEATED = 0.75
@@ -151,7 +153,7 @@ def lay_points(grey: Float32[np.ndarray, "h w"], style: SpeckleStyle) -> Lattice
     subsets = make_subsets(grey, centre, style.radius)
     clipped = count_clipped(grey, subsets.centre, float(style.radius)) > CLIPPED
     error = NOISE * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
-    faint = ~clipped & (error > ERROR)
+    faint = ~clipped & ((error > ERROR) | _is_noise(grey, centre, style.radius))
     again = np.zeros(len(centre), dtype=bool)
     clear = np.flatnonzero(~clipped & ~faint)
     again[clear] = _recurs(grey, centre[clear], style.radius)
@@ -171,6 +173,17 @@ def lay_points(grey: Float32[np.ndarray, "h w"], style: SpeckleStyle) -> Lattice
     at = np.argwhere(number >= 0) + 1
     around = np.stack([padded[tuple((at + way).T)] for way in WAYS], axis=1)
     return Lattice(subsets.take(kept), number, around, left_out)
+
+
+def _is_noise(
+    grey: Float32[np.ndarray, "h w"], centre: Int[np.ndarray, "n 2"], radius: int
+) -> Bool[np.ndarray, " n"]:
+    """Whether neighbouring pixels around each point have nothing to do with each other."""
+    side, (x, y) = (2 * radius + 1,) * 2, centre.T
+    texture = grey - cv2.blur(grey, side)
+    beside = 0.5 * (np.roll(texture, 1, axis=0) + np.roll(texture, 1, axis=1))
+    alike = cv2.blur(texture * beside, side)[y, x]
+    return alike < GRAIN * cv2.blur(texture * texture, side)[y, x]
 
 
 def _recurs(

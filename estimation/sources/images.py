@@ -42,6 +42,8 @@ RESTING = 5
 """Frames in a row in which the dots must lie regularly, and still, to be at rest."""
 RECOGNISED = 0.9
 """Share of a picture's dots that must be among them."""
+LARGEST_RADIUS = 25.0
+"""Radius of dots beyond which a picture is larger than it need be [px]."""
 STILL = 0.02
 """Distance by which dots at rest may move from frame to frame [pitches]."""
 
@@ -180,6 +182,11 @@ first, since the cells of a checkerboard can pass for dots, and either for a tex
 
 
 def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
+    if sensor.radius is not None and sensor.radius > LARGEST_RADIUS:
+        raise ValueError(
+            f"dots of radius {sensor.radius:g} px are not read; {LARGEST_RADIUS:g} px at most: "
+            "scale the pictures down"
+        )
     if sensor.radius is not None and sensor.dark is not None:
         return DotStyle(sensor.dark, sensor.radius)
     found = find_style(image, sensor.dark)

@@ -169,12 +169,12 @@ def _read_video(path: Path) -> Iterator[Picture]:
             stamp = stamps.get(number + 1, (number + 1) / rate)
             yield Picture(None, stamp, number + 1, f"the video is damaged from here on ({error})")
             return
-        short = stream.frames - number - 1
+        declared = stream.frames or int((container.duration or 0) / av.time_base * rate - 1.0)
+        short = declared - number - 1
         if short > 0:
             stamp = stamps.get(number + 1, (number + 1) / rate)
-            yield Picture(
-                None, stamp, number + 1, f"the video ends here: {short} frames it declares lack"
-            )
+            why = f"the video ends here: {short} of the {declared} frames it declares are missing"
+            yield Picture(None, stamp, number + 1, why)
 
 
 def _read_camera(name: str) -> Iterator[Picture]:

@@ -144,6 +144,7 @@ def test_a_truncated_video_keeps_what_was_read(pictures, tmp_path):
     recording = read_recording(path)
     assert 1 < len(recording) <= len(ANGLES)
     assert recording.valid[0].all()
+    assert "missing" in recording.flaws[-1]
 
 
 def test_what_is_no_video_is_refused(tmp_path):
@@ -193,9 +194,15 @@ def test_nothing_usable_is_refused(tmp_path):
     black = [np.zeros((240, 320), np.uint8)] * 2
     with pytest.raises(ValueError, match="black"):
         read_recording(write_folder(tmp_path / "clip", black))
-    grey = [np.full((240, 320), 99, np.uint8)] * 2
-    with pytest.raises(ValueError, match="no dots that lie in rows"):
-        read_recording(write_folder(tmp_path / "flat", grey))
+    rng = np.random.default_rng(0)
+    nothing = {
+        "flat": np.full((240, 320), 99, np.uint8),
+        "noise": rng.normal(99.0, 4.0, (240, 320)).astype(np.uint8),
+        "few": picture(REST[:7], rng),
+    }
+    for name, image in nothing.items():
+        with pytest.raises(ValueError, match="no dots that lie in rows"):
+            read_recording(write_folder(tmp_path / name, [image] * 2))
 
 
 def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
@@ -242,6 +249,8 @@ def test_wrong_settings_are_refused(pictures, tmp_path):
         read_images(folder, ImageSettings(unloaded=9))
     with pytest.raises(ValueError, match="dots lie in rows"):
         read_images(folder, ImageSettings(Sensor(dark=False, radius=4.3)))
+    with pytest.raises(ValueError, match="25 px at most"):
+        read_images(folder, ImageSettings(Sensor(dark=True, radius=200.0)))
 
 
 def test_the_imprint_turns_with_the_object_not_with_the_dots():
