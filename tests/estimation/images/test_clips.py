@@ -1,4 +1,4 @@
-"""Published clips of a screw driver that is lifted: identities, and the angle beside the imprint's."""
+"""Published clips of a screw driver that is lifted: identities, and angles beside the imprint."""
 
 import numpy as np
 import pytest
