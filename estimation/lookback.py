@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from estimation.noise import Noise
 from estimation.onset import (
@@ -78,11 +78,12 @@ def withdraw(
         np.array(column) for column in (result.stick, result.angle, result.low, result.high)
     )
     for slip in slips:
-        rows = _contact_from(result, slip.onset)
-        sliding = result.time[rows] < _end(slip)
-        if not len(rows) or np.isfinite(outline[rows][sliding]).mean() > 0.5:
+        begun = np.flatnonzero(result.time >= slip.onset)
+        if not len(begun) or not _lets_go(result, int(begun[0])):
             continue
-        if not _lets_go(result, int(rows[0])):
+        rows = _contact_from(result, int(begun[0]))
+        sliding = result.time[rows] < _end(slip)
+        if np.isfinite(outline[rows][sliding]).sum() > 0.5 * sliding.sum():
             continue
         for row, slides in zip(rows, sliding, strict=True):
             if not np.isfinite(angle[row]):
@@ -111,9 +112,8 @@ def _find_doubts(
     doubts: list[MacroSlip] = []
     for first, last in _runs(rests):
         begin = first - WINDOW  # the window's first frame
-        rows = _contact_from(result, recording.time[begin])
         moved = begin > 0 and result.contact[begin - 1].any()
-        if last - first < WINDOW or not moved or rows[-1] < first:
+        if last - first < WINDOW or not moved:
             continue
         lately = [
             disc.margin
@@ -122,7 +122,7 @@ def _find_doubts(
         ]
         if _lets_go(result, begin) and min(lately[-4:], default=0.0) < LEAST_MARGIN:
             time = recording.time
-            moves_again = last < rows[-1]
+            moves_again = last < _contact_from(result, begin)[-1]
             doubts.append(
                 MacroSlip(
                     onset=float(time[begin]),
@@ -159,11 +159,10 @@ def _end(slip: MacroSlip) -> float:
     return slip.regained if slip.ended else np.inf
 
 
-def _contact_from(result: Result, time: float) -> np.ndarray:
-    """Rows of a contact from a time on until it ends."""
-    first = int(np.searchsorted(result.time, time))
-    free = [i for i in range(first, len(result.time)) if result.state[i] == State.NO_CONTACT]
-    return np.arange(first, free[0] if free else len(result.time))
+def _contact_from(result: Result, row: int) -> Int[np.ndarray, " rows"]:
+    """The row, and those after it until the contact ends."""
+    free = (i for i in range(row + 1, len(result.time)) if result.state[i] == State.NO_CONTACT)
+    return np.arange(row, next(free, len(result.time)))
 
 
 def _runs(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:

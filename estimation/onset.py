@@ -64,6 +64,9 @@ REGAINED = 0.5
 AROUND = 6
 """Windows before and after the date through which a line is laid."""
 
+WIDEST = 30.0
+"""Half-width of a date's interval, in frames, beyond which it is no date."""
+
 NOISE_FRAMES = 3.0
 """Frames over which the noise is correlated."""
 
@@ -118,9 +121,10 @@ def date_slips(discs: Sequence[Disc]) -> list[MacroSlip]:
             continue
         if slipping:
             slips[-1] = slips[-1]._replace(regained=disc.time)
-        else:
-            slips.append(_date(list(discs[max(i - AROUND, 0) : i + AROUND + 1]), disc.time))
-        slipping = not slipping
+            slipping = False
+        elif slip := _date(list(discs[max(i - AROUND, 0) : i + AROUND + 1]), disc.time):
+            slips.append(slip)
+            slipping = True
     return slips
 
 
@@ -155,6 +159,7 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
         j = i - WINDOW
         either = result.contact[i] | result.contact[j]
         both = result.contact[i] & result.contact[j] & np.isfinite(z[i] + z[j])
+        both &= np.isfinite(recording.time[i] + recording.time[j])
         if both.sum() < LEAST_MARKERS or missed > 2 * WINDOW:
             last, axis, missed = None, None, 0
         if both.sum() < LEAST_MARKERS or both.sum() < (1.0 - LOAD_CHANGE) * either.sum():
@@ -253,12 +258,11 @@ def _share_slope(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.n
     return np.where(q < 1.0, 4.0 / np.pi * q**3 / np.maximum(root, 0.05), 0.0)
 
 
-def _date(discs: list[Disc], near: float) -> MacroSlip:
-    """Where a line through the margins crosses zero."""
+def _date(discs: list[Disc], near: float) -> MacroSlip | None:
+    """Where a line through the margins crosses zero; None where they do not tell."""
     time, margin, error = (np.array(column) for column in zip(*discs, strict=True))
     if len(time) < 3:
-        spread = float(np.ptp(time))
-        return MacroSlip(near, near - spread, near + spread)
+        return None
     design = np.stack([time - near, np.ones_like(time)], axis=1) / error[:, None]
     inverse = np.linalg.pinv(design.T @ design)
     slope, level = inverse @ (design.T @ (margin / error))
@@ -271,7 +275,7 @@ def _date(discs: list[Disc], near: float) -> MacroSlip:
     gradient = np.array([onset - near, 1.0]) / slope
     frame = float(np.median(np.diff(time)))  # the truth lies between two of them
     half = float(np.hypot(Z95 * np.sqrt(gradient @ inverse @ gradient * variance), frame))
-    return MacroSlip(onset, onset - half, onset + half)
+    return MacroSlip(onset, onset - half, onset + half) if half < WIDEST * frame else None
 
 
 def _pitch(recording: Recording) -> float:
