@@ -31,8 +31,11 @@ LARGEST_ERROR = 0.25
 LARGEST_SHARE = 0.125
 """The same, by the distance of the bounds."""
 
+LEAST_SLIP = 0.5
+"""Width of the ring that slips, in cells, below which the cells and not μ tell what slips."""
+
 _AT_BOUND = 0.02  # of the distance of the bounds, or of a standard error
-_RTOL, _ATOL = 1e-3, 1e-6  # of a step and of what it changes: below a tenth of the errors
+_SETTLED = 0.1  # the last step: root sum of squares of what it changed, in standard deviations
 _START_SHARE = 0.8  # of the distance of the bounds from which random starts are drawn
 
 
@@ -245,7 +248,7 @@ class Problem(eqx.Module):
     def outputs(self, coordinates: Array) -> Array:
         """All that the sensor would see, in one vector; NaN where the contact was not solved."""
         seen = self.model.predict(self.numbers(coordinates))
-        values = jnp.concatenate([jnp.ravel(value) for value in seen[:3]])
+        values = jnp.concatenate([jnp.ravel(value) for value in seen[:4]])
         return jnp.where(seen.failed, jnp.nan, values)
 
     def residual(self, outputs: Array, coordinates: Array) -> Array:
@@ -258,10 +261,20 @@ class Problem(eqx.Module):
     def split(self, outputs: np.ndarray) -> Prediction:
         """What the sensor would see, from a vector of it."""
         frames, n = self.model.frames, len(self.model.along_x)
-        fields, force, moment = np.split(outputs, np.cumsum([3 * frames * n, 3 * frames]))
+        sizes = np.cumsum([3 * frames * n, 3 * frames, frames])
+        fields, force, moment, width = np.split(outputs, sizes)
         return Prediction(
-            fields.reshape(frames, n, 3), force.reshape(frames, 3), moment, np.asarray(False)
+            fields.reshape(frames, n, 3),
+            force.reshape(frames, 3),
+            moment,
+            width[0],
+            np.asarray(False),
         )
+
+    def is_seen(self, outputs: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " p"]:
+        """Which coordinates the grid can show: μ only where a ring slips that is wide enough."""
+        friction = np.array([name == "friction_coefficient" for name in self.names])
+        return ~friction | (self.split(outputs).slip_width >= LEAST_SLIP)
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Somewhere between the bounds."""
@@ -283,10 +296,11 @@ def _whiten(model: FieldModel, data: FieldData) -> tuple[Array, Array]:
         raise ValueError(f"standard deviations must be above 0, got {errors.tolist()}")
     force = np.full((model.frames, 3), np.nan) if data.force is None else data.force
     moment = np.full(model.frames, np.nan) if data.moment is None else data.moment
-    measured = np.concatenate([np.ravel(part) for part in (data.displacement, force, moment)])
-    scales = (np.asarray(data.displacement_error), data.force_error, data.moment_error)
-    parts = zip((data.displacement, force, moment), scales, strict=True)
-    scale = np.concatenate([np.ravel(np.broadcast_to(s, np.shape(v))) for v, s in parts])
+    parts = (data.displacement, force, moment, np.full(1, np.nan))  # no one measures the slip
+    measured = np.concatenate([np.ravel(part) for part in parts])
+    scales = (np.asarray(data.displacement_error), data.force_error, data.moment_error, 1.0)
+    pairs = zip(parts, scales, strict=True)
+    scale = np.concatenate([np.ravel(np.broadcast_to(s, np.shape(v))) for v, s in pairs])
     return jnp.asarray(np.nan_to_num(measured)), jnp.asarray(np.isfinite(measured) / scale)
 
 
@@ -326,7 +340,7 @@ def _minimise(problem: Problem, start: Array, max_steps: int) -> _End:
     share = (start - problem.low) / span
     end = optx.least_squares(
         residual,
-        optx.LevenbergMarquardt(rtol=_RTOL, atol=_ATOL),
+        optx.LevenbergMarquardt(rtol=0.0, atol=_SETTLED, norm=optx.two_norm),
         jnp.log(share / (1.0 - share)),
         has_aux=True,
         max_steps=max_steps,
@@ -358,6 +372,7 @@ def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing:
     slack = np.minimum(c - low, high - c)
     at_bound = slack < np.minimum(_AT_BOUND * (high - low), np.maximum(error, 1e-6))
     determined = is_determined(error, high - low) & ~at_bound
+    determined &= problem.is_seen(np.asarray(end.outputs))
     ends = [problem.to_values(c + sign * Z95 * error) for sign in (-1.0, 1.0)]
     measured = problem.split(np.where(weights > 0, np.asarray(problem.data), np.nan))
     predicted = problem.split(np.asarray(end.outputs))

@@ -6,6 +6,7 @@ Numbers of an experiment go by name: `shear_modulus`, `thickness`, `twist`. Each
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -130,6 +131,7 @@ SHAPES = tuple(_SHAPES)
 """Shapes of objects that `press_and_move` knows by name."""
 
 
+@cache
 def press_and_move(shape: str) -> MakeScene:
     """A scene maker: an object is pressed on as deep as in the first frame, then moved.
 
@@ -182,12 +184,14 @@ class Prediction(NamedTuple):
         displacement: of the markers [mm].
         force: of the object on the elastomer [N].
         moment: about z through the origin of the grid [N·mm].
+        slip_width: of the ring that slips, in the step where it is widest [cells].
         failed: whether the contact could not be solved in some step.
     """
 
     displacement: Float[AnyArray, "frames n 3"]
     force: Float[AnyArray, "frames 3"]
     moment: Float[AnyArray, " frames"]
+    slip_width: Float[AnyArray, ""]
     failed: Bool[AnyArray, ""]
 
 
@@ -250,10 +254,13 @@ class FieldModel(eqx.Module):
         )
         fields = path.elastomer_displacement(scene.depth)[-self.frames :]
         force, centre = path.force[-self.frames :], scene.path.centre[-self.frames :]
+        inside, held = (jnp.sum(part, axis=(1, 2)) for part in (path.contact, path.stick))
+        width = jnp.max(jnp.sqrt(inside / jnp.pi) - jnp.sqrt(held / jnp.pi))
         lever = centre[:, 0] * force[:, 1] - centre[:, 1] * force[:, 0]
         return Prediction(
             jnp.einsum("na,nb,fcab->fnc", self.along_x, self.along_y, fields),
             force,
             path.moment[-self.frames :] + lever,
+            width,
             jnp.any((path.result != RESULTS.successful) & (path.result != RESULTS.no_contact)),
         )

@@ -94,7 +94,7 @@ def identify(
         RuntimeError: the contact cannot be solved there.
     """
     problem = Problem.make(model, numbers, data)
-    information = _by_measurement(problem, data)
+    outputs, information = _by_measurement(problem, data)
     measured = _measured(data)
     told = _add_up(information, measured)
     total = told + _beforehand(problem)
@@ -110,7 +110,7 @@ def identify(
         errors=errors,
         low=ends[0],
         high=ends[1],
-        determined=is_determined(errors, span),
+        determined=is_determined(errors, span) & problem.is_seen(outputs),
         correlation=correlate(covariance),
         unseen=_unseen(problem, told),
         shares={
@@ -152,8 +152,10 @@ def _linearise(problem: Problem) -> tuple[Array, Array]:
     return value_and_jacobian(problem.outputs, problem.start)
 
 
-def _by_measurement(problem: Problem, data: FieldData) -> dict[str, Float[np.ndarray, "p p"]]:
-    """Fisher information of each kind of measurement, also of those that were not made."""
+def _by_measurement(
+    problem: Problem, data: FieldData
+) -> tuple[Float[np.ndarray, " m"], dict[str, Float[np.ndarray, "p p"]]]:
+    """What is seen, and the Fisher information of each kind of measurement, made or not."""
     outputs, jacobian = (np.asarray(part) for part in _linearise(problem))
     if not np.isfinite(outputs).all():
         raise RuntimeError(
@@ -161,11 +163,11 @@ def _by_measurement(problem: Problem, data: FieldData) -> dict[str, Float[np.nda
             "approach large enough to touch?"
         )
     frames = problem.model.frames
-    fields, forces, moment = (
+    fields, forces, moment, _ = (
         part.reshape(*shape, jacobian.shape[1])
         for part, shape in zip(
-            np.split(jacobian, np.cumsum([data.displacement.size, 3 * frames])),
-            ((-1, 3), (frames, 3), (frames,)),
+            np.split(jacobian, np.cumsum([data.displacement.size, 3 * frames, frames])),
+            ((-1, 3), (frames, 3), (frames,), (1,)),
             strict=True,
         )
     )
@@ -174,7 +176,7 @@ def _by_measurement(problem: Problem, data: FieldData) -> dict[str, Float[np.nda
     forces, moment = forces / data.force_error, moment / data.moment_error
     parts = (fields[:, :2], fields[:, 2], forces[:, :2], forces[:, 2], moment)
     flat = [part.reshape(-1, jacobian.shape[1]) for part in parts]
-    return {name: j.T @ j for name, j in zip(_MEASUREMENTS, flat, strict=True)}
+    return outputs, {name: j.T @ j for name, j in zip(_MEASUREMENTS, flat, strict=True)}
 
 
 def _beforehand(problem: Problem) -> Float[np.ndarray, "p p"]:
@@ -253,7 +255,7 @@ def _errors_of(
     model: FieldModel, numbers: Mapping[str, Any], data: FieldData
 ) -> Float[np.ndarray, " p"]:
     problem = Problem.make(model, numbers, data)
-    information = _by_measurement(problem, data)
+    _, information = _by_measurement(problem, data)
     total = _add_up(information, _measured(data)) + _beforehand(problem)
     return np.sqrt(np.diag(np.linalg.inv(total)))
 

@@ -31,9 +31,9 @@ def find_contact(
     The region holds the markers that are pressed in by at least a share of the largest normal
     displacement, and those that they surround: a flat object as soft as the elastomer presses its
     rim in deepest, and its middle hardly. There is contact once the stick centre has moved by the
-    onset, or, where there are such, half of the rim is pressed in by it. A recording
-    in two dimensions has no normal displacement: every marker counts, once one has moved by the
-    onset.
+    onset and is no peak of noise, which its neighbours do not follow; or, where there are
+    such, half of the rim is pressed in by it. A recording in two dimensions has no normal
+    displacement: every marker counts, once one has moved by the onset.
 
     Args:
         stencils: of the layout.
@@ -61,7 +61,8 @@ def find_contact(
     if region.any():
         centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
         moved_on = (moved[region].max() if stencils.flat else moved[centre]) >= onset_mm
-        if moved_on or pressed_on:
+        peak = not stencils.flat and _is_peak(stencils, displacement, centre)
+        if (moved_on and not peak) or pressed_on:
             return region, centre
     return np.zeros_like(region), -1
 
@@ -84,6 +85,14 @@ def _fill_hollow(
     filled = region.copy()
     filled[open_[gap < np.pi]] = True
     return filled
+
+
+def _is_peak(stencils: Stencils, displacement: Float[np.ndarray, "n 3"], marker: int) -> bool:
+    """Whether a marker and those beside it have on average moved by less than half as far."""
+    beside = stencils.neighbours[marker]
+    moved = displacement[[marker, *beside[beside >= 0]]]
+    mean = moved[np.isfinite(moved[:, 0])].mean(axis=0)
+    return bool(np.linalg.norm(mean) < 0.5 * np.linalg.norm(displacement[marker]))
 
 
 def known_contact(

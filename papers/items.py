@@ -22,7 +22,7 @@ ITEMS = {
         "marker_depth",
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips"),
-    "softness": ("virtual", "layered", "pivot"),
+    "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered"),
 }
 """Items of each paper, modules of its package."""

@@ -90,3 +90,13 @@ def test_what_does_not_fit_is_refused(model, data):
         press_and_move("banana")
     with pytest.raises(ValueError, match="between the bounds"):
         Unknown(3.0, 1.0, 2.0)
+
+
+def test_friction_is_flagged_where_no_ring_of_cells_slips(model, data):
+    """μ = 2 and a twist of 0.5°: what slips is narrower than a cell, and what it tells is wrong."""
+    held = TRUTH | {"friction_coefficient": 2.0, "twist": np.radians([0.0, 0.5])}
+    seen = model.predict(held)
+    told = data._replace(displacement=seen.displacement, force=seen.force, moment=seen.moment)
+    fit = fit_fields(model, held | SOUGHT, told)
+    flags = dict(zip(fit.names, fit.determined, strict=True))
+    assert flags == {name: name != "friction_coefficient" for name in SOUGHT}

@@ -62,6 +62,17 @@ def test_no_contact_below_the_onset():
     assert measure_fields(stencils, frame_of(layout.reference - [0.0, 0.0, 0.11])).contact.any()
 
 
+def test_peaks_of_noise_are_no_contact():
+    layout, stencils = pad_stencils()
+    rng = np.random.default_rng(0)
+    spread = [0.012, 0.012, 0.04]  # the deepest of 400 lies 3 σ deep: beyond the onset of 0.1 mm
+    for _ in range(40):
+        noise = rng.normal(size=layout.reference.shape) * spread
+        assert not measure_fields(stencils, frame_of(layout.reference + noise)).contact.any()
+    pressed, _ = twisted_pad(layout, 0.1)
+    assert measure_fields(stencils, frame_of(pressed + noise)).contact.any()
+
+
 def test_an_unloaded_frame_of_exact_zeros_has_no_contact():
     layout, stencils = pad_stencils()
     fields = measure_fields(stencils, frame_of(layout.reference))

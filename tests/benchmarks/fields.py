@@ -1,0 +1,41 @@
+"""Time of a field fit in forward solves: `python -m tests.benchmarks.fields [CELLS]`.
+
+Five numbers of a ball pressed on a layer and twisted, from 100 markers with 1 µm of noise in both
+states and the forces. A forward solve is the path that such a fit solves, without derivatives;
+both are timed by the processor, warm.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from calibration.field_fit import fit_fields
+from papers.softness.fields import EXPERIMENTS, measure, plan
+
+FITS = 5
+
+
+def clock(function: Callable, *arguments: object) -> float:
+    """Time of the processor that something takes [s]."""
+    start = time.process_time()
+    jax.block_until_ready(function(*arguments))
+    return time.process_time() - start
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    cells = int(sys.argv[1]) if len(sys.argv) > 1 else 64
+    model, experiment = plan(cells), EXPERIMENTS[0]
+    predict = eqx.filter_jit(lambda numbers: model.predict(numbers)[:3])
+    seen = model.predict(experiment.truth)
+    one = np.median([clock(predict, experiment.truth) for _ in range(FITS + 1)][1:])
+    print(f"{cells}² cells, forward solve of the path: {one:.3f} s")
+    for draw in range(FITS + 1):
+        data = measure(seen, experiment, draw)
+        spent = clock(fit_fields, model, experiment.numbers, data)
+        if draw > 0:  # the first one compiles
+            print(f"fit: {spent:.2f} s, {spent / one:.1f} forward solves")
