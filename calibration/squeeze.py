@@ -47,6 +47,7 @@ class Squeeze:
         share: of the approach that the object takes, over the elastomer's [-].
         x: what was measured first, for a figure.
         y: what was measured against it.
+        line: intercept and slope of y over x that the share was read from.
         labels: of both.
         source: what it was found from, for readers.
         notes: what a reader should know, in sentences.
@@ -59,6 +60,7 @@ class Squeeze:
     share: float
     x: Float[np.ndarray, " readings"]
     y: Float[np.ndarray, " readings"]
+    line: tuple[float, float]
     labels: tuple[str, str]
     source: str
     notes: tuple[str, ...]
@@ -136,7 +138,7 @@ def squeeze_by_travel(
         "two thick bodies are assumed; a thin pad is stiffer to pressing than to twisting",
     )
     return _conclude(
-        share, error, freedom, bodies, indentation, travel,
+        share, error, freedom, bodies, indentation, travel, (float(zero), float(slope)),
         ("indentation of the pad [mm]", "travel of the gripper [mm]"), source, notes,
     )  # fmt: skip
 
@@ -194,7 +196,7 @@ def squeeze_by_curvature(
         "by 1 %; finite strain bends the pad by 1 to 2 % more, which the interval takes in",
     )
     return _conclude(
-        1.0 / mean - 1.0, error / mean**2, freedom, bodies, np.array(depth), taken,
+        1.0 / mean - 1.0, error / mean**2, freedom, bodies, np.array(depth), taken, (mean, 0.0),
         ("indentation [mm]", "share of the curvature that the pad takes"),
         f"curvature, {recording.name}", notes,
     )  # fmt: skip
@@ -207,6 +209,7 @@ def _conclude(
     bodies: Bodies,
     x: np.ndarray,
     y: np.ndarray,
+    line: tuple[float, float],
     labels: tuple[str, str],
     source: str,
     notes: Sequence[str],
@@ -228,6 +231,7 @@ def _conclude(
         share=share,
         x=x,
         y=y,
+        line=line,
         labels=labels,
         source=source,
         notes=tuple(notes),
@@ -293,9 +297,13 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
 
 
 def plot_squeeze(found: Squeeze) -> Figure:
-    """What was measured."""
+    """What was measured, and the line through it."""
     figure, axis = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
-    axis.plot(found.x, found.y, "o", ms=4, color="#08306b")
+    axis.plot(found.x, found.y, "o", ms=4, color="#08306b", label="measured")
+    ends = np.array([found.x.min(), found.x.max()])
+    zero, slope = found.line
+    axis.plot(ends, zero + slope * ends, color="#c1440e", label=f"k = {found.stiffness_ratio:.3g}")
+    axis.legend(fontsize=8, frameon=False)
     axis.set_xlabel(found.labels[0])
     axis.set_ylabel(found.labels[1])
     axis.grid(alpha=0.3)
