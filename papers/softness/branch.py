@@ -137,7 +137,7 @@ def _fit(
 
 def tables(result: dict[str, Finger]) -> dict[str, list[dict[str, object]]]:
     """What each finger gives, and what is left on each by where the branch is from."""
-    fitted = [
+    fitted: list[dict[str, object]] = [
         {
             "finger": name,
             "turn [°]": round(float(np.degrees(np.ptp(one.angle))), 1),
@@ -151,7 +151,7 @@ def tables(result: dict[str, Finger]) -> dict[str, list[dict[str, object]]]:
         }
         for name, one in result.items()
     ]
-    tested = [
+    tested: list[dict[str, object]] = [
         {
             "tested on": name,
             "branch from": source,

@@ -163,7 +163,7 @@ def measure(seen: Prediction, experiment: Experiment, draw: int) -> FieldData:
 def tables(result: Result) -> dict[str, list[dict[str, object]]]:
     """Largest error of each number, with its standard error; and the share of intervals."""
     by_name = {one.name: one for one in EXPERIMENTS}
-    fitted = []
+    fitted: list[dict[str, object]] = []
     for name, fits in result.fits.items():
         row: dict[str, object] = {"experiment": name}
         for i, number in enumerate(SOUGHT):
