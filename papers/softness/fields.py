@@ -172,17 +172,17 @@ def tables(result: Result) -> dict[str, list[dict[str, object]]]:
         fitted.append(row)
     shown: dict[str, list[dict[str, object]]] = {"": fitted}
     if result.inside:
-        shown["_coverage"] = [
-            {"experiment": name, "fits": len(inside)}
-            | {
-                f"{number} [%]": "flagged"
-                if np.isnan(share).any()
-                else round(100 * float(share.mean()), 1)
-                for number, share in zip(SOUGHT, inside.T, strict=True)
-            }
-            for name, inside in result.inside.items()
-        ]
+        shown["_coverage"] = [_cover(name, inside) for name, inside in result.inside.items()]
     return shown
+
+
+def _cover(name: str, inside: Float[np.ndarray, "draws p"]) -> dict[str, object]:
+    """Share of the draws in which the interval of each number holds the truth."""
+    row: dict[str, object] = {"experiment": name, "fits": len(inside)}
+    for number, held in zip(SOUGHT, inside.T, strict=True):
+        flagged = np.isnan(held).any()
+        row[f"{number} [%]"] = "flagged" if flagged else round(100 * float(held.mean()), 1)
+    return row
 
 
 def _show(fits: list[FieldFit], i: int, truth: float) -> str:
