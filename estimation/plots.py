@@ -54,7 +54,7 @@ def plot_angles(
     for axis in axes:
         _shade_states(axis, time, main.state)
     top = axes[0]
-    for style, (label, angle) in zip(("--", ":"), (references or {}).items(), strict=False):
+    for style, (label, angle) in zip(("--", "-.", ":"), (references or {}).items(), strict=False):
         top.plot(time, np.degrees(angle), "k", ls=style, lw=1.1, label=label)
     for name, result in results.items():
         if name != method:

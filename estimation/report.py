@@ -114,6 +114,7 @@ def write_run(run: Run, folder: Path) -> None:
     references = {}
     if np.isfinite(run.outline).any():
         references[f"{run.turns} (from the first angle)"] = _outline_from(run.outline, main)
+        references["gel that has followed furthest"] = follow_gel(main)
     if run.truth is not None:
         references["truth"] = run.truth.angle
     pictures = {
@@ -292,6 +293,7 @@ def _figures(result: Result, truth: Truth | None) -> dict[str, Any]:
     slip = slip[np.isfinite(slip)]
     figures = {
         "answered": int(answered.sum()),
+        "slip_largest_deg": _number(max(slip, key=abs, default=np.nan)),
         "slip_last_deg": _number(slip[-1] if len(slip) else np.nan),
         "states": {str(state): result.state.count(state) for state in State},
         "macro_slip_s": _spans(result.time - result.time[0], slipping),
