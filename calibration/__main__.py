@@ -194,11 +194,17 @@ def stereo(
     orthographic: Annotated[
         bool, typer.Option("--orthographic/--perspective", help="The left view.")
     ] = True,
+    mirrored: Annotated[
+        list[str] | None,
+        typer.Option(help="View, left or right, that is shown the wrong way round."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
     """Calibrate both views of a mirror-split picture and write them to stereo.toml."""
     check_writable(out)
-    rig, left_out = calibrate_from_pictures(pictures, (rows, columns), pitch_mm, orthographic)
+    rig, left_out = calibrate_from_pictures(
+        pictures, (rows, columns), pitch_mm, orthographic, tuple(mirrored or ())
+    )
     write_rig(rig, out / "stereo.toml")
     for reason in left_out:
         console.print(escape(reason))

@@ -9,6 +9,7 @@ least.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from estimation.images.board import connect_corners, read_cells
 from estimation.images.corner_tracking import find_corner_style, to_light
 from estimation.images.corners import find_corners
 from estimation.images.pattern import Pattern
-from estimation.images.stereo import Rig, View, rotation_matrix
+from estimation.images.stereo import Rig, View, check_mirrored, rotation_matrix, split_views
 from estimation.sources.pictures import read_pictures
 
 FEWEST_POSES = 4
@@ -74,7 +75,11 @@ def find_target(
 
 
 def calibrate_from_pictures(
-    path: Path, shape: tuple[int, int], pitch: float, orthographic_left: bool = True
+    path: Path,
+    shape: tuple[int, int],
+    pitch: float,
+    orthographic_left: bool = True,
+    mirrored: tuple[str, ...] = (),
 ) -> tuple[Rig, list[str]]:
     """Both views of a sensor, from split pictures of a plane checkerboard.
 
@@ -83,6 +88,7 @@ def calibrate_from_pictures(
         shape: rows and columns of the checkerboard's inner corners.
         pitch: side of its cells [mm].
         orthographic_left: whether the left view is an orthographic one.
+        mirrored: views, left or right, that are shown the wrong way round.
 
     Returns:
         The views, and why pictures were left out.
@@ -91,6 +97,7 @@ def calibrate_from_pictures(
         ValueError: too few pictures can be used, or no two views fit them.
         OSError: the pictures cannot be read.
     """
+    check_mirrored(mirrored)
     poses, left_out, size = [], [], (0, 0)
     for picture in read_pictures(path):
         if picture.image is None or picture.flaw:
@@ -98,7 +105,7 @@ def calibrate_from_pictures(
             continue
         height, width = picture.image.shape[0], picture.image.shape[1] // 2
         size = (width, height)
-        views = picture.image[:, :width], picture.image[:, width : 2 * width]
+        views = split_views(picture.image, mirrored)
         try:
             poses.append(Pose(*(find_target(view, shape) for view in views)))
         except ValueError as error:
@@ -106,7 +113,8 @@ def calibrate_from_pictures(
     if len(poses) < FEWEST_POSES and left_out:
         raise ValueError(f"{len(poses)} pictures show the target in both views; {left_out[0]}")
     target = Pattern(shape, pitch).corners()
-    return calibrate_stereo(poses, target, size, orthographic_left), left_out
+    rig = calibrate_stereo(poses, target, size, orthographic_left)
+    return replace(rig, mirrored=mirrored), left_out
 
 
 def calibrate_stereo(

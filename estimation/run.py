@@ -321,10 +321,11 @@ def _compare(runs: Sequence[Run], out: Path) -> list[str]:
 def _preview(run: Run, folder: Path, settings: Settings) -> str:
     """Write the annotated video, where the recording was read from pictures."""
     path = folder / "preview.avi"
-    if run.recording.contact is None or not is_pictures(Path(run.recording.source)):
+    if not is_pictures(Path(run.recording.source)):
         return f"no preview: {run.recording.name} was not read from pictures"
+    told, result = settings.images, run.results[run.method]
     try:
-        write_preview(run.recording, run.results[run.method], settings.images.sensor, path)
+        write_preview(run.recording, result, told.sensor, path, told.rig)
     except ValueError as error:
         return f"no preview: {error}"
     return f"annotated video: {path}"

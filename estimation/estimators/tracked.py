@@ -106,6 +106,7 @@ class Tracked:
         if found.high - found.low > 2.0 * WIDEST:
             self.incremental.lose(fields)
             self._sights.clear()
+            self._known = []
             reason = f"the angle is not known to ±{np.degrees(WIDEST):.0f}° any more"
             return Measurement.none(found.stick, reason)
         return found
@@ -113,6 +114,7 @@ class Tracked:
     def _forget(self) -> None:
         """Begin anew with the next contact."""
         self._sights: deque[_Sight] = deque(maxlen=MEMORY)
+        self._known: list[_Sight] = []
         self._last = np.nan
         self._curvature = np.nan
 
@@ -145,6 +147,10 @@ class Tracked:
     def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement) -> Measurement:
         """The angle by the outline, until markers stick to what it shows."""
         known = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
+        if known:
+            self._known = known
+        elif axis.drifts:  # an imprint stays what it was; an outline may be another face's by now
+            known = self._known
         if not (known and np.isfinite(axis.angle)):
             return self._at_a_loss(gel)
         # the last of them may have slipped unseen

@@ -9,6 +9,7 @@ Visuotactile Sensing During In-Hand Object Pivoting".
 """
 
 import tomllib
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +21,7 @@ from estimation.files import toml_text, write_whole
 
 FORMAT_VERSION = 1
 STEPS = 6
+VIEWS = ("left", "right")
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,10 @@ class Rig:
         width: of each view, half of the camera's [px].
         height: of the pictures [px].
         error: root mean square reprojection error of the calibration per coordinate [px].
+        mirrored: which of `VIEWS` an odd number of mirrors shows the wrong way round.
+
+    Raises:
+        ValueError: `mirrored` names something else.
     """
 
     left: View
@@ -91,11 +97,16 @@ class Rig:
     width: int
     height: int
     error: float
+    mirrored: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check what is mirrored."""
+        check_mirrored(self.mirrored)
 
     def split(
         self, picture: Shaped[np.ndarray, "h w *colour"]
     ) -> tuple[Shaped[np.ndarray, "h half *colour"], Shaped[np.ndarray, "h half *colour"]]:
-        """The left and the right view of a picture.
+        """The left and the right view of a picture, the right way round.
 
         Raises:
             ValueError: the picture is not of the calibration's size.
@@ -106,7 +117,39 @@ class Rig:
                 f"the pictures are {width}×{height}, the stereo calibration is for "
                 f"{2 * self.width}×{self.height}: calibrate at this size"
             )
-        return picture[:, : self.width], picture[:, self.width :]
+        return split_views(picture, self.mirrored)
+
+    def locate(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 n 2"]:
+        """Where points [mm] are in the whole picture, in the left and in the right view [px]."""
+        seen = np.stack([self.left.project(points), self.right.project(points)])
+        for i, name in enumerate(VIEWS):
+            if name in self.mirrored:
+                seen[i, :, 0] = self.width - 1 - seen[i, :, 0]
+        seen[1, :, 0] += self.width
+        return seen
+
+
+def check_mirrored(names: Collection[str]) -> None:
+    """Check that names are of views.
+
+    Raises:
+        ValueError: one is not.
+    """
+    for name in names:
+        if name not in VIEWS:
+            raise ValueError(f"mirrored is {name!r}; it must be {' or '.join(VIEWS)}")
+
+
+def split_views(
+    picture: Shaped[np.ndarray, "h w *colour"], mirrored: Collection[str] = ()
+) -> tuple[Shaped[np.ndarray, "h half *colour"], Shaped[np.ndarray, "h half *colour"]]:
+    """The two halves of a picture, those that are mirrored turned round."""
+    half = picture.shape[1] // 2
+    left, right = (
+        one[:, ::-1] if name in mirrored else one
+        for name, one in zip(VIEWS, (picture[:, :half], picture[:, half : 2 * half]), strict=True)
+    )
+    return left, right
 
 
 class Triangulated(NamedTuple):
@@ -176,7 +219,8 @@ def write_rig(rig: Rig, path: Path) -> None:
     """
     plain = {"format_version": FORMAT_VERSION, "width": rig.width, "height": rig.height}
     views = {"left": asdict(rig.left), "right": asdict(rig.right)}
-    write_whole(path, toml_text(plain | {"error_px": rig.error} | views))
+    sizes = plain | {"error_px": rig.error, "mirrored": rig.mirrored}
+    write_whole(path, toml_text(sizes | views))
 
 
 def read_rig(path: Path) -> Rig:
@@ -202,6 +246,7 @@ def read_rig(path: Path) -> Rig:
             width=int(content["width"]),
             height=int(content["height"]),
             error=float(content["error_px"]),
+            mirrored=tuple(content.get("mirrored", ())),
         )
     except KeyError as error:
         raise ValueError(f"{path} is no stereo calibration: {error} is missing") from error

@@ -12,7 +12,12 @@ from estimation.sources.pictures import Picture, find_exposure_flaw
 
 SLACK = 0.25
 """Misfit of a marker's two views beyond the calibration's, from which it is left out [px]."""
-ADVICE = "are the views swapped, or is it another camera's calibration?"
+ADVICE = (
+    "are the views swapped, is one mirrored (`python -m calibration stereo --mirrored`), or is it "
+    "another camera's calibration?"
+)
+TILTED = np.radians(5.0)
+"""Tilt of the pad at rest against a view from straight behind from which that is not its own."""
 TOO_MANY = 0.3
 """Share of the markers left out so from which the whole frame is."""
 
@@ -53,6 +58,12 @@ class StereoReader(MarkerReader):
                 f"the two views fit the calibration to {np.nanmedian(rest.misfit):.2f} px, where "
                 f"{self.limit:.2f} px are allowed: {cause}"
             )
+        self.tilt = _tilt(rest.points[kept])
+        if self.rig.left.orthographic and self.tilt > TILTED:
+            raise ValueError(
+                f"the pad at rest is tilted by {np.degrees(self.tilt):.1f}° against the left view, "
+                "which sees it from straight behind: is it another camera's calibration?"
+            )
         self.left, self.right = left.take(kept), right.take(kept)
         self.misfit = float(np.median(rest.misfit[kept]))
         self.layout = lay_out(self.left.plan, rest.points[kept])
@@ -79,17 +90,15 @@ class StereoReader(MarkerReader):
 
     def notes(self) -> tuple[str, ...]:
         """What the pattern looks like, what the reference is, and how the views fit."""
-        points = self.layout.reference
-        plane = np.linalg.lstsq(
-            np.column_stack([points[:, :2], np.ones(len(points))]), points[:, 2], rcond=None
-        )[0]
-        tilt = np.degrees(np.arctan(np.hypot(plane[0], plane[1])))
         return (
             self.left.describe(),
             f"The reference is {self.reference}, which must be unloaded.",
             f"The two views fit the calibration to {self.misfit:.3f} px (median); its own error is "
-            f"{self.rig.error:.3f} px. The pad at rest is tilted by {tilt:.1f}° against the left "
-            "view: more than a few degrees speak for the calibration of another camera.",
+            f"{self.rig.error:.3f} px. The pad at rest is tilted by {np.degrees(self.tilt):.1f}° "
+            "against the left view: more than a few degrees speak for another camera's "
+            "calibration.",
+            "Rotation is that of the lines to the neighbours, in space; the edges' own angles, "
+            "three times as uncertain, are used only where there is one view.",
         )
 
 
@@ -103,6 +112,13 @@ def find_view_flaw(rig: Rig, picture: Shaped[np.ndarray, "h w *colour"]) -> str:
         if flaw := find_exposure_flaw(view):
             return flaw.replace("the picture", f"the {name} view")
     return ""
+
+
+def _tilt(points: Float[np.ndarray, "n 3"]) -> float:
+    """Of the plane through points against the sensor's own [rad]."""
+    design = np.column_stack([points[:, :2], np.ones(len(points))])
+    slope = np.linalg.lstsq(design, points[:, 2], rcond=None)[0][:2]
+    return float(np.arctan(np.hypot(*slope)))
 
 
 def _either_flaw(left: Seen, right: Seen) -> str:

@@ -1,9 +1,12 @@
 """Following the object: increments, reversals, macro slip."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimation.estimators.incremental import MAX_KEYFRAMES
+from estimation.estimators.tracked import MEMORY
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
 from estimation.result import State
@@ -139,6 +142,17 @@ def test_the_slip_grows_by_what_the_object_turns_over_gel_that_stands_still():
     # before and after, gel that sticks turns along
     assert abs(slip[18] - slip[10]) < 2.5
     assert np.isnan(slip).sum() == 0
+
+
+def test_an_imprint_is_followed_however_long_all_slips():
+    frames = MEMORY + 35
+    recording, angle = ellipsoid_slips(frames, slip_from=20, slip_to=frames, rate=0.5)
+    error = np.full(frames, np.radians(0.3))
+    imprint = np.stack([np.radians(angle), error], axis=1)
+    result = estimate_angles(replace(recording, imprint=imprint), "tracked", noise=MICRON)
+    assert result.answered.all()
+    # 2° of slip before it is noticed; then the imprint, exact here, and what it was set against
+    assert np.abs(np.degrees(result.angle) - angle).max() < 2.5
 
 
 def test_the_outline_is_the_objects_and_the_softness_correction_the_gels():

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from calibration.__main__ import app
 from calibration.stereo import Pose, calibrate_from_pictures, calibrate_stereo
+from estimation.__main__ import app as run_app
 from estimation.contact import ONSET_MM, SHARE
 from estimation.fields import measure_fields
 from estimation.images.pattern import Pattern, render_pattern
@@ -16,6 +17,7 @@ from estimation.images.stereo import Rig, View, read_rig, rotation_matrix, trian
 from estimation.recording import Frame, MarkerLayout, grid_neighbours
 from estimation.sensor import Sensor
 from estimation.sources import ImageSettings, read_recording
+from estimation.sources.pictures import read_pictures
 from estimation.stencils import make_stencils
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import simulate_surface
@@ -202,5 +204,35 @@ def test_swapped_views_and_other_calibrations_are_refused(pictures, tmp_path):
         read(tmp_path / "other", pictures[:2], other)
     with pytest.raises(ValueError, match="calibrate at this size"):
         read(tmp_path / "size", pictures[:2], make_rig(640, 480))
-    turned = read(tmp_path / "turned", pictures[:2], make_rig(320, 240, degrees=38.0))
-    assert "tilted by 7.5°" in " ".join(turned.notes)  # a plane seen from 45°, taken for 38°
+    with pytest.raises(ValueError, match=r"tilted by 7\.5°"):  # seen from 45°, taken for 38°
+        read(tmp_path / "turned", pictures[:2], make_rig(320, 240, degrees=38.0))
+
+
+def test_a_mirrored_view_is_turned_round_or_refused(pictures, tmp_path):
+    mirrored = [np.concatenate([one[:, :320], one[:, :319:-1]], axis=1) for one in pictures[:3]]
+    with pytest.raises(ValueError, match="is one mirrored"):
+        read(tmp_path / "refused", mirrored)
+    told = replace(SMALL, mirrored=("right",))
+    write_rig(told, tmp_path / "rig.toml")
+    folder = write_folder(tmp_path / "told", mirrored)
+    turned = read_recording(folder, ImageSettings(Sensor(), rig=read_rig(tmp_path / "rig.toml")))
+    plain = read(tmp_path / "plain", pictures[:3])
+    np.testing.assert_array_equal(turned.positions, plain.positions)
+    there = turned.positions[0]
+    spots, unturned = told.locate(there), SMALL.locate(there)
+    np.testing.assert_allclose(spots[1, :, 0] + unturned[1, :, 0], 2 * 320 + 319)
+    with pytest.raises(ValueError, match="left or right"):
+        replace(SMALL, mirrored=("top",))
+
+
+def test_run_shows_both_views(pictures, tmp_path):
+    folder, out = write_folder(tmp_path / "pivot", pictures), tmp_path / "out"
+    write_rig(SMALL, tmp_path / "rig.toml")
+    options = ["--stereo", str(tmp_path / "rig.toml"), "--preview", "--noise-um", "2"]
+    done = CliRunner().invoke(run_app, ["run", str(folder), "--out", str(out), *options])
+    assert done.exit_code == 0, done.output
+    shown = [one.image for one in read_pictures(out / "preview.avi")]
+    assert len(shown) == len(pictures)
+    assert shown[3].shape == (3 * 240 + 52, 3 * 640, 3)
+    for half in np.split(shown[3], 2, axis=1):
+        assert (half[..., 1].astype(int) - half[..., 2] > 60).any()  # green rings: what sticks
