@@ -10,12 +10,14 @@ from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
 from calibration.field_fit import Z95, invert_information
+from calibration.layered_checks import check_turns
 from estimation.estimators.measurement import Z95 as HALF_WIDTH
 from estimation.layered_softness import LayeredSoftness, Matrix, lifting_kernels, small_turn
 from estimation.noise import Noise
 from estimation.recording import Recording
 from estimation.result import State
 from estimation.softness import Contact, Lifting, ScalarSoftness, Validity
+from estimation.softness_checks import check_sensors
 from estimation.tracker import RIGID_OBJECT, Tracker
 
 LEAST_STICK = 10
@@ -154,18 +156,22 @@ def fit_layered_softness(
         reference_error: standard deviation of the reference [rad].
 
     Raises:
-        ValueError: too few frames in which the object turns and sticks.
+        ValueError: too few frames in which the object turns and sticks, grasps of different
+            sensors, or a reference that is not the object's angle.
     """
-    best: list[Turn] = []
+    best: list[list[Turn]] = []
     most = -1
     for k in _GUESSES:
-        turns = _gather(grasps, LayeredSoftness(k, thickness[0], depth[0]))
-        held = sum(turn.markers for turn in turns)
+        guess = LayeredSoftness(k, thickness[0], depth[0])
+        found = [gather_turns(grasp, guess) for grasp in grasps]
+        held = sum(turn.markers for turns in found for turn in turns)
         if held > most:
-            best, most = turns, held
+            best, most = found, held
+    _check(grasps, best)
     fit = None
     for _ in range(_ROUNDS):
-        turns = best if fit is None else _gather(grasps, fit.softness)
+        found = best if fit is None else [gather_turns(one, fit.softness) for one in grasps]
+        turns = [turn for part in found for turn in part]
         if len(turns) < 3:
             raise ValueError(
                 f"{len(turns)} frames in which {LEAST_STICK} markers stick and the elastomer has "
@@ -177,8 +183,14 @@ def fit_layered_softness(
     return fit
 
 
-def _gather(grasps: Sequence[Grasp], guess: LayeredSoftness) -> list[Turn]:
-    return [turn for grasp in grasps for turn in gather_turns(grasp, guess)]
+def _check(grasps: Sequence[Grasp], found: Sequence[list[Turn]]) -> None:
+    """See that all are of one sensor and follow their references."""
+    trials = []
+    for grasp, turns in zip(grasps, found, strict=True):
+        values = (np.array([getattr(turn, name) for turn in turns]) for name in _COLUMNS)
+        trials.append(check_turns(grasp.recording, *values))
+    if trials:
+        check_sensors(trials)
 
 
 def _fit_turns(

@@ -241,6 +241,12 @@ def write_layered(
         if not (found.same_clock and found.zeroed):
             raise ValueError(f"{found.source} has a zero of its own: give a CSV")
         angle = np.interp(recording.time, found.time, found.angle, left=np.nan, right=np.nan)
+        if not np.isfinite(angle).any():
+            raise ValueError(
+                f"{recording.name}: the reference runs from {found.time[0]:.2f} to "
+                f"{found.time[-1]:.2f} s, the recording from {recording.time[0]:.2f} to "
+                f"{recording.time[-1]:.2f} s: record both over the same time, on one clock"
+            )
         grasps.append(Grasp(recording, angle, noise or estimate_noise(recording)))
         errors.append(found.error)
     known = np.concatenate(errors)

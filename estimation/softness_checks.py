@@ -7,10 +7,7 @@ from jaxtyping import Float
 from scipy.stats import t
 
 from estimation.softness_line import Line, Series, gather_points
-from estimation.trials import Trial
-
-FEWEST_POINTS = 6
-"""Readings of one trial: slope, zero and clock leave three to tell the scatter."""
+from estimation.trials import FEWEST_POINTS, Trial
 
 LEAST_TURN = np.radians(1.0)
 MOST_OUTLIERS = 0.35

@@ -18,6 +18,9 @@ from estimation.tracker import estimate_angles
 LEAST_STICK = 9
 """Markers that must stick: with fewer the angle hangs on what cannot be seen to slip."""
 
+FEWEST_POINTS = 6
+"""Readings of one trial: slope, zero and clock leave three to tell the scatter."""
+
 SLIP_TURN = np.radians(2.0)
 SLIP_SHARE = 0.1
 
@@ -91,18 +94,23 @@ def make_trials(
     contacts = zip(recording.positions[..., :2], result.contact, strict=True)
     radius = np.array([disc_radius(plane[inside]) for plane, inside in contacts])
     force = np.full(len(recording), np.nan) if recording.force is None else -recording.force[:, 2]
+    numbers, counts = np.unique(contact[usable], return_counts=True)
+    short = counts < FEWEST_POINTS
+    touches = numbers[short] if not short.all() else numbers[:0]
     trials = []
-    for number in np.unique(contact[usable]):
+    for number in np.setdiff1d(numbers, touches):
         mine = contact == number
         reasons = Counter(
             "in macro slip" if still[i] else _reason(result.state[i], int(sticks[i]))
             for i in np.flatnonzero(mine & ~usable)
         )
+        if touched := int((usable & np.isin(contact, touches)).sum()) * (not trials):
+            reasons["of a touch too short to fit"] = touched
         rows = np.flatnonzero(mine & usable)
         trials.append(
             Trial(
                 name=recording.name
-                if contact[usable].max() == contact[usable].min()
+                if len(numbers) - len(touches) == 1
                 else f"{recording.name}, contact {len(trials) + 1}",
                 thing=thing,
                 start=float(recording.time[0]),

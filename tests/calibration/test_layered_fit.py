@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
+from calibration.layered_checks import check_turns
 from calibration.layered_fit import fit_layered_softness
 from estimation import LayeredSoftness
 from estimation.fields import Fields
 from estimation.layered_softness import small_turn
 from estimation.softness import Contact, read_softness, write_softness
+from tests.cases import lift
 
 
 def lattice(step, reach=12.0):
@@ -118,3 +120,22 @@ def test_errors_of_k_thickness_and_depth_widen_the_interval():
     assert gradient @ np.array(found.covariance) @ gradient == pytest.approx(expected, rel=1e-2)
     with pytest.raises(ValueError, match="0 frames"):
         fit_layered_softness([], (4.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("angle", "message"),
+    [
+        (lambda phi: -1.5 * phi, "turns the other way"),
+        (lambda phi: np.degrees(1.5 * phi), "seems to be in degrees"),
+        (lambda phi: np.radians(1.5 * phi), "seems to be in rad"),
+        (lambda phi: 0.5 * phi, "no object turns less"),
+    ],
+)
+def test_references_that_are_not_the_objects_angle_are_told(angle, message):
+    recording, phi = lift(np.radians(np.zeros(1))), np.radians(np.linspace(1.0, 8.0, 20))
+    error = np.full(20, 1e-4)
+    with pytest.raises(ValueError, match=message):
+        check_turns(recording, phi, error, angle(phi))
+    with pytest.raises(ValueError, match="at one angle"):
+        check_turns(recording, 0.0 * phi + phi[0], error, 1.5 * phi)
+    assert check_turns(recording, phi, error, 1.5 * phi).markers == 400

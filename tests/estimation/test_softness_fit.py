@@ -12,6 +12,7 @@ from estimation.tracker import estimate_angles
 from estimation.trials import Trial, make_trials, stands_still
 from estimation.two_fingers import fit_two_fingers
 from estimation.virtual.recording import PivotModel, simulate_pivot
+from tests.cases import lift, recording_of
 
 MICRON = Noise.given(1e-3)
 
@@ -294,3 +295,16 @@ def test_bad_reference_files(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
         read_reference(path)
+
+
+def test_a_touch_before_the_grasp_is_counted_and_does_not_stop_the_fit():
+    turned = np.radians(np.linspace(0.0, 8.0, 25))
+    grasp = lift(turned)
+    order = np.concatenate([np.arange(2), [5, 5, 5], np.arange(30)])  # touched, free, grasped
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(35, 400, 3))
+    recording = recording_of(grasp.layout, grasp.positions[order] + noise)
+    angle = np.concatenate([np.zeros(10), 1.5 * turned])
+    reference = Reference(recording.time, angle, np.full(35, np.nan), True, True, "stage")
+    (one,) = make_trials(recording, reference, noise=MICRON)
+    assert one.excluded["of a touch too short to fit"] == 3
+    assert fit_softness([one]).stiffness_ratio == pytest.approx(0.5, abs=0.01)
