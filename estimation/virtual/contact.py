@@ -22,7 +22,11 @@ def simulate_recording(
 
     The markers move with the elastomer, on its surface or below; what the pad's dome does to the
     contact belongs into the shape that the path was solved with (`Domed`). A marker is in contact
-    and sticks as the cell above it in the undeformed state does.
+    and sticks as the cell above it in the undeformed state does. It shows the displacement of
+    where it lay unloaded, as linear elasticity has it; a real turn takes it round from where
+    pressing has put it. On thin pads pressed by a tenth of their thickness or more, which spread by
+    1 to 2 %, recordings therefore turn that much too little (`papers.softness.contacts` takes the
+    markers round).
 
     Args:
         path: contacts of `contactmodel.solve_path`, one a frame.
