@@ -89,10 +89,11 @@ def find_unseen_flaw(
         reference: the markers at rest.
         contact: the contact region, of markers that are seen.
         seen: which are.
+        allowed: share of the region's markers that may be unseen [-].
     """
     region = _hull(reference.position, contact)
     unseen = int((region & ~seen).sum())
-    if unseen <= UNSEEN * region.sum():
+    if unseen <= allowed * region.sum():
         return ""
     return f"{unseen} of the contact's {region.sum()} markers are not seen"
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Int
 
-from estimation.images.contact import region_of_dispersion
+from estimation.images.contact import find_unseen_flaw, region_of_dispersion
 from estimation.images.corner_tracking import CornerTracker, Seen, lattice_neighbours
 from estimation.images.lattice import Reference
 from estimation.images.lines import Rotation, fuse_rotations, rotation_of_edges, rotation_of_lines
@@ -45,11 +45,13 @@ class CornerReader(MarkerReader):
         if seen.flaw:
             return Row.of_none(picture, shape, seen.flaw)
         displacement = seen.position - self.reference.position
+        contact = region_of_dispersion(self.reference, displacement)
         return Row(
             position=seen.position,
-            contact=region_of_dispersion(self.reference, displacement),
+            contact=contact,
             time=picture.time,
             number=picture.number,
+            flaw=find_unseen_flaw(self.reference, contact, np.isfinite(displacement[:, 0])),
             rotation=measure_rotation(self.neighbours, self.rest, seen).angle,
         )
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from estimation.images.contact import region_of_dispersion
+from estimation.images.contact import find_unseen_flaw, region_of_dispersion
 from estimation.images.corner_tracking import to_light
 from estimation.images.lattice import Reference
 from estimation.images.lines import Rotation, fuse_rotations, rotation_of_lines
@@ -15,6 +15,8 @@ from estimation.sources.corners import lattice_neighbours
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
 from estimation.sources.pictures import Picture
 
+UNSEEN = 0.4
+"""Share of the contact's points that may be unseen: wide subsets are lost where the gel strains."""
 STEP = 1.0
 """Distance over which the lens's distortion is differentiated [px]."""
 
@@ -58,11 +60,14 @@ class SpeckleReader(MarkerReader):
         if flaw:
             return Row.of_none(picture, shape, flaw)
         match = self._straighten(match)
+        displacement = match.position - self.reference.position
+        contact = region_of_dispersion(self.reference, displacement)
         return Row(
             position=match.position,
-            contact=region_of_dispersion(self.reference, match.position - self.reference.position),
+            contact=contact,
             time=picture.time,
             number=picture.number,
+            flaw=find_unseen_flaw(self.reference, contact, match.good, UNSEEN),
             rotation=measure_rotation(self.reference, match).angle,
         )
 
