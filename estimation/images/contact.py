@@ -79,7 +79,10 @@ def region_of_light(
 
 
 def find_unseen_flaw(
-    reference: Reference, contact: Bool[np.ndarray, " m"], seen: np.ndarray
+    reference: Reference,
+    contact: Bool[np.ndarray, " m"],
+    seen: Bool[np.ndarray, " m"],
+    allowed: float = UNSEEN,
 ) -> str:
     """Why a contact region cannot be judged: too many markers in it are not seen; empty if not.
 
