@@ -15,8 +15,6 @@ from estimation.sources.corners import lattice_neighbours
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
 from estimation.sources.pictures import Picture
 
-UNSEEN = 0.4
-"""Share of the contact's points that may be unseen: wide subsets are lost where the gel strains."""
 STEP = 1.0
 """Distance over which the lens's distortion is differentiated [px]."""
 
@@ -67,7 +65,7 @@ class SpeckleReader(MarkerReader):
             contact=contact,
             time=picture.time,
             number=picture.number,
-            flaw=find_unseen_flaw(self.reference, contact, match.good, UNSEEN),
+            flaw=find_unseen_flaw(self.reference, contact, match.good),
             rotation=measure_rotation(self.reference, match).angle,
         )
 

@@ -89,8 +89,10 @@ def test_a_contact_whose_middle_is_not_seen_is_not_judged():
     assert not find_unseen_flaw(REFERENCE, region, np.ones_like(region))
     few = from_middle < 0.5 * PITCH
     assert not find_unseen_flaw(REFERENCE, region & ~few, ~few)
-    flaw = find_unseen_flaw(REFERENCE, region & ~blurred, ~blurred)
-    assert flaw == f"{blurred.sum()} of the contact's {region.sum()} markers are not seen"
+    assert "contact's middle" in find_unseen_flaw(REFERENCE, region & ~blurred, ~blurred)
+    rim = region & (from_middle > 45.0)  # a jump of a pivot tears it
+    ends = from_middle > 60.0
+    assert not find_unseen_flaw(REFERENCE, region & (~rim | ends), ~rim | ends)
 
 
 def test_a_contact_that_comes_in_over_the_edge_is_judged_once_it_has_settled():
