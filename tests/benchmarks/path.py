@@ -1,0 +1,90 @@
+"""A pivot in 40 steps: applications of the operator a step, and the time between them.
+
+`python -m tests.benchmarks.path [CELLS]`: a rigid ball pressed on in 4 steps, turned by 12° in 14
+and back to −8° in 22, on half-spaces that are not coupled to it, weakly and strongly coupled, and
+on a bonded layer. An application is one of the compliance or of its rough inverse, to a pressure
+or to a traction; each kind is timed alone, in a loop inside a compiled program. The last column is
+the path's time over the sum of its applications' times. Times are the processor's, side by side.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from rich.console import Console
+from rich.table import Table
+
+from contactmodel import Grid, HalfSpace, Layer, Paraboloid, Pose, Rigid, make_path, solve_path
+from contactmodel.bodies import AbstractBody
+from contactmodel.compliance import pair_compliance
+
+SIDE, RADIUS, APPROACH, FRICTION = 13.0, 20.0, 0.6, 0.6
+STEPS = (4, 14, 22)
+TWISTS_DEG = (0.0, 0.0, 12.0, -8.0)
+BODIES: dict[str, AbstractBody] = {
+    "half-space, ν = 0.5": HalfSpace(0.2, 0.5),
+    "half-space, ν = 0.48": HalfSpace(0.2, 0.48),
+    "half-space, ν = 0.3": HalfSpace(0.2, 0.3),
+    "layer of 3 mm, ν = 0.48": Layer(0.2, 0.48, 3.0),
+}
+LAPS = 5
+REPEATS = 200  # applications in a lap
+
+
+def main() -> None:
+    """Print the table."""
+    jax.config.update("jax_enable_x64", True)
+    cells = int(sys.argv[1]) if len(sys.argv) > 1 else 64
+    grid = Grid((cells, cells), (SIDE, SIDE))
+    table = Table("elastomer", "normal", "tangential", "applications a step", "ms a step", "over")
+    for name, body in BODIES.items():
+        table.add_row(name, *measure(body, grid))
+    Console().print(table)
+
+
+def measure(body: AbstractBody, grid: Grid) -> list[str]:
+    """The cells of a row."""
+    twists = np.radians(TWISTS_DEG)
+    poses = [Pose(APPROACH * min(i, 1), twist=twist) for i, twist in enumerate(twists)]
+    path = make_path(poses, STEPS)
+    compliance = pair_compliance(body, Rigid(), grid)
+    pressure, traction = jnp.ones(grid.shape), jnp.ones((2, *grid.shape))
+
+    def follow():
+        return solve_path(body, Rigid(), Paraboloid(RADIUS), path, grid, FRICTION)
+
+    end = follow()
+    press, drag = _repeat(compliance.press, pressure), _repeat(compliance.drag, traction)
+    laps = [[_time(run) for run in (follow, press, drag)] for _ in range(LAPS + 1)]
+    whole, by_pressure, by_traction = np.median(laps[1:], axis=0) / (1, REPEATS, REPEATS)
+    normal, tangential = (int(done.applications.sum()) for done in (end.normal, end.friction))
+    steps = sum(STEPS)
+    parts = normal * by_pressure + tangential * by_traction
+    counts = [normal / steps, tangential / steps, (normal + tangential) / steps]
+    ratios = [1e3 * whole / steps, whole / parts]
+    return [*(f"{count:.1f}" for count in counts), *(f"{ratio:.3g}" for ratio in ratios)]
+
+
+def _repeat(operator: Callable[[Array], Array], field: Array) -> Callable[[], Array]:
+    """Many applications one after the other, each to what the one before left."""
+
+    @jax.jit
+    def run(field: Array) -> Array:
+        return jax.lax.fori_loop(0, REPEATS, lambda _, f: operator(f), field)
+
+    return lambda: run(field)
+
+
+def _time(run: Callable) -> float:
+    """Seconds of the processor."""
+    start = time.process_time()
+    jax.block_until_ready(run())
+    return time.process_time() - start
+
+
+if __name__ == "__main__":
+    main()
