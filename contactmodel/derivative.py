@@ -1,24 +1,17 @@
 """The derivative of pressure and traction, by the implicit function theorem on the converged sets.
 
-Where a cell touches, the gap stays 0; where it sticks, its slip too; where it slides, |τ| stays μp
-and τ turns with the slip. These are linear equations for the changes of both: dp and, on sliding
-cells with n = τ/|τ|, dτ = w + μ dp n, w along their circle. But for μ dp n they are symmetric.
-GMRES solves them for dp and w at once, and `jax.lax.custom_linear_solve` makes forward and reverse
-mode of it.
+Conjugate residuals solve the equations of `tangent` for both at once, and
+`jax.lax.custom_linear_solve` makes forward and reverse mode of it.
 """
-
-from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.sparse.linalg import gmres
 from jaxtyping import Array, Float
 
 from contactmodel.compliance import Compliance
-from contactmodel.friction import Sets, find_sets, make_preconditioner
-from contactmodel.linear import Operator, conjugate_gradients
-
-_RESTART = 20  # steps of GMRES whose directions are kept
+from contactmodel.friction import Sets, find_sets
+from contactmodel.linear import Operator, conjugate_gradients, conjugate_residuals
+from contactmodel.tangent import Tangent
 
 
 def attach_derivative(
@@ -46,46 +39,26 @@ def attach_derivative(
     """
     p, t = jax.lax.stop_gradient((pressure, traction))
     fixed, mu = jax.lax.stop_gradient((compliance, friction))
-    contact = p > 0.0
     sets = _find_sets(p, t, fixed, jax.lax.stop_gradient(motion), mu)
 
     limit = friction * p
     carried = t + (limit - jax.lax.stop_gradient(limit)) * sets.normal  # μ acts on what slides
     w, u = compliance.displace(p, carried)
-    defect = jnp.stack([jnp.where(contact, w + gap, 0.0), *sets.along(u - motion)])
+    tangent = Tangent(fixed, p > 0.0, sets, mu)
+    defect = tangent.restrict(w + gap, u - motion)
     change = jax.lax.stop_gradient(defect) - defect  # 0, but its derivative is not
-    press, rub = fixed.inverse().press, make_preconditioner(fixed, sets)
-
-    def tangent(unknown: Array, *, transposed: bool = False) -> Array:
-        dp, free = jnp.where(contact, unknown[0], 0.0), sets.along(unknown[1:])
-        along = mu * sets.normal  # of dτ by dp
-        w, u = fixed.displace(dp, free if transposed else free + along * dp)
-        w = w + jnp.sum(along * u, axis=0) if transposed else w
-        slip = sets.along(u) + sets.stiffness * free
-        # the identity where nothing may change
-        return jnp.stack([jnp.where(contact, w, unknown[0]), *(slip + unknown[1:] - free)])
-
-    def precondition(defect: Array) -> Array:
-        normal = press(jnp.where(contact, defect[0], 0.0))
-        return jnp.stack([jnp.where(contact, normal, defect[0]), *rub(defect[1:])])
+    precondition = tangent.make_preconditioner()
 
     def solve(operator: Operator, rhs: Array) -> Array:
-        # preconditioned by hand: JAX would compare M r with the tolerance on r
-        return gmres(
-            lambda unknown: precondition(operator(unknown)),
-            precondition(rhs),
-            tol=rtol,
-            restart=_RESTART,
-            maxiter=-(-max_steps // _RESTART),
-            solve_method="incremental",
-        )[0]
+        how = {"rtol": rtol, "max_steps": max_steps}
+        return conjugate_residuals(operator, rhs, precondition, **how)[0]
 
     def solve_transposed(_: Operator, rhs: Array) -> Array:  # JAX's transpose takes longer
-        return solve(partial(tangent, transposed=True), rhs)
+        return solve(tangent.apply_transposed, rhs)
 
-    unknown = jax.lax.custom_linear_solve(tangent, change, solve, solve_transposed)
-    dp, free = unknown[0], unknown[1:]
-    return p + dp, carried + free + mu * dp * sets.normal
+    unknown = jax.lax.custom_linear_solve(tangent.apply, change, solve, solve_transposed)
+    dp, dt = tangent.changes(unknown)
+    return p + dp, carried + dt
 
 
 def attach_smooth(

@@ -1,8 +1,11 @@
-"""Symmetric linear systems on part of the grid.
+"""Linear systems on part of the grid.
 
-The conjugate gradients are our own: they count the applications of the operator, on which the cost
+The loops are our own: they count the applications of the operator, on which the cost
 of every solver here is measured and which JAX's do not tell. lineax's take as many steps, but their
 guard against breakdown ends them after one in single precision from 256² cells on.
+
+[Eisenstat1983] S. C. Eisenstat, H. C. Elman, M. H. Schultz, "Variational iterative methods for
+nonsymmetric systems of linear equations".
 """
 
 from collections.abc import Callable
@@ -10,9 +13,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 Operator = Callable[[Array], Array]
+
+_KEPT = 16  # directions of `conjugate_residuals`
 
 
 class Iterations(NamedTuple):
@@ -83,5 +89,62 @@ def conjugate_gradients(
 
     zero, inf = jnp.zeros_like(rhs), jnp.full((), jnp.inf, rhs.dtype)
     start = _State(zero, rhs, zero, inf, jnp.zeros((), jnp.int32))
+    end = jax.lax.while_loop(go_on, step, start)
+    return end.solution, end.steps
+
+
+class _Kept(NamedTuple):
+    solution: Array
+    defect: Array
+    directions: Array
+    images: Array
+    steps: Int[Array, ""]
+
+
+def conjugate_residuals(
+    operator: Operator,
+    rhs: Float[Array, "*shape"],
+    preconditioner: Operator,
+    *,
+    rtol: ArrayLike,
+    max_steps: int,
+) -> tuple[Float[Array, "*shape"], Int[Array, ""]]:
+    """Solve a system that need not be symmetric by conjugate residuals ([Eisenstat1983], Orthomin).
+
+    Args:
+        operator: applies the matrix.
+        rhs: right-hand side; 0 is answered by 0.
+        preconditioner: applies roughly the inverse.
+        rtol: of the defect's norm by that of the right-hand side [-].
+        max_steps: iterations at most.
+
+    Returns:
+        The solution and the number of iterations, each with one application of both.
+    """
+    limit = rtol**2 * jnp.sum(rhs**2)
+
+    def go_on(kept: _Kept) -> Array:
+        return (jnp.sum(kept.defect**2) > limit) & (kept.steps < max_steps)
+
+    def step(kept: _Kept) -> _Kept:
+        direction = preconditioner(kept.defect)
+        image = operator(direction)
+        share = jnp.tensordot(kept.images, image, image.ndim)
+        direction = direction - jnp.tensordot(share, kept.directions, 1)
+        image = image - jnp.tensordot(share, kept.images, 1)
+        unit = 1.0 / jnp.sqrt(jnp.sum(image**2))
+        direction, image = unit * direction, unit * image
+        length = jnp.sum(kept.defect * image)
+        place = kept.steps % _KEPT
+        return _Kept(
+            solution=kept.solution + length * direction,
+            defect=kept.defect - length * image,
+            directions=kept.directions.at[place].set(direction),
+            images=kept.images.at[place].set(image),
+            steps=kept.steps + 1,
+        )
+
+    none = jnp.zeros((_KEPT, *rhs.shape), rhs.dtype)
+    start = _Kept(jnp.zeros_like(rhs), rhs, none, none, jnp.zeros((), jnp.int32))
     end = jax.lax.while_loop(go_on, step, start)
     return end.solution, end.steps
