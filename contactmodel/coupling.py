@@ -1,14 +1,11 @@
 """Pressure and traction together, each bound to the other.
 
-Pressing pulls the surfaces of dissimilar bodies past each other, and friction lifts them. For a
-given traction the pressure is the minimum of one convex energy, for a given pressure the traction
-that of another (`normal`, `friction`), but the two together are not one minimum: they are solved in
-turn until the pressure needs no more steps, with a secant step between turns [Anderson1965] and
-less of the new traction if they do not approach.
-Each turn solves both a little further than the turns have come. Bodies with the same (1−2ν)/G need
-one turn.
-
-[Anderson1965] D. G. Anderson, "Iterative procedures for nonlinear integral equations".
+Pressing pulls the surfaces of dissimilar bodies past each other, and friction lifts them. From a
+start that is near, Newton's method finds both at once (`joint`). It needs one: for a given traction
+the pressure is the minimum of one convex energy, for a given pressure the traction that of another
+(`normal`, `friction`), and solving these in turn comes nearer from anywhere, though slowly, as the
+two together are not one minimum. So a turn goes before each attempt that has nothing to start from
+or got stuck. Bodies with the same (1−2ν)/G need one turn only.
 """
 
 from typing import NamedTuple
@@ -21,27 +18,13 @@ from jaxtyping import Array, Bool, Float, Int
 from contactmodel.compliance import Compliance
 from contactmodel.derivative import attach_derivative, attach_smooth
 from contactmodel.friction import solve_traction
+from contactmodel.joint import Load, solve_jointly
 from contactmodel.linear import Iterations
 from contactmodel.normal import pressure_residual, solve_pressure
 
 MAX_TURNS = 60
 _FORCING = 0.03  # tolerance of both solvers by the residual of the turn before
 _FLOOR = 0.5  # the least, by that of the whole: at 1, what one leaves can keep the other above it
-_APPROACH = 0.7  # residual after a turn by that before; above it, the next turn takes half as much
-
-
-class Load(NamedTuple):
-    """What a step of a contact is solved for.
-
-    Attributes:
-        gap: between the undeformed bodies, below 0 where they overlap [mm].
-        motion: of the rigid object since the last step, with what was then left of the slip [mm].
-        friction: μ [-].
-    """
-
-    gap: Float[Array, "nx ny"]
-    motion: Float[Array, "2 nx ny"]
-    friction: Float[Array, "..."]
 
 
 class Tractions(NamedTuple):
@@ -51,7 +34,7 @@ class Tractions(NamedTuple):
         pressure: p [MPa].
         traction: τ [MPa].
         normal: iterations of all turns; residual under the last traction.
-        tangential: the same of the traction.
+        tangential: the same of the traction, and those of both at once.
         turns: pressure solved and traction solved.
         pressed: whether the pressure converged in the last turn.
         rubbed: whether the traction did.
@@ -66,18 +49,12 @@ class Tractions(NamedTuple):
     rubbed: Bool[Array, ""]
 
 
-class _State(NamedTuple):
-    found: Tractions
-    held: Float[Array, "2 nx ny"]  # the traction that the next pressure is found for
-    share: Float[Array, ""]  # of the new traction in it
-    miss: Float[Array, "2 nx ny"]  # traction found less held, of the turn before
-
-
 def solve_tractions(
     compliance: Compliance,
     load: Load,
     *,
     start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
+    coupled: bool,
     rtol: float,
     max_steps: int,
 ) -> Tractions:
@@ -87,31 +64,35 @@ def solve_tractions(
         compliance: of the pair.
         load: shape, motion and friction.
         start: pressure and traction to begin with [MPa].
+        coupled: whether they act on each other, or may.
         rtol: tolerance on the residuals of `normal` and `friction` [-].
         max_steps: of each solver in each turn.
 
     Returns:
         Pressure and traction, differentiable with respect to the compliance and the load.
     """
-    return _take_turns((compliance, load), start, rtol, max_steps)
+    return _take_turns((compliance, load), start, coupled, rtol, max_steps)
 
 
 @eqx.filter_custom_jvp
 def _take_turns(
-    task: tuple[Compliance, Load], start: tuple[Array, Array], rtol: float, max_steps: int
+    task: tuple[Compliance, Load],
+    start: tuple[Array, Array],
+    coupled: bool,
+    rtol: float,
+    max_steps: int,
 ) -> Tractions:
-    """Pressure for the traction, traction for the pressure, until the pressure stays."""
+    """Both at once, and in turn where that does not do."""
     compliance, load = task
-    coupled = jnp.any(compliance.coupling != 0.0)
+    acts = jnp.any(compliance.coupling != 0.0)
 
     def tolerance(found: Tractions) -> Array:
         before = jnp.minimum(found.normal.residual, _FORCING)
-        return jnp.where(coupled, jnp.maximum(_FORCING * before, _FLOOR * rtol), rtol)
+        return jnp.where(acts, jnp.maximum(_FORCING * before, _FLOOR * rtol), rtol)
 
-    def turn(state: _State) -> _State:
-        found, held, share, miss = state
+    def turn(found: Tractions) -> Tractions:
         how = {"rtol": tolerance(found), "max_steps": max_steps}
-        gap = load.gap + compliance.lift(held)
+        gap = load.gap + compliance.lift(found.traction)
         pressure, normal = solve_pressure(compliance, gap, start=found.pressure, **how)
         drive = load.motion - compliance.pull(pressure)
         traction, tangential = solve_traction(
@@ -122,42 +103,34 @@ def _take_turns(
         )
         residual = pressure_residual(compliance, load.gap + compliance.lift(traction), pressure)
         normal = normal.after(found.normal)._replace(residual=residual)
-        slow = residual > _APPROACH * found.normal.residual
-        share = jnp.where(slow, 0.5 * share, jnp.minimum(1.2 * share, 1.0))
-        before, miss = miss, traction - held
-        ahead = jnp.where(slow | (found.turns == 0), 0.0, _secant(before, miss))
-        held = held + share * miss - ahead * (traction - found.traction)
         tangential = tangential.after(found.tangential)
-        return _State(
-            Tractions(pressure, traction, normal, tangential, found.turns + 1, pressed, rubbed),
-            held,
-            share,
-            miss,
-        )
+        return Tractions(pressure, traction, normal, tangential, found.turns + 1, pressed, rubbed)
 
-    def go_on(state: _State) -> Array:
-        found = state.found
-        settled = (found.normal.residual <= rtol) & (found.tangential.residual <= rtol)
-        return ~settled & (found.turns < MAX_TURNS) & found.pressed & found.rubbed
+    def settled(found: Tractions) -> Array:
+        return (found.normal.residual <= rtol) & (found.tangential.residual <= rtol)
+
+    def attempt(found: Tractions) -> Tractions:
+        near = acts & jnp.any(found.pressure > 0.0)
+        start = found.pressure, found.traction
+        end = solve_jointly(compliance, load, start=start, near=near, rtol=rtol)
+        together = found._replace(
+            pressure=end.pressure,
+            traction=end.traction,
+            normal=found.normal._replace(residual=end.normal),
+            tangential=end.tangential.after(found.tangential),
+        )
+        found = jax.tree.map(lambda a, b: jnp.where(near, a, b), together, found)
+        return jax.lax.cond(settled(found), lambda: found, lambda: turn(found))
+
+    def go_on(found: Tractions) -> Array:
+        more = (found.turns < MAX_TURNS) & found.pressed & found.rubbed
+        return ~settled(found) & more
 
     zero = jnp.zeros((), jnp.int32)
     none = Iterations(zero, zero, jnp.full((), jnp.inf, load.gap.dtype))
     true = jnp.ones((), bool)
     begin = Tractions(*start, none, none, zero, true, true)
-    one = jnp.ones((), load.gap.dtype)
-    first = _State(begin, begin.traction, one, jnp.zeros_like(begin.traction))
-    return jax.lax.while_loop(go_on, turn, first).found
-
-
-def _secant(before: Array, now: Array) -> Array:
-    """Where between two turns what is amiss is least, as a share of the way back to the first.
-
-    [Anderson1965] with the memory of one turn, not followed farther than half of that way.
-    """
-    change = now - before
-    square = jnp.sum(change**2)
-    share = jnp.sum(change * now) / jnp.where(square > 0.0, square, 1.0)
-    return jnp.clip(share, -0.5, 0.5)
+    return jax.lax.while_loop(go_on, attempt, begin) if coupled else turn(begin)
 
 
 def solve_smooth(
@@ -199,8 +172,8 @@ def _press_jvp(primals, tangents):
 @_take_turns.def_jvp
 def _take_turns_jvp(primals, tangents):
     """The derivative of what was found; that of the start is 0."""
-    task, start, rtol, max_steps = primals
-    end = _take_turns(task, start, rtol, max_steps)
+    task, start, coupled, rtol, max_steps = primals
+    end = _take_turns(task, start, coupled, rtol, max_steps)
 
     def attach(task: tuple[Compliance, Load]) -> tuple[Array, Array]:
         found = end.pressure, end.traction

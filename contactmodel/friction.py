@@ -150,14 +150,9 @@ def solve_traction(
         Traction [MPa], and what the solver did.
     """
     compliance, drive, limit, start = jax.lax.stop_gradient((compliance, drive, limit, start))
-    contact = limit > 0.0
-    count = jnp.maximum(jnp.sum(contact), 1)
-    tiny = jnp.finfo(drive.dtype).tiny
-    scale = jnp.sqrt(jnp.sum(jnp.where(contact, drive, 0.0) ** 2) / count)
 
     def violation(state: _State) -> Array:
-        wrong = _violation(compliance, state.traction, state.slip, limit)
-        return jnp.sqrt(wrong / count) / jnp.maximum(scale, tiny)
+        return friction_residual(compliance, state.traction, state.slip, limit, drive)
 
     def go_on(state: _State) -> Array:
         return (violation(state) > rtol) & (state.steps < max_steps)
@@ -179,7 +174,7 @@ def solve_traction(
         traction, slip, trials = _descend(compliance, drive, limit, state, sets, direction)
         return _State(traction, slip, state.steps + 1, state.applications + 2 * inner + trials)
 
-    start = _confine(start, limit)
+    start = confine(start, limit)
     one = jnp.ones((), jnp.int32)
     state = _State(start, drive - compliance.drag(start), 0 * one, one)
     end = jax.lax.while_loop(go_on, step, state)
@@ -201,7 +196,7 @@ def _descend(
     origin = jnp.where(sets.slide, limit * sets.normal, state.traction)
 
     def attempt(move: Array) -> tuple[Array, Array, Array]:
-        traction = _confine(origin + move, limit)
+        traction = confine(origin + move, limit)
         slip = drive - compliance.drag(traction)
         gain = jnp.sum((state.slip + slip) * (traction - state.traction))
         promise = jnp.sum(state.slip * (traction - state.traction))
@@ -226,6 +221,27 @@ def _descend(
     first = (state.traction, state.slip, jnp.zeros((), bool), zero)
     traction, slip, _, trials = jax.lax.while_loop(go_on, halve, first)
     return traction, slip, trials
+
+
+def friction_residual(
+    compliance: Compliance,
+    traction: Float[Array, "2 nx ny"],
+    slip: Float[Array, "2 nx ny"],
+    limit: Float[Array, "nx ny"],
+    drive: Float[Array, "2 nx ny"],
+) -> Float[Array, ""]:
+    """How far a traction is from Coulomb's law [-]; see `solve_traction`.
+
+    Args:
+        compliance: of the pair.
+        traction: τ [MPa].
+        slip: increment of slip s [mm].
+        limit: μp [MPa].
+        drive: b [mm].
+    """
+    square = jnp.sum(jnp.where(limit > 0.0, drive, 0.0) ** 2)
+    wrong = _violation(compliance, traction, slip, limit)
+    return jnp.sqrt(wrong / jnp.maximum(square, jnp.finfo(square.dtype).tiny))
 
 
 def _violation(compliance: Compliance, traction: Array, slip: Array, limit: Array) -> Array:
@@ -254,8 +270,15 @@ def make_preconditioner(compliance: Compliance, sets: Sets) -> Operator:
     return precondition
 
 
-def _confine(traction: Array, limit: Array) -> Array:
-    """The traction, drawn back to |τ| ≤ μp."""
+def confine(
+    traction: Float[Array, "2 nx ny"], limit: Float[Array, "nx ny"]
+) -> Float[Array, "2 nx ny"]:
+    """The traction, drawn back to |τ| ≤ μp.
+
+    Args:
+        traction: τ [MPa].
+        limit: μp [MPa].
+    """
     square = jnp.sum(traction**2, axis=0)
     beyond = square > limit**2
     return traction * jnp.where(beyond, limit / jnp.sqrt(jnp.where(beyond, square, 1.0)), 1.0)

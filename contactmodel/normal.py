@@ -65,7 +65,7 @@ def solve_pressure(
     inverse = compliance.inverse()
 
     def violation(state: _State) -> Array:
-        return _violation(state.pressure, state.gap, gap)
+        return gap_residual(state.pressure, state.gap, gap)
 
     def go_on(state: _State) -> Array:
         return (violation(state) > rtol) & (state.steps < max_steps)
@@ -149,11 +149,21 @@ def pressure_residual(
         gap: at p = 0 [mm].
         pressure: p [MPa].
     """
-    return _violation(pressure, compliance.press(pressure) + gap, gap)
+    return gap_residual(pressure, compliance.press(pressure) + gap, gap)
 
 
-def _violation(pressure: Array, gap: Array, undeformed: Array) -> Array:
-    """The residual, the gap under the pressure given."""
+def gap_residual(
+    pressure: Float[Array, "nx ny"],
+    gap: Float[Array, "nx ny"],
+    undeformed: Float[Array, "nx ny"],
+) -> Float[Array, ""]:
+    """The same, the gap under the pressure known.
+
+    Args:
+        pressure: p [MPa].
+        gap: under it [mm].
+        undeformed: gap at p = 0 [mm].
+    """
     scale = jnp.maximum(jnp.max(-undeformed), jnp.finfo(gap.dtype).tiny)
     in_contact = pressure > 0.0
     wrong = jnp.where(in_contact, gap, jnp.minimum(gap, 0.0))

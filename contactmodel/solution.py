@@ -42,9 +42,7 @@ class RESULTS(eqx.Enumeration):
     )
     coupling_max_turns = (
         "pressure and traction did not settle on each other: take the path in smaller steps, or a "
-        "smaller friction coefficient (above about 2, dissimilar bodies may have no solution); a "
-        "nearly incompressible layer ten times thinner than the contact: take a thicker one, or a "
-        "smaller Poisson's ratio"
+        "smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
     )
     beyond_friction = "friction cannot carry the force or moment asked for"
     resultant_max_steps = (
@@ -76,7 +74,7 @@ class ContactSolution(eqx.Module):
         dissipated_energy: since the path began [N·mm].
         result: how the solve ended.
         normal: iterations of the pressure.
-        friction: iterations of the traction.
+        friction: iterations of the traction, and those of both at once.
     """
 
     grid: Grid = eqx.field(static=True)

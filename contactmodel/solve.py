@@ -11,10 +11,11 @@ from jaxtyping import Array
 from contactmodel.bodies import AbstractBody, Rigid
 from contactmodel.checks import is_traced, non_negative
 from contactmodel.compliance import Compliance, pair_compliance
-from contactmodel.coupling import Load, Tractions, solve_smooth, solve_tractions
+from contactmodel.coupling import Tractions, solve_smooth, solve_tractions
 from contactmodel.friction import find_sliding
 from contactmodel.grid import Grid, make_points
 from contactmodel.indenters import AbstractIndenter
+from contactmodel.joint import Load
 from contactmodel.linear import Iterations
 from contactmodel.normal import guess_pressure, is_large
 from contactmodel.pose import Pose
@@ -112,14 +113,23 @@ def solve_path(
     return raise_failure(solution) if throw else solution
 
 
+class _Earlier(NamedTuple):
+    """The step before the last."""
+
+    pose: Pose
+    pressure: Array
+    traction: Array
+
+
 class _Memory(NamedTuple):
-    """What the next step needs of the one before."""
+    """What the next step needs of the one before; `earlier` is used to guess where it leads."""
 
     pose: Pose
     pressure: Array
     traction: Array
     slip: Array
     dissipated_energy: Array
+    earlier: _Earlier | None = None
 
 
 class _Step(NamedTuple):
@@ -139,12 +149,13 @@ class _Step(NamedTuple):
 
 
 class _Task(NamedTuple):
-    """What all steps have in common; `smooth` without friction."""
+    """What all steps have in common; `smooth` without friction, `coupled` where it is not known."""
 
     compliance: Compliance
     friction: Array
     grid: Grid
     smooth: bool
+    coupled: bool
     rtol: float
     max_steps: int
 
@@ -160,7 +171,9 @@ def _prepare(
     friction = non_negative(friction_coefficient)
     smooth = not is_traced(friction) and not bool(jnp.any(friction))
     compliance = pair_compliance(elastomer, object_, grid, smooth=smooth)
-    return _Task(compliance, friction, grid, smooth, rtol, max_steps)
+    pull = compliance.coupling
+    coupled = is_traced(pull) or bool(jnp.any(pull))
+    return _Task(compliance, friction, grid, smooth, coupled, rtol, max_steps)
 
 
 @eqx.filter_jit
@@ -174,9 +187,12 @@ def _solve_one(
 def _solve_all(task: _Task, indenter: AbstractIndenter, path: Pose, last: _Memory) -> _Step:
     def advance(last: _Memory, pose: Pose) -> tuple[_Memory, _Step]:
         step = _step(task, indenter, pose, last, guess=False)
-        return _recall(step), step
+        earlier = jax.lax.stop_gradient(_Earlier(last.pose, last.pressure, last.traction))
+        return _recall(step)._replace(earlier=earlier), step
 
-    return jax.lax.scan(advance, last, path)[1]
+    none = jnp.zeros_like
+    still = _Earlier(last.pose, none(last.pressure), none(last.traction))
+    return jax.lax.scan(advance, last._replace(earlier=still), path)[1]
 
 
 def _recall(step: "_Step | ContactSolution") -> _Memory:
@@ -206,14 +222,15 @@ def _step(task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, gu
     carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
     motion = carried + pose.increment(last.pose, carried, points)
     how = {"rtol": rtol, "max_steps": task.max_steps}
-    start, before = last.pressure, None
+    (start, rubbed), before = _extrapolate(last, pose, grid), None
     if guess:
         start, before = guess_pressure(compliance, undeformed)
     if task.smooth:
         end = solve_smooth(compliance, undeformed, start=start, **how)
     else:
         load = Load(undeformed, motion, friction)
-        end = solve_tractions(compliance, load, start=(start, last.traction), **how)
+        how |= {"start": (start, rubbed), "coupled": task.coupled}
+        end = solve_tractions(compliance, load, **how)
     pressure, traction = end.pressure, end.traction
     gap, pulled = undeformed + compliance.press(pressure), compliance.pull(pressure)
     dragged = jnp.zeros_like(traction)
@@ -235,6 +252,27 @@ def _step(task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, gu
         result=_judge(end, rtol),
         normal=end.normal if before is None else end.normal.after(before),
         friction=end.tangential,
+    )
+
+
+def _extrapolate(last: _Memory, pose: Pose, grid: Grid) -> tuple[Array, Array]:
+    """Pressure and traction to begin with: as they were, or farther as the object moves on.
+
+    Not where it moves another way than in the step before, or presses: the contact's edge moves.
+    """
+    if last.earlier is None:
+        return last.pressure, last.traction
+
+    def move(new: Pose, old: Pose) -> tuple[Array, Array]:
+        turn = 0.5 * min(grid.size) * (new.twist - old.twist)
+        return jnp.stack([*(new.shift - old.shift), turn]), new.approach - old.approach
+
+    (now, press), (before, pressed) = move(pose, last.pose), move(last.pose, last.earlier.pose)
+    square = jnp.sum(before**2) + press**2 + pressed**2
+    share = jnp.clip(jnp.sum(now * before) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    return (
+        jnp.maximum(last.pressure + share * (last.pressure - last.earlier.pressure), 0.0),
+        last.traction + share * (last.traction - last.earlier.traction),
     )
 
 

@@ -107,10 +107,18 @@ def test_gradients_meet_central_differences():
         assert float(gradient[i]) == pytest.approx(float(difference), rel=2e-5)
 
 
-def test_an_incompressible_layer_couples_and_settles():
-    solution = solve_contact(Layer(1.0, 0.5, 1.0), STEEL, BALL, Pose(0.2), GRID, 0.3)
-    assert np.abs(solution.slip * np.asarray(solution.contact)).max() > 1e-3
-    assert float(solution.normal.residual) < 1e-8
+@pytest.mark.parametrize("thickness", [1.0, 0.32])
+def test_an_incompressible_layer_couples_and_settles(thickness):
+    """Pressed and then turned; the thinner one is about a cell thick."""
+    layer = Layer(1.0, 0.5, thickness)
+    pressed = solve_contact(layer, STEEL, BALL, Pose(0.1), GRID, 0.3)
+    assert np.abs(pressed.slip * np.asarray(pressed.contact)).max() > 1e-4
+    turned = solve_contact(layer, STEEL, BALL, Pose(0.1, twist=0.02), GRID, 0.3, previous=pressed)
+    assert 0.05 < float(turned.stick_ratio) < 0.95
+    for solution in (pressed, turned):
+        assert float(solution.normal.residual) < 1e-8
+        # at once; in turn, pressure and traction take three times as many
+        assert int(solution.normal.applications + solution.friction.applications) < 200
 
 
 def test_what_does_not_settle_is_told():
