@@ -2,9 +2,10 @@
 
 `python -m tests.benchmarks.path [CELLS]`: a rigid ball pressed on in 4 steps, turned by 12° in 14
 and back to −8° in 22, on half-spaces that are not coupled to it, weakly and strongly coupled, and
-on a bonded layer. An application is one of the compliance or of its rough inverse, to a pressure
-or to a traction; each kind is timed alone, in a loop inside a compiled program. The last column is
-the path's time over the sum of its applications' times. Times are the processor's, side by side.
+on a bonded layer. An application is one of the compliance or of its rough inverse: to a pressure,
+to a traction or, where they are coupled, to both; each kind is timed alone, in a loop inside a
+compiled program. The last column is the path's time over the sum of its applications' times. Times
+are the processor's, side by side.
 """
 
 import sys
@@ -52,14 +53,17 @@ def measure(body: AbstractBody, grid: Grid) -> list[str]:
     poses = [Pose(APPROACH * min(i, 1), twist=twist) for i, twist in enumerate(twists)]
     path = make_path(poses, STEPS)
     compliance = pair_compliance(body, Rigid(), grid)
-    pressure, traction = jnp.ones(grid.shape), jnp.ones((2, *grid.shape))
+    fields = jnp.ones((3, *grid.shape))
+    pressure, traction = fields[0], fields[1:]
 
     def follow():
         return solve_path(body, Rigid(), Paraboloid(RADIUS), path, grid, FRICTION)
 
     end = follow()
-    press, drag = _repeat(compliance.press, pressure), _repeat(compliance.drag, traction)
-    laps = [[_time(run) for run in (follow, press, drag)] for _ in range(LAPS + 1)]
+    press, both = _repeat(compliance.press, pressure), _repeat(compliance.drag, traction)
+    if bool(jnp.any(compliance.coupling)):
+        both = _repeat(lambda f: _stack(*compliance.displace(f[0], f[1:])), fields)
+    laps = [[_time(run) for run in (follow, press, both)] for _ in range(LAPS + 1)]
     whole, by_pressure, by_traction = np.median(laps[1:], axis=0) / (1, REPEATS, REPEATS)
     normal, tangential = (int(done.applications.sum()) for done in (end.normal, end.friction))
     steps = sum(STEPS)
@@ -67,6 +71,10 @@ def measure(body: AbstractBody, grid: Grid) -> list[str]:
     counts = [normal / steps, tangential / steps, (normal + tangential) / steps]
     ratios = [1e3 * whole / steps, whole / parts]
     return [*(f"{count:.1f}" for count in counts), *(f"{ratio:.3g}" for ratio in ratios)]
+
+
+def _stack(normal: Array, tangential: Array) -> Array:
+    return jnp.concatenate([normal[None], tangential])
 
 
 def _repeat(operator: Callable[[Array], Array], field: Array) -> Callable[[], Array]:
