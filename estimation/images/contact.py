@@ -21,9 +21,8 @@ SHARE = 0.35
 """Share of the largest dispersion that bounds the region [-]."""
 LIGHT_ONSET = 6.0
 """Change of grey level, of 255, from which there is contact."""
-MIDDLE, UNSEEN = 9, 0.5
-"""Markers that are the middle of a contact, and the share of them that may go unseen: what sticks
-might be among them. Around it a jump of a pivot tears more out of sight."""
+MIDDLE = 9
+"""Markers that are a contact's middle; around it a jump of a pivot tears others out of sight."""
 SETTLED, ALIKE = 8, 0.7
 """Frames over which a contact must have kept this share of its markers to be all in view."""
 
@@ -97,10 +96,9 @@ def find_unseen_flaw(
     place = reference.position[region]
     far = np.linalg.norm(place - place.mean(axis=0), axis=1)
     middle = region[np.argsort(far)[:MIDDLE]]
-    unseen = int((~seen[middle]).sum())
-    if unseen <= UNSEEN * len(middle):
+    if seen[middle].any():
         return ""
-    return f"{unseen} of the {len(middle)} markers in the contact's middle are not seen"
+    return f"none of the {len(middle)} markers in the contact's middle is seen"
 
 
 class Arrival:

@@ -85,7 +85,7 @@ def test_the_way_is_chosen_and_told(tmp_path):
 
 def test_a_contact_whose_middle_is_not_seen_is_not_judged():
     from_middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1)
-    region, blurred = from_middle < 70.0, from_middle < 40.0
+    region, blurred = from_middle < 75.0, from_middle < 52.0
     assert not find_unseen_flaw(REFERENCE, region, np.ones_like(region))
     few = from_middle < 0.5 * PITCH
     assert not find_unseen_flaw(REFERENCE, region & ~few, ~few)

@@ -152,7 +152,7 @@ def test_run_reads_a_checkerboard(coded, tmp_path):
     recording = read_recording(folder, settings)
     assert recording.layout.grid_shape in ((9, 12), (12, 9))
     assert recording.flaws[1] == "the picture is black"
-    assert "contact's middle are not seen" in recording.flaws[5]
+    assert "contact's middle is seen" in recording.flaws[5]
     assert "code" in " ".join(recording.notes)
     middle = (
         np.linalg.norm(recording.layout.reference - 0.04 * np.array([159.5, 119.5]), axis=1) < 0.9
