@@ -6,6 +6,7 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel.arrays import AnyArray
@@ -20,6 +21,19 @@ class AbstractBody(eqx.Module):
     @abc.abstractmethod
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """Displacement of the surface by unit tractions on a cell [mm/MPa]."""
+
+    def check(self, spacing: tuple[float, float], depth: ArrayLike = 0.0) -> None:
+        """Refuse a grid's cells and a depth that the body's coefficients are not made for.
+
+        Asked before a program runs, so that the error is a plain one.
+
+        Args:
+            spacing: lengths of a cell [mm].
+            depth: of the displaced points below the surface [mm].
+
+        Raises:
+            ValueError: they are not.
+        """
 
     @abc.abstractmethod
     def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
@@ -94,14 +108,22 @@ class Layer(AbstractBody):
         Raises:
             ValueError: a layer thinner than a cell, or a depth beyond it.
         """
-        thin = "a layer must not be thinner than a cell of the grid: use smaller cells"
-        h = refuse(self.thickness, self.thickness < max(spacing), thin)
-        depth = jnp.asarray(cell.depth)
-        depth = refuse(depth, depth > h, "a depth must not be beyond the layer's base")
+        h, depth = self._checked(spacing, cell.depth)
         half = HalfSpace(self.shear_modulus, self.poisson_ratio).coefficients(cell, spacing)
         base = self._base(cell, h, depth, spacing)
         square = (cell.offset[0] ** 2 + cell.offset[1] ** 2) / h**2
         return jax.tree.map(lambda a, b: jnp.where(square < REACH**2, a + b, 0.0), half, base)
+
+    def check(self, spacing: tuple[float, float], depth: ArrayLike = 0.0) -> None:
+        """Refuse a layer thinner than a cell, or a depth beyond it."""
+        self._checked(spacing, depth)
+
+    def _checked(self, spacing: tuple[float, float], depth: ArrayLike) -> tuple[Array, Array]:
+        """Thickness and depth."""
+        thin = "a layer must not be thinner than a cell of the grid: use smaller cells"
+        h = refuse(self.thickness, self.thickness < max(spacing), thin)
+        depth = jnp.asarray(depth)
+        return h, refuse(depth, depth > h, "a depth must not be beyond the layer's base")
 
     def _base(
         self, cell: CellIntegrals, h: Array, depth: Array, spacing: tuple[float, float]

@@ -117,6 +117,10 @@ class Deformable(Protocol):
         """Displacement by unit tractions on a cell."""
         ...
 
+    def check(self, spacing: tuple[float, float], depth: ArrayLike = 0.0) -> None:
+        """Refuse cells and a depth that they are not made for."""
+        ...
+
 
 def cell_integrals(
     x: Float[AnyArray, "*shape"],
@@ -318,7 +322,12 @@ def pair_compliance(
         object_: B.
         grid: cells.
         smooth: without friction nothing is sheared, and `shear` is left at 0.
+
+    Raises:
+        ValueError: a layer thinner than a cell.
     """
+    for body in (elastomer, object_):
+        body.check(grid.spacing)
     return _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
 
 

@@ -135,12 +135,12 @@ class ContactSolution(eqx.Module):
         Args:
             depth: below its surface [mm].
         """
-        u, v, w = self._on_grid(self.elastomer, self.traction, _below_surface(depth))
+        u, v, w = self._on_grid(self.elastomer, self.traction, self._below(self.elastomer, depth))
         return jnp.stack([u, v, -w], axis=-3)
 
     def object_displacement(self, depth: ArrayLike = 0.0) -> Float[Array, "*path 3 nx ny"]:
         """The same of the object, by its deformation alone, without the pose [mm]."""
-        components = self._on_grid(self.object_, -self.traction, _below_surface(depth))
+        components = self._on_grid(self.object_, -self.traction, self._below(self.object_, depth))
         return jnp.stack(components, axis=-3)
 
     def elastomer_displacement_at(
@@ -153,7 +153,8 @@ class ContactSolution(eqx.Module):
             depth: of the points below the surface [mm].
         """
         points = jnp.asarray(points, self.pressure.dtype)
-        u, v, w = self._at(self.elastomer, self.traction, points, _below_surface(depth))
+        below = self._below(self.elastomer, depth)
+        u, v, w = self._at(self.elastomer, self.traction, points, below)
         return jnp.stack([u, v, -w], axis=-1)
 
     def object_displacement_at(
@@ -161,7 +162,8 @@ class ContactSolution(eqx.Module):
     ) -> Float[Array, "*path n 3"]:
         """The same of the object, by its deformation alone [mm]."""
         points = jnp.asarray(points, self.pressure.dtype)
-        components = self._at(self.object_, -self.traction, points, _below_surface(depth))
+        below = self._below(self.object_, depth)
+        components = self._at(self.object_, -self.traction, points, below)
         return jnp.stack(components, axis=-1)
 
     @eqx.filter_jit
@@ -173,6 +175,14 @@ class ContactSolution(eqx.Module):
     def object_rotation(self) -> Float[Array, "*path nx ny"]:
         """½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.object_, -self.traction)
+
+    def _below(self, body: AbstractBody, depth: ArrayLike) -> Array | None:
+        """A depth below the surface, checked; None at the surface, where more is known."""
+        if isinstance(depth, int | float) and depth == 0:
+            return None
+        checked = non_negative(depth)
+        body.check(self.grid.spacing, checked)
+        return checked
 
     @eqx.filter_jit
     def _on_grid(self, body: AbstractBody, traction: Array, depth: Array | None) -> list[Array]:
@@ -213,12 +223,6 @@ def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
 def _constants(solution: Any) -> tuple[Any, Any, Any]:
     """What does not change along a path."""
     return solution.elastomer, solution.object_, solution.friction_coefficient
-
-
-def _below_surface(depth: ArrayLike) -> Array | None:
-    """None at the surface, where much is known beforehand."""
-    at_surface = isinstance(depth, int | float) and depth == 0
-    return None if at_surface else non_negative(depth)
 
 
 def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> list[Array]:

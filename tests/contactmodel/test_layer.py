@@ -276,11 +276,11 @@ def test_wrong_layers_are_refused(wrong, words):
 def test_wrong_depths_and_thin_layers_while_solving():
     solution = solve_contact(Layer(1.0, 0.48, 2.0), Rigid(), BALL, Pose(0.3), GRID, 0.5)
     points = np.zeros((1, 2))
-    with pytest.raises(RuntimeError, match="beyond the layer's base"):
+    with pytest.raises(ValueError, match="beyond the layer's base"):
         solution.elastomer_displacement_at(points, 2.1)
     with pytest.raises(ValueError, match="depth must not be below 0"):
         solution.elastomer_displacement_at(points, -0.1)
-    with pytest.raises(RuntimeError, match="thinner than a cell"):
+    with pytest.raises(ValueError, match="thinner than a cell"):
         solve_contact(Layer(1.0, 0.48, 0.1), Rigid(), BALL, Pose(0.05), GRID, 0.5)
 
 
