@@ -16,13 +16,14 @@ from jaxtyping import Bool, Float, Int
 
 from estimation.noise import Noise
 from estimation.onset import (
-    AT_REST,
     LEAST_MARKERS,
     WINDOW,
     Disc,
     MacroSlip,
     date_slips,
+    find_held,
     follow_disc,
+    is_still,
 )
 from estimation.recording import Recording
 from estimation.result import TOO_FEW_STICK, UNSEEN_TURN, Result, State
@@ -145,13 +146,11 @@ def _lets_go(result: Result, row: int) -> bool:
 def _is_at_rest(recording: Recording, result: Result, noise: Noise) -> Bool[np.ndarray, " frames"]:
     """Rows since `WINDOW` frames before which the contact's markers have not moved."""
     rests = np.zeros(len(recording), dtype=bool)
-    points = recording.positions[..., :2]
-    least = 2.0 * (AT_REST * np.sqrt(2.0) * noise.in_plane) ** 2
+    points, scale = recording.positions[..., :2], float(np.sqrt(2.0) * noise.in_plane)
     for row in range(WINDOW, len(recording)):
-        both = result.contact[row] & result.contact[row - WINDOW]
-        both &= np.isfinite(points[row] + points[row - WINDOW]).all(axis=-1)
-        moved = (points[row] - points[row - WINDOW])[both]
-        rests[row] = both.sum() >= LEAST_MARKERS and np.mean((moved**2).sum(axis=-1)) < least
+        held = find_held(recording, result, row)
+        moved = np.linalg.norm(points[row, held] - points[row - WINDOW, held], axis=-1)
+        rests[row] = len(moved) >= LEAST_MARKERS and is_still(moved, scale)
     return rests
 
 

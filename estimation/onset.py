@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from scipy.optimize import OptimizeResult, least_squares
 
 from estimation.estimators.measurement import Z95
@@ -122,7 +122,7 @@ def date_slips(discs: Sequence[Disc]) -> list[MacroSlip]:
         if slipping:
             slips[-1] = slips[-1]._replace(regained=disc.time)
             slipping = False
-        elif slip := _date(list(discs[max(i - AROUND, 0) : i + AROUND + 1]), disc.time):
+        elif slip := _date(discs[max(i - AROUND, 0) : i + AROUND + 1], disc.time):
             slips.append(slip)
             slipping = True
     return slips
@@ -158,8 +158,7 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
     for i in range(WINDOW, len(recording)):
         j = i - WINDOW
         either = result.contact[i] | result.contact[j]
-        both = result.contact[i] & result.contact[j] & np.isfinite(z[i] + z[j])
-        both &= np.isfinite(recording.time[i] + recording.time[j])
+        both = find_held(recording, result, i) & np.isfinite(recording.time[i] + recording.time[j])
         if both.sum() < LEAST_MARKERS or missed > 2 * WINDOW:
             last, axis, missed = None, None, 0
         if both.sum() < LEAST_MARKERS or both.sum() < (1.0 - LOAD_CHANGE) * either.sum():
@@ -168,7 +167,7 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
         moved = np.abs(after - before)
         if axis is not None:  # those near the axis move to the end
             moved = moved[np.argsort(np.abs(before - complex(*axis)))[:LEAST_MARKERS]]
-        if np.mean(moved**2) < 2.0 * (AT_REST * scale) ** 2:
+        if is_still(moved, scale):
             continue
         best = _fit_best(before, after, scale, last, axis)
         errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)))
@@ -183,6 +182,23 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
         margin = abs(best.x[2]) - distance[MIN_STICK_MARKERS - 1]
         discs.append(Disc(float(time), float(margin), float(np.hypot(errors[2], ROUNDNESS))))
     return discs
+
+
+def find_held(recording: Recording, result: Result, row: int) -> Bool[np.ndarray, " n"]:
+    """Markers that are seen in contact at both ends of the window that ends with a row."""
+    both = result.contact[row] & result.contact[row - WINDOW]
+    moved = recording.positions[row, :, :2] - recording.positions[row - WINDOW, :, :2]
+    return both & np.isfinite(moved).all(axis=-1)
+
+
+def is_still(moved: Float[np.ndarray, " m"], scale: float) -> bool:
+    """Whether markers have moved over a window by hardly more than their noise.
+
+    Args:
+        moved: by how much each.
+        scale: noise of the difference of two positions, per coordinate.
+    """
+    return bool(np.mean(moved**2) < 2.0 * (AT_REST * scale) ** 2)
 
 
 def _fit_best(
@@ -258,7 +274,7 @@ def _share_slope(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.n
     return np.where(q < 1.0, 4.0 / np.pi * q**3 / np.maximum(root, 0.05), 0.0)
 
 
-def _date(discs: list[Disc], near: float) -> MacroSlip | None:
+def _date(discs: Sequence[Disc], near: float) -> MacroSlip | None:
     """Where a line through the margins crosses zero; None where they do not tell."""
     time, margin, error = (np.array(column) for column in zip(*discs, strict=True))
     if len(time) < 3:

@@ -227,11 +227,7 @@ def _put_together(
     results = {method: Result.gather(method, column) for method, column in columns}
     noise, outline = prepared.noise, follow_outline(recording).angle
     slips = [] if noise is None else find_slips(recording, results[settings.method], noise)
-    results |= {
-        method: withdraw(results[method], slips, outline)
-        for method in FOLLOWING
-        if method in results
-    }
+    results |= {method: withdraw(results[method], slips, outline) for method in FOLLOWING}
     main = results[settings.method]
     notes += _reference_notes(main)
     notes += _softness_notes(main)

@@ -1,10 +1,22 @@
-"""Problems with known answers."""
+"""Problems with known answers, and the published data."""
+
+from pathlib import Path
 
 import numpy as np
+import pytest
 from jaxtyping import Bool, Float
 
+from estimation import datasets
 from estimation.recording import Frame, MarkerLayout, Recording, grid_neighbours
 from estimation.stencils import Stencils, make_stencils
+
+
+def find_published(name: str) -> Path:
+    """Folder of a data set that has been fetched; the test is skipped without it."""
+    folder = datasets.find(name)
+    if folder is None:
+        pytest.skip(f"{name} is neither in CONTACTMODEL_DATA nor in the cache")
+    return folder
 
 
 def domed_pad(

@@ -9,6 +9,7 @@ import pytest
 
 from estimation import datasets
 from estimation.sources import find_recordings, read_recording
+from tests.cases import find_published
 
 FILES = {"S1/a.npy": b"first", "S1/b.npy": b"second", "S2/a.npy": b"third"}
 
@@ -195,10 +196,7 @@ def test_the_manifest_names_plain_files_of_whole_recordings():
 
 @pytest.mark.parametrize(("name", "frames"), [("tac3d-pivot", [120, 114]), ("tac3d-press", [252])])
 def test_the_published_recordings_are_read(name, frames):
-    folder = datasets.find(name)
-    if folder is None:
-        pytest.skip(f"{name} is neither in CONTACTMODEL_DATA nor in the cache")
-    recordings = [read_recording(path) for path in find_recordings(folder)]
+    recordings = [read_recording(path) for path in find_recordings(find_published(name))]
     assert [len(recording) for recording in recordings] == frames
     for recording in recordings:
         assert recording.layout.grid_shape == (20, 20)

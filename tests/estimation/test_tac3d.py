@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation import datasets
 from estimation.noise import estimate_noise
 from estimation.sources import find_recordings, read_recording, read_tac3d, write_archive
 from estimation.sources.tac3d import find_reference
+from tests.cases import find_published
 
 FRAMES = 14
 LOADED = slice(4, 10)
@@ -251,10 +251,7 @@ def published():
     """Reads a published set, or skips."""
 
     def read(name: str):
-        folder = datasets.find(name)
-        if folder is None:
-            pytest.skip(f"{name} is neither in CONTACTMODEL_DATA nor in the cache")
-        return [read_recording(path) for path in find_recordings(folder)]
+        return [read_recording(path) for path in find_recordings(find_published(name))]
 
     return read
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from estimation import datasets
 from papers.softness import branch, fields, layered, virtual
+from tests.cases import find_published
 
 
 def test_a_fitted_k_mends_grasps_of_another_size():
@@ -26,8 +26,7 @@ def test_a_thin_elastomer_is_corrected_by_its_field_and_not_by_a_number():
 
 
 def test_the_branch_of_one_finger_predicts_the_other():
-    if datasets.find("tac3d-pivot") is None:
-        pytest.skip("tac3d-pivot is neither in CONTACTMODEL_DATA nor in the cache")
+    find_published("tac3d-pivot")
     fingers = branch.compute()
     (_, shown) = branch.tables(fingers).values()
     # 3.1 and 1.2 % measured; without scaling by force and size 4 to 13 % remain

@@ -4,12 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from estimation import datasets
 from estimation.images.render import project_discs, render_dots, scatter_speckle
 from estimation.images.speckle import SpeckleTracker
 from estimation.images.subsets import Sampler, make_subsets, match_subsets, polar_angle
 from estimation.sensor import Sensor
 from estimation.sources import ImageSettings, read_recording
+from tests.cases import find_published
 from tests.estimation.images.boards import PLAIN, scene, twist
 from tests.estimation.images.scenes import picture, real, twisted
 from tests.estimation.images.speckles import CAMERA, RADIUS, Motion, speckle, whole
@@ -196,9 +196,7 @@ def test_the_published_speckle_is_tracked_from_still_to_still():
 
 
 def test_the_published_rigid_plate_moves_as_published():
-    folder = datasets.find("pyvale-rigid-plate")
-    if folder is None:
-        pytest.skip("the data set is not in the cache; fetch it to run this test")
+    folder = find_published("pyvale-rigid-plate")
     before, *after = (
         cv2.imread(str(folder / f"rigid_cam0_frame{n:02d}.tiff"), cv2.IMREAD_GRAYSCALE)
         for n in (0, 25, 50)
