@@ -26,6 +26,11 @@ KEYFRAME_INTERVAL = 5
 MATURE_AGE = 8
 MAX_KEYFRAMES = 4
 FIRM_MARKERS = 9
+PATIENCE = 3
+"""Frames in a row in which nothing may seem to stick before the angle is given up, where nine
+markers or more stuck just before: those let go one after the other, noise hides them at once."""
+
+HIDDEN = "nothing seems to stick, though nine markers or more just did"
 
 
 class Keyframe(NamedTuple):
@@ -133,22 +138,33 @@ class Incremental:
         self.keyframes = [Keyframe(None, -mature_age)]
         self.number = 0
         self.increment: Increment | None = None
+        self._free = 0  # the last frame without contact
+        self._firm = -PATIENCE  # the last frame in which anything stuck, where many markers did
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame.
 
         A contact that has already slipped when it is first seen is counted from that frame. Once
         nothing sticks any more the angle is lost until the next contact: gel that stands still may
-        stick again, or the object may slide on over it.
+        stick again, or the object may slide on over it. A frame or two in which noise hides what
+        sticks are passed over.
         """
         self.number += 1
         if not fields.contact.any():
             self.restart()
+            self._free = self.number
             return Measurement.none(fields.contact)
         found = self._count_on(fields)
+        if found is None and self.number - self._firm <= PATIENCE:
+            return Measurement.none(np.zeros_like(fields.contact), HIDDEN)
+        if found is None and self.number - self._free <= PATIENCE:
+            self.restart()  # what the first frames showed may have been noise
+            found = self._count_on(fields)
         if found is None and self.keyframes[-1].fields is None:
-            found = Keyframe(fields, self.number - self.mature_age), fields.contact
-            self.keyframes = [found[0]]
+            start = Keyframe(fields, self.number - self.mature_age)
+            self.keyframes = [start]
+            return Measurement(start.angle, start.low, start.high, fields.contact)
+        self._firm = -PATIENCE
         if found is None:
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact))
@@ -156,6 +172,8 @@ class Incremental:
         self._remember(now)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact))
+        if stick.sum() >= FIRM_MARKERS:
+            self._firm = self.number
         return Measurement(now.angle, now.low, now.high, stick)
 
     def lose(self, fields: Fields) -> None:

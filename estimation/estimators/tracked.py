@@ -104,6 +104,8 @@ class Tracked:
         self._sights.append(_Sight(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95))
         found = gel if np.isfinite(gel.angle) else self._hand_over(fields, axis, gel)
         if found.high - found.low > 2.0 * WIDEST:
+            if gel.reason:
+                return gel
             self.incremental.lose(fields)
             self._sights.clear()
             self._known = []

@@ -94,6 +94,36 @@ def test_a_contact_that_has_slipped_before_is_counted_from_its_first_frame(pivot
     assert np.degrees(result.angle) == pytest.approx(turned, abs=0.1)
 
 
+@pytest.mark.parametrize("spoilt", [(30,), (50, 51)])
+def test_frames_in_which_noise_hides_what_sticks_are_passed_over(pivot, spoilt):
+    recording, truth = pivot
+    rough = np.random.default_rng(0).normal(size=(400, 3)) * [0.05, 0.05, 0.0]  # no core is left
+    positions = recording.positions.copy()
+    rows = np.isin(recording.source_index, spoilt)
+    positions[rows] += rough
+    noise = estimate_noise(recording)
+    result = estimate_angles(replace(recording, positions=positions), "incremental", noise=noise)
+    firm = (truth.sticking.sum(axis=1) >= 10) & ~rows
+    assert [result.state[i] for i in np.flatnonzero(rows)] == [State.UNKNOWN] * len(spoilt)
+    assert all("nothing seems to stick" in result.reason[i] for i in np.flatnonzero(rows))
+    assert result.answered[firm].all()
+    assert np.degrees(np.abs(result.angle - truth.angle))[firm].mean() < 0.05  # as without
+
+
+def test_a_contact_whose_first_frame_is_spoilt_is_counted_from_the_unloaded_shape(pivot):
+    recording, truth = pivot
+    first = int(np.flatnonzero(estimate_angles(recording, "incremental").contact.any(axis=1))[0])
+    rough = np.random.default_rng(0).normal(size=(400, 3)) * [0.05, 0.05, 0.0]
+    positions = recording.positions.copy()
+    positions[first] += rough
+    spoilt = replace(recording, positions=positions)
+    result = estimate_angles(spoilt, "incremental", noise=estimate_noise(recording))
+    firm = truth.sticking.sum(axis=1) >= 10
+    firm[first] = False
+    assert result.answered[firm].all()
+    assert np.degrees(np.abs(result.angle - truth.angle))[firm].mean() < 0.05  # as without
+
+
 def ellipsoid_slips(frames=60, slip_from=20, slip_to=40, rate=1.0, share=1.0):
     """An ellipsoid turns; the gel takes a share of it but for frames in which it stands still.
 
