@@ -26,7 +26,7 @@ KEYFRAME_INTERVAL = 5
 MATURE_AGE = 8
 MAX_KEYFRAMES = 4
 FIRM_MARKERS = 9
-PATIENCE = 3
+PATIENCE = 2
 """Frames in a row in which nothing may seem to stick before the angle is given up, where nine
 markers or more stuck just before: those let go one after the other, noise hides them at once."""
 
@@ -146,7 +146,7 @@ class Incremental:
 
         A contact that has already slipped when it is first seen is counted from that frame. Once
         nothing sticks any more the angle is lost until the next contact: gel that stands still may
-        stick again, or the object may slide on over it. A frame or two in which noise hides what
+        stick again, or the object may slide on over it. Two frames at most in which noise hides what
         sticks are passed over.
         """
         self.number += 1
