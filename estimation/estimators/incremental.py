@@ -146,7 +146,7 @@ class Incremental:
 
         A contact that has already slipped when it is first seen is counted from that frame. Once
         nothing sticks any more the angle is lost until the next contact: gel that stands still may
-        stick again, or the object may slide on over it. Two frames at most in which noise hides what
+        stick again, or the object may slide on over it. Up to two frames in which noise hides what
         sticks are passed over.
         """
         self.number += 1
