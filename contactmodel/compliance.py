@@ -278,9 +278,10 @@ class Compliance(eqx.Module):
         return all_three[0], all_three[1:]
 
     def inverse(self) -> "Compliance":
-        """Roughly the inverse, but for the coupling: that of each wave ([Vollebregt2014]).
+        """Roughly the inverse of `press` and of `drag`, each alone: that of each wave.
 
-        A uniform pressure does not move an incompressible layer; it counts as the next wave.
+        [Vollebregt2014]. A uniform pressure does not move an incompressible layer; it counts as
+        the next wave.
         """
         next_wave = jnp.minimum(self.normal[1, 0], self.normal[0, 1])
         xx, yy, xy = self.shear
@@ -289,6 +290,15 @@ class Compliance(eqx.Module):
             shear=jnp.stack([yy, xx, -xy]) / (xx * yy - xy**2),
             coupling=jnp.zeros_like(self.coupling),
         )
+
+    def joint_inverse(self) -> "Compliance":
+        """Roughly the inverse of `displace`: by the Schur complement of the pressure, wave by wave."""
+        soft, (x, y), (xx, yy, xy) = self.inverse().normal, self.coupling, self.shear
+        rest = jnp.stack([xx - soft * x**2, yy - soft * y**2, xy - soft * x * y])
+        shear = Compliance(self.normal, rest, self.coupling).inverse().shear
+        pull = soft * jnp.stack([shear[0] * x + shear[2] * y, shear[2] * x + shear[1] * y])
+        normal = soft + soft * (x * pull[0] + y * pull[1])
+        return Compliance(normal, shear, -pull)
 
     def coarsen(self, ratio: int) -> "Compliance":
         """Its long waves: the compliance of cells `ratio` times as long, roughly."""

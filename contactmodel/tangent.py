@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from contactmodel.compliance import Compliance
-from contactmodel.friction import Sets, make_preconditioner
+from contactmodel.friction import Sets, blend
 from contactmodel.linear import Operator
 
 
@@ -34,13 +34,14 @@ class Tangent(NamedTuple):
         """What the unknowns change in gap and slip; themselves where nothing may change."""
         dp, free = self._split(unknown)
         w, u = self.compliance.displace(dp, free + self._by_pressure * dp)
-        return self._join(unknown, w, u, free)
+        return self._join(unknown, w, u, self.sets.stiffness, free)
 
     def apply_transposed(self, unknown: Float[Array, "3 nx ny"]) -> Float[Array, "3 nx ny"]:
         """The transpose of `apply`."""
         dp, free = self._split(unknown)
         w, u = self.compliance.displace(dp, free)
-        return self._join(unknown, w + jnp.sum(self._by_pressure * u, axis=0), u, free)
+        w = w + jnp.sum(self._by_pressure * u, axis=0)
+        return self._join(unknown, w, u, self.sets.stiffness, free)
 
     def restrict(
         self, gap: Float[Array, "nx ny"], slip: Float[Array, "2 nx ny"]
@@ -56,15 +57,14 @@ class Tangent(NamedTuple):
         return dp, unknown[1:] + self._by_pressure * dp
 
     def make_preconditioner(self) -> Operator:
-        """Roughly the inverse of both, pressure and traction apart."""
-        press, rub = (
-            self.compliance.inverse().press,
-            make_preconditioner(self.compliance, self.sets),
-        )
+        """Roughly the inverse, but for what the pressure does to cells that slide."""
+        inverse = self.compliance.joint_inverse()
+        weight, local = blend(inverse, self.sets)
 
         def precondition(defect: Array) -> Array:
-            normal = press(jnp.where(self.contact, defect[0], 0.0))
-            return jnp.stack([jnp.where(self.contact, normal, defect[0]), *rub(defect[1:])])
+            gap, slip = self._split(defect)
+            pressure, traction = inverse.displace(gap, weight * slip)
+            return self._join(defect, pressure, weight * traction, local, slip)
 
         return precondition
 
@@ -76,6 +76,7 @@ class Tangent(NamedTuple):
     def _split(self, unknown: Array) -> tuple[Array, Array]:
         return jnp.where(self.contact, unknown[0], 0.0), self.sets.along(unknown[1:])
 
-    def _join(self, unknown: Array, w: Array, u: Array, free: Array) -> Array:
-        slip = self.sets.along(u) + self.sets.stiffness * free
+    def _join(self, unknown: Array, w: Array, u: Array, local: Array, free: Array) -> Array:
+        """What acts on both, and locally on what is free; the unknown where nothing does."""
+        slip = self.sets.along(u) + local * free
         return jnp.stack([jnp.where(self.contact, w, unknown[0]), *(slip + unknown[1:] - free)])
