@@ -292,7 +292,7 @@ class Compliance(eqx.Module):
         )
 
     def joint_inverse(self) -> "Compliance":
-        """Roughly the inverse of `displace`: by the Schur complement of the pressure, wave by wave."""
+        """Roughly the inverse of `displace`, wave by wave (Schur complement of the pressure)."""
         soft, (x, y), (xx, yy, xy) = self.inverse().normal, self.coupling, self.shear
         rest = jnp.stack([xx - soft * x**2, yy - soft * y**2, xy - soft * x * y])
         shear = Compliance(self.normal, rest, self.coupling).inverse().shear
