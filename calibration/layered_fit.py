@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from calibration.field_fit import Z95, invert_information
 from calibration.layered_checks import check_turns
 from estimation.estimators.measurement import Z95 as HALF_WIDTH
-from estimation.layered_softness import LayeredSoftness, Matrix, lifting_kernels, small_turn
+from estimation.layered_softness import LayeredSoftness, Matrix, Turns, lifting_turns
 from estimation.noise import Noise
 from estimation.recording import Recording
 from estimation.result import State
@@ -210,7 +210,7 @@ def _fit_turns(
         return float(x[0]), whole[0], whole[1]
 
     def rest(x: np.ndarray) -> np.ndarray:
-        here = np.array([lift.turn(*unpack(x)) for lift in lifts])
+        here = np.array([lift.turn(*unpack(x)) + lift.load(*unpack(x)) for lift in lifts])
         return (1.0 + x[0]) * (phi + here - there) - angle
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -256,7 +256,7 @@ class _Lift:
 
     def __init__(self, at: np.ndarray, points: np.ndarray, moved: np.ndarray) -> None:
         self.at, self.points, self.moved = at, points, moved
-        self._known: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._known: tuple[tuple[float, float], Turns] | None = None
 
     @classmethod
     def of(cls, turn: Turn) -> "_Lift":
@@ -268,13 +268,19 @@ class _Lift:
         return cls(turn.points[stick & known], turn.points[known], moved[known])
 
     def turn(self, k: float, thickness: float, depth: float) -> float:
-        """What lifting adds to the rotation [rad]."""
+        """What lifting adds to the rotation, without what longitudinal waves do [rad]."""
+        turns = self._turns(thickness, depth)
+        return turns.below + k / (1.0 + k) * turns.thin
+
+    def load(self, k: float, thickness: float, depth: float) -> float:
+        """What longitudinal waves add to it [rad]."""
+        return k / (1.0 + k) * self._turns(thickness, depth).along
+
+    def _turns(self, thickness: float, depth: float) -> Turns:
         if self._known is None or self._known[0] != (thickness, depth):
-            both = lifting_kernels(self.at, self.points, thickness, depth)
-            below, thin = (small_turn(self.at, one.of(self.moved)) for one in both)
-            self._known = (thickness, depth), (below, thin)
-        below, thin = self._known[1]
-        return below + k / (1.0 + k) * thin
+            turns = lifting_turns(self.at, self.points, self.moved, thickness, depth)
+            self._known = (thickness, depth), turns
+        return self._known[1]
 
 
 def _rows(matrix: np.ndarray) -> Matrix:

@@ -13,14 +13,20 @@ elastomer therefore does not move as one body, and no one rotation φ is there t
 
 by its waves that turn (transverse ones), is (1 + k)⁻¹ of the object's own motion there, whatever
 slips beside: what a thick elastomer's surface would show. Frames are lifted before anything is
-sought in them, and Eq. (13) with the number k holds for what is found. Longitudinal waves turn
-nothing and are left as they are, the squeeze of a thin elastomer among them.
+sought in them, and Eq. (13) with the number k holds for what is found.
+
+Longitudinal waves have no curl, but a rigid fit of a long contact takes in the shear that they
+bring across it. Between incompressible bodies they count with
+k̂_L(q) = k (sinh²x + x² + 1)/(sinh x cosh x + x), x = qh. Frames are not lifted by them: most of
+what they carry is the squeeze of a thin elastomer, which would make the contact larger than it is.
+What they add to the rotation of what sticks is a load term L of Eq. (13) instead, of which the
+squeeze, by its symmetry, is no part.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -43,6 +49,8 @@ _REACH = 40.0  # pitches
 _STEPS = 1200
 _FAR = 25  # pitches over which the lattice is added up
 _STEP = 1e-3  # of thickness, for derivatives
+_FEWEST = 3  # markers that have a rotation
+_THICK = 40.0  # qh beyond which nothing is left of the base
 
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -104,44 +112,31 @@ class LayeredSoftness:
         if np.isinf(self.thickness) and self.depth == 0.0:
             return None
         share = self.stiffness_ratio / (1.0 + self.stiffness_ratio)
-        both = lifting_kernels(points, points, self.thickness, self.depth)
-        return Lifting(*(below + share * thin for below, thin in zip(*both, strict=True)))
+        kernels = lifting_kernels(points, points, self.thickness, self.depth)
+        parts = zip(kernels.below, kernels.thin, strict=True)
+        return Lifting(*(below + share * thin for below, thin in parts))
 
     def at(self, contact: Contact) -> ScalarSoftness:
-        """The number k, for a frame that has been lifted; in L's covariance that of h and z.
-
-        Raises:
-            ValueError: the contact does not tell what its markers showed before they were lifted.
-        """
-        if not any(any(row) for row in self.covariance):
-            return ScalarSoftness(self.stiffness_ratio, validity=self.validity)
-        thin, *slopes = self._slopes(contact)
-        # θ = (1 + k)(φ + below) + k thin, and (1 + k) times the lifted φ is all of it
-        slopes = [-2.0 * thin / (1.0 + self.stiffness_ratio), *(-2.0 * slope for slope in slopes)]
-        to = np.array([[1.0, 0.0, 0.0], slopes])
+        """k and L for a frame that has been lifted; in L's covariance that of h and z."""
+        seen = _Seen.of(contact)
+        if seen is None:
+            spread = self.covariance[0][0]
+            return ScalarSoftness(
+                self.stiffness_ratio, 0.0, ((spread, 0.0), (0.0, 0.0)), validity=self.validity
+            )
+        k = self.stiffness_ratio
+        turns = seen.turns(self.thickness, self.depth)
+        # θ = (1 + k)(φ + below) + k (thin + along), and (1 + k) times the lifted φ lacks `along`
+        slopes = [turns.thin / (1.0 + k) + turns.along, *self._slopes(seen)]
+        to = np.array([[1.0, 0.0, 0.0], [-2.0 * slope for slope in slopes]])
         (kk, kl), (_, ll) = (to @ np.asarray(self.covariance) @ to.T).tolist()
         return ScalarSoftness(
-            self.stiffness_ratio, 0.0, ((kk, kl), (kl, ll)), validity=self.validity
+            k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity
         )
 
-    def _slopes(self, contact: Contact) -> list[float]:
-        """Turn of the thin part, and derivatives of the object's angle by thickness and depth."""
-        if contact.as_seen is None:
-            return [0.0, 0.0, 0.0]
-        fields = contact.fields
-        points = (fields.positions - fields.displacement)[:, :2]
-        known = np.isfinite(points[:, 0]) & np.isfinite(contact.as_seen[:, 0])
-        region = _region(contact)[known]
-        points, moved = points[known], contact.as_seen[known]
-        if np.count_nonzero(region) < 3:
-            return [0.0, 0.0, 0.0]
-
-        def turn(thickness: float, depth: float) -> np.ndarray:
-            both = lifting_kernels(points[region], points, thickness, depth)
-            return np.array([small_turn(points[region], one.of(moved)) for one in both])
-
-        found = [float(turn(self.thickness, self.depth)[1])]
-        k = self.stiffness_ratio
+    def _slopes(self, seen: "_Seen") -> list[float]:
+        """Derivatives of the object's angle by thickness and depth, where these are uncertain."""
+        k, found = self.stiffness_ratio, []
         for place, name in ((1, "thickness"), (2, "depth")):
             if self.covariance[place][place] == 0.0:
                 found.append(0.0)
@@ -150,9 +145,9 @@ class LayeredSoftness:
             least = 0.0 if name == "depth" else 0.5 * self.thickness
             start = max(getattr(self, name) - step, least)
             here = {"thickness": self.thickness, "depth": self.depth}
-            ends = [turn(**(here | {name: value})) for value in (start, start + 2.0 * step)]
-            below, thin = (ends[1] - ends[0]) / (2.0 * step)
-            found.append(float((1.0 + k) * below + k * thin))
+            ends = [seen.turns(**(here | {name: value})) for value in (start, start + 2.0 * step)]
+            below, thin, along = np.subtract(ends[1], ends[0]) / (2.0 * step)
+            found.append(float((1.0 + k) * below + k * (thin + along)))
         return found
 
     def content(self) -> dict[str, Any]:
@@ -168,13 +163,25 @@ class LayeredSoftness:
         }
 
 
+class Kernels(NamedTuple):
+    """What is lacking at some markers, from what all of them show.
+
+    Attributes:
+        below: 1/D − 1, what markers below the surface do not show.
+        thin: (coth qh − 1)/D of the waves that turn, to be multiplied by k/(1 + k).
+        along: (k̂_L/k − 1)/D of the longitudinal ones, likewise; their D is that of the others, as
+            it is for waves longer than the elastomer is thick.
+    """
+
+    below: Lifting
+    thin: Lifting
+    along: Lifting
+
+
 def lifting_kernels(
     at: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "n 2"], thickness: float, depth: float
-) -> tuple[Lifting, Lifting]:
-    """What is lacking at some of the markers, from what all of them show.
-
-    The first is 1/D − 1, what markers below the surface do not show; the second (coth qh − 1)/D,
-    to be multiplied by k/(1 + k).
+) -> Kernels:
+    """What is lacking at some of the markers.
 
     Args:
         at: markers where it is wanted, some of `points` [mm].
@@ -184,22 +191,68 @@ def lifting_kernels(
     """
     pitch = _pitch(points)
     away = (at[:, None] - points) / pitch
-    thin = _Kernel.of(thickness / pitch, depth / pitch, thin=True).at(away)
+    thin, along = (
+        _Kernel.of(thickness / pitch, depth / pitch, name).at(away) for name in ("thin", "along")
+    )
     if depth == 0.0:
-        return Lifting(*(np.zeros_like(part) for part in thin)), thin
-    return _Kernel.of(thickness / pitch, depth / pitch, thin=False).at(away), thin
+        return Kernels(Lifting(*(np.zeros_like(part) for part in thin)), thin, along)
+    return Kernels(_Kernel.of(thickness / pitch, depth / pitch, "below").at(away), thin, along)
+
+
+class Turns(NamedTuple):
+    """What `Kernels` add to the rotation of some markers [rad]."""
+
+    below: float
+    thin: float
+    along: float
+
+
+def lifting_turns(
+    at: Float[np.ndarray, "m 2"],
+    points: Float[np.ndarray, "n 2"],
+    moved: Float[np.ndarray, "n 2"],
+    thickness: float,
+    depth: float,
+) -> Turns:
+    """Rotation of some markers that is lacking in what all of them show.
+
+    Args:
+        at: markers that turn as one body, some of `points` [mm].
+        points: all markers in the unloaded elastomer [mm].
+        moved: their displacement, as seen [mm].
+        thickness: h [mm].
+        depth: z [mm].
+    """
+    kernels = lifting_kernels(at, points, thickness, depth)
+    return Turns(*(small_turn(at, kernel.of(moved)) for kernel in kernels))
+
+
+class _Seen(NamedTuple):
+    """Markers of a contact before they were lifted: those that stick, all, and how these moved."""
+
+    at: Float[np.ndarray, "m 2"]
+    points: Float[np.ndarray, "n 2"]
+    moved: Float[np.ndarray, "n 2"]
+
+    @classmethod
+    def of(cls, contact: Contact) -> "_Seen | None":
+        """None where nothing has been lifted or nothing sticks."""
+        fields, moved = contact.fields, contact.as_seen
+        region = fields.contact if contact.stick is None else contact.stick
+        points = (fields.positions - fields.displacement)[:, :2]
+        known = np.isfinite(points[:, 0])
+        if moved is None or np.count_nonzero(region & known) < _FEWEST:
+            return None
+        return cls(points[region & known], points[known], moved[known])
+
+    def turns(self, thickness: float, depth: float) -> Turns:
+        return lifting_turns(self.at, self.points, self.moved, thickness, depth)
 
 
 def small_turn(points: Float[np.ndarray, "m 2"], moved: Float[np.ndarray, "m 2"]) -> float:
     """Rotation of the rigid motion that is nearest to small displacements of points [rad]."""
     arm = points - points.mean(axis=0)
     return float(np.sum(arm[:, 0] * moved[:, 1] - arm[:, 1] * moved[:, 0]) / np.sum(arm**2))
-
-
-def _region(contact: Contact) -> Bool[np.ndarray, " n"]:
-    """The markers that the rotation is of."""
-    stick = contact.stick
-    return contact.fields.contact if stick is None or not stick.any() else stick
 
 
 def _pitch(points: Float[np.ndarray, "n 2"]) -> float:
@@ -213,7 +266,7 @@ class _Kernel:
 
     Attributes:
         even: ∫ f q J0 dq/2π.
-        odd: ∫ f q J2 dq/2π, of the part that depends on the direction.
+        odd: ± ∫ f q J2 dq/2π, of the part that depends on the direction; − for longitudinal waves.
         at_itself: what a marker's own value counts with.
     """
 
@@ -224,7 +277,8 @@ class _Kernel:
     def at(self, away: Float[np.ndarray, "m n 2"]) -> Lifting:
         """Its matrices between markers that are so far apart, in pitches.
 
-        The transverse part δ_ij − q_i q_j/q² is ½δ_ij J0 + (n_i n_j − ½δ_ij) J2 in space.
+        The transverse part δ_ij − q_i q_j/q² is ½δ_ij J0 + (n_i n_j − ½δ_ij) J2 in space, the
+        longitudinal one, q_i q_j/q², the rest of δ_ij J0.
         """
         distance = np.linalg.norm(away, axis=-1)
         itself = distance == 0.0
@@ -237,23 +291,31 @@ class _Kernel:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of(thickness: float, depth: float, *, thin: bool) -> "_Kernel":
-        """(coth qh − 1)/D, or 1/D − 1 where not `thin`, over the waves that markers resolve."""
+    def of(thickness: float, depth: float, name: Literal["below", "thin", "along"]) -> "_Kernel":
+        """One of the `Kernels`, over the waves that markers resolve."""
         h, z = thickness, depth
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         top = _WAVES / _RESOLUTION
         q = 0.5 * top * (nodes + 1.0)
-        base, lift = np.exp(-2.0 * q * h), np.exp(q * z)
+        x = np.minimum(q * h, _THICK)
+        base, lift = np.exp(-2.0 * x), np.exp(q * z)
         inverse = lift * (1.0 - base) / (1.0 - np.exp(-2.0 * q * (h - z)))  # 1/D
-        blurred = np.exp(-0.5 * (q * _RESOLUTION) ** 2)
-        wave = inverse * 2.0 * base / (1.0 - base) if thin else (inverse - 1.0) * blurred
+        if name == "thin":
+            wave = inverse * 2.0 * base / (1.0 - base)
+        elif name == "along":
+            both = (1.0 - base**2) + 4.0 * x * base  # 4 (sinh x cosh x + x) e^{−2x}
+            wave = inverse * ((1.0 - base) ** 2 + 4.0 * (x**2 + 1.0) * base - both) / both
+        else:
+            wave = (inverse - 1.0) * np.exp(-0.5 * (q * _RESOLUTION) ** 2)
         wave = wave * q * 0.5 * top * weights / (2.0 * np.pi)
         distance = np.linspace(0.0, _REACH, _STEPS + 1)
         phase = np.outer(distance, q)
         zeroth = j0(phase)
         second = 2.0 * j1(phase) / np.maximum(phase, 1e-9) - zeroth
         even, odd = zeroth @ wave, second @ wave
-        if thin:  # smooth: markers are points of it
+        if name == "along":
+            odd = -odd
+        if name != "below":  # smooth: markers are points of it
             return _Kernel(even, odd, float(even[0]))
         far = np.arange(-_FAR, _FAR + 1.0)
         others = np.hypot(*np.meshgrid(far, far)).ravel()
