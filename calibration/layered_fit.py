@@ -20,10 +20,10 @@ from estimation.softness import Contact, Lifting, ScalarSoftness, Validity
 from estimation.softness_checks import check_sensors
 from estimation.tracker import RIGID_OBJECT, Tracker
 
-LEAST_STICK = 10
+LEAST_STICK = 6  # few markers have wide intervals and count little
 METHOD = "incremental"
 _LEAST_TURN = np.radians(0.5)  # of the elastomer, below which a frame says little about k
-_OUTLIER = 2.0  # standard errors at which a residual begins to count less
+_OUTLIER = 2.0  # standard errors from which a frame counts less, far beyond hardly anything
 _FILTER_SHARE = 0.005  # of the angle: what the lifting itself may be off by
 _GUESSES = (0.1, 0.5, 1.5)  # k for which frames are lifted at first
 _ROUNDS = 2
@@ -147,7 +147,8 @@ def fit_layered_softness(
     """Fit k, and refine thickness and depth as far as the grasps tell more than was known.
 
     What sticks is sought in frames lifted for several k, and, after a first fit with the k that
-    holds most markers together, in frames lifted for what was found.
+    holds most markers together, in frames lifted for what was found. Frames in slip that nobody
+    saw read low by many times their errors, and lose their weight.
 
     Args:
         grasps: of one object, several at once.
@@ -217,7 +218,7 @@ def _fit_turns(
         sigma = np.hypot((1.0 + x[0]) * error, np.hypot(reference_error, _FILTER_SHARE * angle))
         return np.concatenate([rest(x) / sigma, (x[1:] - means) / spreads])
 
-    guess = max(float(np.median(angle / phi)) - 1.0, 0.01)
+    guess = max(_weighted_median(angle / phi, np.abs(phi) / error) - 1.0, 0.01)
     low = [0.0, *((1e-3, 0.0)[i] for i in free)]
     high = [np.inf, *((np.inf, 0.9 * priors[0][0])[i] for i in free)]
     found = least_squares(
@@ -225,7 +226,7 @@ def _fit_turns(
         np.clip([guess, *means], low, high),
         bounds=(low, high),
         x_scale="jac",
-        loss="soft_l1",
+        loss="arctan",
         f_scale=_OUTLIER,
     )
     small, _ = invert_information(found.jac.T @ found.jac)
@@ -281,6 +282,14 @@ class _Lift:
             turns = lifting_turns(self.at, self.points, self.moved, thickness, depth)
             self._known = (thickness, depth), turns
         return self._known[1]
+
+
+def _weighted_median(
+    values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]
+) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def _rows(matrix: np.ndarray) -> Matrix:
