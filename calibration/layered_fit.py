@@ -12,13 +12,15 @@ from scipy.optimize import least_squares
 from calibration.field_fit import Z95, invert_information
 from calibration.layered_checks import check_turns
 from estimation.estimators.measurement import Z95 as HALF_WIDTH
-from estimation.layered_softness import LayeredSoftness, Matrix, Turns, lifting_turns
+from estimation.layered_softness import Added, LayeredSoftness, Matrix, lifting_turns
 from estimation.noise import Noise
 from estimation.recording import Recording
+from estimation.references import Reference
 from estimation.result import State
 from estimation.softness import Contact, Lifting, ScalarSoftness, Validity
 from estimation.softness_checks import check_sensors
 from estimation.tracker import RIGID_OBJECT, Tracker
+from estimation.trials import stands_still
 
 LEAST_STICK = 6  # few markers have wide intervals and count little
 METHOD = "incremental"
@@ -64,6 +66,7 @@ class LayeredFit:
         low: lower ends of the 95 % intervals of k, thickness and depth.
         high: upper ends.
         determined: whether each was told by the turns, not by what was known beforehand.
+        slipping: frames left out, in which the gel stood still under the turning object.
         reference: the object's angle in each turn [rad].
         residual: of it [rad].
     """
@@ -72,6 +75,7 @@ class LayeredFit:
     low: Float[np.ndarray, "3"]
     high: Float[np.ndarray, "3"]
     determined: Bool[np.ndarray, "3"]
+    slipping: int
     reference: Float[np.ndarray, " turns"]
     residual: Float[np.ndarray, " turns"]
 
@@ -112,29 +116,49 @@ class _Listener:
         return {}
 
 
-def gather_turns(grasp: Grasp, guess: LayeredSoftness) -> list[Turn]:
-    """The frames of a recording that tell k: what sticks, turned by half a degree or more.
+class Turns(NamedTuple):
+    """What a grasp tells of k.
+
+    Attributes:
+        told: the frames in which what sticks has turned by half a degree or more.
+        slipping: number of such frames left out, the gel standing still under the object.
+    """
+
+    told: list[Turn]
+    slipping: int
+
+
+def gather_turns(grasp: Grasp, guess: LayeredSoftness) -> Turns:
+    """The frames of a recording that tell k.
 
     Args:
         grasp: recording and reference.
         guess: what its frames are lifted for; soft objects on thin elastomers do not seem to stick
             to markers that are not lifted.
     """
+    recording, angle = grasp.recording, grasp.reference
     listener = _Listener(guess)
-    layout = grasp.recording.layout
-    tracker = Tracker(layout, METHOD, noise=grasp.noise, softness=listener)
+    tracker = Tracker(recording.layout, METHOD, noise=grasp.noise, softness=listener)
     at = (guess.stiffness_ratio, guess.thickness, guess.depth)
-    points = layout.reference[:, :2]
-    turns = []
-    for frame, angle in zip(grasp.recording, grasp.reference, strict=True):
+    points = recording.layout.reference[:, :2]
+    turns: dict[int, Turn] = {}
+    rotation = np.full(len(recording), np.nan)
+    for number, frame in enumerate(recording):
         found = tracker.update(frame)
         holds = found.state in (State.STICK, State.INCIPIENT)
         if not holds or listener.contact is None or found.stick.sum() < LEAST_STICK:
             continue
-        if np.isfinite(angle) and abs(found.angle) >= _LEAST_TURN:
+        rotation[number] = found.angle
+        if np.isfinite(angle[number]) and abs(found.angle) >= _LEAST_TURN:
             error = 0.5 * (found.high - found.low) / HALF_WIDTH
-            turns.append(Turn(found.angle, error, at, listener.contact, points, float(angle)))
-    return turns
+            turns[number] = Turn(
+                found.angle, error, at, listener.contact, points, float(angle[number])
+            )
+    unknown = np.full(len(recording), np.nan)
+    reference = Reference(recording.time, angle, unknown, True, True, "reference")
+    still = stands_still(recording.time, rotation, reference)
+    told = [turn for number, turn in turns.items() if not still[number]]
+    return Turns(told, len(turns) - len(told))
 
 
 def fit_layered_softness(
@@ -160,42 +184,46 @@ def fit_layered_softness(
         ValueError: too few frames in which the object turns and sticks, grasps of different
             sensors, or a reference that is not the object's angle.
     """
-    best: list[list[Turn]] = []
+    best: list[Turns] = []
     most = -1
     for k in _GUESSES:
         guess = LayeredSoftness(k, thickness[0], depth[0])
         found = [gather_turns(grasp, guess) for grasp in grasps]
-        held = sum(turn.markers for turns in found for turn in turns)
+        held = sum(turn.markers for turns in found for turn in turns.told)
         if held > most:
             best, most = found, held
     _check(grasps, best)
     fit = None
     for _ in range(_ROUNDS):
         found = best if fit is None else [gather_turns(one, fit.softness) for one in grasps]
-        turns = [turn for part in found for turn in part]
+        turns = [turn for part in found for turn in part.told]
         if len(turns) < 3:
             raise ValueError(
                 f"{len(turns)} frames in which {LEAST_STICK} markers stick and the elastomer has "
                 "turned by 0.5° or more; at least 3 are needed: press harder, or turn the object "
                 "more"
             )
-        fit = _fit_turns(turns, (thickness, depth), reference_error)
+        slipping = sum(part.slipping for part in found)
+        fit = _fit_turns(turns, slipping, (thickness, depth), reference_error)
     assert fit is not None
     return fit
 
 
-def _check(grasps: Sequence[Grasp], found: Sequence[list[Turn]]) -> None:
+def _check(grasps: Sequence[Grasp], found: Sequence[Turns]) -> None:
     """See that all are of one sensor and follow their references."""
     trials = []
     for grasp, turns in zip(grasps, found, strict=True):
-        values = (np.array([getattr(turn, name) for turn in turns]) for name in _COLUMNS)
+        values = (np.array([getattr(turn, name) for turn in turns.told]) for name in _COLUMNS)
         trials.append(check_turns(grasp.recording, *values))
     if trials:
         check_sensors(trials)
 
 
 def _fit_turns(
-    turns: Sequence[Turn], priors: Sequence[tuple[float, float]], reference_error: float
+    turns: Sequence[Turn],
+    slipping: int,
+    priors: Sequence[tuple[float, float]],
+    reference_error: float,
 ) -> LayeredFit:
     """Fit the numbers to turns whose markers that stick are taken as known."""
     free = [i for i, (_, spread) in enumerate(priors) if spread > 0.0]
@@ -244,6 +272,7 @@ def _fit_turns(
         values - Z95 * errors,
         values + Z95 * errors,
         errors < _LEARNT * np.array([np.inf, priors[0][1], priors[1][1]]),
+        slipping,
         angle,
         rest(found.x),
     )
@@ -257,7 +286,7 @@ class _Lift:
 
     def __init__(self, at: np.ndarray, points: np.ndarray, moved: np.ndarray) -> None:
         self.at, self.points, self.moved = at, points, moved
-        self._known: tuple[tuple[float, float], Turns] | None = None
+        self._known: tuple[tuple[float, float], Added] | None = None
 
     @classmethod
     def of(cls, turn: Turn) -> "_Lift":
@@ -277,16 +306,14 @@ class _Lift:
         """What longitudinal waves add to it [rad]."""
         return k / (1.0 + k) * self._turns(thickness, depth).along
 
-    def _turns(self, thickness: float, depth: float) -> Turns:
+    def _turns(self, thickness: float, depth: float) -> Added:
         if self._known is None or self._known[0] != (thickness, depth):
             turns = lifting_turns(self.at, self.points, self.moved, thickness, depth)
             self._known = (thickness, depth), turns
         return self._known[1]
 
 
-def _weighted_median(
-    values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]
-) -> float:
+def _weighted_median(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]) -> float:
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])

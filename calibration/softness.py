@@ -259,6 +259,10 @@ def write_layered(
         f"{thickness:g} mm, markers {depth:g} mm deep, from {len(fit.residual)} frames of "
         f"{len(grasps)} grasps"
     ]
+    if fit.slipping:
+        lines.append(
+            f"left out: {fit.slipping} frames in macro slip, the gel still under the object"
+        )
     write_findings(
         out,
         "layered.png",

@@ -29,7 +29,7 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.spatial import ConvexHull
 from scipy.special import j0, j1
 
@@ -199,7 +199,7 @@ def lifting_kernels(
     return Kernels(_Kernel.of(thickness / pitch, depth / pitch, "below").at(away), thin, along)
 
 
-class Turns(NamedTuple):
+class Added(NamedTuple):
     """What `Kernels` add to the rotation of some markers [rad]."""
 
     below: float
@@ -213,7 +213,7 @@ def lifting_turns(
     moved: Float[np.ndarray, "n 2"],
     thickness: float,
     depth: float,
-) -> Turns:
+) -> Added:
     """Rotation of some markers that is lacking in what all of them show.
 
     Args:
@@ -224,7 +224,7 @@ def lifting_turns(
         depth: z [mm].
     """
     kernels = lifting_kernels(at, points, thickness, depth)
-    return Turns(*(small_turn(at, kernel.of(moved)) for kernel in kernels))
+    return Added(*(small_turn(at, kernel.of(moved)) for kernel in kernels))
 
 
 class _Seen(NamedTuple):
@@ -245,7 +245,7 @@ class _Seen(NamedTuple):
             return None
         return cls(points[region & known], points[known], moved[known])
 
-    def turns(self, thickness: float, depth: float) -> Turns:
+    def turns(self, thickness: float, depth: float) -> Added:
         return lifting_turns(self.at, self.points, self.moved, thickness, depth)
 
 

@@ -11,6 +11,9 @@ from estimation.trials import FEWEST_POINTS, Trial
 
 LEAST_TURN = np.radians(1.0)
 MOST_OUTLIERS = 0.35
+LEAST_FAR = 0.02
+"""Of the reference's range: readings nearer to the line are not those of another object."""
+
 LEAST_RATIO = -0.02
 """k that is called 0 rather than impossible: scales and tilts are not known better."""
 
@@ -118,7 +121,8 @@ def check_line(trial: Trial, one: Series, line: Line) -> None:
     slope, error = line.slope, float(np.sqrt(line.covariance[0, 0]))
     half = float(t.ppf(0.975, line.freedom)) * error
     points = len(line.weight)
-    outliers = int((line.weight == 0).sum())
+    far = np.abs(line.residual) > LEAST_FAR * np.ptp(line.points.reference)
+    outliers = int(((line.weight == 0) & far).sum())
     shown = f"{slope:.3g} ± {half:.2g}"
     if not np.isfinite(slope + half):
         raise ValueError(f"{trial.name}: the fit is singular; turn the object further, both ways")

@@ -8,10 +8,11 @@ import pytest
 from scipy.special import j1
 
 from calibration.layered_checks import check_turns
-from calibration.layered_fit import fit_layered_softness
+from calibration.layered_fit import Grasp, fit_layered_softness
 from estimation import LayeredSoftness
 from estimation.fields import Fields
 from estimation.layered_softness import small_turn
+from estimation.noise import Noise
 from estimation.softness import Contact, read_softness, write_softness
 from tests.cases import lift
 
@@ -83,6 +84,55 @@ def test_lifting_leaves_a_squeeze_as_it_is():
     added = LayeredSoftness(1.0, 2.0).lifting(points).of(squeeze)
     # what is left is that of markers a pitch apart and of the edge
     assert np.abs(added).max() < 0.02 * np.abs(squeeze).max()
+
+
+def test_longitudinal_waves_add_to_the_turn_of_long_contacts_only():
+    """What a sheared gradient field lacks, against the layer's compliances at ν = ½ by FFT."""
+    k, thickness, side, cells = 0.5, 2.0, 48.0, 192
+    at = (np.arange(cells) - cells // 2) * (side / cells)
+    x, y = np.meshgrid(at, at)
+    potential = x * y * np.exp(-0.5 * (x**2 + y**2) / 3.0**2)
+    along = 2.0 * np.pi * np.fft.fftfreq(cells, side / cells)
+    qx, qy = np.meshgrid(along, along)
+    q = np.maximum(np.hypot(qx, qy), 1e-9)
+    w = np.minimum(q * thickness, 30.0)
+    layer = 0.5 * (np.sinh(2 * w) + 2 * w) / (2.0 * q * (np.sinh(w) ** 2 + w**2 + 1.0))
+    factors = 1j * qx, 1j * qy  # of a gradient
+    wave = np.fft.fft2(potential)
+    seen, lacking = (
+        np.stack([np.fft.ifft2(f * part).real for f in factors], -1)
+        for part in (wave, wave * (0.5 / q / layer - 1.0))  # a half-space's C_LL over the layer's
+    )
+    middle, pitch = cells // 2, round(cells / side)
+    points, moved, lacks = (
+        field[middle - 9 * pitch : middle + 10 * pitch : pitch,
+              middle - 9 * pitch : middle + 10 * pitch : pitch].reshape(-1, 2)
+        for field in (np.stack([x, y], -1), seen, lacking)
+    )  # fmt: skip
+    flat, none = np.pad(points, ((0, 0), (0, 1))), np.zeros(len(points))
+
+    def turn(region):
+        space = np.pad(moved, ((0, 0), (0, 1)))
+        fields = Fields(flat + space, space, none, 0.0 * flat, none, none, region, 0)
+        softness = LayeredSoftness(k, thickness).at(Contact(fields, stick=region, as_seen=moved))
+        return -0.5 * softness.load_term
+
+    long = (np.abs(points[:, 0]) < 1.5) & (np.abs(points[:, 1]) < 4.5)
+    expected = k * small_turn(points[long], lacks[long])
+    assert abs(expected) > 0.03  # of gradients of about 1
+    assert turn(long) == pytest.approx(expected, rel=0.01)  # markers end 9 mm from the middle
+    assert abs(turn(np.hypot(*points.T) < 4.5)) < 1e-9  # by symmetry
+    assert turn(np.zeros(len(points), dtype=bool)) == 0.0  # nothing sticks, nothing turns
+
+
+def test_gel_that_stands_still_under_the_object_tells_nothing_of_k():
+    turned = np.radians(np.linspace(0.0, 12.0, 31))
+    recording = lift(np.minimum(turned, np.radians(6.0)))
+    angle = np.concatenate([np.full(5, np.nan), 1.5 * turned])
+    fit = fit_layered_softness([Grasp(recording, angle, Noise.given(1e-3))], (np.inf, 0.0))
+    assert fit.slipping >= 13  # of the 15 frames; told over stretches in which the object turns 2°
+    assert fit.low[0] < 0.5 < fit.high[0]
+    assert fit.softness.stiffness_ratio == pytest.approx(0.5, abs=0.01)
 
 
 def test_layered_files(tmp_path):
