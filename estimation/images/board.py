@@ -79,10 +79,11 @@ def connect_corners(corners: Corners | Rings, pitch: float) -> Board:
         pieces += 1
     index, turn, piece = np.array(place), np.array(turned), np.array(label)
     piece[_contradicted(link, back, index, turn)] = -1
-    _, first, same = np.unique(
-        np.column_stack([piece, index]), axis=0, return_index=True, return_counts=True
-    )[:3]
-    piece[~np.isin(np.arange(count), first[same == 1])] = -1
+    wide = 2 * count + 1  # more than coordinates can be apart
+    _, which, same = np.unique(
+        (piece * wide + index[:, 0]) * wide + index[:, 1], return_inverse=True, return_counts=True
+    )
+    piece[same[which] > 1] = -1
     order = np.argsort(-np.bincount(piece[piece >= 0], minlength=pieces), kind="stable")
     rank = np.empty(pieces, dtype=int)
     rank[order] = np.arange(pieces)
@@ -122,7 +123,8 @@ def _nearest_slot(
     heading: Float[np.ndarray, "n k"], directions: Float[np.ndarray, "#n #k 4"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far a heading is from the nearest of four directions [rad], and which that is."""
-    off = np.abs((heading[..., None] - directions + np.pi) % (2.0 * np.pi) - np.pi)
+    off = heading[..., None] - directions
+    off = np.abs(off - 2.0 * np.pi * np.rint(off / (2.0 * np.pi)))
     slot = np.argmin(off, axis=-1)
     return np.take_along_axis(off, slot[..., None], axis=-1)[..., 0], slot
 

@@ -57,11 +57,13 @@ class CornerTracker:
         plan: the reference.
         rest: the corners in it.
         note: what the reference is, in a sentence.
+        neighbours: of each corner, those before and after it along a line; −1 for none.
     """
 
     def __init__(self, style: CornerStyle, plan: Plan, rest: Seen, note: str) -> None:
         """Start with a reference."""
         self.style, self.plan, self.rest, self.note = style, plan, rest, note
+        self.neighbours = lattice_neighbours(plan.cells.corner)
 
     @classmethod
     def learn(
@@ -142,8 +144,8 @@ class CornerTracker:
         return _everywhere(corners, nowhere)._replace(flaw=flaw)
 
     def _straighten(self, seen: Seen) -> Seen:
-        neighbours = lattice_neighbours(self.plan.cells.corner)
-        position = straighten_edges(neighbours, seen.position, seen.heading, self.style.radius)
+        radius = self.style.radius
+        position = straighten_edges(self.neighbours, seen.position, seen.heading, radius)
         return seen._replace(position=position)
 
     def describe(self) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 from scipy.spatial import KDTree
 
 from estimation.images.board import Board, Cells, spin
@@ -20,6 +20,8 @@ MISREAD = 0.03
 """Share of cells whose dot is read wrongly."""
 DOUBT = 1e-6
 """Probability of another position below which a piece is placed."""
+HOPELESS = 50.0
+"""Logarithm of how much less likely a position must be to be left out of that sum."""
 FEWEST_DOTS = 0.1
 """Share of the reference's cells with a dot from which it has a code."""
 NEAR = 0.35
@@ -183,13 +185,14 @@ def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
     quarter, shift = int(best[0]), np.array(best[1:])
     highest = scores[best]
     chance = np.exp(-known * np.log(2.0) - highest)
-    others = np.exp(scores - highest).sum() - 1.0
+    near = scores[scores > highest - HOPELESS]
+    others = np.exp(near - highest).sum() - 1.0
     beyond = shift > np.array(shape) - np.array(shifts[quarter])  # shifts below 0 come last
     return (quarter, shift - np.where(beyond, shape, 0)) if others + chance < DOUBT else None
 
 
-def _channels(cells: Cells) -> Int[np.ndarray, "3 rows columns"]:
-    return np.stack([cells.code, np.abs(cells.code), cells.colour])
+def _channels(cells: Cells) -> Float32[np.ndarray, "3 rows columns"]:
+    return np.stack([cells.code, np.abs(cells.code), cells.colour]).astype(np.float32)
 
 
 def _agreeing(plan: Plan, cells: Cells, shift: np.ndarray) -> np.ndarray:

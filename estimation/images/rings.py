@@ -106,13 +106,12 @@ def read_rings(
         none = np.zeros(0)
         return Rings(centre, np.zeros((0, 2)), none, none, none > 0)
     turn = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)
-    circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     radii = radius * np.array([INNER, OUTER])
-    at = centre[:, None, None] + radii[:, None, None] * circle
-    at = at.reshape(len(centre), 2 * SAMPLES, 2).astype(np.float32)
-    value = cv2.remap(
-        grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    x, y = (
+        (middle[:, None] + np.outer(radii, part).ravel()).astype(np.float32)
+        for middle, part in zip(centre.T, (np.cos(turn), np.sin(turn)), strict=True)
     )
+    value = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     value = value.reshape(len(centre), 2, SAMPLES)
     ordered = np.sort(value, axis=-1)
     bright = ordered[..., -SAMPLES // 4 :].mean(axis=(1, 2))
@@ -155,8 +154,7 @@ def _crossings(
     good = (cross.sum(axis=-1) == 4).all(axis=-1)
     share = value / np.where(cross, value - np.roll(value, -1, axis=-1), 1.0)
     found = np.zeros((len(value), 2, 4))
-    _, _, at = np.nonzero(cross & good[:, None, None])
-    at = at.reshape(-1, 2, 4)
+    at = np.flatnonzero(cross & good[:, None, None]).reshape(-1, 2, 4) % SAMPLES
     exact = at + np.take_along_axis(share[good], at, axis=-1)
     falls = np.take_along_axis(above[good], at[..., :1], axis=-1)
     exact = np.where(falls, np.roll(exact, -1, axis=-1), exact)

@@ -4,10 +4,9 @@ import numpy as np
 from jaxtyping import Int
 
 from estimation.images.contact import find_unseen_flaw, region_of_dispersion
-from estimation.images.corner_tracking import CornerTracker, Seen, lattice_neighbours
+from estimation.images.corner_tracking import CornerTracker, Seen
 from estimation.images.lattice import Reference
 from estimation.images.lines import Rotation, fuse_rotations, rotation_of_edges, rotation_of_lines
-from estimation.images.placing import Plan
 from estimation.recording import MarkerLayout
 from estimation.sensor import Sensor
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
@@ -29,8 +28,7 @@ class CornerReader(MarkerReader):
         plan = self.tracker.plan
         self.rest = straighten(self.sensor, self.tracker.rest)
         self.scale, self.unit = settings.scale, settings.unit
-        self.neighbours = lattice_neighbours(plan.cells.corner)
-        self.layout = lay_out(plan, settings.scale * self.rest.position)
+        self.layout = lay_out(self.tracker, settings.scale * self.rest.position)
         around = np.full((len(plan.position), 0), -1)
         self.reference = Reference(
             self.rest.position, self.layout.neighbours, around, plan.pitch, self.tracker.note
@@ -52,7 +50,7 @@ class CornerReader(MarkerReader):
             time=picture.time,
             number=picture.number,
             flaw=find_unseen_flaw(self.reference, contact, np.isfinite(displacement[:, 0])),
-            rotation=measure_rotation(self.neighbours, self.rest, seen).angle,
+            rotation=measure_rotation(self.tracker.neighbours, self.rest, seen).angle,
         )
 
     def notes(self) -> tuple[str, ...]:
@@ -77,11 +75,11 @@ def straighten(sensor: Sensor, seen: Seen) -> Seen:
     return seen._replace(position=position, heading=heading)
 
 
-def lay_out(plan: Plan, reference: np.ndarray) -> MarkerLayout:
+def lay_out(tracker: CornerTracker, reference: np.ndarray) -> MarkerLayout:
     """The corners at rest, as a recording has them."""
-    corner = plan.cells.corner
+    corner = tracker.plan.cells.corner
     shape = (int(corner.shape[0]), int(corner.shape[1])) if (corner >= 0).all() else None
-    return MarkerLayout(reference, lattice_neighbours(corner), shape)
+    return MarkerLayout(reference, tracker.neighbours, shape)
 
 
 def measure_rotation(neighbours: Int[np.ndarray, "m 4"], rest: Seen, now: Seen) -> Rotation:

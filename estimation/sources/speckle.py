@@ -4,14 +4,13 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.images.contact import find_unseen_flaw, region_of_dispersion
-from estimation.images.corner_tracking import to_light
+from estimation.images.corner_tracking import lattice_neighbours, to_light
 from estimation.images.lattice import Reference
 from estimation.images.lines import Rotation, fuse_rotations, rotation_of_lines
 from estimation.images.speckle import SpeckleTracker
 from estimation.images.subsets import Match, polar_angle, polar_variance
 from estimation.recording import MarkerLayout
 from estimation.sensor import Sensor
-from estimation.sources.corners import lattice_neighbours
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
 from estimation.sources.pictures import Picture
 

@@ -66,7 +66,7 @@ class StereoReader(MarkerReader):
             )
         self.left, self.right = left.take(kept), right.take(kept)
         self.misfit = float(np.median(rest.misfit[kept]))
-        self.layout = lay_out(self.left.plan, rest.points[kept])
+        self.layout = lay_out(self.left, rest.points[kept])
         given = settings.unloaded is not None
         self.reference = "the frame that was given" if given else "the first usable frame"
 

@@ -45,6 +45,7 @@ def test_corners_and_edges_of_a_sheared_pattern():
     error = (np.sort(corners.angles % np.pi, axis=1) - np.sort(angle % np.pi, axis=1)) % np.pi
     error = np.minimum(error, np.pi - error)
     assert np.degrees(error).max() < 0.3  # the expansion in the skew is good to a quarter degree
+    assert np.median(corners.contrast) == pytest.approx(CAMERA.contrast, rel=0.02)
 
 
 @pytest.mark.parametrize("degrees", [5.0, 25.0, -25.0])
