@@ -6,6 +6,7 @@ next to it or from features; whether it is there only the reference tells. So no
 needed, and nothing that was wrong once stays wrong.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import cv2
@@ -17,7 +18,6 @@ from estimation.images.subsets import (
     Match,
     Sampler,
     Subsets,
-    correlate,
     count_clipped,
     make_subsets,
     match_subsets,
@@ -43,10 +43,8 @@ USABLE = 0.5
 """Share of the lattice that must be usable for a picture to be one of speckle [-]."""
 LEAST = 0.7
 """Correlation with the reference from which a subset is recognised [-]."""
-HOPEFUL = 0.3
-"""Correlation at a guess from which it is followed [-]."""
 FIRM = 0.7
-"""Share of the points that a guess must serve for no other to be looked for [-]."""
+"""Share of the points that must be recognised for no other guess to be tried [-]."""
 APART = 0.15
 """Farthest a point may lie from where its neighbour has it [pitches]."""
 PIECE = 4
@@ -227,12 +225,15 @@ class SpeckleTracker:
     def find(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Match, str]:
         """The points in the next picture, NaN where not recognised; and why it cannot be used."""
         subsets, sampler = self.lattice.subsets, Sampler(grey)
-        match = self._spread(sampler, _follow(subsets, sampler, self._guess(grey, sampler)))
-        if match.good.mean() < FIRM:
-            found = self._search(grey)
-            if found is not None:
-                match = _join(match, _follow(subsets, sampler, found, ~match.good))
-                match = self._spread(sampler, match)
+        match = None
+        for guess in self._guesses(grey):
+            if match is None:
+                match = _follow(subsets, sampler, guess)
+            else:
+                match = _join(match, _follow(subsets, sampler, guess, ~match.good))
+            match = self._spread(sampler, match)
+            if match.good.mean() >= FIRM:
+                break
         clipped = count_clipped(grey, match.position, float(self.style.radius)) > CLIPPED
         match = _blank(match, match.good & ~clipped)
         match = _blank(match, self._fits(match))
@@ -246,29 +247,20 @@ class SpeckleTracker:
             return _blank(match, np.zeros_like(match.good)), flaw
         return match, ""
 
-    def _guess(self, grey: Float32[np.ndarray, "h w"], sampler: Sampler) -> Guess:
-        """The best guess for each point: as before, at rest, or moved with the whole picture."""
-        subsets = self.lattice.subsets
-        here = stay(subsets.centre, np.zeros(2))
-        best, most = here, correlate(subsets, sampler, *here)
+    def _guesses(self, grey: Float32[np.ndarray, "h w"]) -> Iterator[Guess]:
+        """Where the points may be: as before, at rest, moved with the whole, by features."""
+        centre = self.lattice.subsets.centre
         if self.last is not None:
-            known = np.isfinite(self.last.position[:, 0])
-            before = _choose(known, self.last, here)
-            most_before = correlate(subsets, sampler, *before)
-            better = most_before > most
-            best, most = _choose(better, before, best), np.maximum(most, most_before)
-        if (most > HOPEFUL).mean() < FIRM:
-            moved = stay(subsets.centre, find_shift(self.rest, flatten_light(grey)))
-            better = correlate(subsets, sampler, *moved) > most
-            best = _choose(better, moved, best)
-        return best
-
-    def _search(self, grey: Float32[np.ndarray, "h w"]) -> Guess | None:
-        """Guesses from features."""
+            yield self.last
+        yield stay(centre, np.zeros(2))
+        texture = flatten_light(grey)
+        yield stay(centre, find_shift(self.rest, texture))
         if self.features is None:
             self.features = FeatureSeeds(self.rest)
         self.searched += 1
-        return self.features.guess(flatten_light(grey), self.lattice.subsets.centre)
+        found = self.features.guess(texture, centre)
+        if found is not None:
+            yield found
 
     def _spread(self, sampler: Sampler, match: Match) -> Match:
         """Go on from the points that are recognised to those next to them."""
@@ -302,25 +294,17 @@ class SpeckleTracker:
         return match.good & (count >= PIECE - 1) & (2 * count >= both.sum(axis=1))
 
 
-def _choose(which: Bool[np.ndarray, " n"], one: Guess, other: Guess) -> Guess:
-    return Guess(
-        np.where(which[:, None], one.position, other.position),
-        np.where(which[:, None, None], one.deformation, other.deformation),
-    )
-
-
 def _follow(
     subsets: Subsets, sampler: Sampler, guess: Guess, which: Bool[np.ndarray, " n"] | None = None
 ) -> Match:
-    """Match subsets from a guess; not those whose guess shows nothing like them."""
-    count = len(subsets.centre)
-    tried = np.ones(count, dtype=bool) if which is None else which
-    tried = tried & np.isfinite(guess.position[:, 0])
-    part = np.flatnonzero(tried)
-    if len(part):
-        hopeful = correlate(subsets.take(part), sampler, *_take(guess, part)) > HOPEFUL
-        part = part[hopeful]
-    found = match_subsets(subsets.take(part), sampler, *_take(guess, part))
+    """Match subsets, all or some of them, from a guess."""
+    if which is None:
+        found = match_subsets(subsets, sampler, *guess)
+        return _blank(found, found.good & (found.correlation > LEAST))
+    part, count = np.flatnonzero(which), len(which)
+    found = match_subsets(
+        subsets.take(part), sampler, guess.position[part], guess.deformation[part]
+    )
     recognised = np.zeros(count, dtype=bool)
     recognised[part] = found.good & (found.correlation > LEAST)
     whole = []
@@ -328,10 +312,6 @@ def _follow(
         whole.append(np.full((count, *value.shape[1:]), np.nan))
         whole[-1][part] = value
     return _blank(Match(*whole, good=recognised), recognised)
-
-
-def _take(guess: Guess, part: Int[np.ndarray, " k"]) -> Guess:
-    return Guess(guess.position[part], guess.deformation[part])
 
 
 def _blank(match: Match, good: Bool[np.ndarray, " n"]) -> Match:

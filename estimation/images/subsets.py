@@ -16,8 +16,11 @@ from jaxtyping import Bool, Float, Float32, Int
 
 STEPS = 15
 """Most steps from one guess."""
-CONVERGED = 2e-3
-"""Step of the subset's rim below which it has converged [px]: each next one is far smaller."""
+CONVERGED = 0.02
+"""Step of the subset's rim below which it has converged [px]: each next one is twenty times as
+small, and then a tenth of the noise."""
+HOPEFUL = 0.3
+"""Correlation at a guess from which it is followed [-]."""
 STRAY = 0.6
 """Farthest a subset may go from its guess [subset radii]."""
 CLIPPED = (3.0, 250.0)
@@ -134,26 +137,40 @@ class Sampler:
     def __init__(self, grey: Float32[np.ndarray, "h w"]) -> None:
         """Prepare a picture."""
         self.size = np.array(grey.shape[::-1])
-        wide = np.empty((grey.shape[0], FINER * grey.shape[1]), np.float32)
-        self.fine = np.empty((FINER * grey.shape[0], wide.shape[1]), np.float32)
-        middle = TAPS // 2 - 1
-        for part in range(FINER):
-            taps = _between(part / FINER)
-            across = {"anchor": (middle, 0), "borderType": cv2.BORDER_REPLICATE}
-            wide[:, part::FINER] = cv2.filter2D(grey, -1, taps[None], **across)
-        for part in range(FINER):
-            taps = _between(part / FINER)
-            down = {"anchor": (0, middle), "borderType": cv2.BORDER_REPLICATE}
-            self.fine[part::FINER] = cv2.filter2D(wide, -1, taps[:, None], **down)
+        rows, columns = grey.shape
+        kept, middle = np.ones(1, np.float32), TAPS // 2 - 1
+        tall = np.empty((rows, FINER, columns), np.float32)
+        tall[:, 0] = grey
+        for part, taps in enumerate(BETWEEN, start=1):
+            tall[:, part] = cv2.sepFilter2D(
+                grey, -1, kept, taps, anchor=(0, middle), borderType=cv2.BORDER_REPLICATE
+            )
+        tall = tall.reshape(FINER * rows, columns)
+        across = [
+            cv2.sepFilter2D(
+                tall, -1, taps, kept, anchor=(middle, 0), borderType=cv2.BORDER_REPLICATE
+            )
+            for taps in BETWEEN
+        ]
+        self.fine = cv2.merge([tall, *across]).reshape(FINER * rows, FINER * columns)
 
     def __call__(
-        self, x: Float32[np.ndarray, "n p"], y: Float32[np.ndarray, "n p"]
+        self,
+        offset: Float32[np.ndarray, "p 2"],
+        place: Float[np.ndarray, "n 2"],
+        shape: Float[np.ndarray, "n 2 2"],
     ) -> Float32[np.ndarray, "n p"]:
-        """Grey levels at points of the picture [px]."""
-        scale = np.float32(FINER)
-        return cv2.remap(
-            self.fine, scale * x, scale * y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        """Grey levels of squares that are moved and deformed to first order.
+
+        Args:
+            offset: of their points from the middle [px].
+            place: of their middles in the picture [px].
+            shape: F of each.
+        """
+        motion = (FINER * np.concatenate([shape, place[..., None]], axis=2)).astype(np.float32)
+        ahead = np.concatenate([offset, np.ones_like(offset[:, :1])], axis=1).T
+        x, y = motion[:, 0] @ ahead, motion[:, 1] @ ahead
+        return cv2.remap(self.fine, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _between(share: float) -> Float32[np.ndarray, " taps"]:
@@ -164,18 +181,21 @@ def _between(share: float) -> Float32[np.ndarray, " taps"]:
     return (weight / weight.sum()).astype(np.float32)
 
 
+BETWEEN = [_between(part / FINER) for part in range(1, FINER)]
+
+
 def match_subsets(
     subsets: Subsets,
     sampler: Sampler,
     position: Float[np.ndarray, "n 2"],
     deformation: Float[np.ndarray, "n 2 2"],
 ) -> Match:
-    """Find subsets in a picture.
+    """Find subsets in a picture; not those whose guess shows nothing like them.
 
     Args:
         subsets: of the reference.
         sampler: of the picture.
-        position: guessed, within about half a speckle [px].
+        position: guessed, within about half a speckle [px]; NaN for what is not looked for.
         deformation: guessed F, its rotation within about 10°.
     """
     place, shape = position.copy(), deformation.copy()
@@ -183,12 +203,13 @@ def match_subsets(
     active = _inside(sampler, place, shape, radius)
     converged = np.zeros(count, dtype=bool)
     alpha, left = np.zeros(count), np.full(count, np.inf)
-    for _ in range(STEPS):
+    for turn in range(STEPS):
         which = np.flatnonzero(active)
         if not len(which):
             break
-        grey = _sample(sampler, subsets.offset, place[which], shape[which])
-        step = np.matmul(subsets.solve[which], grey[..., None])[..., 0].astype(float)
+        grey = sampler(subsets.offset, place[which], shape[which])
+        solve = subsets.solve if len(which) == count else subsets.solve[which]
+        step = np.matmul(solve, grey[..., None])[..., 0].astype(float)
         grey -= grey.mean(axis=1, keepdims=True)
         alpha[which] = step[:, 6]
         left[which] = np.einsum("np,np->n", grey, grey)
@@ -201,6 +222,8 @@ def match_subsets(
         converged[which] = moved < CONVERGED
         strayed = np.linalg.norm(place[which] - position[which], axis=1) > STRAY * radius
         wild = ~np.isfinite(moved) | strayed | (moved > 2.0 * radius)
+        if not turn:
+            wild |= alpha[which] * subsets.strength[which] < HOPEFUL * np.sqrt(left[which])
         active[which] = ~converged[which] & ~wild
         active[which] &= _inside(sampler, place[which], shape[which], radius)
     return _gather(subsets, sampler, place, shape, converged, alpha, left)
@@ -236,19 +259,6 @@ def _gather(
     )
 
 
-def correlate(
-    subsets: Subsets,
-    sampler: Sampler,
-    position: Float[np.ndarray, "n 2"],
-    deformation: Float[np.ndarray, "n 2 2"],
-) -> Float[np.ndarray, " n"]:
-    """Correlation of the reference's subsets with what is at a place of a picture [-]."""
-    grey = _sample(sampler, subsets.offset, position, deformation)
-    contrast = np.einsum("np,np->n", subsets.solve[:, 6], grey)
-    grey -= grey.mean(axis=1, keepdims=True)
-    return contrast * subsets.strength / np.maximum(np.linalg.norm(grey, axis=1), 1e-6)
-
-
 def polar_angle(deformation: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, " n"]:
     """Rotation of the polar decomposition of F [rad, from x to y]."""
     across = deformation[:, 1, 0] - deformation[:, 0, 1]
@@ -262,17 +272,6 @@ def polar_variance(match: Match) -> Float[np.ndarray, " n"]:
     slope = np.stack([-across, -along, along, -across], axis=1)
     slope /= (across**2 + along**2)[:, None]
     return np.einsum("ni,nij,nj->n", slope, match.covariance[:, 2:, 2:], slope)
-
-
-def _sample(
-    sampler: Sampler,
-    offset: Float32[np.ndarray, "p 2"],
-    place: Float[np.ndarray, "n 2"],
-    shape: Float[np.ndarray, "n 2 2"],
-) -> Float32[np.ndarray, "n p"]:
-    motion = np.concatenate([shape, place[..., None]], axis=2).astype(np.float32)
-    ahead = np.concatenate([offset, np.ones_like(offset[:, :1])], axis=1).T
-    return sampler(motion[:, 0] @ ahead, motion[:, 1] @ ahead)
 
 
 def _inside(
