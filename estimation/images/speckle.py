@@ -225,12 +225,9 @@ class SpeckleTracker:
     def find(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Match, str]:
         """The points in the next picture, NaN where not recognised; and why it cannot be used."""
         subsets, sampler = self.lattice.subsets, Sampler(grey)
-        match = None
+        match = _nothing(len(subsets.centre))
         for guess in self._guesses(grey):
-            if match is None:
-                match = _follow(subsets, sampler, guess)
-            else:
-                match = _join(match, _follow(subsets, sampler, guess, ~match.good))
+            match = _join(match, _follow(subsets, sampler, guess, ~match.good))
             match = self._spread(sampler, match)
             if match.good.mean() >= FIRM:
                 break
@@ -295,23 +292,26 @@ class SpeckleTracker:
 
 
 def _follow(
-    subsets: Subsets, sampler: Sampler, guess: Guess, which: Bool[np.ndarray, " n"] | None = None
+    subsets: Subsets, sampler: Sampler, guess: Guess, which: Bool[np.ndarray, " n"]
 ) -> Match:
-    """Match subsets, all or some of them, from a guess."""
-    if which is None:
+    """Match some of the subsets from a guess."""
+    if which.all():
         found = match_subsets(subsets, sampler, *guess)
         return _blank(found, found.good & (found.correlation > LEAST))
-    part, count = np.flatnonzero(which), len(which)
+    part = np.flatnonzero(which)
     found = match_subsets(
         subsets.take(part), sampler, guess.position[part], guess.deformation[part]
     )
-    recognised = np.zeros(count, dtype=bool)
-    recognised[part] = found.good & (found.correlation > LEAST)
-    whole = []
-    for value in found[:5]:
-        whole.append(np.full((count, *value.shape[1:]), np.nan))
-        whole[-1][part] = value
-    return _blank(Match(*whole, good=recognised), recognised)
+    whole = _nothing(len(which))
+    for everywhere, value in zip(whole, found, strict=True):
+        everywhere[part] = value
+    return _blank(whole, whole.good & (whole.correlation > LEAST))
+
+
+def _nothing(count: int) -> Match:
+    """No point recognised."""
+    shapes = (2,), (2, 2), (6, 6), (), ()
+    return Match(*(np.full((count, *one), np.nan) for one in shapes), good=np.zeros(count, bool))
 
 
 def _blank(match: Match, good: Bool[np.ndarray, " n"]) -> Match:

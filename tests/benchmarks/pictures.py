@@ -72,7 +72,7 @@ STAGES: dict[str, list[tuple[str, Owner, str]]] = {
         ("angle (`tracked`)", Tracker, "update"),
     ],
     "speckle": [
-        ("guess", speckle.SpeckleTracker, "_guess"),
+        ("finer picture", speckle, "Sampler"),
         ("match", speckle, "match_subsets"),
         ("clipped", speckle, "count_clipped"),
         ("neighbours agree", speckle.SpeckleTracker, "_fits"),
