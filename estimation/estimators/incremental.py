@@ -10,6 +10,7 @@ keyframe is the oldest whose markers still move as one body with the object: mea
 up once per keyframe, not once per frame.
 """
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +28,12 @@ MATURE_AGE = 8
 MAX_KEYFRAMES = 4
 FIRM_MARKERS = 9
 PATIENCE = 2
-"""Frames in a row in which nothing may seem to stick before the angle is given up, where nine
-markers or more stuck just before: those let go one after the other, noise hides them at once."""
+"""Frames in a row in which nothing may seem to stick before the angle is given up, where many
+markers stuck in most frames lately: those let go one after the other, noise hides them at once. Gel
+that comes to rest under a sliding object seems to stick all of a sudden."""
 
-HIDDEN = "nothing seems to stick, though nine markers or more just did"
+MANY_MARKERS = 12
+HIDDEN = "nothing seems to stick, though a dozen markers or more just did"
 
 
 class Keyframe(NamedTuple):
@@ -139,7 +142,8 @@ class Incremental:
         self.number = 0
         self.increment: Increment | None = None
         self._free = 0  # the last frame without contact
-        self._firm = -PATIENCE  # the last frame in which anything stuck, where many markers did
+        self._firm: deque[bool] = deque(maxlen=mature_age)  # whether many stuck, frame by frame
+        self._hidden = 0  # frames passed over just now
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame.
@@ -153,10 +157,13 @@ class Incremental:
         if not fields.contact.any():
             self.restart()
             self._free = self.number
+            self._firm.clear()
             return Measurement.none(fields.contact)
         found = self._count_on(fields)
-        if found is None and self.number - self._firm <= PATIENCE:
+        if found is None and self._hidden < PATIENCE and 2 * sum(self._firm) > len(self._firm):
+            self._hidden += 1
             return Measurement.none(np.zeros_like(fields.contact), HIDDEN)
+        self._hidden = 0
         if found is None and self.number - self._free <= PATIENCE:
             self.restart()  # what the first frames showed may have been noise
             found = self._count_on(fields)
@@ -164,16 +171,15 @@ class Incremental:
             start = Keyframe(fields, self.number - self.mature_age)
             self.keyframes = [start]
             return Measurement(start.angle, start.low, start.high, fields.contact)
-        self._firm = -PATIENCE
         if found is None:
+            self._firm.clear()
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact))
         now, stick = found
         self._remember(now)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact))
-        if stick.sum() >= FIRM_MARKERS:
-            self._firm = self.number
+        self._firm.append(bool(stick.sum() >= MANY_MARKERS))
         return Measurement(now.angle, now.low, now.high, stick)
 
     def lose(self, fields: Fields) -> None:
