@@ -23,6 +23,8 @@ BIWEIGHT_CUT = 4.685
 MAX_STEPS = 60
 HUBER_STEPS = 5
 SEARCH_STEPS = 61
+_CORRELATED = 1.645  # standard errors of a correlation that white noise exceeds in 5 %
+_LEAST_POINTS = 8  # of a trial that tells a correlation
 
 
 class Series(NamedTuple):
@@ -86,7 +88,7 @@ class Line:
         points: what was fitted.
         residual: reference minus line [rad].
         weight: of each point, 0 for an outlier.
-        length: points over which the residual is correlated, by trial.
+        length: points over which the residual is correlated [-].
     """
 
     slope: float
@@ -100,7 +102,7 @@ class Line:
     points: Points
     residual: Float[np.ndarray, " points"]
     weight: Float[np.ndarray, " points"]
-    length: Float[np.ndarray, " trials"]
+    length: float
 
 
 def gather_points(series: Sequence[Series], clock_offsets: Float[np.ndarray, " trials"]) -> Points:
@@ -239,14 +241,9 @@ def _describe(
     weight = _weights(scaled / scale)
     adjusted = points.rotation + slope * points.rotation_error**2 * residual / error**2
     jacobian = _jacobian(points, adjusted, design, slope, free) / error[:, None]
-    length = np.array(
-        [
-            _correlated_length(scaled[points.trial == i], weight[points.trial == i])
-            for i in range(len(series))
-        ]
-    )
+    length = _correlated_length(np.where(weight > 0, scaled, 0.0), points.trial)
     parameters = jacobian.shape[1]
-    independent = float((weight > 0) @ (1.0 / length[points.trial]))
+    independent = float((weight > 0).sum() / length)
     freedom = max(independent - parameters, 1.0)
     cut = scaled / (BIWEIGHT_CUT * scale)
     slope_of_psi = np.where(weight > 0, (1.0 - cut**2) * (1.0 - 5.0 * cut**2), 0.0)
@@ -256,8 +253,7 @@ def _describe(
     bend = 1.0 + parameters / independent * float(slope_of_psi.var()) / gain**2
     inner = float(np.mean(psi**2)) * independent / freedom * (bend / gain) ** 2
     left = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
-    middle = (jacobian * length[points.trial][:, None]).T @ jacobian
-    covariance = inner * left @ middle @ left
+    covariance = inner * length * left
     return Line(
         slope=slope,
         coefficients=coefficients,
@@ -320,19 +316,24 @@ def _weights(
 
 
 def _correlated_length(
-    residual: Float[np.ndarray, " points"], weight: Float[np.ndarray, " points"]
+    residual: Float[np.ndarray, " points"], trial: Int[np.ndarray, " points"]
 ) -> float:
-    """Points that count as one: 1 + 2Σρ over the first lags that are clearly correlated."""
-    clean = np.where(weight > 0, residual, 0.0)
-    count = len(clean)
-    power = float(clean @ clean)
-    if count < 8 or power == 0.0:
+    """Points that count as one: 1 + 2Σρ over the first lags that are clearly correlated.
+
+    Of all trials together: one of twenty points would take its noise for correlation.
+    """
+    parts = [residual[trial == number] for number in np.unique(trial)]
+    parts = [part for part in parts if len(part) >= _LEAST_POINTS]
+    power = float(sum(part @ part for part in parts))
+    if power == 0.0:
         return 1.0
+    count, shortest = sum(map(len, parts)), min(map(len, parts))
     length = 1.0
-    for lag in range(1, count // 3):
-        # the fit has taken some correlation off: 1/n for each parameter of the trial
-        rho = float(clean[lag:] @ clean[:-lag]) / power * count / (count - lag) + 1.0 / count
-        if rho < 1.0 / np.sqrt(count):
+    for lag in range(1, shortest // 3):
+        shared = sum(part[lag:] @ part[:-lag] * len(part) / (len(part) - lag) for part in parts)
+        # the fit has taken some correlation off: 1/n for each parameter of a trial
+        rho = float(shared) / power + len(parts) / count
+        if rho < _CORRELATED / np.sqrt(count):
             break
         length += 2.0 * rho
-    return min(length, count / 4.0)
+    return min(length, shortest / 4.0)
