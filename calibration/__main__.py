@@ -15,7 +15,7 @@ from calibration.field_fit import fit_fields
 from calibration.field_report import write_design, write_fit
 from calibration.identifiability import identify
 from calibration.noise import assess_noise, write_noise
-from calibration.sensor import calibrate_sensor, fit_lens
+from calibration.sensor import calibrate_sensor, fit_lens, write_calibration
 from calibration.softness import (
     ReferenceSettings,
     fit_objects,
@@ -37,7 +37,6 @@ from estimation.images.stereo import write_rig
 from estimation.noise import Noise
 from estimation.recording import Recording
 from estimation.run import Settings, gather_recordings
-from estimation.sensor import write_sensor
 from estimation.softness_fit import LOAD_MODELS
 
 app = typer.Typer(
@@ -263,16 +262,18 @@ def sensor(
     columns: Annotated[int, typer.Option(help="Columns of its inner corners.")] = 9,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
-    """Find lens, scale, marker layout and noise and write them to sensor.toml, for --sensor."""
+    """Find lens, scale, marker layout and noise: sensor.toml, for --sensor, and a report."""
     check_writable(out)
-    lens = None
-    if boards is not None:
-        lens, error = fit_lens(boards, (rows, columns))
-        print(f"lens: reprojection error {error:.3f} px rms")
-    found = calibrate_sensor(unloaded, pitch_mm, lens)
-    write_sensor(found.sensor, out / "sensor.toml")
-    for line in (*found.remarks, f"written to {out / 'sensor.toml'}"):
+    lens, lines = None, []
+    with console.status("looking for boards and dots"):
+        if boards is not None:
+            lens, error = fit_lens(boards, (rows, columns))
+            lines.append(f"Lens: reprojection error {error:.3f} px rms.")
+        found = calibrate_sensor(unloaded, pitch_mm, lens)
+    write_calibration(found, lines, out)
+    for line in (*lines, *found.remarks):
         print(line)
+    print(f"written to {out / 'sensor.toml'}; see {out / 'report.html'}")
 
 
 def main() -> None:

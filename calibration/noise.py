@@ -17,7 +17,7 @@ from estimation.stencils import make_stencils
 from estimation.stick import ANGLE_FLOOR_DEG
 
 LAGS = 10
-ENOUGH_SECONDS = 10.0
+ENOUGH_SECONDS = 9.5
 MOST_MOTION = 0.05
 """Distance from their mean place that one marker in twenty may exceed at rest, in pitches."""
 

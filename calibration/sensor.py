@@ -5,25 +5,31 @@ flexible new technique for camera calibration", as OpenCV has it), the rest from
 unloaded pad, whose printed dots lie on a regular lattice of known pitch.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
+import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
+from matplotlib.figure import Figure
 
+from calibration.findings import write_findings
 from estimation.images.dots import to_grey
 from estimation.images.lattice import fit_lattice, index_lattice, make_reference
 from estimation.images.matching import match_dots
 from estimation.images.style import find_dots, find_style
 from estimation.noise import Noise
-from estimation.sensor import Lens, Sensor
+from estimation.sensor import Lens, Sensor, write_sensor
 from estimation.sources.pictures import read_pictures
 
 FEWEST_POSES = 4
 WORST = 1.0
 """Root mean square error from which a lens is refused [px]."""
+MOST_MOTION = 0.02
+"""Standard deviation of a dot's place at rest, in distances of neighbours."""
 FEWEST_STILLS = 5
 """Pictures of the resting pad from which the noise is told."""
 
@@ -34,10 +40,16 @@ class Calibrated(NamedTuple):
     Attributes:
         sensor: the description.
         remarks: sentences.
+        image: the first picture.
+        place: of each dot, straightened [px].
+        off: of the dots that lie in rows, how far off a regular lattice; else NaN [px].
     """
 
     sensor: Sensor
     remarks: tuple[str, ...]
+    image: UInt8[np.ndarray, "height width *colours"]
+    place: Float[np.ndarray, "m 2"]
+    off: Float[np.ndarray, "m 2"]
 
 
 def fit_lens(boards: Path, corners: tuple[int, int]) -> tuple[Lens, float]:
@@ -90,7 +102,8 @@ def calibrate_sensor(
         lens: of the camera, where it is known.
 
     Raises:
-        ValueError: no usable picture, no dots in rows, or a pitch that is not above 0.
+        ValueError: no usable picture, no dots in rows, dots that move, or a pitch that is not
+            above 0.
     """
     if pitch_mm is not None and not 0.0 < pitch_mm < np.inf:
         raise ValueError(f"the pitch is {pitch_mm} mm; it must be a number above 0")
@@ -114,7 +127,14 @@ def calibrate_sensor(
         row[match >= 0] = centre[match[match >= 0]]
     track = track[:, np.isfinite(track).all(axis=(0, 2))]
     place = track.mean(axis=0)
-    pitch, misfit = lattice_pitch(place)
+    pitch, off = lattice_pitch(place)
+    misfit = np.sqrt(np.nanmean(off**2))
+    moves = float(np.median(track.std(axis=0)))
+    if moves > MOST_MOTION * pitch:
+        raise ValueError(
+            f"{unloaded}: the dots move by {moves:.1f} px between the pictures, {pitch:.1f} px "
+            "apart: take pictures of the resting pad, nothing touching it"
+        )
     scale = 1.0 if pitch_mm is None else pitch_mm / pitch
     unit = "px" if pitch_mm is None else "mm"
     remarks = [
@@ -128,13 +148,12 @@ def calibrate_sensor(
     else:
         remarks.append(f"{len(track)} pictures: {FEWEST_STILLS} or more would tell the noise.")
     known = {} if pitch_mm is None else {"mm_per_px": scale}
-    return Calibrated(
-        replace(sensor, reference=scale * place, noise=noise, **known), tuple(remarks)
-    )
+    described = replace(sensor, reference=scale * place, noise=noise, **known)
+    return Calibrated(described, tuple(remarks), images[0], place, off)
 
 
-def lattice_pitch(place: Float[np.ndarray, "m 2"]) -> tuple[float, float]:
-    """Mean distance of neighbours, and root mean square distance from the lattice [px]."""
+def lattice_pitch(place: Float[np.ndarray, "m 2"]) -> tuple[float, Float[np.ndarray, "m 2"]]:
+    """Mean distance of neighbours, and each dot's off the lattice, NaN for dots not in it [px]."""
     lattice = index_lattice(place)
     fitted = fit_lattice(lattice, place)
     middle = lattice.coordinates.mean(axis=0)
@@ -143,5 +162,64 @@ def lattice_pitch(place: Float[np.ndarray, "m 2"]) -> tuple[float, float]:
     terms = np.stack([np.ones(4), i, j, i * i, i * j, j * j], axis=1)
     ends = terms @ fitted.coefficients
     across = np.stack([ends[0] - ends[1], ends[2] - ends[3]])
-    off = place[lattice.dot] - fitted.place(lattice.coordinates)
-    return float(np.sqrt(abs(np.linalg.det(across)))), float(np.sqrt(np.mean(off**2)))
+    off = np.full_like(place, np.nan)
+    off[lattice.dot] = place[lattice.dot] - fitted.place(lattice.coordinates)
+    return float(np.sqrt(abs(np.linalg.det(across)))), off
+
+
+def write_calibration(found: Calibrated, lines: Sequence[str], out: Path) -> None:
+    """Write `sensor.toml`, a report and its picture.
+
+    Args:
+        found: the sensor.
+        lines: what else there is to say.
+        out: folder.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    lens = found.sensor.lens
+    write_findings(
+        out,
+        "sensor.png",
+        plot_sensor(found),
+        title="Calibration of a sensor",
+        lead=[*lines, *found.remarks],
+        caption="The first picture and the dots found in it; how far each is off a regular "
+        "lattice, which may be bent a little: all alike, a lens not taken off; one by itself, "
+        "misprinted or found badly" + ("." if lens is None else "; how far the lens moves points."),
+    )
+    write_sensor(found.sensor, out / "sensor.toml")
+
+
+def plot_sensor(found: Calibrated) -> Figure:
+    """The dots, how far they are off a lattice, and what the lens moves."""
+    lens = found.sensor.lens
+    height, width = found.image.shape[:2]
+    figure, axes = plt.subplots(
+        1, 2 if lens is None else 3, figsize=(9.5 if lens is None else 14.0, 4.0),
+        layout="constrained", sharex=True, sharey=True,
+    )  # fmt: skip
+    seen = found.place if lens is None else lens.bend(found.place)
+    axes[0].imshow(found.image, cmap="gray")
+    axes[0].plot(*seen.T, "+", color="C1", ms=5, mew=0.8)
+    axes[0].set_title(f"{len(seen)} dots")
+    known = np.isfinite(found.off[:, 0])
+    _arrows(figure, axes[1], found.place[known], found.off[known], "off the lattice")
+    if lens is not None:
+        at = np.stack(
+            np.meshgrid(np.linspace(0.0, width, 17), np.linspace(0.0, height, 13)), -1
+        ).reshape(-1, 2)
+        _arrows(figure, axes[2], lens.straighten(at), at - lens.straighten(at), "moved by the lens")
+    for axis in axes:
+        axis.set(xlabel="x [px]", ylabel="y [px]", xlim=(0, width), ylim=(height, 0))
+        axis.set_aspect("equal")
+    return figure
+
+
+def _arrows(figure: Figure, axis, place: np.ndarray, by: np.ndarray, title: str) -> None:
+    """Arrows of their own scale, their length as a colour."""
+    length = np.hypot(*by.T)
+    drawn = axis.quiver(*place.T, *by.T, length, angles="xy", cmap="viridis", width=4e-3)
+    figure.colorbar(drawn, ax=axis, label="[px]", shrink=0.8)
+    axis.set_title(title)

@@ -88,6 +88,15 @@ def test_the_command_writes_what_run_reads(stills, tmp_path):
     )
     assert done.exit_code == 0, done.output
     assert read_sensor(tmp_path / "sensor.toml").size == (320, 240)
+    assert "<img" in (tmp_path / "report.html").read_text()
+
+
+def test_dots_that_move_between_the_pictures_are_not_at_rest(tmp_path):
+    rng = np.random.default_rng(0)
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture(REST + 2.0 * i, rng))
+    with pytest.raises(ValueError, match="resting pad"):
+        calibrate_sensor(tmp_path, pitch_mm=1.2)
 
 
 def test_a_wrong_pitch_is_refused(stills):
