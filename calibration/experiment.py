@@ -108,6 +108,8 @@ def read_experiment(name: str) -> Experiment:
         ValueError: it is not such a file.
     """
     example = files("calibration") / "examples" / f"{name}.toml"
+    if not (example.is_file() or Path(name).is_file()):
+        raise FileNotFoundError(f"there is no file {name}, nor a shipped example of that name")
     text = example.read_text() if example.is_file() else Path(name).read_text(encoding="utf-8")
     try:
         content = tomllib.loads(text)

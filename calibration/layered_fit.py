@@ -29,6 +29,7 @@ _OUTLIER = 2.0  # standard errors from which a frame counts less, far beyond har
 _FILTER_SHARE = 0.005  # of the angle: what the lifting itself may be off by
 _GUESSES = (0.1, 0.5, 1.5)  # k for which frames are lifted at first
 _ROUNDS = 2
+_MOST_SLIPPING = 2.0 / 3.0  # of the frames of a grasp
 _LEARNT = 0.7  # of what was known beforehand; less is counted as told by the turns
 
 
@@ -213,6 +214,13 @@ def _check(grasps: Sequence[Grasp], found: Sequence[Turns]) -> None:
     """See that all are of one sensor and follow their references."""
     trials = []
     for grasp, turns in zip(grasps, found, strict=True):
+        if turns.slipping > _MOST_SLIPPING * (len(turns.told) + turns.slipping):
+            raise ValueError(
+                f"{grasp.recording.name}: in {turns.slipping} of "
+                f"{len(turns.told) + turns.slipping} frames the gel stands still while the "
+                "reference turns: it does not follow this object, or most of the recording is "
+                "slip. Check that both are of one grasp and on one clock, or press harder"
+            )
         values = (np.array([getattr(turn, name) for turn in turns.told]) for name in _COLUMNS)
         trials.append(check_turns(grasp.recording, *values))
     if trials:

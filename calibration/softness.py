@@ -18,7 +18,7 @@ from estimation.recording import Recording
 from estimation.references import NO_REFERENCE, Reference, outline_reference, read_reference
 from estimation.report import figure_png, render_page
 from estimation.softness import write_softness
-from estimation.softness_fit import SoftnessFit, fit_softness
+from estimation.softness_fit import MOST_COVERED, SoftnessFit, fit_softness
 from estimation.trials import Trial, make_trials
 from estimation.two_fingers import fit_two_fingers
 
@@ -156,7 +156,8 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
     for name, fit in fits.items():
         file = "softness.toml" if name == main else f"{_file(name)}.toml"
         write_softness(fit.softness, out / file)
-    return [*lines, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
+    said = [f"  {line}" for fit in fits.values() for line in (*fit.undetermined, *fit.notes)]
+    return [*lines, *said, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
 
 
 def write_two_fingers(
@@ -228,6 +229,8 @@ def write_layered(
         ValueError: references that do not fit, or nothing that tells k.
         OSError: a file cannot be read or written.
     """
+    if not references:
+        raise ValueError(f"no --reference: {NO_REFERENCE}")
     if not (settings.same_clock and settings.zeroed):
         raise ValueError(
             "on an elastomer of finite thickness frames are fitted one by one: the references must "
@@ -235,7 +238,7 @@ def write_layered(
         )
     if len(references) != len(recordings):
         raise ValueError(f"{len(references)} references for {len(recordings)} recordings")
-    grasps, errors = [], []
+    grasps, errors, notes = [], [], []
     for recording, source in zip(recordings, references, strict=True):
         found = _read(recording, source, settings)
         if not (found.same_clock and found.zeroed):
@@ -246,6 +249,11 @@ def write_layered(
                 f"{recording.name}: the reference runs from {found.time[0]:.2f} to "
                 f"{found.time[-1]:.2f} s, the recording from {recording.time[0]:.2f} to "
                 f"{recording.time[-1]:.2f} s: record both over the same time, on one clock"
+            )
+        known = np.isfinite(angle)
+        if known.mean() < MOST_COVERED:
+            notes.append(
+                f"{recording.name}: the reference covers {known.sum()} of {len(known)} frames"
             )
         grasps.append(Grasp(recording, angle, noise or estimate_noise(recording)))
         errors.append(found.error)
@@ -260,9 +268,7 @@ def write_layered(
         f"{len(grasps)} grasps"
     ]
     if fit.slipping:
-        lines.append(
-            f"left out: {fit.slipping} frames in macro slip, the gel still under the object"
-        )
+        notes.append(f"left out: {fit.slipping} frames in macro slip, the gel standing still")
     write_findings(
         out,
         "layered.png",
@@ -270,9 +276,10 @@ def write_layered(
         title="Softness of an object on a thin elastomer",
         lead=lines,
         caption="What the fit leaves of the object's angle, frame by frame.",
+        lists={"notes": notes},
     )
     write_softness(fit.softness, out / "softness.toml")
-    return [*lines, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
+    return [*lines, *notes, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
 
 
 def plot_layered(fit: LayeredFit) -> Figure:

@@ -28,6 +28,9 @@ from estimation.trials import Trial
 LOAD_MODELS = ("none", "constant", "by force", "per grasp")
 """How L is taken: 0, one number, in proportion to the normal force, or one for each trial."""
 
+MOST_COVERED = 0.5
+"""Share of the frames from which a reference counts as long as the recording."""
+
 SCATTER_LEVEL = 0.02
 """Chance of such disagreement between equal grasps below which they count as unequal."""
 
@@ -426,8 +429,16 @@ def _tell(
             "interval and is applied"
         )
     excluded = Counter[str]()
-    for trial in trials:
+    for number, trial in enumerate(trials):
         excluded.update(trial.excluded)
+        read = line.points.time[line.points.trial == number]
+        frames = trial.time - trial.start
+        covered = np.mean((frames >= read.min()) & (frames <= read.max()))
+        if covered < MOST_COVERED:
+            notes.append(
+                f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames that "
+                "stick: record it over the whole recording"
+            )
     notes += [f"left out: {count} frames {reason}" for reason, count in excluded.items()]
     if outliers := int((line.weight == 0).sum()):
         notes.append(f"no weight: {outliers} of {len(line.weight)} readings lie far off the line")

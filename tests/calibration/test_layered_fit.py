@@ -131,6 +131,9 @@ def test_gel_that_stands_still_under_the_object_tells_nothing_of_k():
     angle = np.concatenate([np.full(5, np.nan), 1.5 * turned])
     fit = fit_layered_softness([Grasp(recording, angle, Noise.given(1e-3))], (np.inf, 0.0))
     assert fit.slipping >= 13  # of the 15 frames; told over stretches in which the object turns 2°
+    wild = angle + np.radians(20.0) * np.random.default_rng(0).normal(size=len(angle))
+    with pytest.raises(ValueError, match="does not follow this object"):
+        fit_layered_softness([Grasp(recording, wild, Noise.given(1e-3))], (np.inf, 0.0))
     assert fit.low[0] < 0.5 < fit.high[0]
     assert fit.softness.stiffness_ratio == pytest.approx(0.5, abs=0.01)
 

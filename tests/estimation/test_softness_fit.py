@@ -248,6 +248,9 @@ def test_what_a_fit_leaves_out_and_cannot_tell_is_said():
     said = " ".join(fit.notes + fit.undetermined)
     for part in ("12 frames in macro slip", "far off the line", "one grasp", "L: the references"):
         assert part in said
+    short = _with(one, time=one.reference.time[:20], angle=one.reference.angle[:20],
+                  error=one.reference.error[:20])  # fmt: skip
+    assert "covers 33 % of the frames" in " ".join(fit_softness([short]).notes)
     with pytest.raises(ValueError, match="without a reference angle k cannot be had"):
         fit_softness([])
     with pytest.raises(ValueError, match="no model 'constant' of L for these trials"):
