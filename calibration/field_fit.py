@@ -103,6 +103,13 @@ class FieldFit:
     agreeing: float = 1.0
 
     @property
+    def left(self) -> float:
+        """Root mean square displacement that the model leaves, over that of what was measured."""
+        known = np.isfinite(self.residual)
+        measured = (self.predicted.displacement + self.residual)[known]
+        return float(np.sqrt(np.sum(self.residual[known] ** 2) / np.sum(measured**2)))
+
+    @property
     def verdict(self) -> list[str]:
         """What to make of the fit, in sentences."""
         return list(_judge(self))
@@ -444,12 +451,15 @@ def _judge(fit: FieldFit) -> Sequence[str]:
             "narrow to tell μ: twist or shift the object further, or take smaller cells."
         )
     rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
-    where = f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z"
+    where = (
+        f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z, "
+        f"{100.0 * fit.left:.2g} % of the motion"
+    )
     if fit.trusted:
-        said.append(f"The model describes the data within their noise: {where}.")
+        said.append(f"The model describes the data within the errors given for them: {where}.")
     else:
         said.append(
-            f"The model does not describe the data within their noise (χ² {fit.misfit:.3g} times "
+            f"The model does not describe the data within their errors (χ² {fit.misfit:.3g} times "
             f"what it should be; {where}): the intervals are widened by its root, which holds "
             "only as far as the misfit is random."
         )

@@ -56,12 +56,6 @@ class Press(NamedTuple):
     moment: float
 
     @property
-    def share(self) -> float:
-        """Root mean square of what the model leaves over that of the displacement [-]."""
-        left = self.fit.residual[0]
-        return float(np.sqrt(np.nansum(left**2) / np.nansum(self.moved**2)))
-
-    @property
     def misfit(self) -> float:
         """χ² by the degrees of freedom, were the model right and the noise that at rest."""
         return float(np.nanmean((self.fit.residual[0] / np.asarray(NOISE_MM)) ** 2))
@@ -105,7 +99,7 @@ def tables(result: list[Press]) -> dict[str, list[dict[str, object]]]:
                 "force [N]": round(one.force, 2),
                 "moment [N·mm]": round(one.moment, 1),
                 **{_TITLES[name]: _show(one.fit, name) for name in _SHOWN},
-                "left of motion [%]": round(100 * one.share, 1),
+                "left of motion [%]": round(100 * one.fit.left, 1),
                 "χ² at noise": round(one.misfit),
             }
             for one in result
