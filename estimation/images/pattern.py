@@ -21,6 +21,10 @@ from estimation.images.render import OVERSAMPLING, Camera, expose
 DOT = 0.14
 """Radius of a cell's dot, in cells."""
 STEPS = 30
+COARSE = 8
+"""Distance of the pixels whose place in the pattern is looked for first [px]."""
+STRIP = 64
+"""Fine rows that are printed at a time, so that they stay in the processor's cache."""
 
 Project = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
 """Takes points of the unloaded pattern [mm] to where they are in the picture [px]."""
@@ -85,18 +89,18 @@ def render_pattern(
         rng: of the noise.
     """
     margin, shape = camera.margin, camera.fine_shape
-    y, x = np.mgrid[-margin : camera.height + margin, -margin : camera.width + margin]
-    pixels = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
-    cells = _unproject(project, pattern, pixels) / pattern.pitch
+    height, width = camera.height + 2 * margin, camera.width + 2 * margin
+    cells = _unproject_all(project, pattern, (height, width), margin) / pattern.pitch
     cells += 0.5 * (np.array(pattern.shape[::-1]) + 1)  # 0 at the first cell's outer side
-    cells = cells.reshape(*x.shape, 2)
     slopes = [np.gradient(cells[..., i]) for i in (0, 1)]
     per_px = np.stack([np.hypot(down, right) for down, right in slopes], axis=-1)
-    fine, width = (
+    fine, wide = (
         [cv2.resize(one[..., i].astype(np.float32), shape[::-1]) for i in (0, 1)]
         for one in (cells, per_px / OVERSAMPLING)
     )
-    return expose(camera, _print(pattern, fine, width), rng)
+    strips = [slice(start, start + STRIP) for start in range(0, shape[0], STRIP)]
+    printed = [_print(pattern, [a[s] for a in fine], [w[s] for w in wide]) for s in strips]
+    return expose(camera, np.concatenate(printed), rng)
 
 
 def _print(pattern: Pattern, at: list[np.ndarray], width: list[np.ndarray]) -> np.ndarray:
@@ -111,20 +115,18 @@ def _print(pattern: Pattern, at: list[np.ndarray], width: list[np.ndarray]) -> n
         inside *= np.clip((count - place) / wide + 0.5, 0.0, 1.0)
     cover = 0.5 + 0.5 * sign
     if pattern.code is not None:
-        x, y = (
-            np.clip(np.floor(a), 0, n).astype(int) for a, n in zip(at, (columns, rows), strict=True)
-        )
+        x, y = (np.clip(np.floor(a), 0, n) for a, n in zip(at, (columns, rows), strict=True))
         off = np.hypot(at[0] - x - 0.5, at[1] - y - 0.5)
         dot = np.clip((DOT - off) / (0.5 * (width[0] + width[1])) + 0.5, 0.0, 1.0)
-        dot *= pattern.code[y, x]
+        dot *= pattern.code[y.astype(int), x.astype(int)]
         cover = cover + dot * (1.0 - 2.0 * cover)
     return (cover * inside).astype(np.float32)
 
 
-def _unproject(
-    project: Project, pattern: Pattern, pixels: Float[np.ndarray, "n 2"]
-) -> Float[np.ndarray, "n 2"]:
-    """Points of the unloaded pattern [mm] that are at pixels, by Newton's method.
+def _unproject_all(
+    project: Project, pattern: Pattern, shape: tuple[int, int], margin: int
+) -> Float[np.ndarray, "height width 2"]:
+    """Points of the unloaded pattern [mm] at all pixels of a picture with a margin.
 
     Raises:
         ValueError: the picture folds, or reaches beyond what can be projected.
@@ -132,7 +134,29 @@ def _unproject(
     corners = pattern.corners()
     known = np.column_stack([project(corners), np.ones(len(corners))])
     affine = np.linalg.lstsq(known, corners, rcond=None)[0]
-    points = np.column_stack([pixels, np.ones(len(pixels))]) @ affine
+    y, x = (COARSE * np.arange(-(-size // COARSE) + 1.0) - margin for size in shape)
+    sparse = np.stack(np.meshgrid(x, y), axis=-1)
+    pixels = sparse.reshape(-1, 2)
+    start = np.column_stack([pixels, np.ones(len(pixels))]) @ affine
+    found = _unproject(project, pattern, pixels, start).reshape(sparse.shape)
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+    start = cv2.remap(found, x / COARSE, y / COARSE, cv2.INTER_LINEAR).reshape(-1, 2)
+    pixels = np.stack([x.ravel(), y.ravel()], axis=1).astype(float) - margin
+    return _unproject(project, pattern, pixels, start).reshape(*shape, 2)
+
+
+def _unproject(
+    project: Project,
+    pattern: Pattern,
+    pixels: Float[np.ndarray, "n 2"],
+    start: Float[np.ndarray, "n 2"],
+) -> Float[np.ndarray, "n 2"]:
+    """Points of the unloaded pattern [mm] that are at pixels, by Newton's method.
+
+    Raises:
+        ValueError: it does not get there.
+    """
+    points = start.copy()
     step, longest = 1e-4 * pattern.pitch, 2.0 * pattern.pitch
     left = np.arange(len(pixels))
     for _ in range(STEPS):
