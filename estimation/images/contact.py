@@ -10,7 +10,7 @@ from collections import deque
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 from estimation.contact import reaches_edge
 from estimation.images.lattice import Reference
@@ -23,6 +23,9 @@ LIGHT_ONSET = 6.0
 """Change of grey level, of 255, from which there is contact."""
 MIDDLE = 9
 """Markers that are a contact's middle; around it a jump of a pivot tears others out of sight."""
+TORN, TORN_PLACES = 0.4, 4
+"""Jump of the displacement between neighbours beyond which the pattern is torn [pitches], and the
+fewest such places; what bends around a slipping contact jumps by 0.3, in one place by 0.6."""
 SETTLED, ALIKE = 8, 0.7
 """Frames over which a contact must have kept this share of its markers to be all in view."""
 
@@ -79,26 +82,69 @@ def region_of_light(
 
 
 def find_unseen_flaw(
-    reference: Reference, contact: Bool[np.ndarray, " m"], seen: Bool[np.ndarray, " m"]
+    rest: Float[np.ndarray, "m 2"],
+    contact: Bool[np.ndarray, " m"],
+    seen: Bool[np.ndarray, " m"],
 ) -> str:
     """Why a contact region cannot be judged: its middle is not seen; empty if it is.
 
     Motion blurs the middle of a contact, and a cover or a tear may lie over it.
 
     Args:
-        reference: the markers at rest.
+        rest: the markers at rest [px].
         contact: the contact region, of markers that are seen.
         seen: which are.
     """
-    region = np.flatnonzero(_hull(reference.position, contact))
+    region = np.flatnonzero(_hull(rest, contact))
     if not len(region):
         return ""
-    place = reference.position[region]
+    place = rest[region]
     far = np.linalg.norm(place - place.mean(axis=0), axis=1)
     middle = region[np.argsort(far)[:MIDDLE]]
     if seen[middle].any():
         return ""
     return f"none of the {len(middle)} markers in the contact's middle is seen"
+
+
+def find_tear_flaw(
+    neighbours: Int[np.ndarray, "m 4"],
+    rest: Float[np.ndarray, "m d"],
+    now: Float[np.ndarray, "m d"],
+) -> str:
+    """Why a pattern is no longer one piece, empty if it is.
+
+    Along a line of four markers the displacement of gel goes on from the second to the third as it
+    does before and after; where the gel is torn it jumps. One marker that is not seen may lie in
+    the tear. Either side is recognised by itself, so that only this tells that what has moved is
+    not what turns.
+
+    Args:
+        neighbours: of each marker, those before and after it along each of two lines; −1 for none.
+        rest: positions at rest.
+        now: positions now; NaN where not seen.
+    """
+    moved = np.append(now - rest, np.full((1, rest.shape[1]), np.nan), axis=0)
+    place = np.append(rest, np.full((1, rest.shape[1]), np.nan), axis=0)
+    beside = np.append(neighbours, np.full((1, 4), -1), axis=0)
+    pitch = float(np.nanmedian(np.linalg.norm(place[beside[:, 0]] - place, axis=1)))
+    jumps = []
+    for before, after in ((0, 1), (2, 3)):
+        second = np.arange(len(rest))
+        third = beside[second, after]
+        for far in (1, 2):
+            if far == 2:  # the one between is not seen
+                third = np.where(np.isnan(moved[third, 0]), beside[third, after], -1)
+            going = moved[second] - moved[beside[second, before]]
+            going = 0.5 * far * (going + moved[beside[third, after]] - moved[third])
+            jumps.append(np.linalg.norm(moved[third] - moved[second] - going, axis=1))
+    torn = np.concatenate(jumps) / pitch
+    torn = torn[torn > TORN]
+    if len(torn) < TORN_PLACES:
+        return ""
+    return (
+        f"the pattern is torn: in {len(torn)} places neighbouring markers have moved apart, by "
+        f"{np.median(torn):.1f} of the distance between them"
+    )
 
 
 class Arrival:

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Int
 
-from estimation.images.contact import find_unseen_flaw, region_of_dispersion
+from estimation.images.contact import find_tear_flaw, find_unseen_flaw, region_of_dispersion
 from estimation.images.corner_tracking import CornerTracker, Seen
 from estimation.images.lattice import Reference
 from estimation.images.lines import Rotation, fuse_rotations, rotation_of_edges, rotation_of_lines
@@ -44,12 +44,14 @@ class CornerReader(MarkerReader):
             return Row.of_none(picture, shape, seen.flaw)
         displacement = seen.position - self.reference.position
         contact = region_of_dispersion(self.reference, displacement)
+        rest, known = self.reference.position, np.isfinite(displacement[:, 0])
         return Row(
             position=seen.position,
             contact=contact,
             time=picture.time,
             number=picture.number,
-            flaw=find_unseen_flaw(self.reference, contact, np.isfinite(displacement[:, 0])),
+            flaw=find_tear_flaw(self.tracker.neighbours, rest, seen.position)
+            or find_unseen_flaw(rest, contact, known),
             rotation=measure_rotation(self.tracker.neighbours, self.rest, seen).angle,
         )
 

@@ -109,7 +109,7 @@ class DotReader(MarkerReader):
             contact=contact,
             time=picture.time,
             number=picture.number,
-            flaw=flaw or find_unseen_flaw(self.reference, contact, seen[:, 0]),
+            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen[:, 0]),
             imprint=turned.angle,
             imprint_error=turned.error,
         )

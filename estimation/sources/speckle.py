@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from estimation.images.contact import find_unseen_flaw, region_of_dispersion
+from estimation.images.contact import find_tear_flaw, find_unseen_flaw, region_of_dispersion
 from estimation.images.corner_tracking import lattice_neighbours, to_light
 from estimation.images.lattice import Reference
 from estimation.images.lines import Rotation, fuse_rotations, rotation_of_lines
@@ -59,12 +59,14 @@ class SpeckleReader(MarkerReader):
         match = self._straighten(match)
         displacement = match.position - self.reference.position
         contact = region_of_dispersion(self.reference, displacement)
+        rest = self.reference.position
         return Row(
             position=match.position,
             contact=contact,
             time=picture.time,
             number=picture.number,
-            flaw=find_unseen_flaw(self.reference, contact, match.good),
+            flaw=find_tear_flaw(self.neighbours, rest, match.position)
+            or find_unseen_flaw(rest, contact, match.good),
             rotation=measure_rotation(self.reference, match).angle,
         )
 

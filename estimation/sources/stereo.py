@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from estimation.contact import ONSET_MM, SHARE
+from estimation.images.contact import find_tear_flaw, find_unseen_flaw
 from estimation.images.corner_tracking import CornerTracker, Seen
 from estimation.images.placing import SMALLEST
 from estimation.images.stereo import Rig, triangulate
@@ -86,7 +88,22 @@ class StereoReader(MarkerReader):
             flaw = f"{bad.sum()} of {both} corners do not fit in the two views: wrong calibration?"
             return Row.of_none(picture, shape, flaw)
         points = np.where(bad[:, None], np.nan, found.points)
-        return Row(position=points, contact=None, time=picture.time, number=picture.number)
+        return Row(
+            position=points,
+            contact=None,
+            time=picture.time,
+            number=picture.number,
+            flaw=self._contact_flaw(points),
+        )
+
+    def _contact_flaw(self, points: Float[np.ndarray, "m 3"]) -> str:
+        """Why the contact cannot be judged: a torn pattern, or a middle that is not seen."""
+        rest = self.layout.reference
+        flaw = find_tear_flaw(self.left.neighbours, rest[:, :2], points[:, :2])
+        depth = np.nan_to_num(rest[:, 2] - points[:, 2])
+        pressed = (depth >= SHARE * depth.max()) & (depth >= ONSET_MM)
+        seen = np.isfinite(points[:, 0])
+        return flaw or find_unseen_flaw(self.left.rest.position, pressed, seen)
 
     def notes(self) -> tuple[str, ...]:
         """What the pattern looks like, what the reference is, and how the views fit."""

@@ -86,13 +86,13 @@ def test_the_way_is_chosen_and_told(tmp_path):
 def test_a_contact_whose_middle_is_not_seen_is_not_judged():
     from_middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1)
     region, blurred = from_middle < 75.0, from_middle < 52.0
-    assert not find_unseen_flaw(REFERENCE, region, np.ones_like(region))
+    assert not find_unseen_flaw(REFERENCE.position, region, np.ones_like(region))
     few = from_middle < 0.5 * PITCH
-    assert not find_unseen_flaw(REFERENCE, region & ~few, ~few)
-    assert "contact's middle" in find_unseen_flaw(REFERENCE, region & ~blurred, ~blurred)
+    assert not find_unseen_flaw(REFERENCE.position, region & ~few, ~few)
+    assert "contact's middle" in find_unseen_flaw(REFERENCE.position, region & ~blurred, ~blurred)
     rim = region & (from_middle > 45.0)  # a jump of a pivot tears it
     ends = from_middle > 60.0
-    assert not find_unseen_flaw(REFERENCE, region & (~rim | ends), ~rim | ends)
+    assert not find_unseen_flaw(REFERENCE.position, region & (~rim | ends), ~rim | ends)
 
 
 def test_a_contact_that_comes_in_over_the_edge_is_judged_once_it_has_settled():

@@ -148,12 +148,15 @@ def test_run_reads_a_checkerboard(coded, tmp_path):
     images[1] = np.zeros_like(images[1])
     covered = images[-1].copy()
     covered[70:170, 110:210] = 128  # the middle of the contact, where it would stick
-    folder = write_folder(tmp_path / "board", [*images, covered])
+    torn = images[-1].copy()
+    torn[:, 150:] = np.roll(torn, 15, axis=0)[:, 150:]
+    folder = write_folder(tmp_path / "board", [*images, covered, torn])
     settings = ImageSettings(Sensor(mm_per_px=CAMERA.mm_per_px, marker="corners"))
     recording = read_recording(folder, settings)
     assert recording.layout.grid_shape in ((9, 12), (12, 9))
     assert recording.flaws[1] == "the picture is black"
     assert "contact's middle is seen" in recording.flaws[5]
+    assert "torn" in recording.flaws[6]
     assert "code" in " ".join(recording.notes)
     middle = (
         np.linalg.norm(recording.layout.reference - 0.04 * np.array([159.5, 119.5]), axis=1) < 0.9

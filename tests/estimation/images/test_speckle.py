@@ -9,6 +9,8 @@ from estimation.images.speckle import SpeckleTracker
 from estimation.images.subsets import Sampler, make_subsets, match_subsets, polar_angle
 from estimation.sensor import Sensor
 from estimation.sources import ImageSettings, read_recording
+from estimation.sources.pictures import Picture
+from estimation.sources.speckle import SpeckleReader
 from tests.cases import find_published
 from tests.estimation.images.boards import PLAIN, scene, twist
 from tests.estimation.images.scenes import picture, real, twisted
@@ -125,6 +127,19 @@ def test_torn_covered_and_saturated_patterns_lose_no_identity(tracker):
     match, flaw = find(tracker, bright)
     assert not flaw
     assert errors(tracker, match, motion).max() < 1.0
+
+
+def test_a_tear_is_said(rest):
+    settings = ImageSettings(Sensor(marker="speckle"), unloaded=0)
+    reader = SpeckleReader(Picture(rest, 0.0, 0), settings)
+    for degrees in (12.0, 30.0):
+        assert not reader.read(Picture(speckle(Motion(degrees), seed=5), 0.0, 1)).flaw
+    now = speckle(Motion(12.0), seed=5)
+    for shift in (15, 46):  # one pitch, and far beyond the reach of a subset
+        torn = now.copy()
+        torn[:, 150:] = np.roll(now, shift, axis=0)[:, 150:]
+        torn[:shift, 150:] = 128
+        assert "the pattern is torn" in reader.read(Picture(torn, 0.0, 2)).flaw
 
 
 def test_another_pattern_and_noise_are_not_recognised(tracker):

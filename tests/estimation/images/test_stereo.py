@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -190,6 +191,16 @@ def test_what_is_wrong_with_a_view_is_labelled(pictures, tmp_path):
     assert recording.flaws[1] == "the right view is black"
     assert "right view: only" in recording.flaws[2]
     assert recording.flaws[3] == ""
+    spot = pictures[3].copy()  # a cover of 4.5 mm on a contact of 6 mm
+    cv2.circle(spot, (160, 120), 45, 128, -1)
+    cv2.circle(spot, (480, 120), 45, 128, -1)
+    torn = pictures[3].copy()  # by 0.55 mm, from a line on the pad onwards
+    torn[:, 160:320] = np.roll(torn, 11, axis=0)[:, 160:320]
+    torn[:, 480:] = np.roll(torn, 11, axis=0)[:, 480:]
+    recording = read(tmp_path / "pads", [pictures[0], pictures[3], spot, torn])
+    assert recording.flaws[:2] == ("", "")
+    assert "contact's middle is seen" in recording.flaws[2]
+    assert "torn" in recording.flaws[3] or "cannot be told" in recording.flaws[3]
     first_dark = read(tmp_path / "first", [dark, *pictures[:2]])
     assert first_dark.flaws == ("the right view is black", "", "")
 
