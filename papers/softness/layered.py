@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from calibration.layered_fit import Grasp, fit_layered_softness
 from estimation.layered_softness import LayeredSoftness
@@ -197,6 +198,7 @@ def plot(result: list[Cell]) -> Figure:
             images.append(_map(axis, mine, way))
             axis.set_title(f"{shape}, {1e3 * noise:g} µm, {_TITLES[way]}", fontsize=8)
     figure.colorbar(images[0], ax=axes, label="mean error of the angle [%]", shrink=0.6)
+    figure.suptitle(f"framed: all within {100 * SHARE:g} % or {FLOOR_DEG:g}°", fontsize=9)
     return figure
 
 
@@ -204,17 +206,17 @@ _TITLES = {"none": "uncorrected", "scalar": "scalar k", "layered": "layered"}
 
 
 def _map(axis, cells: list[Cell], way: str):
-    """Errors as colours and numbers; bold where all frames are within what is asked."""
+    """Errors as colours and numbers; framed where all angles are within what is asked."""
     ks = sorted({one.k for one in cells})
     heights = sorted({one.thickness for one in cells})
     shade = np.full((len(heights), len(ks)), np.nan)
     for one in cells:
         i, j = heights.index(one.thickness), ks.index(one.k)
         shade[i, j] = 100 * one.error[way]
-        weight = "bold" if one.within[way] >= 0.95 else "normal"
         colour = "white" if shade[i, j] > 3.0 else "black"
-        axis.text(j, i, f"{shade[i, j]:.1f}", ha="center", va="center", fontsize=7,
-                  color=colour, weight=weight)  # fmt: skip
+        axis.text(j, i, f"{shade[i, j]:.1f}", ha="center", va="center", fontsize=7, color=colour)
+        if one.within[way] == 1.0:
+            axis.add_patch(Rectangle((j - 0.44, i - 0.4), 0.88, 0.8, fill=False, lw=1.5))
     image = axis.imshow(
         shade, norm="log", vmin=0.3, vmax=100.0, cmap="viridis_r", aspect="auto", origin="lower"
     )
