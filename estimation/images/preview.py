@@ -94,10 +94,11 @@ def annotate(
     angle, turned = np.degrees(result.angle[row]), np.nan
     if recording.imprint is not None:
         turned = np.degrees(recording.imprint[row, 0])
+    values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
+    known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
     texts = (
         f"frame {result.source_index[row]}  {result.state[row]}  {result.reason[row]}",
-        f"angle {angle:.1f}  gel {gel_deg:.1f}  imprint {turned:.1f}  "
-        f"imprint - gel {turned - gel_deg:.1f} deg",
+        f"{'  '.join(known)} deg" if known else "no angle",
     )
     for line, text in enumerate(texts):
         place = (8, image.shape[0] - 2 * LINE + (line + 1) * LINE - 8)
