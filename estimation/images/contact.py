@@ -23,9 +23,9 @@ LIGHT_ONSET = 6.0
 """Change of grey level, of 255, from which there is contact."""
 MIDDLE = 9
 """Markers that are a contact's middle; around it a jump of a pivot tears others out of sight."""
-TORN, TORN_PLACES = 0.4, 4
+TORN, TORN_PLACES = 0.5, 4
 """Jump of the displacement between neighbours beyond which the pattern is torn [pitches], and the
-fewest such places; what bends around a slipping contact jumps by 0.3, in one place by 0.6."""
+fewest such places; around slipping contacts 0.42 was found, at μp₀/2G* = 0.5 and 20°."""
 SETTLED, ALIKE = 8, 0.7
 """Frames over which a contact must have kept this share of its markers to be all in view."""
 
@@ -114,9 +114,9 @@ def find_tear_flaw(
     """Why a pattern is no longer one piece, empty if it is.
 
     Along a line of four markers the displacement of gel goes on from the second to the third as it
-    does before and after; where the gel is torn it jumps. One marker that is not seen may lie in
-    the tear. Either side is recognised by itself, so that only this tells that what has moved is
-    not what turns.
+    does before, after, or in between the two; where the gel is torn it jumps. One marker that is
+    not seen may lie in the tear. Either side is recognised by itself, so that only this tells that
+    what has moved is not what turns.
 
     Args:
         neighbours: of each marker, those before and after it along each of two lines; −1 for none.
@@ -134,9 +134,12 @@ def find_tear_flaw(
         for far in (1, 2):
             if far == 2:  # the one between is not seen
                 third = np.where(np.isnan(moved[third, 0]), beside[third, after], -1)
-            going = moved[second] - moved[beside[second, before]]
-            going = 0.5 * far * (going + moved[beside[third, after]] - moved[third])
-            jumps.append(np.linalg.norm(moved[third] - moved[second] - going, axis=1))
+            earlier = moved[second] - moved[beside[second, before]]
+            later = moved[beside[third, after]] - moved[third]
+            step = moved[third] - moved[second]
+            goings = earlier, later, 0.5 * (earlier + later)
+            beyond = [np.linalg.norm(step - far * going, axis=1) for going in goings]
+            jumps.append(np.min(beyond, axis=0))
     torn = np.concatenate(jumps) / pitch
     torn = torn[torn > TORN]
     if len(torn) < TORN_PLACES:
