@@ -7,7 +7,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from estimation.images.board import STEP, Board, Cells, connect_corners, read_cells
-from estimation.images.corners import Corners, CornerStyle, find_corners, find_rings
+from estimation.images.corners import (
+    EXPLAINED,
+    Corners,
+    CornerStyle,
+    find_corners,
+    find_rings,
+    fit_corners,
+)
 from estimation.images.lattice import Lattice, fit_lattice
 from estimation.images.lines import straighten_edges
 from estimation.images.placing import (
@@ -27,6 +34,10 @@ COVERED = 0.2
 """Share of the picture that they must cover."""
 LOST = 0.3
 """Share of the reference's corners below which a picture counts as not recognised."""
+BENT = 0.02
+"""Shift by edges that bend from which a corner is fitted again in a smaller window [px]."""
+SMALLER, LEAST = 0.55, 10.0
+"""That window is of a pattern whose pitch is this share, and not below so many px."""
 RESTS = 0.95
 """Share of the corners on a regular lattice from which a picture counts as unloaded."""
 
@@ -132,21 +143,43 @@ class CornerTracker:
 
     def find(self, picture: Shaped[np.ndarray, "h w *colour"]) -> Seen:
         """The reference's corners in the next picture."""
-        corners, board, pieces = _look(to_light(picture), self.style)
+        grey = to_light(picture)
+        corners, board, pieces = _look(grey, self.style)
         placed = place_board(self.plan, corners, board, pieces)
         here = placed.corner >= 0
         if here.sum() >= max(LOST * len(here), SMALLEST):
-            return self._straighten(_everywhere(corners, placed))
+            return self._straighten(grey, corners, placed)
         flaw = f"only {here.sum()} of {len(here)} corners were recognised"
         if placed.left_out:
             flaw += f"; {placed.left_out} lie in pieces whose place cannot be told"
         nowhere = placed._replace(corner=np.full_like(placed.corner, -1))
         return _everywhere(corners, nowhere)._replace(flaw=flaw)
 
-    def _straighten(self, seen: Seen) -> Seen:
-        radius = self.style.radius
-        position = straighten_edges(self.neighbours, seen.position, seen.heading, radius)
+    def _straighten(
+        self, grey: Float32[np.ndarray, "h w"], corners: Corners, placed: Placed
+    ) -> Seen:
+        """What is seen of each marker, the bending of its edges allowed for.
+
+        Its shift grows with the window's square: where it is large, a smaller window is better
+        although its noise is larger.
+        """
+        seen = _everywhere(corners, placed)
+        position = self._unbend(seen, self.style)
+        shift = np.linalg.norm(position - seen.position, axis=1)
+        bent = np.flatnonzero(np.nan_to_num(shift) > BENT)
+        small = self.style._replace(pitch=max(SMALLER * self.style.pitch, LEAST))
+        again = placed.corner[bent]
+        fitted = fit_corners(grey, corners.take(again), small)
+        good = np.linalg.norm(fitted.position - corners.position[again], axis=1) < 0.1 * small.pitch
+        good &= (fitted.explained > EXPLAINED) & np.isfinite(fitted.covariance).all(axis=(1, 2))
+        for whole, part in zip(corners, fitted, strict=True):
+            whole[again[good]] = part[good]
+        seen = _everywhere(corners, placed)
+        position[bent[good]] = self._unbend(seen, small)[bent[good]]
         return seen._replace(position=position)
+
+    def _unbend(self, seen: Seen, style: CornerStyle) -> Float[np.ndarray, "m 2"]:
+        return straighten_edges(self.neighbours, seen.position, seen.heading, style.radius)
 
     def describe(self) -> str:
         """What the pattern looks like, and what identities rest on, in sentences."""

@@ -23,8 +23,8 @@ LONGEST = np.array([1.0, 1.0, 0.3, 0.3, 0.4], dtype=np.float32)
 """Longest step in x and y [px], both angles [rad] and the blur [px]."""
 SETTLED = 0.12
 """Share of the longest step that the last may have: the next one is then below the noise."""
-BATCH = 64
-"""Corners fitted at a time, so that their arrays stay in the processor's cache."""
+BATCH = 20000
+"""Pixels of windows fitted at a time, so that arrays of them stay in the processor's cache."""
 LARGEST_WINDOW = 9.5
 """Radius of the window about a corner [px]; a smaller pattern takes `WINDOW` of its pitch."""
 WINDOW = 0.41
@@ -116,7 +116,9 @@ def find_rings(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Rings:
     return rings.take(rings.good)
 
 
-def fit_corners(grey: Float[np.ndarray, "h w"], start: Rings, style: CornerStyle) -> Corners:
+def fit_corners(
+    grey: Float[np.ndarray, "h w"], start: Rings | Corners, style: CornerStyle
+) -> Corners:
     """Fit position, both angles, blur, contrast and a sloping background.
 
     Args:
@@ -135,12 +137,13 @@ def fit_corners(grey: Float[np.ndarray, "h w"], start: Rings, style: CornerStyle
     covariance, explained = np.zeros((len(p), 4, 4)), np.zeros(len(p))
     value = window.cut(grey, middle)
     left = np.arange(len(p))
+    batch = max(BATCH // len(window.dx), 1)
     for _ in range(STEPS):
         if not len(left):
             break
         stepped = [
             _step(window, value[some], p[some])
-            for some in np.split(left, range(BATCH, len(left), BATCH))
+            for some in np.split(left, range(batch, len(left), batch))
         ]
         parts = [np.concatenate(one) for one in zip(*stepped, strict=True)]
         p[left], covariance[left], explained[left], share = parts

@@ -112,7 +112,7 @@ def test_edges_that_bend_are_allowed_for(coded, monkeypatch):
     error = []
     for straight in (False, True):
         if straight:
-            monkeypatch.setattr(CornerTracker, "_straighten", lambda self, seen: seen)
+            monkeypatch.setattr(CornerTracker, "_unbend", lambda self, seen, style: seen.position)
         off = tracker.find(now.image).position - now.position[number]
         error.append(np.sqrt(np.nanmean(off**2)))
     # the curvature is that over two cells, and changes within them: half the bias goes
