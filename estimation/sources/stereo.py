@@ -115,7 +115,7 @@ class StereoReader(MarkerReader):
             "against the left view: more than a few degrees speak for another camera's "
             "calibration.",
             "Rotation is that of the lines to the neighbours, in space; the edges' own angles, "
-            "three times as uncertain, are used only where there is one view.",
+            "four times as uncertain, are used only where there is one view.",
         )
 
 
