@@ -187,7 +187,8 @@ def fit_layered_softness(
     """
     best: list[Turns] = []
     most = -1
-    for k in _GUESSES:
+    lifted = np.isfinite(thickness[0]) or depth[0] > 0.0  # else frames are the same for all k
+    for k in _GUESSES if lifted else _GUESSES[:1]:
         guess = LayeredSoftness(k, thickness[0], depth[0])
         found = [gather_turns(grasp, guess) for grasp in grasps]
         held = sum(turn.markers for turns in found for turn in turns.told)
@@ -195,7 +196,7 @@ def fit_layered_softness(
             best, most = found, held
     _check(grasps, best)
     fit = None
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if lifted else 1):
         found = best if fit is None else [gather_turns(one, fit.softness) for one in grasps]
         turns = [turn for part in found for turn in part.told]
         if len(turns) < 3:
