@@ -8,9 +8,9 @@ conjugate gradients, deflation, and an FFT-based preconditioner".
 The convolution runs by FFT on a grid of twice the size, so that there are no periodic images.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel.arrays import AnyArray
+from contactmodel.checks import is_traced
 from contactmodel.grid import Grid
 
 
@@ -93,7 +94,7 @@ class Coefficients(NamedTuple):
     turn_y: Array
 
 
-_ROWS = 128  # of a large grid at a time
+_ROWS = 32  # of a large grid at a time; 16 to 64 take as long
 _EVEN, _ODD_X, _ODD_Y, _ODD = (1, 1), (-1, 1), (1, -1), (-1, -1)
 _PARITY = {  # along x and y: +1 even, -1 odd
     "zz": _EVEN,
@@ -216,7 +217,7 @@ def convolve(spectrum: Array, field: Float[Array, "*batch nx ny"]) -> Float[Arra
         spectrum: `transform` of the coefficient.
         field: traction on each cell.
     """
-    return _from_waves(spectrum * _to_waves(field), field.shape[-2:])
+    return _mix(jnp.multiply, spectrum, field)
 
 
 def transform(coefficient: Float[Array, "hx hy"], name: str) -> Array:
@@ -236,46 +237,43 @@ class Compliance(eqx.Module):
     Attributes:
         normal: of w_S + w_B by p [mm/MPa].
         shear: xx, yy, xy of u_S − u_B by τ [mm/MPa].
-        coupling: along x and y of u_S − u_B by p, over i [mm/MPa].
+        coupling: along x and y of u_S − u_B by p, over i; None where they do not couple [mm/MPa].
     """
 
     normal: Float[Array, "my mx"]
     shear: Float[Array, "3 #my #mx"]
-    coupling: Float[Array, "2 my mx"]
+    coupling: Float[Array, "2 my mx"] | None
 
     def press(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
         """w_S + w_B by a pressure [mm]."""
-        return _convolve_by_rows(self.normal, pressure)
+        return _mix(_scale, self.normal, pressure)
 
     def drag(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
         """u_S − u_B by a traction [mm]."""
-        return _apply(self.shear, traction)
+        return _mix(_shear, self.shear, traction)
 
     def pull(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "2 nx ny"]:
         """u_S − u_B by a pressure [mm]."""
-        return jnp.stack([_convolve_by_rows(c, pressure, 1j) for c in self.coupling])
+        if self.coupling is None:
+            return jnp.zeros((2, *pressure.shape), pressure.dtype)
+        return jnp.stack([_mix(_scale_by_i, c, pressure) for c in self.coupling])
 
     def lift(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "nx ny"]:
         """w_S + w_B by a traction [mm]."""
-        waves = jnp.sum(-1j * self.coupling * _to_waves(traction), axis=0)
-        return _from_waves(waves, traction.shape[-2:])
+        if self.coupling is None:
+            return jnp.zeros_like(traction[0])
+        x, y = _mix(_scale_by_i, self.coupling, traction)
+        return -(x + y)
 
     def displace(
         self, pressure: Float[Array, "nx ny"], traction: Float[Array, "2 nx ny"]
     ) -> tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]:
         """w_S + w_B and u_S − u_B by both: press and lift, pull and drag [mm]."""
-        xx, yy, xy = self.shear
-        x, y = 1j * self.coupling
-        p, fx, fy = _to_waves(jnp.concatenate([pressure[None], traction]))
-        waves = jnp.stack(
-            [
-                self.normal * p - x * fx - y * fy,
-                x * p + xx * fx + xy * fy,
-                y * p + xy * fx + yy * fy,
-            ]
-        )
-        all_three = _from_waves(waves, pressure.shape)
-        return all_three[0], all_three[1:]
+        if self.coupling is None:
+            return self.press(pressure), self.drag(traction)
+        both = jnp.concatenate([pressure[None], traction])
+        moved = _mix(_displace, (self.normal, self.shear, self.coupling), both)
+        return moved[0], moved[1:]
 
     def inverse(self) -> "Compliance":
         """Roughly the inverse of `press` and of `drag`, each alone: that of each wave.
@@ -288,11 +286,13 @@ class Compliance(eqx.Module):
         return Compliance(
             normal=1.0 / self.normal.at[0, 0].max(next_wave),
             shear=jnp.stack([yy, xx, -xy]) / (xx * yy - xy**2),
-            coupling=jnp.zeros_like(self.coupling),
+            coupling=None,
         )
 
     def joint_inverse(self) -> "Compliance":
         """Roughly the inverse of `displace`, wave by wave (Schur complement of the pressure)."""
+        if self.coupling is None:
+            return self.inverse()
         soft, (x, y), (xx, yy, xy) = self.inverse().normal, self.coupling, self.shear
         rest = jnp.stack([xx - soft * x**2, yy - soft * y**2, xy - soft * x * y])
         shear = Compliance(self.normal, rest, self.coupling).inverse().shear
@@ -325,7 +325,8 @@ def pair_compliance(
 ) -> Compliance:
     """Compliance of two bodies pressed against each other: the sum of theirs.
 
-    Only the coupling is their difference, as the object carries −τ.
+    Only the coupling is their difference, as the object carries −τ. Where that is known to be 0
+    there is none.
 
     Args:
         elastomer: S.
@@ -338,7 +339,9 @@ def pair_compliance(
     """
     for body in (elastomer, object_):
         body.check(grid.spacing)
-    return _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
+    pair = _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
+    apart = not is_traced(pair.coupling) and not bool(jnp.any(pair.coupling))
+    return Compliance(pair.normal, pair.shear, None) if apart else pair
 
 
 @eqx.filter_jit
@@ -361,46 +364,53 @@ def _pair(
     )
 
 
-def _convolve_by_rows(spectrum: Array, field: Array, factor: complex = 1.0) -> Array:
-    """`convolve` with factor times spectrum, some waves along y at a time where they are many.
+def _mix(mix: Callable, spectra: Any, field: Array) -> Array:
+    """Transform a field, mix its waves by spectra, transform back.
 
-    Those stay in the processor's cache and take little memory.
+    On a large grid some waves along y at a time: those stay in the processor's cache and take
+    little memory. Lines of zeros are left out.
     """
-    nx, ny = field.shape
-    if ny < 2 * _ROWS:
-        return convolve(factor * spectrum, field)
+    nx, ny = field.shape[-2:]
 
     def along_x(start: ArrayLike, count: int, waves: Array) -> Array:
-        some, by = (jax.lax.dynamic_slice_in_dim(a, start, count) for a in (waves, spectrum))
-        some = jnp.fft.ifft(factor * by * jnp.fft.fft(some, n=2 * nx))[:, :nx]
-        return jax.lax.dynamic_update_slice_in_dim(waves, some, start, 0)
+        def cut(array: Array) -> Array:
+            few = array.shape[-2] == 1
+            return array if few else jax.lax.dynamic_slice_in_dim(array, start, count, -2)
 
-    waves = jnp.fft.rfft(field, n=2 * ny).T
-    whole, rest = divmod(len(waves), _ROWS)
-    waves = jax.lax.fori_loop(0, whole, lambda i, w: along_x(i * _ROWS, _ROWS, w), waves)
-    waves = along_x(whole * _ROWS, rest, waves)
-    return jnp.fft.irfft(waves.T, n=2 * ny)[:, :ny]
+        some = mix(jax.tree.map(cut, spectra), jnp.fft.fft(cut(waves), n=2 * nx))
+        some = jnp.fft.ifft(some)[..., :nx]
+        return jax.lax.dynamic_update_slice_in_dim(waves, some, start, -2)
 
-
-def _apply(matrix: Array, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
-    """Convolve with a symmetric 2×2 matrix, given as xx, yy, xy."""
-    xx, yy, xy = matrix
-    fx, fy = _to_waves(field)
-    return _from_waves(jnp.stack([xx * fx + xy * fy, xy * fx + yy * fy]), field.shape[-2:])
-
-
-def _to_waves(field: Array) -> Array:
-    """Spectrum on the doubled grid, waves along y first; lines of zeros are left out."""
-    nx, ny = field.shape[-2:]
-    along_y = jnp.swapaxes(jnp.fft.rfft(field, n=2 * ny), -2, -1)
-    return jnp.fft.fft(along_y, n=2 * nx)
+    waves = jnp.swapaxes(jnp.fft.rfft(field, n=2 * ny), -2, -1)
+    whole, rest = divmod(ny + 1, _ROWS) if ny > 2 * _ROWS else (0, ny + 1)
+    if whole:
+        waves = jax.lax.fori_loop(0, whole, lambda i, w: along_x(i * _ROWS, _ROWS, w), waves)
+    if rest:
+        waves = along_x(whole * _ROWS, rest, waves)
+    return jnp.fft.irfft(jnp.swapaxes(waves, -2, -1), n=2 * ny)[..., :ny]
 
 
-def _from_waves(waves: Array, shape: tuple[int, ...]) -> Array:
-    """The field on the grid of a spectrum on the doubled one."""
-    nx, ny = shape
-    along_y = jnp.swapaxes(jnp.fft.ifft(waves)[..., :nx], -2, -1)
-    return jnp.fft.irfft(along_y, n=2 * ny)[..., :ny]
+def _scale(factor: Array, waves: Array) -> Array:
+    """Real times complex; XLA would make both complex."""
+    return jax.lax.complex(factor * waves.real, factor * waves.imag)
+
+
+def _scale_by_i(factor: Array, waves: Array) -> Array:
+    """The same times i."""
+    return jax.lax.complex(-factor * waves.imag, factor * waves.real)
+
+
+def _shear(shear: Array, waves: Array) -> Array:
+    (xx, yy, xy), (x, y) = shear, waves
+    return jnp.stack([_scale(xx, x) + _scale(xy, y), _scale(xy, x) + _scale(yy, y)])
+
+
+def _displace(spectra: tuple[Array, Array, Array], waves: Array) -> Array:
+    normal, shear, (x, y) = spectra
+    p, f = waves[0], waves[1:]
+    pull = jnp.stack([_scale_by_i(x, p), _scale_by_i(y, p)])
+    lift = -_scale_by_i(x, f[0]) - _scale_by_i(y, f[1])
+    return jnp.concatenate([(_scale(normal, p) + lift)[None], pull + _shear(shear, f)])
 
 
 def _waves(coefficient: Array, name: str) -> Array:

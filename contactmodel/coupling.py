@@ -54,7 +54,6 @@ def solve_tractions(
     load: Load,
     *,
     start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
-    coupled: bool,
     rtol: float,
     max_steps: int,
 ) -> Tractions:
@@ -64,27 +63,26 @@ def solve_tractions(
         compliance: of the pair.
         load: shape, motion and friction.
         start: pressure and traction to begin with [MPa].
-        coupled: whether they act on each other, or may.
         rtol: tolerance on the residuals of `normal` and `friction` [-].
         max_steps: of each solver in each turn.
 
     Returns:
         Pressure and traction, differentiable with respect to the compliance and the load.
     """
-    return _take_turns((compliance, load), start, coupled, rtol, max_steps)
+    return _take_turns((compliance, load), start, rtol, max_steps)
 
 
 @eqx.filter_custom_jvp
 def _take_turns(
     task: tuple[Compliance, Load],
     start: tuple[Array, Array],
-    coupled: bool,
     rtol: float,
     max_steps: int,
 ) -> Tractions:
     """Both at once, and in turn where that does not do."""
     compliance, load = task
-    acts = jnp.any(compliance.coupling != 0.0)
+    coupled = compliance.coupling is not None
+    acts = jnp.any(compliance.coupling != 0.0) if coupled else jnp.zeros((), bool)
 
     def tolerance(found: Tractions) -> Array:
         before = jnp.minimum(found.normal.residual, _FORCING)
@@ -101,8 +99,10 @@ def _take_turns(
         pressed, rubbed = (
             end.residual <= jnp.maximum(how["rtol"], rtol) for end in (normal, tangential)
         )
-        residual = pressure_residual(compliance, load.gap + compliance.lift(traction), pressure)
-        normal = normal.after(found.normal)._replace(residual=residual)
+        if coupled:
+            gap = load.gap + compliance.lift(traction)
+            normal = normal._replace(residual=pressure_residual(compliance, gap, pressure))
+        normal = normal.after(found.normal)
         tangential = tangential.after(found.tangential)
         return Tractions(pressure, traction, normal, tangential, found.turns + 1, pressed, rubbed)
 
@@ -172,8 +172,8 @@ def _press_jvp(primals, tangents):
 @_take_turns.def_jvp
 def _take_turns_jvp(primals, tangents):
     """The derivative of what was found; that of the start is 0."""
-    task, start, coupled, rtol, max_steps = primals
-    end = _take_turns(task, start, coupled, rtol, max_steps)
+    task, start, rtol, max_steps = primals
+    end = _take_turns(task, start, rtol, max_steps)
 
     def attach(task: tuple[Compliance, Load]) -> tuple[Array, Array]:
         found = end.pressure, end.traction

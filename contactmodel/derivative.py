@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from contactmodel.compliance import Compliance
 from contactmodel.friction import Sets, find_sets
+from contactmodel.grid import dot
 from contactmodel.linear import Operator, conjugate_gradients, conjugate_residuals
 from contactmodel.tangent import Tangent
 
@@ -100,7 +101,7 @@ def _find_sets(
     slip = motion - compliance.displace(pressure, traction)[1]
     limit = friction * pressure
     sets = find_sets(traction, slip, limit, compliance.stiffest)
-    square = jnp.sum(slip**2, axis=0)
+    square = dot(slip, slip)
     smooth = (pressure > 0.0) & (limit <= 0.0) & (square > 0.0)
     ahead = slip / jnp.sqrt(jnp.where(smooth, square, 1.0))
     return sets._replace(normal=jnp.where(smooth, ahead, sets.normal))

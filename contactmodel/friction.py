@@ -20,6 +20,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
+from contactmodel.grid import dot
 from contactmodel.linear import Iterations, Operator, conjugate_gradients
 
 _FORCING = 0.05  # each Newton step solves its linear system to this; tighter buys nothing
@@ -47,13 +48,14 @@ class Sets(NamedTuple):
 
     def along(self, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
         """The part of a field in which cells are free: all that stick, or along their circle."""
-        across = jnp.sum(field * self.normal, axis=0) * self.normal
-        return jnp.where(self.stick, field, jnp.where(self.slide, field - across, 0.0))
+        across = dot(field, self.normal) * self.normal
+        return jnp.where(self.stick | self.slide, field - across, 0.0)
 
 
 class _State(NamedTuple):
     traction: Float[Array, "2 nx ny"]
     slip: Float[Array, "2 nx ny"]
+    wrong: Float[Array, ""]  # `_violation`
     steps: Int[Array, ""]
     applications: Int[Array, ""]
 
@@ -77,8 +79,8 @@ def find_sets(
     """
     contact = limit > 0.0
     margin = max(1e-9, 16.0 * float(jnp.finfo(limit.dtype).eps))
-    square = jnp.sum(traction**2, axis=0)
-    along = jnp.sum(traction * slip, axis=0)
+    square = dot(traction, traction)
+    along = dot(traction, slip)
     size = jnp.sqrt(jnp.where(square > 0.0, square, 1.0))
     short = limit - size
     at_limit = (short <= margin * limit) | (
@@ -116,9 +118,9 @@ def find_sliding(
     """
     contact = pressure > 0.0
     at_limit = find_sets(traction, slip, limit, compliance.stiffest).slide | (limit <= 0.0)
-    square = jnp.sum(drive**2, axis=0)
+    square = dot(drive, drive)
     typical = jnp.sum(jnp.where(contact, square, 0.0)) / jnp.maximum(jnp.sum(contact), 1)
-    return contact & at_limit & (jnp.sum(slip**2, axis=0) > (_STILL * rtol) ** 2 * typical)
+    return contact & at_limit & (dot(slip, slip) > (_STILL * rtol) ** 2 * typical)
 
 
 def solve_traction(
@@ -152,18 +154,19 @@ def solve_traction(
     """
     compliance, drive, limit, start = jax.lax.stop_gradient((compliance, drive, limit, start))
 
-    def violation(state: _State) -> Array:
-        return friction_residual(compliance, state.traction, state.slip, limit, drive)
+    typical = _sum_of_squares(drive, limit)
+
+    def residual(state: _State) -> Array:
+        return jnp.sqrt(state.wrong / typical)
 
     def go_on(state: _State) -> Array:
-        return (violation(state) > rtol) & (state.steps < max_steps)
+        return (residual(state) > rtol) & (state.steps < max_steps)
 
     def step(state: _State) -> _State:
         sets = find_sets(state.traction, state.slip, limit, compliance.stiffest)
 
-        def tangent(change: Array) -> Array:
-            free = sets.along(change)
-            return sets.along(compliance.drag(free)) + sets.stiffness * free + (change - free)
+        def tangent(free: Array) -> Array:
+            return sets.along(compliance.drag(free)) + sets.stiffness * free
 
         direction, inner = conjugate_gradients(
             tangent,
@@ -172,14 +175,15 @@ def solve_traction(
             rtol=_FORCING,
             max_steps=_NEWTON_STEPS,
         )
-        traction, slip, trials = _descend(compliance, drive, limit, state, sets, direction)
-        return _State(traction, slip, state.steps + 1, state.applications + 2 * inner + trials)
+        end, trials = _descend(compliance, drive, limit, state, sets, direction)
+        return _State(*end, state.steps + 1, state.applications + 2 * inner + trials)
 
     start = confine(start, limit)
     one = jnp.ones((), jnp.int32)
-    state = _State(start, drive - compliance.drag(start), 0 * one, one)
+    slip = drive - compliance.drag(start)
+    state = _State(start, slip, _violation(compliance, start, slip, limit), 0 * one, one)
     end = jax.lax.while_loop(go_on, step, state)
-    return end.traction, Iterations(end.steps, end.applications, violation(end))
+    return end.traction, Iterations(end.steps, end.applications, residual(end))
 
 
 def _descend(
@@ -189,20 +193,24 @@ def _descend(
     state: _State,
     sets: Sets,
     direction: Array,
-) -> tuple[Array, Array, Array]:
-    """A step along the direction, halved until the energy falls; else one down the gradient."""
+) -> tuple[tuple[Array, Array, Array], Array]:
+    """A step along the direction, halved until the energy falls; else one down the gradient.
+
+    Returns:
+        Traction, slip and what is wrong with them; applications.
+    """
     work = jnp.sum(jnp.abs(state.slip * state.traction))
     rounding = 100.0 * jnp.finfo(work.dtype).eps * work  # below it, only the residual tells
-    before = _violation(compliance, state.traction, state.slip, limit)
     origin = jnp.where(sets.slide, limit * sets.normal, state.traction)
 
-    def attempt(move: Array) -> tuple[Array, Array, Array]:
+    def attempt(move: Array) -> tuple[tuple[Array, Array, Array], Array]:
         traction = confine(origin + move, limit)
         slip = drive - compliance.drag(traction)
         gain = jnp.sum((state.slip + slip) * (traction - state.traction))
         promise = jnp.sum(state.slip * (traction - state.traction))
-        nearer = (gain >= -rounding) & (_violation(compliance, traction, slip, limit) < before)
-        return traction, slip, (gain > 1e-4 * jnp.abs(promise)) | nearer
+        wrong = _violation(compliance, traction, slip, limit)
+        nearer = (gain >= -rounding) & (wrong < state.wrong)
+        return (traction, slip, wrong), (gain > 1e-4 * jnp.abs(promise)) | nearer
 
     def go_on(carry) -> Array:
         *_, good, halvings = carry
@@ -219,9 +227,9 @@ def _descend(
         return *attempt(move), halvings + 1
 
     zero = jnp.zeros((), jnp.int32)
-    first = (state.traction, state.slip, jnp.zeros((), bool), zero)
-    traction, slip, _, trials = jax.lax.while_loop(go_on, halve, first)
-    return traction, slip, trials
+    first = ((state.traction, state.slip, state.wrong), jnp.zeros((), bool), zero)
+    end, _, trials = jax.lax.while_loop(go_on, halve, first)
+    return end, trials
 
 
 def friction_residual(
@@ -240,21 +248,26 @@ def friction_residual(
         limit: μp [MPa].
         drive: b [mm].
     """
-    square = jnp.sum(jnp.where(limit > 0.0, drive, 0.0) ** 2)
     wrong = _violation(compliance, traction, slip, limit)
-    return jnp.sqrt(wrong / jnp.maximum(square, jnp.finfo(square.dtype).tiny))
+    return jnp.sqrt(wrong / _sum_of_squares(drive, limit))
+
+
+def _sum_of_squares(drive: Array, limit: Array) -> Array:
+    """Of the drive over the contact; above 0."""
+    square = jnp.sum(jnp.where(limit > 0.0, drive, 0.0) ** 2)
+    return jnp.maximum(square, jnp.finfo(square.dtype).tiny)
 
 
 def _violation(compliance: Compliance, traction: Array, slip: Array, limit: Array) -> Array:
     """Sum of the squares of the slip that Coulomb's law forbids, and of what sliding cells lack."""
     stiffest = compliance.stiffest
     sets = find_sets(traction, slip, limit, stiffest)
-    lack = jnp.where(sets.slide, limit - jnp.sum(traction * sets.normal, axis=0), 0.0)
+    lack = jnp.where(sets.slide, limit - dot(traction, sets.normal), 0.0)
     return jnp.sum(sets.along(slip) ** 2) + jnp.sum((stiffest * lack) ** 2)
 
 
 def make_preconditioner(compliance: Compliance, sets: Sets) -> Operator:
-    """Roughly the inverse of the tangential system on the sets; identity where cells are not free.
+    """Roughly the inverse of the tangential system on the sets, for fields that are free there.
 
     Args:
         compliance: of the pair.
@@ -263,10 +276,8 @@ def make_preconditioner(compliance: Compliance, sets: Sets) -> Operator:
     inverse = compliance.inverse()
     weight, local = blend(inverse, sets)
 
-    def precondition(defect: Array) -> Array:
-        free = sets.along(defect)
-        rough = sets.along(weight * inverse.drag(weight * free)) + local * free
-        return rough + (defect - free)
+    def precondition(free: Array) -> Array:
+        return sets.along(weight * inverse.drag(weight * free)) + local * free
 
     return precondition
 
@@ -298,6 +309,6 @@ def confine(
         traction: τ [MPa].
         limit: μp [MPa].
     """
-    square = jnp.sum(traction**2, axis=0)
+    square = dot(traction, traction)
     beyond = square > limit**2
     return traction * jnp.where(beyond, limit / jnp.sqrt(jnp.where(beyond, square, 1.0)), 1.0)

@@ -19,7 +19,7 @@ from contactmodel.normal import gap_residual
 from contactmodel.tangent import Tangent
 
 _FORCING = 0.05  # each step solves its linear system to this; tighter buys nothing
-_LINEAR_STEPS = 10  # of that solver at most
+_LINEAR_STEPS = 6  # of that solver at most
 _NEWTON_STEPS = 12
 _RISE = 2.0  # of the residual in a step at most
 

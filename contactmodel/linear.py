@@ -122,20 +122,29 @@ def conjugate_residuals(
         The solution and the number of iterations, each with one application of both.
     """
     limit = rtol**2 * jnp.sum(rhs**2)
+    size = min(_KEPT, max_steps)
 
     def go_on(kept: _Kept) -> Array:
         return (jnp.sum(kept.defect**2) > limit) & (kept.steps < max_steps)
 
+    def part(kept: _Kept) -> Callable:
+        """Takes a kept direction's share out of a new one."""
+
+        def take_out(i: Array, pair: tuple[Array, Array]) -> tuple[Array, Array]:
+            share = jnp.sum(kept.images[i] * pair[1])
+            return pair[0] - share * kept.directions[i], pair[1] - share * kept.images[i]
+
+        return take_out
+
     def step(kept: _Kept) -> _Kept:
         direction = preconditioner(kept.defect)
         image = operator(direction)
-        share = jnp.tensordot(kept.images, image, image.ndim)
-        direction = direction - jnp.tensordot(share, kept.directions, 1)
-        image = image - jnp.tensordot(share, kept.images, 1)
+        count = jnp.minimum(kept.steps, size)
+        direction, image = jax.lax.fori_loop(0, count, part(kept), (direction, image))
         unit = 1.0 / jnp.sqrt(jnp.sum(image**2))
         direction, image = unit * direction, unit * image
         length = jnp.sum(kept.defect * image)
-        place = kept.steps % _KEPT
+        place = kept.steps % size
         return _Kept(
             solution=kept.solution + length * direction,
             defect=kept.defect - length * image,
@@ -144,7 +153,7 @@ def conjugate_residuals(
             steps=kept.steps + 1,
         )
 
-    none = jnp.zeros((_KEPT, *rhs.shape), rhs.dtype)
+    none = jnp.zeros((size, *rhs.shape), rhs.dtype)
     start = _Kept(jnp.zeros_like(rhs), rhs, none, none, jnp.zeros((), jnp.int32))
     end = jax.lax.while_loop(go_on, step, start)
     return end.solution, end.steps

@@ -22,7 +22,7 @@ from contactmodel.compliance import Compliance
 from contactmodel.grid import Grid
 from contactmodel.linear import Iterations
 
-_LARGE = 256  # cells along a side, from which on a coarse grid pays; measured
+_LARGE = 128  # cells along a side, from which on a coarse grid pays; measured
 _RATIO = 4
 _ROUGH = 1e-3  # tolerance on it; tighter saves no more iterations
 _STEPS = 50

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
@@ -149,13 +150,12 @@ class _Step(NamedTuple):
 
 
 class _Task(NamedTuple):
-    """What all steps have in common; `smooth` without friction, `coupled` where it is not known."""
+    """What all steps have in common; `smooth` without friction."""
 
     compliance: Compliance
     friction: Array
     grid: Grid
     smooth: bool
-    coupled: bool
     rtol: float
     max_steps: int
 
@@ -171,9 +171,7 @@ def _prepare(
     friction = non_negative(friction_coefficient)
     smooth = not is_traced(friction) and not bool(jnp.any(friction))
     compliance = pair_compliance(elastomer, object_, grid, smooth=smooth)
-    pull = compliance.coupling
-    coupled = is_traced(pull) or bool(jnp.any(pull))
-    return _Task(compliance, friction, grid, smooth, coupled, rtol, max_steps)
+    return _Task(compliance, friction, grid, smooth, rtol, max_steps)
 
 
 @eqx.filter_jit
@@ -229,8 +227,7 @@ def _step(task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, gu
         end = solve_smooth(compliance, undeformed, start=start, **how)
     else:
         load = Load(undeformed, motion, friction)
-        how |= {"start": (start, rubbed), "coupled": task.coupled}
-        end = solve_tractions(compliance, load, **how)
+        end = solve_tractions(compliance, load, start=(start, rubbed), **how)
     pressure, traction = end.pressure, end.traction
     gap, pulled = undeformed + compliance.press(pressure), compliance.pull(pressure)
     dragged = jnp.zeros_like(traction)
@@ -298,15 +295,15 @@ def raise_failure(solution: ContactSolution) -> ContactSolution:
     """Raise what `result` says, now or, inside `jit`, when the program runs."""
     result = solution.result
     failed = (result != RESULTS.successful) & (result != RESULTS.no_contact)
+    if not is_traced(failed) and not np.any(failed):
+        return solution
     first = jnp.argmax(failed)
     worst = jax.tree.map(lambda value: jnp.reshape(value, -1)[first], result)
     if is_traced(failed):
         dynamic, static = eqx.partition(solution, eqx.is_inexact_array)
         return eqx.combine(worst.error_if(dynamic, jnp.any(failed)), static)
-    if bool(jnp.any(failed)):
-        step = f"step {int(first)} of the path: " if failed.ndim else ""
-        raise RuntimeError(step + RESULTS[worst])
-    return solution
+    step = f"step {int(first)} of the path: " if failed.ndim else ""
+    raise RuntimeError(step + RESULTS[worst])
 
 
 def _remember(previous: ContactSolution | None, pose: Pose, grid: Grid) -> _Memory:

@@ -8,10 +8,12 @@ cells with n = τ/|τ|, dτ = w + μ dp n, w along their circle. But for μ dp n
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from contactmodel.compliance import Compliance
 from contactmodel.friction import Sets, blend
+from contactmodel.grid import dot
 from contactmodel.linear import Operator
 
 
@@ -31,30 +33,29 @@ class Tangent(NamedTuple):
     friction: Float[Array, "..."]
 
     def apply(self, unknown: Float[Array, "3 nx ny"]) -> Float[Array, "3 nx ny"]:
-        """What the unknowns change in gap and slip; themselves where nothing may change."""
-        dp, free = self._split(unknown)
+        """What the unknowns change in gap and slip. They are 0 where nothing may change."""
+        dp, free = unknown[0], unknown[1:]
         w, u = self.compliance.displace(dp, free + self._by_pressure * dp)
-        return self._join(unknown, w, u, self.sets.stiffness, free)
+        return self._join(w, u, self.sets.stiffness * free)
 
     def apply_transposed(self, unknown: Float[Array, "3 nx ny"]) -> Float[Array, "3 nx ny"]:
         """The transpose of `apply`."""
-        dp, free = self._split(unknown)
+        dp, free = unknown[0], unknown[1:]
         w, u = self.compliance.displace(dp, free)
-        w = w + jnp.sum(self._by_pressure * u, axis=0)
-        return self._join(unknown, w, u, self.sets.stiffness, free)
+        return self._join(w + dot(self._by_pressure, u), u, self.sets.stiffness * free)
 
     def restrict(
         self, gap: Float[Array, "nx ny"], slip: Float[Array, "2 nx ny"]
     ) -> Float[Array, "3 nx ny"]:
         """What of gap and slip must vanish."""
-        return jnp.stack([jnp.where(self.contact, gap, 0.0), *self.sets.along(slip)])
+        return self._join(gap, slip, 0.0)
 
     def changes(
         self, unknown: Float[Array, "3 nx ny"]
     ) -> tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]:
         """dp and dτ of a solution."""
-        dp = unknown[0]
-        return dp, unknown[1:] + self._by_pressure * dp
+        free = self._join(unknown[0], unknown[1:], 0.0)
+        return free[0], free[1:] + self._by_pressure * free[0]
 
     def make_preconditioner(self) -> Operator:
         """Roughly the inverse, but for what the pressure does to cells that slide."""
@@ -62,9 +63,9 @@ class Tangent(NamedTuple):
         weight, local = blend(inverse, self.sets)
 
         def precondition(defect: Array) -> Array:
-            gap, slip = self._split(defect)
+            gap, slip = defect[0], defect[1:]
             pressure, traction = inverse.displace(gap, weight * slip)
-            return self._join(defect, pressure, weight * traction, local, slip)
+            return self._join(pressure, weight * traction, local * slip)
 
         return precondition
 
@@ -73,10 +74,7 @@ class Tangent(NamedTuple):
         """dτ by dp of sliding cells."""
         return self.friction * self.sets.normal
 
-    def _split(self, unknown: Array) -> tuple[Array, Array]:
-        return jnp.where(self.contact, unknown[0], 0.0), self.sets.along(unknown[1:])
-
-    def _join(self, unknown: Array, w: Array, u: Array, local: Array, free: Array) -> Array:
-        """What acts on both, and locally on what is free; the unknown where nothing does."""
-        slip = self.sets.along(u) + local * free
-        return jnp.stack([jnp.where(self.contact, w, unknown[0]), *(slip + unknown[1:] - free)])
+    def _join(self, normal: Array, tangential: Array, free: ArrayLike) -> Array:
+        """What of both may change, and what does so already."""
+        there = jnp.where(self.contact, normal, 0.0)
+        return jnp.stack([there, *(self.sets.along(tangential) + free)])

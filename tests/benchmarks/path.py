@@ -61,7 +61,7 @@ def measure(body: AbstractBody, grid: Grid) -> list[str]:
 
     end = follow()
     press, both = _repeat(compliance.press, pressure), _repeat(compliance.drag, traction)
-    if bool(jnp.any(compliance.coupling)):
+    if compliance.coupling is not None:
         both = _repeat(lambda f: _stack(*compliance.displace(f[0], f[1:])), fields)
     laps = [[_time(run) for run in (follow, press, both)] for _ in range(LAPS + 1)]
     whole, by_pressure, by_traction = np.median(laps[1:], axis=0) / (1, REPEATS, REPEATS)
