@@ -340,8 +340,10 @@ def pair_compliance(
     for body in (elastomer, object_):
         body.check(grid.spacing)
     pair = _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
-    apart = not is_traced(pair.coupling) and not bool(jnp.any(pair.coupling))
-    return Compliance(pair.normal, pair.shear, None) if apart else pair
+    pull = pair.coupling
+    if pull is None or is_traced(pull) or bool(jnp.any(pull)):
+        return pair
+    return Compliance(pair.normal, pair.shear, None)
 
 
 @eqx.filter_jit
