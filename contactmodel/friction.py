@@ -99,7 +99,7 @@ def find_sets(
 def find_sliding(
     compliance: Compliance,
     traction: Float[Array, "2 nx ny"],
-    drive: Float[Array, "2 nx ny"],
+    motion: Float[Array, "2 nx ny"],
     slip: Float[Array, "2 nx ny"],
     pressure: Float[Array, "nx ny"],
     limit: Float[Array, "nx ny"],
@@ -110,7 +110,7 @@ def find_sliding(
     Args:
         compliance: of the pair.
         traction: τ [MPa].
-        drive: b [mm].
+        motion: of the rigid object, with what was left of the slip before the step [mm].
         slip: increment of slip s [mm].
         pressure: p [MPa].
         limit: μp [MPa].
@@ -118,7 +118,7 @@ def find_sliding(
     """
     contact = pressure > 0.0
     at_limit = find_sets(traction, slip, limit, compliance.stiffest).slide | (limit <= 0.0)
-    square = dot(drive, drive)
+    square = dot(motion, motion) + dot(motion - slip, motion - slip)
     typical = jnp.sum(jnp.where(contact, square, 0.0)) / jnp.maximum(jnp.sum(contact), 1)
     return contact & at_limit & (dot(slip, slip) > (_STILL * rtol) ** 2 * typical)
 

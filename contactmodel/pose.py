@@ -66,12 +66,12 @@ class Pose(eqx.Module):
     def displacement(self, points: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
         """In-plane displacement of the rigid object at points [mm]; for one pose."""
         ones = [1] * (points.ndim - 1)
-        x, y = points - self.centre.reshape(2, *ones)
-        if self.linear:
-            turned = self.twist * jnp.stack([-y, x])
-        else:
+        arm = points - self.centre.reshape(2, *ones)
+        s, versine = self.twist, jnp.zeros_like(self.twist)
+        if not self.linear:
             s, versine = jnp.sin(self.twist), 2.0 * jnp.sin(0.5 * self.twist) ** 2
-            turned = jnp.stack([-versine * x - s * y, s * x - versine * y])
+        turn = jnp.array([[-versine, -s], [s, -versine]])  # a product finds it once for all points
+        turned = jnp.einsum("ij,j...->i...", turn, arm, precision="highest")
         return self.shift.reshape(2, *ones) + turned
 
     def increment(

@@ -229,21 +229,21 @@ def _step(task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, gu
         load = Load(undeformed, motion, friction)
         end = solve_tractions(compliance, load, start=(start, rubbed), **how)
     pressure, traction = end.pressure, end.traction
-    gap, pulled = undeformed + compliance.press(pressure), compliance.pull(pressure)
-    dragged = jnp.zeros_like(traction)
-    if not task.smooth:
-        gap, dragged = gap + compliance.lift(traction), compliance.drag(traction)
-    increment = motion - pulled - dragged
+    if task.smooth:
+        w, moved = compliance.press(pressure), compliance.pull(pressure)
+    else:
+        w, moved = compliance.displace(pressure, traction)
+    increment = motion - moved
     sliding = find_sliding(
-        compliance, traction, motion - pulled, increment, pressure, friction * pressure, rtol
+        compliance, traction, motion, increment, pressure, friction * pressure, rtol
     )
     return _Step(
         pose=pose,
         pressure=pressure,
         traction=traction,
-        gap=gap,
+        gap=undeformed + w,
         sliding=sliding,
-        slip=pose.displacement(points) - pulled - dragged,
+        slip=pose.displacement(points) - moved,
         slip_increment=increment,
         dissipated_energy=last.dissipated_energy + jnp.sum(traction * increment) * grid.cell_area,
         result=_judge(end, rtol),
