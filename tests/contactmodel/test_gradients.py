@@ -60,6 +60,7 @@ def test_reverse_and_forward_mode_meet_central_differences():
         assert float(reverse[i]) == pytest.approx(difference, rel=1e-5, abs=1e-7), name
 
 
+@pytest.mark.slow  # gradients with history are shown by `test_layer` as well
 def test_any_output_along_a_path_with_a_reversal():
     """Marker displacement, dissipation and slip after a reversal, by one parameter each."""
     points = np.array([[0.4, -0.3], [3.0, 4.5]])
