@@ -115,7 +115,7 @@ def solve_resultant(
     shear = (None, None) if shear_force is None else tuple(jnp.asarray(shear_force))
     given = (normal_force, *shear, moment)
     which = find_given(normal_force, shear_force, moment)
-    smooth = not is_traced(friction_coefficient) and not np.any(friction_coefficient)
+    smooth = not is_traced(friction_coefficient) and not np.any(np.asarray(friction_coefficient))
     if smooth and which != (0,):
         raise ValueError("without friction a contact carries no shear force and no moment")
     target = number(jnp.stack([jnp.asarray(given[i], pose.approach.dtype) for i in which]))

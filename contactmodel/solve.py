@@ -169,7 +169,7 @@ def _prepare(
     max_steps: int,
 ) -> _Task:
     friction = non_negative(friction_coefficient)
-    smooth = not is_traced(friction) and not bool(jnp.any(friction))
+    smooth = not is_traced(friction) and not np.any(np.asarray(friction))
     compliance = pair_compliance(elastomer, object_, grid, smooth=smooth)
     return _Task(compliance, friction, grid, smooth, rtol, max_steps)
 
