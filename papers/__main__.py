@@ -16,10 +16,11 @@ from rich.markup import escape
 from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
+from estimation.extras import MissingExtraError, require_extra
 from estimation.files import check_writable, write_whole
 from estimation.report import figure_png
 from estimation.sources import write_archive
-from papers.items import ITEMS, choose_items
+from papers.items import EXTRAS, ITEMS, STUDIES, choose_items
 from papers.leaderboard import alarms, board, cases
 from papers.leaderboard import settings as leaderboard_settings
 from papers.published import compare, read_published
@@ -35,9 +36,13 @@ console = Console(stderr=True)
 
 @app.command("list")
 def list_items() -> None:
-    """List the papers and studies and their items."""
+    """List the items that `run` computes, by paper or study, and the studies that `sweep` takes."""
+    print("Items, for `run PAPER [ITEM]`:")
     for paper, items in ITEMS.items():
-        print(paper, *items)
+        print(" ", paper, *items)
+    print("Studies, for `sweep STUDY` (extra `sweeps`):")
+    for study in STUDIES:
+        print(" ", study)
 
 
 @app.command()
@@ -49,13 +54,16 @@ def run(
 ) -> None:
     """Compute items, draw them, print their tables and what was published beside ours.
 
-    Items whose data cannot be had are left out, said, and counted at the end, exit status 2.
+    Items are left out if they need an extra that is not installed or data that cannot be fetched.
+    Each is reported, the extras before anything is computed, and named at the end, exit status 2.
     """
     chosen = choose_items(paper, item)
     check_writable(out)
+    left_out = _without_their_extra(chosen)
     found: dict[Callable, Any] = {}  # some items draw what another has computed
-    left_out = []
     for name, part in chosen:
+        if (name, part) in left_out:
+            continue
         module = import_module(f"papers.{name}.{part}")
         if module.compute not in found:
             try:
@@ -64,7 +72,7 @@ def run(
                     found[module.compute] = module.compute(quick=quick, track=track)
             except OSError as error:  # data that cannot be fetched
                 _say_error(f"{name} {part}: {error}")
-                left_out.append(f"{name} {part}")
+                left_out.append((name, part))
                 continue
         result = found[module.compute]
         write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
@@ -75,7 +83,8 @@ def run(
             write_whole(out / name / f"{part}{suffix}.csv", _csv(rows))
             Console(width=200).print(_table(f"{name} {part}{suffix}", rows))
     if left_out:
-        raise OSError(f"{', '.join(left_out)} left out of what was written to {out}")
+        names = ", ".join(f"{name} {part}" for name, part in left_out)
+        raise OSError(f"{names} left out of what was written to {out}")
     print(f"written to {out}")
 
 
@@ -104,7 +113,7 @@ def leaderboard(
         for draw in range(draws)
     ]
     virtual += [cases.elongated_case(draw) for draw in range(draws)]
-    every = virtual + cases.real_cases()
+    every = virtual + cases.real_cases(say=_say_error)
     others = [answers for path in angles or () for answers in board.read_answers(path, every)]
     if export is not None:
         for case in every:
@@ -126,7 +135,9 @@ def leaderboard(
 
 @app.command()
 def sweep(
-    study: Annotated[str, typer.Argument(help="Module of the study.")],
+    study: Annotated[
+        str, typer.Argument(help=f"Module of the study: {', '.join(STUDIES)}, or your own.")
+    ],
     quick: Annotated[bool, typer.Option(help="Its small table of cases.")] = False,
     store: Annotated[
         Path | None, typer.Option(help="Folder of the store [default: build/sweeps/STUDY.zarr].")
@@ -137,6 +148,7 @@ def sweep(
     ] = None,
 ) -> None:
     """Evaluate a study's cases; run again, it goes on where it was stopped."""
+    require_extra("sweeps", f"sweep {study}")
     from papers import sweeps
 
     path = store or sweeps.store_path(study, quick)
@@ -155,6 +167,19 @@ def sweep(
     print(f"{results.done.sum()} cases done, {len(results.failures)} failed: {path}")
     for row, reason in list(results.failures.items())[:10]:
         print(f"  case {row}: {reason}")
+
+
+def _without_their_extra(chosen: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Items that need an extra that is not installed; each is reported."""
+    left_out = []
+    for name, part in chosen:
+        try:
+            if extra := EXTRAS.get((name, part)):
+                require_extra(extra, f"{name} {part}")
+        except MissingExtraError as error:
+            _say_error(str(error))
+            left_out.append((name, part))
+    return left_out
 
 
 def _progress() -> Progress:

@@ -27,6 +27,18 @@ ITEMS = {
 }
 """Items of each paper, modules of its package."""
 
+EXTRAS = {
+    ("li2024", "fig9b"): "sweeps",
+    ("li2024", "error_comparison"): "sweeps",
+    ("model_error", "equation14"): "sweeps",
+    ("marker_images", "clips"): "video",
+    ("softness", "layered"): "sweeps",
+}
+"""The extra that an item needs, by paper and item; the other items need none."""
+
+STUDIES = ("papers.li2024.lifts", "papers.model_error.atlas", "papers.softness.contacts")
+"""Modules whose cases `python -m papers sweep` evaluates."""
+
 
 def choose_items(paper: str | None, item: str | None) -> list[tuple[str, str]]:
     """Papers and items that are asked for; all where none is named.

@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Shaped
 from PIL import Image, UnidentifiedImageError
 
+from estimation.extras import require_extra
+
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 CAMERAS = ("camera:", "/dev/video")
@@ -132,13 +134,10 @@ def _read_folder(folder: Path) -> Iterator[Picture]:
 
 
 def _read_video(path: Path) -> Iterator[Picture]:
-    try:
-        import av
-        from av.error import FFmpegError
-    except ImportError as error:
-        raise ValueError(
-            "videos are read with PyAV, which is not installed: `pip install contactmodel[video]`"
-        ) from error
+    require_extra("video", f"reading the video {path}")
+    import av
+    from av.error import FFmpegError
+
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist")
     stamps = _read_times(path.with_suffix(".csv"))

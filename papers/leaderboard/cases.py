@@ -1,6 +1,6 @@
 """What the methods are measured on, and what the right answer is."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from estimation import datasets
+from estimation.extras import MissingExtraError
 from estimation.outline import follow_outline
 from estimation.recording import Recording
 from estimation.softness import ScalarSoftness
@@ -91,19 +92,26 @@ def _spoil(
     return replace(recording, positions=positions, valid=valid)
 
 
-def real_cases() -> list[Case]:
+def real_cases(say: Callable[[str], None] = lambda line: None) -> list[Case]:
     """The published recordings that have been fetched; reference is the contact's outline.
 
     In clips it is the object's imprint. It is no truth: it is an angle of the object that does not
     come from the markers' twist. Methods that follow the outline themselves (`castano`; ours after
     macro slip) agree with it for that. Recordings without a frame whose outline has a direction are
-    left out.
+    left out, and so are videos where the extra `video` is not installed.
+
+    Args:
+        say: told, in a line, which recording is left out for want of the extra.
     """
     cases = []
     for name in settings.REAL:
         folder = datasets.find(name)
         for path in find_recordings(folder) if folder else ():
-            recording = read_recording(path)
+            try:
+                recording = read_recording(path)
+            except MissingExtraError as error:
+                say(f"{name} left out: {error}")
+                continue
             reference = follow_outline(recording).angle
             known = np.isfinite(reference)
             if known.any():
