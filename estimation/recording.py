@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import get_args, get_type_hints
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import AbstractArray, Bool, Float, Int
 from scipy.spatial import Delaunay, QhullError
 
 
@@ -18,6 +20,21 @@ def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
     """Raise a ValueError unless every valid marker is somewhere."""
     if not np.isfinite(positions[valid]).all():
         raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
+
+
+@cache
+def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
+    """The arrays that a class declares, by name, each with its declared type and shape.
+
+    Args:
+        owner: a dataclass whose arrays are annotated with jaxtyping; they may be optional.
+    """
+    return {
+        name: kind
+        for name, hint in get_type_hints(owner).items()
+        for kind in get_args(hint) or (hint,)
+        if isinstance(kind, type) and issubclass(kind, AbstractArray)
+    }
 
 
 @dataclass(frozen=True)
@@ -61,8 +78,15 @@ class MarkerLayout:
             and not -1 <= self.neighbours.min() <= self.neighbours.max() < markers
         ):
             raise ValueError(f"`neighbours` must be −1 or the index of one of {markers} markers")
-        if self.grid_shape is not None and np.prod(self.grid_shape) != markers:
-            raise ValueError(f"{self.grid_shape} rows and columns do not hold {markers} markers")
+        if self.grid_shape is not None and (
+            len(self.grid_shape) != 2
+            or min(self.grid_shape) < 1
+            or self.grid_shape[0] * self.grid_shape[1] != markers
+        ):
+            raise ValueError(
+                f"`grid_shape` is {self.grid_shape}: its rows and columns do not hold {markers} "
+                "markers"
+            )
 
 
 def grid_neighbours(shape: tuple[int, int]) -> Int[np.ndarray, "n 4"]:
@@ -253,22 +277,11 @@ class Recording:
                 "(frames, markers, 3) with at least one frame"
             )
         frames = len(self.positions)
-        _expect_shape("positions", self.positions, frames, *self.layout.reference.shape)
-        _expect_shape("valid", self.valid, *self.positions.shape[:2])
-        _expect_shape("time", self.time, frames)
-        _expect_shape("source_index", self.source_index, frames)
-        if self.force is not None:
-            _expect_shape("force", self.force, frames, 3)
-        if self.moment is not None:
-            _expect_shape("moment", self.moment, frames, 3)
-        if self.forces is not None:
-            _expect_shape("forces", self.forces, *self.positions.shape)
-        if self.contact is not None:
-            _expect_shape("contact", self.contact, *self.valid.shape)
-        if self.imprint is not None:
-            _expect_shape("imprint", self.imprint, frames, 2)
-        if self.rotation is not None:
-            _expect_shape("rotation", self.rotation, *self.valid.shape)
+        size = dict(zip(("n", "d"), self.layout.reference.shape, strict=True)) | {"frames": frames}
+        for name, kind in declared_arrays(Recording).items():
+            if (array := getattr(self, name)) is not None:
+                shape = (size[one] if one in size else int(one) for one in kind.dim_str.split())
+                _expect_shape(name, array, *shape)
         if self.unit not in ("mm", "px"):
             raise ValueError(f"`unit` is {self.unit!r}; it must be mm or px")
         if self.flaws and len(self.flaws) != frames:
@@ -281,10 +294,11 @@ class Recording:
 
     def head(self, frames: int) -> "Recording":
         """The recording's first frames."""
-        per_frame = ("positions", "valid", "time", "source_index", "force", "moment", "forces")
+        arrays = declared_arrays(Recording).items()
+        per_frame = [name for name, kind in arrays if kind.dim_str.split()[0] == "frames"]
         cut = {
             name: value[:frames]
-            for name in (*per_frame, "flaws", "contact", "imprint", "rotation")
+            for name in (*per_frame, "flaws")
             if (value := getattr(self, name)) is not None
         }
         return replace(self, **cut)

@@ -1,7 +1,7 @@
 """Archives give back exactly what was written, and refuse everything else."""
 
 import zipfile
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
@@ -46,6 +46,10 @@ def parts(draw) -> dict:
         moment=optional(frames, 3),
         forces=optional(frames, markers, dimensions),
         flaws=draw(st.sampled_from([()]) | texts),
+        contact=draw(st.none() | hnp.arrays(bool, (frames, markers))),
+        imprint=optional(frames, 2),
+        rotation=optional(frames, markers),
+        unit=draw(st.sampled_from(["mm", "px"])),
         name=draw(WORDS),
         source=draw(WORDS),
         convention=draw(WORDS),
@@ -74,6 +78,57 @@ def test_round_trip_is_exact(tmp_path_factory, parts):
 
 
 @pytest.fixture
+def full(recording) -> Recording:
+    """A recording that has everything a recording can have, none of it the default."""
+    shape, numbers = recording.positions.shape, np.arange(240.0)
+    return replace(
+        recording,
+        layout=replace(recording.layout, grid_shape=(4, 4)),
+        force=numbers[:15].reshape(5, 3),
+        moment=numbers[15:30].reshape(5, 3),
+        forces=numbers.reshape(shape),
+        flaws=("", "a", "", "", "b"),
+        contact=numbers[:80].reshape(5, 16) < 9.0,
+        imprint=numbers[:10].reshape(5, 2),
+        rotation=0.01 * numbers[:80].reshape(5, 16),
+        unit="px",
+        name="name",
+        source="source",
+        convention="convention",
+        notes=("one", "two"),
+    )
+
+
+def test_every_declared_field_is_archived_documented_and_cut(full, tmp_path):
+    """Whoever adds a field to `Recording` is sent here, to give `full` a value for it."""
+    write_archive(full, tmp_path / "one.npz")
+    read, head = read_archive(tmp_path / "one.npz"), full.head(2)
+    for one in fields(Recording):
+        value = getattr(full, one.name)
+        assert value is not None
+        assert one.default is MISSING or np.any(value != one.default), one.name
+        if len(value) == len(full) if isinstance(value, np.ndarray) else one.name == "flaws":
+            assert np.array_equal(getattr(head, one.name), value[:2]), one.name
+    assert_same(read, full)
+    described = archive.write_archive.__doc__
+    with np.load(tmp_path / "one.npz") as file:
+        assert [name for name in file.files if f"`{name}`" not in described] == []
+
+
+def test_archives_of_version_1_are_read(recording, tmp_path):
+    first = (
+        "positions valid time source_index reference neighbours grid_shape flaws name source "
+        "convention notes"
+    )
+    write_archive(recording, tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as file:
+        np.savez(
+            tmp_path / "old.npz", format_version=1, **{one: file[one] for one in first.split()}
+        )
+    assert_same(read_archive(tmp_path / "old.npz"), recording)
+
+
+@pytest.fixture
 def recording() -> Recording:
     reference = np.stack([*np.mgrid[:4, :4].astype(float), np.zeros((4, 4))], -1).reshape(-1, 3)
     return Recording(
@@ -95,7 +150,7 @@ def test_what_is_read_by_path_is_inspected(recording, tmp_path):
 def test_opens_without_us_and_without_pickles(recording, tmp_path):
     write_archive(recording, tmp_path / "one.npz")
     with np.load(tmp_path / "one.npz", allow_pickle=False) as file:
-        assert file["format_version"] == 1
+        assert file["format_version"] == archive.FORMAT_VERSION
         assert {file[name].dtype.kind for name in file.files} <= set("fibU")
 
 
@@ -130,7 +185,8 @@ def rewrite(path, recording, **changes) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format_version": 2}, r"version 2; .* reads up to 1: update contactmodel"),
+        ({"format_version": 3}, r"version 3; .* reads up to 2: update contactmodel"),
+        ({"colour": np.zeros(5)}, r"the entry 'colour' is not known here: update contactmodel"),
         ({"format_version": None}, "no `format_version`"),
         ({"format_version": "1"}, "no `format_version`"),
         ({"positions": None}, "lacks the entry 'positions'"),
@@ -140,6 +196,10 @@ def rewrite(path, recording, **changes) -> None:
         ({"positions": np.full((5, 16, 3), "far")}, "not consistent"),
         ({"source_index": np.zeros(5)}, "not consistent"),
         ({"grid_shape": np.zeros(3)}, "not consistent"),
+        ({"grid_shape": np.array([4.0, np.inf])}, "not consistent"),
+        ({"grid_shape": np.array([-4, -4])}, "not consistent"),
+        ({"rotation": np.zeros((5, 3))}, "not consistent"),
+        ({"name": np.zeros(3)}, "not consistent"),
         ({"positions": np.full((5, 16, 3), None)}, "is damaged"),
     ],
 )
@@ -178,7 +238,7 @@ def test_every_flipped_byte_is_either_harmless_or_refused(recording, tmp_path):
 
 
 def test_the_documented_version_is_the_written_one(recording, tmp_path):
-    assert f"Format version {archive.FORMAT_VERSION} has" in archive.__doc__
+    assert f"Format version {archive.FORMAT_VERSION} has" in archive.write_archive.__doc__
 
 
 def test_paths_may_be_text(tmp_path):

@@ -1,12 +1,16 @@
 """Rendered pads with known dots."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimation.images.render import Camera, render_dots
+from estimation.noise import Noise
+from estimation.sources import read_recording, write_archive
+from estimation.tracker import estimate_angles
 
 CAMERA = Camera(width=320, height=240, noise=2.0)
 PITCH, RADIUS = 24.0, 4.3
@@ -29,6 +33,18 @@ def twisted(degrees, rigid=0.0, still=118.0):
 def picture(centre, rng, camera=CAMERA, radius=RADIUS):
     axes = np.broadcast_to(radius * np.eye(2), (len(centre), 2, 2))
     return render_dots(camera, centre, axes, rng)
+
+
+def expect_same_answers(recording, path):
+    """An archive of a recording is answered like the recording, the rotations it holds included."""
+    write_archive(recording, path)
+    asked = (recording, read_recording(path), replace(recording, rotation=None))
+    same, again, bare = (estimate_angles(one, noise=Noise.given(1e-3)) for one in asked)
+    assert same.answered.any()
+    assert same.state == again.state
+    assert np.array_equal(same.angle, again.angle, equal_nan=True)
+    assert np.array_equal(same.rotation, again.rotation, equal_nan=True)
+    assert not np.array_equal(same.rotation, bare.rotation, equal_nan=True)
 
 
 def real(*parts):

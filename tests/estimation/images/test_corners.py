@@ -12,7 +12,7 @@ from estimation.sensor import Sensor
 from estimation.sources import ImageSettings, read_recording
 from estimation.sources.corners import measure_rotation
 from tests.estimation.images.boards import CAMERA, CODED, PITCH, PLAIN, identities, scene, twist
-from tests.estimation.images.scenes import picture, twisted
+from tests.estimation.images.scenes import expect_same_answers, picture, twisted
 from tests.estimation.images.test_reading import write_folder
 
 
@@ -164,6 +164,7 @@ def test_run_reads_a_checkerboard(coded, tmp_path):
     turned = np.degrees(recording.rotation[2:5, middle].mean(axis=1))
     # 4 corners turned rigidly, each good to 0.015°; lines to neighbours reach beyond them
     assert turned == pytest.approx(angles[2:], rel=0.05)
+    expect_same_answers(recording, tmp_path / "board.npz")
 
 
 def test_what_is_no_checkerboard_is_refused():

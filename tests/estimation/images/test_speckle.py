@@ -13,7 +13,7 @@ from estimation.sources.pictures import Picture
 from estimation.sources.speckle import SpeckleReader
 from tests.cases import find_published
 from tests.estimation.images.boards import PLAIN, scene, twist
-from tests.estimation.images.scenes import picture, real, twisted
+from tests.estimation.images.scenes import expect_same_answers, picture, real, twisted
 from tests.estimation.images.speckles import CAMERA, RADIUS, Motion, speckle, whole
 from tests.estimation.images.test_reading import write_folder
 
@@ -179,6 +179,7 @@ def test_run_reads_speckle(rest, tmp_path):
     for frame in (1, 2):
         turned = np.degrees(recording.rotation[frame, middle])
         assert turned == pytest.approx(angles[frame], abs=0.1)  # 0.02° each, lines reach 44 px
+    expect_same_answers(recording, tmp_path / "speckle.npz")
 
 
 def test_the_kind_of_markers_is_found_out(rest, tmp_path):
