@@ -4,7 +4,7 @@ from importlib.util import find_spec
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "video": ("av",),
-    "sweeps": ("dask", "distributed", "zarr"),
+    "sweeps": ("dask", "distributed", "locket", "zarr"),
 }
 """Packages that each extra installs, by the name they are imported under."""
 

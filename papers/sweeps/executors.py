@@ -6,11 +6,13 @@ their outcomes. A worker uses one thread: batches run side by side, not the part
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib import import_module
+from multiprocessing import connection
 from typing import NamedTuple
 
 import jax
@@ -45,7 +47,7 @@ def in_process(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
 
 
 def local_processes(count: int) -> Executor:
-    """In worker processes of this machine.
+    """In worker processes of this machine, which end when this process does, however that ends.
 
     Args:
         count: of them.
@@ -53,7 +55,10 @@ def local_processes(count: int) -> Executor:
 
     def execute(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
         context = multiprocessing.get_context("spawn")
-        with _environment(ONE_THREAD), ProcessPoolExecutor(count, context) as pool:
+        with (
+            _environment(ONE_THREAD),
+            ProcessPoolExecutor(count, context, _end_with_the_parent) as pool,
+        ):
             futures = {pool.submit(_work, name, None, batch.table): batch for batch in batches}
             try:
                 for future in as_completed(futures):
@@ -67,6 +72,22 @@ def local_processes(count: int) -> Executor:
                 pool.shutdown(wait=False, cancel_futures=True)
 
     return execute
+
+
+def _end_with_the_parent() -> None:
+    """Watch the parent from a thread, and end this process as soon as the parent is gone.
+
+    The parent's sentinel becomes ready when it ends by any means, those included that it cannot
+    handle. What this worker has in work has nobody to take it.
+    """
+
+    def watch(sentinel: int) -> None:
+        connection.wait([sentinel])
+        os._exit(1)
+
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # called in a worker only
+    threading.Thread(target=watch, args=(parent.sentinel,), daemon=True).start()
 
 
 def on_cluster(address: str, patience: float = 10.0) -> Executor:

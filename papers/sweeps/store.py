@@ -4,7 +4,6 @@ Results are written before the cases they belong to are marked as done, and Zarr
 whole; so a store can be left at any moment.
 """
 
-import fcntl
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import zarr
 from jaxtyping import Bool, Int, Shaped
+from locket import LockError, lock_file
 
 from papers.sweeps.study import Failure, Table, Values, table_hash
 
@@ -121,12 +121,15 @@ def lock(path: Path) -> Iterator[None]:
         ValueError: one does.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_name(f".{path.name}.lock").open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise ValueError(f"another sweep is writing to {path}") from error
+    held = lock_file(str(path.resolve().with_name(f".{path.name}.lock")), timeout=0.0)
+    try:
+        held.acquire()
+    except LockError as error:
+        raise ValueError(f"another sweep is writing to {path}") from error
+    try:
         yield
+    finally:
+        held.release()
 
 
 def read_results(path: Path) -> Results:
@@ -165,7 +168,7 @@ def _make(path: Path, told: dict, table: Table) -> None:
 def _open(path: Path, mode) -> zarr.Group:
     """The group, seen to be whole."""
     try:
-        group = zarr.open_group(path, mode=mode)
+        group = zarr.open_group(path.resolve(), mode=mode)  # zarr cuts the root off inner paths
         state = _read(group, "state")
         columns = group.attrs["columns"]
         assert isinstance(columns, list)

@@ -10,6 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from papers.sweeps import find_study, in_process, local_processes, read_results, run_sweep
@@ -78,6 +79,35 @@ def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path):
     again = {case for case, times in evaluated.items() if times > 1}
     assert len(again) <= STUDY.batch  # the batch that was in work when it was killed
     assert not again & {f"{x:g}" for x in kept.table["x"][kept.done]}
+
+
+def test_workers_end_with_their_parent_and_what_was_done_is_stored(tmp_path):
+    log, store = tmp_path / "log", tmp_path / "a.zarr"
+    environment = os.environ | {"SQUARES_LOG": str(log), "SQUARES_PAUSE": "0.05"}
+    command = ["-m", "papers", "sweep", SQUARES, "--workers", "2", "--store", str(store)]
+    process = subprocess.Popen(
+        [sys.executable, *command], cwd=ROOT, env=environment, stderr=subprocess.DEVNULL
+    )
+    while not log.exists() or len(log.read_text().split()) < 4 * STUDY.batch:
+        time.sleep(0.02)
+    children = psutil.Process(process.pid).children(recursive=True)
+    assert len(children) >= 2
+    process.kill()  # which nobody can handle; SIGTERM, unhandled, ends a process alike
+    process.wait()
+    _, left = psutil.wait_procs(children, timeout=10.0)
+    assert left == []
+    evaluated = log.read_text().split()
+    kept = read_results(store)
+    # each of two workers may have had a batch in work, and another on its way to the store
+    assert kept.done.sum() + len(kept.failures) >= len(evaluated) - 4 * STUDY.batch > 0
+
+
+def test_a_relative_path_is_as_good_as_a_whole_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # whose name is that of a group inside, so that zarr would cut it off inner paths
+    assert run_sweep(SQUARES, Path("results"), quick=True).done.all()
+    assert read_results(Path("results")).done.all()
+    assert run_sweep(SQUARES, tmp_path / "results", quick=True).done.all()
 
 
 def test_local_processes_do_the_same(tmp_path):
