@@ -59,6 +59,14 @@ class Noise:
         return cls(in_plane, normal=unknown, correlation=(unknown, unknown), frames=0)
 
 
+def find_noise(recording: Recording) -> tuple[Noise | None, tuple[str, ...]]:
+    """The noise of a recording, or notes of why it is unknown and what follows from that."""
+    try:
+        return estimate_noise(recording), ()
+    except ValueError as error:
+        return None, (f"{error}. The intervals come from the misfit within each frame instead.",)
+
+
 def estimate_noise(recording: Recording) -> Noise:
     """Estimate the noise of a recording in which the markers may move.
 

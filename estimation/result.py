@@ -87,6 +87,7 @@ class Result:
         stiffness_ratio: k that each angle was corrected with [-].
         load_term: L that it was corrected with [rad].
         covered: frames for which the softness holds.
+        notes: what a reader of the angles should know, in sentences.
     """
 
     method: str
@@ -104,12 +105,16 @@ class Result:
     stiffness_ratio: Float[np.ndarray, " frames"]
     load_term: Float[np.ndarray, " frames"]
     covered: Bool[np.ndarray, " frames"]
+    notes: tuple[str, ...] = ()
 
     @classmethod
-    def gather(cls, method: str, estimates: Sequence[Estimate]) -> "Result":
+    def gather(
+        cls, method: str, estimates: Sequence[Estimate], notes: tuple[str, ...] = ()
+    ) -> "Result":
         """Put together the estimates of one recording, at least one."""
         return cls(
             method=method,
+            notes=notes,
             state=tuple(estimate.state for estimate in estimates),
             reason=tuple(estimate.reason for estimate in estimates),
             **{

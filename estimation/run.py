@@ -18,7 +18,7 @@ from estimation.images.preview import write_preview
 from estimation.live import LiveAngles
 from estimation.lookback import FOLLOWING, find_slips, withdraw
 from estimation.margin import follow_margin
-from estimation.noise import Noise, estimate_noise
+from estimation.noise import Noise, find_noise
 from estimation.onset import describe_slips
 from estimation.outline import follow_outline
 from estimation.recording import Recording
@@ -179,12 +179,7 @@ class _Prepared(NamedTuple):
 
 
 def _prepare(recording: Recording, settings: Settings) -> _Prepared:
-    noise, notes = settings.noise, ()
-    if noise is None:
-        try:
-            noise = estimate_noise(recording)
-        except ValueError as error:
-            notes = (f"{error}. The intervals come from the misfit within each frame instead.",)
+    noise, notes = (settings.noise, ()) if settings.noise else find_noise(recording)
     trackers = {
         method: Tracker(
             recording.layout,

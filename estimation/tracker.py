@@ -10,7 +10,7 @@ from jaxtyping import Float
 from estimation.contact import ONSET_MM, SHARE, reaches_edge
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, Estimator, Measurement
 from estimation.fields import Fields, measure_fields
-from estimation.noise import Noise, estimate_noise
+from estimation.noise import Noise, find_noise
 from estimation.recording import Frame, MarkerLayout, Recording
 from estimation.result import TOO_FEW_STICK, Estimate, Result, State
 from estimation.softness import Contact, ScalarSoftness, Softness
@@ -239,12 +239,13 @@ def estimate_angles(
     Args:
         recording: the recording.
         method: one of `METHODS` or `RIVALS`.
-        noise: of the markers; estimated from the recording unless given.
+        noise: of the markers; estimated from the recording unless given. A recording that is too
+            short for that gets intervals from the misfit within each frame, and a note.
         **settings: of the `Tracker`.
 
     Raises:
-        ValueError: a wrong setting, or a recording too short to tell its noise.
+        ValueError: a wrong setting.
     """
-    noise = estimate_noise(recording) if noise is None else noise
+    noise, notes = (noise, ()) if noise else find_noise(recording)
     tracker = Tracker(recording.layout, method, noise=noise, **settings)
-    return Result.gather(method, [tracker.update(frame) for frame in recording])
+    return Result.gather(method, [tracker.update(frame) for frame in recording], notes)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from estimation.estimators.measurement import Z95
-from estimation.noise import Noise
+from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
 from estimation.references import Reference
 from estimation.result import State
@@ -79,7 +79,7 @@ def make_trials(
     Raises:
         ValueError: the recording is too short to tell its noise.
     """
-    result = estimate_angles(recording, METHOD, noise=noise)
+    result = estimate_angles(recording, METHOD, noise=noise or estimate_noise(recording))
     touching = np.array([s not in (State.NO_CONTACT, State.UNKNOWN) for s in result.state])
     sticks = result.stick.sum(axis=1)
     usable = touching & result.answered & (sticks >= LEAST_STICK)

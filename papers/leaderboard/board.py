@@ -16,8 +16,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import METHODS, RIVALS
-from estimation.noise import Noise, estimate_noise
-from estimation.recording import Recording
+from estimation.noise import Noise, find_noise
 from estimation.tracker import RIGID_OBJECT, Tracker
 from papers.items import Track
 from papers.leaderboard import settings
@@ -49,7 +48,7 @@ def answer_all(cases: Sequence[Case], track: Track = iter) -> list[Answers]:
     """
     answers = []
     for case in track(cases):
-        noise = _noise(case.recording)
+        noise, _ = find_noise(case.recording)
         answers += [_answer(method, case, noise) for method in METHODS | RIVALS]
     return answers
 
@@ -171,13 +170,6 @@ def plot_curves(answers: Sequence[Answers]) -> Figure:
 
 
 MAE = "mean absolute error [°]"
-
-
-def _noise(recording: Recording) -> Noise | None:
-    try:
-        return estimate_noise(recording)
-    except ValueError:
-        return None
 
 
 def _answer(method: str, case: Case, noise: Noise | None) -> Answers:

@@ -163,7 +163,14 @@ def test_unusual_recordings_are_run_and_explained(tmp_path, progress, recording,
     run_all([Input(recording)], tmp_path, Settings(), progress)
     notes = json.loads((tmp_path / "summary.json").read_text())["notes"]
     assert any(note in line for line in notes), notes
-    assert len(rows_of(tmp_path / "angles.csv")) == len(recording)
+    rows = rows_of(tmp_path / "angles.csv")
+    assert len(rows) == len(recording)
+    # in Python the same: no error where the command line answers, and its note
+    result = estimate_angles(recording)
+    angles = [float(row["angle_deg"]) for row in rows]
+    assert angles == pytest.approx(np.degrees(result.angle), abs=1e-6, nan_ok=True)
+    assert set(result.notes) <= set(notes)
+    assert any("noise cannot be estimated" in line for line in notes) == bool(result.notes)
 
 
 def test_truth_is_compared(tmp_path, progress):
