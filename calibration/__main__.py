@@ -1,6 +1,7 @@
 """Command line: `python -m calibration noise|sensor|softness|squeeze|field|design|stereo`."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -47,6 +48,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 console = Console(stderr=True)
+say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
 
 
 @app.callback()
@@ -181,7 +183,7 @@ def squeeze(
 
 def _read(names: list[str]) -> list[Recording]:
     """Recordings by path or data set."""
-    return [one.recording for one in gather_recordings(names, Settings(), say=console.print)]
+    return [one.recording for one in gather_recordings(names, Settings(), say=say)]
 
 
 @app.command()
@@ -206,7 +208,7 @@ def stereo(
     )
     write_rig(rig, out / "stereo.toml")
     for reason in left_out:
-        console.print(escape(reason))
+        say(reason)
     print(f"reprojection error {rig.error:.3f} px rms, written to {out / 'stereo.toml'}")
 
 
@@ -223,9 +225,9 @@ def field(
     """Fit numbers of a contact to the fields and forces of frames."""
     check_writable(out)
     wanted = read_experiment(experiment)
-    model, data = wanted.of(gather_recordings([recording], Settings(), console.print)[0].recording)
+    model, data = wanted.of(gather_recordings([recording], Settings(), say)[0].recording)
     with console.status("compiling and fitting"):
-        fit = fit_fields(model, wanted.numbers, data, starts=starts, said=console.print)
+        fit = fit_fields(model, wanted.numbers, data, starts=starts, said=say)
     write_fit(fit, data, model.markers, wanted.frames, out)
     for line in fit.verdict:
         print(line)

@@ -32,6 +32,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 console = Console(stderr=True)
+say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
 PICTURES = "Pictures of markers"
 CONSTANTS = "Constants of the method; each has its own"
 
@@ -43,7 +44,9 @@ def run(
         typer.Argument(
             metavar="[RECORDING|DATASET]...",
             help="Tac3D folders, .npz recordings, videos, folders of images, cameras (camera:0) "
-            "or data set names; the virtual pivot if none.",
+            "or data set names; the virtual pivot if none. Pictures take their times from a table "
+            "with columns frame and time_s, if there is one: times.csv in the folder, CLIP.csv "
+            "beside CLIP.avi.",
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
@@ -74,7 +77,18 @@ def run(
     ] = None,
     unloaded_frame: Annotated[
         int | None,
-        typer.Option(help="Number of an unloaded frame.", rich_help_panel=PICTURES),
+        typer.Option(
+            help="Number of an unloaded frame: the number in the picture's name, or counted from 0 "
+            "(angles.csv: source_index).",
+            rich_help_panel=PICTURES,
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option(
+            help="Rate of the pictures of a folder without times.csv [1/s]; else 30 is assumed.",
+            rich_help_panel=PICTURES,
+        ),
     ] = None,
     marker: Annotated[
         str | None,
@@ -180,14 +194,14 @@ def run(
         contact_share=contact_share,
         stick_share=stick_share,
         images=ImageSettings(
-            described, unloaded_frame, None if stereo is None else read_rig(stereo)
+            described, unloaded_frame, None if stereo is None else read_rig(stereo), fps
         ),
         preview=preview,
         grasp=grasp,
         constants={name: value for name, value in constants.items() if value is not None},
     )
     inputs = gather_recordings(
-        recordings or [], settings, say=console.print, answer=partial(print, flush=True)
+        recordings or [], settings, say=say, answer=partial(print, flush=True)
     )
     with Progress(console=console) as progress:
         outcome = run_all(inputs, out, settings, progress)
@@ -204,7 +218,7 @@ def fetch(
 ) -> None:
     """Bring published data sets into the cache, unless they are there and intact."""
     for name in names:
-        print(datasets.fetch(name, say=console.print))
+        print(datasets.fetch(name, say=say))
 
 
 def main() -> None:

@@ -246,6 +246,8 @@ class Recording:
         source: where the recording came from.
         convention: how the source's axes lie, and what was turned to get to the sensor frame.
         notes: what a reader or user of the recording should know, in sentences.
+        warnings: what is assumed about the recording or looks wrong with it, in sentences; commands
+            print them as well.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -268,6 +270,7 @@ class Recording:
     source: str = ""
     convention: str = "z out of the elastomer towards the object"
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""

@@ -247,7 +247,7 @@ def summarise(run: Run) -> dict[str, Any]:
         "margin_last": _describe_margin(run),
         "macro_slips": [_describe_slip(slip, recording.time[0]) for slip in run.slips],
         "methods": {name: _figures(result, run.truth) for name, result in run.results.items()},
-        "notes": [*recording.notes, *run.notes],
+        "notes": [*recording.warnings, *recording.notes, *run.notes],
     }
 
 

@@ -89,7 +89,8 @@ def gather_recordings(
     Args:
         names: paths of recordings or names of data sets; none for the virtual pivot.
         settings: for the virtual pivot's seed, and what a camera's pictures are answered with.
-        say: told what a data set's fetching has to say.
+        say: told what a data set's fetching has to say, and what is assumed about a recording or
+            looks wrong with it.
         answer: told the angle of each picture of a camera as it comes, as a line.
 
     Raises:
@@ -102,16 +103,14 @@ def gather_recordings(
     for name in names:
         is_dataset = name in datasets.NAMES and not Path(name).exists()
         paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
-    return [
-        Input(
-            read_recording(
-                path,
-                settings.images,
-                _answer_live(settings, answer) if answer and is_camera(path) else None,
-            )
-        )
-        for path in paths
-    ]
+    inputs = []
+    for path in paths:
+        watch = _answer_live(settings, answer) if answer and is_camera(path) else None
+        recording = read_recording(path, settings.images, watch)
+        for warning in recording.warnings:
+            say(f"{recording.name}: {warning}")
+        inputs.append(Input(recording))
+    return inputs
 
 
 def _answer_live(settings: Settings, answer: Callable[[str], None]) -> LiveAngles:

@@ -22,7 +22,7 @@ from estimation.recording import MarkerLayout, Recording, declared_arrays
 
 FORMAT_VERSION = 2
 SUFFIX = ".npz"
-_LATER = ("unit",)
+_LATER = ("unit", "warnings")
 """Entries that are not optional, and that the first archives were written without."""
 _TYPES: dict[Any, type] = {Bool: bool, Int: int, Float: float}
 
@@ -51,10 +51,11 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     | `rotation` | (frames, markers) | rotation of each marker's line features; only where known |
     | `unit` | () text | of lengths, `mm` or `px` |
     | `name`, `source`, `convention` | () text | as in `Recording` |
-    | `notes` | (notes,) text | as in `Recording` |
+    | `notes`, `warnings` | (sentences,) text | as in `Recording` |
 
-    Texts are NumPy's own `U` arrays. Version 1 had no `rotation`, and its first archives no `unit`
-    (mm). A reader refuses versions that are newer than it is, and entries that it does not know.
+    Texts are NumPy's own `U` arrays. Version 1 had no `rotation` and no `warnings`, and its first
+    archives no `unit` (mm). A reader refuses versions that are newer than it is, and entries that
+    it does not know.
 
     Raises:
         ValueError: the file's name does not end in `.npz`.

@@ -28,7 +28,7 @@ from estimation.recording import Recording
 from estimation.sensor import Sensor
 from estimation.sources.corners import CornerReader
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
-from estimation.sources.pictures import Picture, read_pictures
+from estimation.sources.pictures import Picture, describe_pictures, read_pictures
 from estimation.sources.speckle import SpeckleReader
 from estimation.sources.stereo import StereoReader, find_view_flaw
 
@@ -237,12 +237,12 @@ def read_images(
         raise ValueError(
             f"{path} has no usable picture: {waiting[0].flaw if waiting else 'it is empty'}"
         )
-    return _to_recording(path, reader, rows)
+    return _to_recording(path, reader, rows, describe_pictures(path, settings.rate))
 
 
 def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
     """The pictures at a path, each view of them inspected where there are two."""
-    for picture in read_pictures(path):
+    for picture in read_pictures(path, settings.rate):
         if settings.rig is not None and picture.image is not None and not picture.flaw:
             picture = picture._replace(flaw=find_view_flaw(settings.rig, picture.image))
         yield picture
@@ -288,15 +288,23 @@ def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
 
 def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
     """A reader whose reference is the unloaded frame."""
+    numbers = []
     for picture in _read(path, settings):
+        numbers.append(picture.number)
         if picture.number == settings.unloaded:
             if picture.flaw:
                 raise ValueError(f"the unloaded frame {picture.number}: {picture.flaw}")
             return _make_reader(picture, settings)
-    raise ValueError(f"{path} has no frame {settings.unloaded}, which should be the unloaded one")
+    known = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
+    raise ValueError(
+        f"{path} has no frame {settings.unloaded}, which should be the unloaded one: its frames "
+        f"are {known}"
+    )
 
 
-def _to_recording(path: Path, reader: MarkerReader, rows: list[Row]) -> Recording:
+def _to_recording(
+    path: Path, reader: MarkerReader, rows: list[Row], warnings: tuple[str, ...]
+) -> Recording:
     position = reader.scale * np.stack([row.position for row in rows])
     contact = [row.contact for row in rows if row.contact is not None]
     imprint = np.array([[row.imprint, row.imprint_error] for row in rows])
@@ -318,4 +326,5 @@ def _to_recording(path: Path, reader: MarkerReader, rows: list[Row]) -> Recordin
         source=str(path),
         convention=CONVENTION,
         notes=(*((reader.chosen,) if reader.chosen else ()), *reader.notes(), *lengths),
+        warnings=warnings,
     )

@@ -23,13 +23,26 @@ class ImageSettings:
 
     Attributes:
         sensor: what took them.
-        unloaded: number of an unloaded frame, to be the reference.
+        unloaded: number of an unloaded frame, to be the reference: as `Recording.source_index`
+            has it, by the name of the picture or counted from 0.
         rig: calibration of both views, where mirrors split the picture.
+        rate: pictures per second of a folder without a table of times [1/s].
+
+    Raises:
+        ValueError: the rate is not above 0.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
     unloaded: int | None = None
     rig: Rig | None = None
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the rate."""
+        if self.rate is not None and not 0.0 < self.rate < float("inf"):
+            raise ValueError(
+                f"{self.rate:g} pictures per second (--fps): it must be a number above 0"
+            )
 
     @property
     def scale(self) -> float:

@@ -1,8 +1,12 @@
 """Pictures over time: a folder of images, a video or a camera, one after the other.
 
-Time stamps come from a sidecar table (`times.csv` in the folder, `NAME.csv` beside a video; columns
-`frame` and `time_s`), else from the video's container or the camera's clock. A folder without a
-table is counted at `RATE` pictures per second.
+A folder is read in natural order. The number in a picture's name is its frame number; where the
+names do not number the pictures, they are counted from 0, as the frames of a video are.
+
+Time stamps come from a table (`times.csv` in the folder, `CLIP.csv` beside `CLIP.avi`; columns
+`frame` and `time_s`), else from the video's container or the camera's clock. In a folder without a
+table the time is the frame number over the rate, which is `RATE` unless given: frames that are
+missing leave a gap.
 """
 
 import csv
@@ -17,11 +21,13 @@ from jaxtyping import Shaped
 from PIL import Image, UnidentifiedImageError
 
 from estimation.extras import require_extra
+from estimation.sources.names import DUPLICATE, Numbering, natural_key, number_pictures
 
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 CAMERAS = ("camera:", "/dev/video")
 RATE = 30.0
+"""Pictures per second of a folder that are assumed where nothing is known [1/s]."""
 LARGEST = 50_000_000
 """Most pixels of a picture; more is refused before anything is decoded."""
 BLACK = 8.0
@@ -35,7 +41,7 @@ class Picture(NamedTuple):
     Attributes:
         image: grey or BGR, 8 or 16 bit; None where there is none.
         time: time stamp [s].
-        number: the source's.
+        number: of the frame, by the picture's name or counted from 0.
         flaw: why it cannot be used, empty where it can.
     """
 
@@ -54,10 +60,47 @@ def is_pictures(path: Path) -> bool:
     """Whether there are pictures at the path: a video, a folder of images or a camera."""
     if is_camera(path) or path.suffix.lower() in VIDEOS:
         return True
-    return path.is_dir() and any(one.suffix.lower() in IMAGES for one in path.iterdir())
+    return path.is_dir() and bool(_list_images(path))
 
 
-def read_pictures(path: Path) -> Iterator[Picture]:
+def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
+    """What is assumed about the pictures at a path, or looks wrong with them, in sentences.
+
+    Args:
+        path: as for `read_pictures`.
+        rate: as for `read_pictures`.
+
+    Raises:
+        ValueError: no pictures in the folder, or a table that is not one of time stamps.
+    """
+    if is_camera(path):
+        return () if rate is None else (ignored_rate(rate, "the camera's clock"),)
+    warnings, table = [], _table_beside(path)
+    stamps = _read_times(table)
+    if path.is_dir():
+        _, (numbers, doubts) = _number_folder(path)
+        warnings += doubts
+        if unused := sorted(set(stamps) - set(numbers)):
+            warnings.append(
+                f"{table.name} has times of {len(unused)} frames without a picture, {unused[0]} "
+                "the first: its `frame` must be the frame number."
+            )
+        if rate is None and not stamps:
+            warnings.append(
+                f"{RATE:g} pictures per second are assumed: give their rate (--fps), or their "
+                f"times in {table.name} (columns frame, time_s)."
+            )
+    if rate is not None and (stamps or not path.is_dir()):
+        warnings.append(ignored_rate(rate, table.name if stamps else "the video"))
+    return tuple(warnings)
+
+
+def ignored_rate(rate: float, clock: str) -> str:
+    """The warning that a rate was given for a recording whose times are known."""
+    return f"The rate of {rate:g} pictures per second (--fps) is not used: times come from {clock}."
+
+
+def read_pictures(path: Path, rate: float | None = None) -> Iterator[Picture]:
     """The pictures at a path, in order.
 
     A picture that cannot be read, or is of another size than the first, comes with its flaw. A
@@ -66,6 +109,7 @@ def read_pictures(path: Path) -> Iterator[Picture]:
 
     Args:
         path: a video, a folder of images, or a camera: `camera:0` or its device, `/dev/video0`.
+        rate: pictures per second of a folder without a table of times [1/s].
 
     Raises:
         ValueError: no pictures there, or of a size beyond `LARGEST`.
@@ -75,7 +119,7 @@ def read_pictures(path: Path) -> Iterator[Picture]:
     if is_camera(path):
         source = _read_camera(str(path))
     elif path.is_dir():
-        source = _read_folder(path)
+        source = _read_folder(path, RATE if rate is None else rate)
     else:
         source = _read_video(path)
     size = None
@@ -109,13 +153,33 @@ def _check_size(width: int, height: int, what: Path) -> None:
         raise ValueError(f"{what} declares no size: it is damaged")
 
 
-def _read_folder(folder: Path) -> Iterator[Picture]:
-    files = sorted(one for one in folder.iterdir() if one.suffix.lower() in IMAGES)
+def _list_images(folder: Path) -> list[Path]:
+    """The images in a folder, but for hidden files."""
+    return [
+        one
+        for one in folder.iterdir()
+        if one.suffix.lower() in IMAGES and not one.name.startswith(".")
+    ]
+
+
+def _number_folder(folder: Path) -> tuple[list[Path], Numbering]:
+    """The images in a folder in natural order, and their frame numbers."""
+    files = sorted(_list_images(folder), key=natural_key)
     if not files:
         raise ValueError(f"{folder} holds no images")
-    stamps = _read_times(folder / "times.csv")
-    for number, file in enumerate(files):
-        stamp = stamps.get(number, np.nan) if stamps else number / RATE
+    return files, number_pictures(files)
+
+
+def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
+    files, (numbers, _) = _number_folder(folder)
+    stamps = _read_times(_table_beside(folder))
+    before = None
+    for number, file in zip(numbers, files, strict=True):
+        stamp = stamps.get(number, np.nan) if stamps else number / rate
+        if number == before:
+            yield Picture(None, stamp, number, DUPLICATE)
+            continue
+        before = number
         try:
             with Image.open(file) as header:
                 _check_size(*header.size, file)
@@ -140,7 +204,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
 
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist")
-    stamps = _read_times(path.with_suffix(".csv"))
+    stamps = _read_times(_table_beside(path))
     try:
         container = av.open(str(path))
     except (FFmpegError, OSError) as error:
@@ -153,27 +217,31 @@ def _read_video(path: Path) -> Iterator[Picture]:
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(LARGEST)}  # of frames to come
         rate = float(stream.average_rate or RATE)
+
+        def stamp_of(number: int, own: float | None = None) -> float:
+            if stamps:
+                return stamps.get(number, np.nan)
+            return number / rate if own is None else own
+
         number = -1
         try:
             for frame in container.decode(stream):
                 number += 1
                 _check_size(frame.width, frame.height, path)
-                stamp = float(frame.time) if frame.time is not None else number / rate
                 grey = frame.format.name.startswith("gray")
                 wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
                 flaw = "the picture is damaged" if frame.is_corrupt else ""
                 image = frame.to_ndarray(format=wanted)
-                yield Picture(image, stamps.get(number, stamp), number, flaw)
+                yield Picture(image, stamp_of(number, frame.time), number, flaw)
         except FFmpegError as error:
-            stamp = stamps.get(number + 1, (number + 1) / rate)
-            yield Picture(None, stamp, number + 1, f"the video is damaged from here on ({error})")
+            why = f"the video is damaged from here on ({error})"
+            yield Picture(None, stamp_of(number + 1), number + 1, why)
             return
         declared = stream.frames or int((container.duration or 0) / av.time_base * rate - 1.0)
         short = declared - number - 1
         if short > 0:
-            stamp = stamps.get(number + 1, (number + 1) / rate)
             why = f"the video ends here: {short} of the {declared} frames it declares are missing"
-            yield Picture(None, stamp, number + 1, why)
+            yield Picture(None, stamp_of(number + 1), number + 1, why)
 
 
 def _read_camera(name: str) -> Iterator[Picture]:
@@ -193,6 +261,11 @@ def _read_camera(name: str) -> Iterator[Picture]:
             number += 1
     finally:
         capture.release()
+
+
+def _table_beside(path: Path) -> Path:
+    """Where the table of a folder's or a video's times is, if there is one."""
+    return path / "times.csv" if path.is_dir() else path.with_suffix(".csv")
 
 
 def _read_times(path: Path) -> dict[int, float]:

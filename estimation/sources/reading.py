@@ -1,5 +1,6 @@
 """Which reader a path is for."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from estimation.inspection import inspect_recording
@@ -7,7 +8,8 @@ from estimation.recording import Recording
 from estimation.sources.archive import SUFFIX, read_archive
 from estimation.sources.images import Watch, read_images
 from estimation.sources.markers import ImageSettings
-from estimation.sources.pictures import is_camera, is_pictures
+from estimation.sources.names import natural_key
+from estimation.sources.pictures import ignored_rate, is_camera, is_pictures
 from estimation.sources.tac3d import is_tac3d, read_tac3d
 
 EXPECTED = (
@@ -38,11 +40,15 @@ def read_recording(
     if is_pictures(found[0]):
         return inspect_recording(read_images(found[0], images, watch))
     reader = read_tac3d if found[0].is_dir() else read_archive
-    return inspect_recording(reader(found[0]))
+    recording = reader(found[0])
+    if images is not None and images.rate is not None:
+        warning = ignored_rate(images.rate, "the recording")
+        recording = replace(recording, warnings=(*recording.warnings, warning))
+    return inspect_recording(recording)
 
 
 def find_recordings(path: str | Path) -> list[Path]:
-    """The recordings at `path`: itself, or those in it, in the order of their names.
+    """The recordings at `path`: itself, or those in it, in the natural order of their names.
 
     Raises:
         FileNotFoundError: there is nothing there.
@@ -61,7 +67,7 @@ def find_recordings(path: str | Path) -> list[Path]:
         raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
     if is_tac3d(path) or is_pictures(path):
         return [path]
-    inside = sorted(path.iterdir())
+    inside = sorted(path.iterdir(), key=natural_key)
     found = [
         one
         for one in inside

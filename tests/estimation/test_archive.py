@@ -54,6 +54,7 @@ def parts(draw) -> dict:
         source=draw(WORDS),
         convention=draw(WORDS),
         notes=tuple(draw(st.lists(WORDS, max_size=3))),
+        warnings=tuple(draw(st.lists(WORDS, max_size=3))),
     )
 
 
@@ -96,6 +97,7 @@ def full(recording) -> Recording:
         source="source",
         convention="convention",
         notes=("one", "two"),
+        warnings=("three",),
     )
 
 

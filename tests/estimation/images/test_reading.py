@@ -1,5 +1,6 @@
 """Pictures as recordings: videos, folders, and what can be wrong with them."""
 
+import csv
 import struct
 
 import av
@@ -26,10 +27,10 @@ def pictures():
     return [picture(twisted(angle, rigid=50.0), rng) for angle in ANGLES]
 
 
-def write_folder(folder, images):
+def write_folder(folder, images, name="{:04}.png", start=0):
     folder.mkdir()
-    for i, image in enumerate(images):
-        cv2.imwrite(str(folder / f"{i:04}.png"), image)
+    for i, image in enumerate(images, start):
+        cv2.imwrite(str(folder / name.format(i)), image)
     return folder
 
 
@@ -270,13 +271,24 @@ def test_the_imprint_turns_with_the_object_not_with_the_dots():
     assert found == pytest.approx([0.0, 4.0, 8.0, 12.0, 16.0, 20.0], abs=0.3)
 
 
-def test_preview_shows_every_frame(pictures, tmp_path):
-    folder = write_folder(tmp_path / "clip", pictures)
+def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, tmp_path):
+    folder = write_folder(tmp_path / "clip", pictures, "frame{}.png", start=7)
     out = tmp_path / "out"
-    done = CliRunner().invoke(
-        app, ["run", str(folder), "--out", str(out), "--preview", "--noise-um", "10"]
-    )
+    told = ["--out", str(out), "--preview", "--noise-um", "10", "--unloaded-frame", "8"]
+    done = CliRunner().invoke(app, ["run", str(folder), *told])
     assert done.exit_code == 0, done.output
+    with (out / "angles.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["source_index"]) for row in rows] == list(range(7, 14))
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(np.arange(7, 14) / 30, abs=1e-6)
+    # a dozen dots that stick: as for the camera above
+    assert [float(row["angle_deg"]) for row in rows][3:] == pytest.approx(ANGLES[3:], abs=0.15)
+    for text in (
+        done.stderr,
+        (out / "summary.json").read_text(),
+        (out / "report.html").read_text(),
+    ):
+        assert "30 pictures per second are assumed" in text
     frames = list(read_pictures(out / "preview.avi"))
     assert len(frames) == len(pictures)
     assert frames[0].image.shape == (3 * 240 + 52, 3 * 320, 3)

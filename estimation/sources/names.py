@@ -1,0 +1,107 @@
+"""What the names of files tell: their order, and the frame numbers of pictures.
+
+No library is needed for the order: the numbers in the names must be read anyway, as frame numbers.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+DUPLICATE = "the picture has the same number as the one before"
+"""Why a picture is left out whose number another one has."""
+
+
+class Numbering(NamedTuple):
+    """Frame numbers of pictures.
+
+    Attributes:
+        numbers: of each picture.
+        warnings: what is wrong with the numbers in the names, in sentences.
+    """
+
+    numbers: tuple[int, ...]
+    warnings: tuple[str, ...]
+
+
+def natural_key(path: Path) -> tuple[list[str | int], str]:
+    """Sort key for files by name, numbers by their value: `frame2` comes before `frame10`."""
+    return _split(path.name), path.name
+
+
+def number_pictures(files: Sequence[Path]) -> Numbering:
+    """The frame numbers in the names of pictures.
+
+    The names must be alike but for one number, and most of these numbers must follow one another.
+    If not, the pictures are counted from 0.
+
+    Args:
+        files: the pictures, in natural order.
+    """
+    numbers, doubt = _find_numbers(files)
+    if doubt:
+        text = (
+            f"The file names do not number the pictures ({doubt}). The pictures are counted from 0 "
+            "in the order of their names, and this count is the frame number."
+        )
+        return Numbering(tuple(range(len(files))), (text,) if len(files) > 1 else ())
+    return Numbering(tuple(numbers), (*_find_duplicates(files, numbers), *_find_gaps(numbers)))
+
+
+def _split(name: str) -> list[str | int]:
+    """Texts and numbers in turn; first and last there is a text, which may be empty."""
+    parts = re.split(r"([0-9]+)", name)
+    return [int(part) if i % 2 else part for i, part in enumerate(parts)]
+
+
+def _find_numbers(files: Sequence[Path]) -> tuple[list[int], str]:
+    """The number in each name, or why the names do not number the pictures."""
+    names = [_split(file.stem) for file in files]
+    others = [
+        file.name for file, name in zip(files, names, strict=True) if name[::2] != names[0][::2]
+    ]
+    if others:
+        return [], f"{files[0].name} and {others[0]} differ in more than a number"
+    columns = [i for i in range(1, len(names[0]), 2) if len({name[i] for name in names}) > 1]
+    if len(columns) > 1:
+        return [], f"{files[0].name} and {files[-1].name} differ in more than one number"
+    if len(names[0]) == 1:
+        return [], f"there is no number in {files[0].name}"
+    column = columns[0] if columns else -2
+    numbers = [int(name[column]) for name in names]
+    if numbers[-1] >= 2**53:  # beyond, times as floating-point numbers would not tell them apart
+        return [], f"the number of {files[-1].name} is too large"
+    steps = Counter(after - before for before, after in _gaps(numbers))
+    if steps and 2 * steps[1] < steps.total():
+        return [], f"most of their numbers rise by {steps.most_common(1)[0][0]}, not by 1"
+    return numbers, ""
+
+
+def _gaps(numbers: Sequence[int]) -> list[tuple[int, int]]:
+    """Each number with the next larger one."""
+    different = sorted(set(numbers))
+    return list(pairwise(different))
+
+
+def _find_duplicates(files: Sequence[Path], numbers: Sequence[int]) -> list[str]:
+    same = [i for i in range(1, len(numbers)) if numbers[i] == numbers[i - 1]]
+    if not same:
+        return []
+    return [
+        f"{len(same)} pictures have the same number as the one before and are left out: "
+        f"{files[same[0]].name} after {files[same[0] - 1].name}{', …' if same[1:] else ''}."
+    ]
+
+
+def _find_gaps(numbers: Sequence[int]) -> list[str]:
+    gaps = [(before + 1, after - 1) for before, after in _gaps(numbers) if after > before + 1]
+    if not gaps:
+        return []
+    shown = [str(first) if first == last else f"{first} to {last}" for first, last in gaps[:5]]
+    return [
+        f"{sum(last - first + 1 for first, last in gaps)} frame numbers are missing in the names "
+        f"of the pictures ({', '.join(shown)}{', …' if gaps[5:] else ''}). They count as dropped "
+        "frames: the times of the other pictures allow for them."
+    ]
