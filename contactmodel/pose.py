@@ -67,12 +67,7 @@ class Pose(eqx.Module):
         """In-plane displacement of the rigid object at points [mm]; for one pose."""
         ones = [1] * (points.ndim - 1)
         arm = points - self.centre.reshape(2, *ones)
-        s, versine = self.twist, jnp.zeros_like(self.twist)
-        if not self.linear:
-            s, versine = jnp.sin(self.twist), 2.0 * jnp.sin(0.5 * self.twist) ** 2
-        turn = jnp.array([[-versine, -s], [s, -versine]])  # a product finds it once for all points
-        turned = jnp.einsum("ij,j...->i...", turn, arm, precision="highest")
-        return self.shift.reshape(2, *ones) + turned
+        return self.shift.reshape(2, *ones) + _turn(arm, self.twist, self.linear)
 
     def increment(
         self, last: "Pose", moved: Float[Array, "2 ..."], points: Float[Array, "2 ..."]
@@ -93,9 +88,8 @@ class Pose(eqx.Module):
             return self.displacement(points) - last.displacement(points)
         centre = self.centre.reshape(2, *[1] * (points.ndim - 1))
         centre_moved = last.displacement(centre)
-        still = jnp.zeros_like(self.shift)
-        turn = Pose(self.approach, still, self.twist - last.twist, still)
-        turned = turn.displacement(points + moved - centre - centre_moved)
+        arm = points + moved - centre - centre_moved
+        turned = _turn(arm, self.twist - last.twist, linear=False)
         return turned + self.displacement(centre) - centre_moved
 
 
@@ -122,6 +116,17 @@ def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:
         share = jnp.arange(1, count + 1) / count
         legs.append(jax.tree.map(lambda a, b, t=share: _between(a, b, t), start, end))
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), *legs)
+
+
+def _turn(
+    arm: Float[Array, "2 ..."], twist: Float[Array, ""], linear: bool
+) -> Float[Array, "2 ..."]:
+    """In-plane displacement of points at `arm` from the axis [mm] by a twist about it [rad]."""
+    s, versine = twist, jnp.zeros_like(twist)
+    if not linear:
+        s, versine = jnp.sin(twist), 2.0 * jnp.sin(0.5 * twist) ** 2
+    turn = jnp.array([[-versine, -s], [s, -versine]])  # a product finds it once for all points
+    return jnp.einsum("ij,j...->i...", turn, arm, precision="highest")
 
 
 def _vector(value: Numbers, name: str) -> Array:

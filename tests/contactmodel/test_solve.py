@@ -1,5 +1,6 @@
 """What users get from `solve_contact` and `solve_path`, and what they are told when it fails."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +26,7 @@ from contactmodel import (
     solve_path,
     stiffness_ratio,
 )
+from contactmodel.solve import _prepare, _remember, _solve_one
 
 GRID = Grid((32, 32), (10.0, 10.0))
 PAD = HalfSpace(1.0, 0.45)
@@ -265,3 +267,12 @@ def test_at_rest_everything_sticks():
 def test_stiffness_ratio():
     assert float(stiffness_ratio(PAD, HalfSpace(4.0, 0.2))) == 0.25
     assert float(stiffness_ratio(PAD, STEEL)) == 0.0
+
+
+def test_compiled_solves_call_nothing_on_the_host():
+    """JAX's compilation cache keeps only programs without callbacks."""
+    task = _prepare(PAD, STEEL, GRID, 0.5, 1e-8, 200)
+    last = _remember(None, PRESSED, GRID)
+    program = str(eqx.filter_make_jaxpr(_solve_one)(task, BALL, PRESSED, last, guess=False)[0])
+    assert "while" in program
+    assert "callback" not in program
