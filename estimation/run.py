@@ -1,7 +1,7 @@
 """Run the estimators over recordings and write what they find, so that nothing done is lost."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +26,7 @@ from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_o
 from estimation.result import Estimate, Result, State
 from estimation.softness import Softness
 from estimation.sources import ImageSettings, find_recordings, read_recording
+from estimation.sources.names import name_recordings, number_alike
 from estimation.sources.pictures import is_camera, is_pictures
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
 from estimation.virtual.recording import Truth, simulate_pivot
@@ -93,6 +94,10 @@ def gather_recordings(
             looks wrong with it.
         answer: told the angle of each picture of a camera as it comes, as a line.
 
+    Returns:
+        The recordings, each with a name of its own: that of its file or folder, and as much of what
+        is above it as tells it apart.
+
     Raises:
         ValueError: what is there is no recording, or a data set cannot be fetched.
         OSError: a file cannot be read.
@@ -104,11 +109,11 @@ def gather_recordings(
         is_dataset = name in datasets.NAMES and not Path(name).exists()
         paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
     inputs = []
-    for path in paths:
+    for path, name in zip(paths, name_recordings(paths), strict=True):
         watch = _answer_live(settings, answer) if answer and is_camera(path) else None
-        recording = read_recording(path, settings.images, watch)
+        recording = replace(read_recording(path, settings.images, watch), name=name)
         for warning in recording.warnings:
-            say(f"{recording.name}: {warning}")
+            say(f"{name}: {warning}")
         inputs.append(Input(recording))
     return inputs
 
@@ -132,8 +137,12 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
     if settings.grasp and len(inputs) != 2:
         raise ValueError(f"a grasp takes the recordings of two fingers, not {len(inputs)}")
     check_writable(out)
+    names = number_alike([recording.name for recording, _ in inputs])
+    inputs = [
+        Input(replace(recording, name=name), truth)
+        for name, (recording, truth) in zip(names, inputs, strict=True)
+    ]
     prepared = [_prepare(recording, settings) for recording, _ in inputs]
-    names = _folder_names([recording.name for recording, _ in inputs])
     lines: list[str] = []
     runs: list[Run] = []
     interrupted = False
@@ -292,12 +301,7 @@ def _compare(runs: Sequence[Run], out: Path) -> list[str]:
         grasp = compare_fingers(*(run.results[run.method] for run in runs))
     except ValueError as error:
         return [f"no comparison: {error}"]
-    names = _folder_names([run.recording.name for run in runs])
-    write_grasp(
-        grasp,
-        dict(zip(names, runs, strict=True)),
-        out,
-    )
+    write_grasp(grasp, {run.recording.name: run for run in runs}, out)
     return [
         f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip, {what}, clock "
         f"offset {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s"
@@ -319,14 +323,6 @@ def _preview(run: Run, folder: Path, settings: Settings) -> str:
     except ValueError as error:
         return f"no preview: {error}"
     return f"annotated video: {path}"
-
-
-def _folder_names(names: Sequence[str]) -> list[str]:
-    """The names, numbered where two are the same."""
-    return [
-        name if names.count(name) == 1 else f"{name}-{names[: i + 1].count(name)}"
-        for i, name in enumerate(names)
-    ]
 
 
 def _tell(run: Run, folder: Path) -> list[str]:

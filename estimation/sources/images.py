@@ -28,6 +28,7 @@ from estimation.recording import Recording
 from estimation.sensor import Sensor
 from estimation.sources.corners import CornerReader
 from estimation.sources.markers import ImageSettings, MarkerReader, Row
+from estimation.sources.names import name_recordings
 from estimation.sources.pictures import Picture, describe_pictures, read_pictures
 from estimation.sources.speckle import SpeckleReader
 from estimation.sources.stereo import StereoReader, find_view_flaw
@@ -322,7 +323,7 @@ def _to_recording(
         rotation=np.stack(rotation) if np.isfinite(rotation).any() else None,
         flaws=tuple(row.flaw for row in rows),
         unit=reader.unit,
-        name=path.stem if path.parent.name == "" else f"{path.parent.name}-{path.stem}",
+        name=name_recordings([path])[0],
         source=str(path),
         convention=CONVENTION,
         notes=(*((reader.chosen,) if reader.chosen else ()), *reader.notes(), *lengths),

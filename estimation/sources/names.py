@@ -1,8 +1,9 @@
-"""What the names of files tell: their order, and the frame numbers of pictures.
+"""What the names of files tell: their order, the frame numbers of pictures, names of recordings.
 
 No library is needed for the order: the numbers in the names must be read anyway, as frame numbers.
 """
 
+import os
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -29,6 +30,43 @@ class Numbering(NamedTuple):
 def natural_key(path: Path) -> tuple[list[str | int], str]:
     """Sort key for files by name, numbers by their value: `frame2` comes before `frame10`."""
     return _split(path.name), path.name
+
+
+def name_recordings(paths: Sequence[Path]) -> list[str]:
+    """Names for recordings: that of the file or folder, and what else it takes to tell them apart.
+
+    Where the same name comes from several places, the file's suffix or the folders above are added:
+    `lemon-exp_num_1-camera_0`. What is the same even then is numbered.
+    """
+    own = [_tail(path, 1) for path in paths]
+    names = list(own)
+    for name in {name for name in own if own.count(name) > 1}:
+        alike = [i for i, other in enumerate(own) if other == name]
+        longest = max(len(Path(os.path.abspath(paths[i])).parts) for i in alike)
+        forms = ((length, suffix) for length in range(1, longest) for suffix in (False, True))
+        for length, suffix in forms:
+            tails = [_tail(paths[i], length, suffix=suffix) for i in alike]
+            if len(set(tails)) == len(alike):
+                for i, tail in zip(alike, tails, strict=True):
+                    names[i] = tail
+                break
+    return number_alike(names)
+
+
+def number_alike(names: Sequence[str]) -> list[str]:
+    """The names, numbered where two are the same."""
+    return [
+        name if names.count(name) == 1 else f"{name}-{names[: i + 1].count(name)}"
+        for i, name in enumerate(names)
+    ]
+
+
+def _tail(path: Path, length: int, *, suffix: bool = False) -> str:
+    """The last parts of a path, joined to a name that a folder can have."""
+    whole = Path(os.path.abspath(path))
+    last = whole.name if suffix or whole.is_dir() else whole.stem
+    above = whole.parts[max(1, len(whole.parts) - length) : -1]
+    return "-".join((*above, last)).replace(":", "-") or "recording"
 
 
 def number_pictures(files: Sequence[Path]) -> Numbering:

@@ -8,7 +8,7 @@ from estimation.recording import Recording
 from estimation.sources.archive import SUFFIX, read_archive
 from estimation.sources.images import Watch, read_images
 from estimation.sources.markers import ImageSettings
-from estimation.sources.names import natural_key
+from estimation.sources.names import name_recordings, natural_key
 from estimation.sources.pictures import ignored_rate, is_camera, is_pictures
 from estimation.sources.tac3d import is_tac3d, read_tac3d
 
@@ -21,7 +21,7 @@ EXPECTED = (
 def read_recording(
     path: str | Path, images: ImageSettings | None = None, watch: Watch | None = None
 ) -> Recording:
-    """Read the one recording at `path` and inspect it.
+    """Read the one recording at `path` and inspect it; it is named after its file or folder.
 
     Args:
         path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
@@ -40,7 +40,7 @@ def read_recording(
     if is_pictures(found[0]):
         return inspect_recording(read_images(found[0], images, watch))
     reader = read_tac3d if found[0].is_dir() else read_archive
-    recording = reader(found[0])
+    recording = replace(reader(found[0]), name=name_recordings(found)[0])
     if images is not None and images.rate is not None:
         warning = ignored_rate(images.rate, "the recording")
         recording = replace(recording, warnings=(*recording.warnings, warning))

@@ -94,7 +94,7 @@ def test_names_from_outside_are_escaped(tmp_path, progress):
 
 def test_several_recordings_get_a_folder_each(tmp_path, progress):
     inputs = [Input(lift(ANGLES, name=name)) for name in ("left", "right", "left")]
-    run_all(inputs, tmp_path, Settings(), progress)
+    outcome = run_all(inputs, tmp_path, Settings(), progress)
     assert {path.name for path in tmp_path.iterdir()} == {
         "left-1",
         "left-2",
@@ -103,6 +103,10 @@ def test_several_recordings_get_a_folder_each(tmp_path, progress):
         "report.html",
     }
     assert {path.name for path in (tmp_path / "right").iterdir()} == FILES
+    assert [line.split(":")[0] for line in outcome.lines[:3]] == ["left-1", "right", "left-2"]
+    page = (tmp_path / "report.html").read_text()
+    for name in ("left-1", "right", "left-2"):
+        assert f'<a href="{name}/report.html">{name}</a>' in page
 
 
 def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):

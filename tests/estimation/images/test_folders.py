@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimation.sources import ImageSettings, find_recordings, read_recording, write_archive
-from estimation.sources.names import DUPLICATE, natural_key, number_pictures
+from estimation.sources.names import DUPLICATE, name_recordings, natural_key, number_pictures
 from estimation.sources.pictures import describe_pictures, read_pictures
 from tests.cases import lift
 
@@ -108,6 +108,19 @@ def test_a_rate_is_not_used_where_times_are_known(tmp_path):
 def test_rates_that_are_none_are_refused(rate):
     with pytest.raises(ValueError, match=r"pictures per second \(--fps\): it must be a number"):
         ImageSettings(rate=rate)
+
+
+def test_recordings_are_named_by_file_or_folder_and_told_apart(tmp_path):
+    write_archive(lift([0.0], name="as it was called"), tmp_path / "mine.npz")
+    assert read_recording(tmp_path / "mine.npz").name == "mine"
+    clip = write(tmp_path / "clip.v2", ["1.png"])
+    assert name_recordings([clip, Path("camera:0")]) == ["clip.v2", "camera-0"]
+    paths = [tmp_path / f"{one}/exp_1/camera_0.avi" for one in ("lemon", "avocado")]
+    assert name_recordings(paths[:1]) == ["camera_0"]
+    names = name_recordings([*paths, tmp_path / "avocado/exp_1/camera_2.avi"])
+    assert names == ["lemon-exp_1-camera_0", "avocado-exp_1-camera_0", "camera_2"]
+    alike = [Path("one.npz"), Path("one.avi"), Path("two.npz"), Path("./two.npz")]
+    assert name_recordings(alike) == ["one.npz", "one.avi", "two-1", "two-2"]
 
 
 def test_recordings_in_a_folder_are_found_in_natural_order(tmp_path):
