@@ -102,7 +102,12 @@ def run(
         ),
     ] = None,
     preview: Annotated[
-        bool, typer.Option("--preview", help="Write an annotated video.", rich_help_panel=PICTURES)
+        bool,
+        typer.Option(
+            "--preview",
+            help="Write an annotated video, preview.mp4 (needs the extra `video`).",
+            rich_help_panel=PICTURES,
+        ),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual pivot.")] = 0,
     noise_um: Annotated[

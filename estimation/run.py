@@ -14,7 +14,7 @@ from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS
 from estimation.files import check_writable
 from estimation.grasp import compare_fingers
-from estimation.images.preview import write_preview
+from estimation.images.preview import find_encoder, write_preview
 from estimation.live import LiveAngles
 from estimation.lookback import FOLLOWING, find_slips, withdraw
 from estimation.margin import follow_margin
@@ -48,6 +48,9 @@ class Settings:
         images: what is known of pictures.
         preview: write an annotated video of each recording that was read from pictures.
         grasp: the two recordings are two fingers that hold one object.
+
+    Raises:
+        ValueError: a preview is wanted, and PyAV or its H.264 encoder is not installed.
     """
 
     method: str = DEFAULT_METHOD
@@ -61,6 +64,11 @@ class Settings:
     images: ImageSettings = field(default_factory=ImageSettings)
     preview: bool = False
     grasp: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that a preview can be written before anything is computed."""
+        if self.preview:
+            find_encoder()
 
 
 class Input(NamedTuple):
@@ -314,7 +322,7 @@ def _compare(runs: Sequence[Run], out: Path) -> list[str]:
 
 def _preview(run: Run, folder: Path, settings: Settings) -> str:
     """Write the annotated video, where the recording was read from pictures."""
-    path = folder / "preview.avi"
+    path = folder / "preview.mp4"
     if not is_pictures(Path(run.recording.source)):
         return f"no preview: {run.recording.name} was not read from pictures"
     told, result = settings.images, run.results[run.method]

@@ -1,23 +1,54 @@
 """A video of the pictures with what was found drawn into them."""
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from estimation.extras import require_extra
 from estimation.images.stereo import Rig
+from estimation.inspection import disordered_times
 from estimation.recording import Recording
 from estimation.result import Result
 from estimation.sensor import Sensor
 from estimation.slip import follow_gel
-from estimation.sources.pictures import is_camera, read_pictures
+from estimation.sources.pictures import RATE, is_camera, read_pictures
 
 TALL = 960
 """Height up to which pictures are enlarged, and at most threefold [px]."""
 STICKS, SLIPS, ELSEWHERE = (60, 220, 60), (60, 60, 240), (200, 200, 200)
 LINE = 26
+ENCODERS = ("libx264", "libopenh264")
+"""H.264 encoders that run on any processor, the first there is being used."""
+TICKS = 90_000
+"""Resolution of a video's times [1/s]."""
+
+
+def find_encoder() -> str:
+    """The H.264 encoder that previews are written with.
+
+    Raises:
+        MissingExtraError: PyAV is not installed.
+        ValueError: the installed PyAV has no such encoder.
+    """
+    require_extra("video", "a preview (--preview)")
+    import av
+    from av.codec.codec import UnknownCodecError
+
+    for name in ENCODERS:
+        with suppress(UnknownCodecError):
+            return av.Codec(name, "w").name
+    raise ValueError(
+        f"a preview (--preview) needs an H.264 encoder, {' or '.join(ENCODERS)}; PyAV "
+        f"{av.__version__} was built without: install its wheel with `pip install "
+        "--force-reinstall --only-binary av av`"
+    )
 
 
 def write_preview(
@@ -25,15 +56,17 @@ def write_preview(
 ) -> None:
     """Write an annotated video: markers that stick, slip or are elsewhere, state and angles.
 
+    It is H.264 in MP4, which browsers play, and keeps the recording's times.
+
     Args:
         recording: read from pictures, which are read again.
         result: of one method.
         sensor: what the recording was read with.
         rig: the two views' calibration, where mirrors split the pictures.
-        path: of the video, an `.avi`; it appears whole or not at all.
+        path: of the video, an `.mp4`; it appears whole or not at all.
 
     Raises:
-        ValueError: the pictures cannot be read again.
+        ValueError: the pictures cannot be read again, or their video cannot be encoded.
         OSError: the video cannot be written.
     """
     source = Path(recording.source)
@@ -42,25 +75,65 @@ def write_preview(
     if recording.positions.shape[2] == 3 and rig is None:
         raise ValueError("positions in space are drawn only with the views' calibration (--stereo)")
     gel = np.degrees(follow_gel(result))
-    rate = 1.0 / max(float(np.median(np.diff(recording.time))), 1e-3) if len(recording) > 1 else 25
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        draft = Path(folder) / path.name
-        writer, size = None, (0, 0)
+    ticks = to_ticks(recording.time)
+
+    def pictures() -> Iterator[tuple[int, np.ndarray]]:
         for row, picture in zip(range(len(result.time)), read_pictures(source), strict=False):
             if picture.image is None:
                 continue
             there = recording.positions[row]
             spots = sensor.to_pixels(there)[None] if rig is None else rig.locate(there)
             image = annotate(picture.image, recording, result, row, spots, float(gel[row]))
-            if writer is None:
-                size = (image.shape[1], image.shape[0])
-                writer = cv2.VideoWriter(str(draft), cv2.VideoWriter.fourcc(*"MJPG"), rate, size)
-            if (image.shape[1], image.shape[0]) == size:
-                writer.write(image)
-        if writer is None or not writer.isOpened():
-            raise OSError(f"{path} cannot be written as a video")
-        writer.release()
+            yield int(ticks[row]), image
+
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        draft = Path(folder) / path.name
+        _encode(pictures(), draft)
         draft.replace(path)
+
+
+def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
+    """Write pictures, each with its time in ticks, as H.264 in MP4.
+
+    Pictures of another size than the first are left out.
+    """
+    import av
+    from av.error import FFmpegError
+
+    ahead = next(pictures, None)
+    if ahead is None:
+        raise ValueError("no picture can be read again")
+    size = ahead[1].shape
+    try:
+        with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
+            stream = container.add_stream(find_encoder())
+            assert isinstance(stream, av.VideoStream)
+            stream.height, stream.width = size[:2]
+            stream.pix_fmt = "yuv420p"
+            stream.codec_context.time_base = Fraction(1, TICKS)
+            stream.codec_context.max_b_frames = 0  # they would end the video before its last frame
+            for tick, image in chain([ahead], pictures):
+                if image.shape != size:
+                    continue
+                frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+                frame.pts, frame.time_base = tick, Fraction(1, TICKS)
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode())
+    except FFmpegError as error:
+        raise ValueError(f"{path.name} cannot be encoded: {error}") from error
+
+
+def to_ticks(time: Float[np.ndarray, " frames"]) -> Int[np.ndarray, " frames"]:
+    """Times since the first frame [1 / `TICKS` s]; frames without a good one go in between."""
+    rows = np.arange(len(time))
+    good = np.flatnonzero(np.isfinite(time) & ~disordered_times(time))
+    step = float(np.median(np.diff(time[good]) / np.diff(good))) if len(good) > 1 else 1.0 / RATE
+    if not len(good):
+        return np.rint(rows * step * TICKS).astype(int)
+    since = np.interp(rows, good, time[good] - time[good[0]])
+    since += step * (np.minimum(rows - good[0], 0) + np.maximum(rows - good[-1], 0))
+    ticks = np.rint((since - since[0]) * TICKS).astype(int)
+    return np.maximum.accumulate(ticks - rows) + rows
 
 
 def annotate(
@@ -85,7 +158,9 @@ def annotate(
     image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
     image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image[..., :3]
     image = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_LINEAR)
-    image = cv2.copyMakeBorder(image, 0, 2 * LINE, 0, 0, cv2.BORDER_CONSTANT, value=(0, 0, 0))
+    odd = np.array(image.shape[:2]) % 2  # H.264 takes even sizes
+    below, right = 2 * LINE + int(odd[0]), int(odd[1])
+    image = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_CONSTANT, value=(0, 0, 0))
     for i in np.flatnonzero(recording.valid[row]):
         sticks, touches = result.stick[row, i], result.contact[row, i]
         colour = STICKS if sticks else SLIPS if touches else ELSEWHERE

@@ -10,6 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from estimation.__main__ import app
+from estimation.extras import EXTRAS
+from estimation.images import preview
 from estimation.images.imprint import ImprintFollower
 from estimation.live import HEADER
 from estimation.run import Settings, gather_recordings
@@ -272,15 +274,18 @@ def test_the_imprint_turns_with_the_object_not_with_the_dots():
 
 
 def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, tmp_path):
-    folder = write_folder(tmp_path / "clip", pictures, "frame{}.png", start=7)
-    out = tmp_path / "out"
+    odd = [one[:-1, :-1] for one in pictures]
+    folder = write_folder(tmp_path / "clip", odd, "frame{}.png", start=7)
+    (folder / "frame13.png").rename(folder / "frame15.png")
+    numbers, out = [7, 8, 9, 10, 11, 12, 15], tmp_path / "out"
     told = ["--out", str(out), "--preview", "--noise-um", "10", "--unloaded-frame", "8"]
     done = CliRunner().invoke(app, ["run", str(folder), *told])
     assert done.exit_code == 0, done.output
     with (out / "angles.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [int(row["source_index"]) for row in rows] == list(range(7, 14))
-    assert [float(row["time_s"]) for row in rows] == pytest.approx(np.arange(7, 14) / 30, abs=1e-6)
+    assert [int(row["source_index"]) for row in rows] == numbers
+    times = np.array(numbers) / 30.0
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(times, abs=1e-6)
     # a dozen dots that stick: as for the camera above
     assert [float(row["angle_deg"]) for row in rows][3:] == pytest.approx(ANGLES[3:], abs=0.15)
     for text in (
@@ -289,6 +294,31 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
         (out / "report.html").read_text(),
     ):
         assert "30 pictures per second are assumed" in text
-    frames = list(read_pictures(out / "preview.avi"))
-    assert len(frames) == len(pictures)
-    assert frames[0].image.shape == (3 * 240 + 52, 3 * 320, 3)
+        assert "2 frame numbers are missing" in text
+    frames = list(read_pictures(out / "preview.mp4"))
+    assert [one.flaw for one in frames] == [""] * len(pictures)
+    assert frames[0].image.shape == (3 * 239 + 52 + 1, 3 * 319 + 1, 3)
+    assert [one.time for one in frames] == pytest.approx(times - times[0], abs=1e-4)
+    content = (out / "preview.mp4").read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat")  # plays before it is whole
+    with av.open(str(out / "preview.mp4")) as container:
+        (stream,) = container.streams
+        assert (stream.codec.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert container.duration / av.time_base > times[-1] - times[0]
+
+
+def test_times_that_are_none_get_a_place_in_a_preview():
+    time = np.array([np.nan, 5.0, 5.1, np.nan, 99.0, 5.4, 5.5, 5.0, np.nan])
+    ticks = preview.to_ticks(time) / preview.TICKS
+    assert ticks == pytest.approx(0.1 * np.arange(9), abs=1e-4)
+    assert preview.to_ticks(np.full(3, np.nan)) == pytest.approx([0, 3000, 6000])
+    assert (np.diff(preview.to_ticks(np.array([0.0, 1e-9, 2e-9]))) > 0).all()
+
+
+def test_a_preview_that_cannot_be_written_is_refused_before_the_run(monkeypatch):
+    monkeypatch.setattr(preview, "ENCODERS", ("no_encoder",))
+    with pytest.raises(ValueError, match=r"needs an H.264 encoder, no_encoder; .*--force-reinst"):
+        Settings(preview=True)
+    monkeypatch.setitem(EXTRAS, "video", ("no_package",))
+    with pytest.raises(ValueError, match=r"preview.*needs no_package.*contactmodel\[video\]"):
+        Settings(preview=True)

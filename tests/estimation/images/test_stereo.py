@@ -242,7 +242,7 @@ def test_run_shows_both_views(pictures, tmp_path):
     options = ["--stereo", str(tmp_path / "rig.toml"), "--preview", "--noise-um", "2"]
     done = CliRunner().invoke(run_app, ["run", str(folder), "--out", str(out), *options])
     assert done.exit_code == 0, done.output
-    shown = [one.image for one in read_pictures(out / "preview.avi")]
+    shown = [one.image for one in read_pictures(out / "preview.mp4")]
     assert len(shown) == len(pictures)
     assert shown[3].shape == (3 * 240 + 52, 3 * 640, 3)
     for half in np.split(shown[3], 2, axis=1):
