@@ -1,59 +1,16 @@
 """Command line: `python -m calibration noise|sensor|softness|squeeze|field|design|stereo`."""
 
-import sys
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import jax
 import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import Progress
 
-from calibration.experiment import read_experiment
-from calibration.field_fit import fit_fields
-from calibration.field_report import write_design, write_fit
-from calibration.identifiability import identify
-from calibration.noise import assess_noise, write_noise
-from calibration.sensor import calibrate_sensor, fit_lens, write_calibration
-from calibration.softness import (
-    ReferenceSettings,
-    fit_objects,
-    gather_trials,
-    write_fits,
-    write_layered,
-    write_two_fingers,
-)
-from calibration.squeeze import (
-    Bodies,
-    read_travel,
-    squeeze_by_curvature,
-    squeeze_by_travel,
-    write_squeeze,
-)
-from calibration.stereo import calibrate_from_pictures
+from contactmodel.command_line import errors, make_app, run_app, say
 from estimation.files import check_writable
-from estimation.images.stereo import write_rig
-from estimation.noise import Noise
 from estimation.recording import Recording
-from estimation.run import Settings, gather_recordings
 from estimation.softness_fit import LOAD_MODELS
 
-app = typer.Typer(
-    help="What must be found out about sensor and object before angles can be trusted.",
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-console = Console(stderr=True)
-say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
-
-
-@app.callback()
-def calibrate() -> None:
-    """What must be found out about sensor and object before angles can be trusted."""
+app = make_app("What must be found out about sensor and object before angles can be trusted.")
 
 
 @app.command()
@@ -62,6 +19,8 @@ def noise(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
     """Find the noise of a sensor at rest: noise.toml, noise.png and a report."""
+    from calibration.noise import assess_noise, write_noise
+
     check_writable(out)
     (one,) = _read([recording])
     for line in write_noise(assess_noise(one), out):
@@ -118,6 +77,18 @@ def softness(
     ] = 0.0,
 ) -> None:
     """Fit k and L of objects to references: softness.toml for --softness, and a report."""
+    from rich.progress import Progress
+
+    from calibration.softness import (
+        ReferenceSettings,
+        fit_objects,
+        gather_trials,
+        write_fits,
+        write_layered,
+        write_two_fingers,
+    )
+    from estimation.noise import Noise
+
     check_writable(out)
     told = None if noise_um is None else Noise.given(noise_um * 1e-3)
     found = _read(recordings)
@@ -131,7 +102,7 @@ def softness(
         for line in write_layered(found, reference or [], settings, told, layer, out):
             print(line)
         return
-    with Progress(console=console) as progress:
+    with Progress(console=errors) as progress:
         tracked = progress.track(found, description="recordings")
         trials = gather_trials(found, reference or [], thing or [], settings, told, tracked)
     for line in write_fits(fit_objects(trials, load, clock_search), out):
@@ -165,6 +136,14 @@ def squeeze(
     ] = (0.3, 0.5),
 ) -> None:
     """Find k by pressing, from the gripper's travel or the contact's curvature."""
+    from calibration.squeeze import (
+        Bodies,
+        read_travel,
+        squeeze_by_curvature,
+        squeeze_by_travel,
+        write_squeeze,
+    )
+
     check_writable(out)
     bodies = Bodies(poisson_ratio, object_poisson)
     if source.endswith(".csv"):
@@ -183,6 +162,8 @@ def squeeze(
 
 def _read(names: list[str]) -> list[Recording]:
     """Recordings by path or data set."""
+    from estimation.run import Settings, gather_recordings
+
     return [one.recording for one in gather_recordings(names, Settings(), say=say)]
 
 
@@ -202,6 +183,9 @@ def stereo(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
     """Calibrate both views of a mirror-split picture and write them to stereo.toml."""
+    from calibration.stereo import calibrate_from_pictures
+    from estimation.images.stereo import write_rig
+
     check_writable(out)
     rig, left_out = calibrate_from_pictures(
         pictures, (rows, columns), pitch_mm, orthographic, tuple(mirrored or ())
@@ -223,10 +207,14 @@ def field(
     starts: Annotated[int, typer.Option(min=1, help="Beginnings of the fit.")] = 1,
 ) -> None:
     """Fit numbers of a contact to the fields and forces of frames."""
+    from calibration.experiment import read_experiment
+    from calibration.field_fit import fit_fields
+    from calibration.field_report import write_fit
+
     check_writable(out)
     wanted = read_experiment(experiment)
-    model, data = wanted.of(gather_recordings([recording], Settings(), say)[0].recording)
-    with console.status("compiling and fitting"):
+    model, data = wanted.of(_read([recording])[0])
+    with errors.status("compiling and fitting"):
         fit = fit_fields(model, wanted.numbers, data, starts=starts, said=say)
     write_fit(fit, data, model.markers, wanted.frames, out)
     for line in fit.verdict:
@@ -240,10 +228,14 @@ def design(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
     """Tell which numbers a planned experiment would determine, and what would help."""
+    from calibration.experiment import read_experiment
+    from calibration.field_report import write_design
+    from calibration.identifiability import identify
+
     check_writable(out)
     wanted = read_experiment(experiment)
     model, data = wanted.plan()
-    with console.status("compiling and solving"):
+    with errors.status("compiling and solving"):
         found = identify(model, wanted.numbers, data, wanted.design)
     write_design(found, out)
     lost = [name for name, known in zip(found.names, found.determined, strict=True) if not known]
@@ -265,9 +257,11 @@ def sensor(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
     """Find lens, scale, marker layout and noise: sensor.toml, for --sensor, and a report."""
+    from calibration.sensor import calibrate_sensor, fit_lens, write_calibration
+
     check_writable(out)
     lens, lines = None, []
-    with console.status("looking for boards and dots"):
+    with errors.status("looking for boards and dots"):
         if boards is not None:
             lens, error = fit_lens(boards, (rows, columns))
             lines.append(f"Lens: reprojection error {error:.3f} px rms.")
@@ -279,13 +273,8 @@ def sensor(
 
 
 def main() -> None:
-    """Run the command line; what is wrong with the input goes to stderr, exit status 2."""
-    jax.config.update("jax_enable_x64", True)
-    try:
-        app()
-    except (ValueError, OSError, RuntimeError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
-        sys.exit(2)
+    """Run the command line."""
+    run_app(app)
 
 
 if __name__ == "__main__":

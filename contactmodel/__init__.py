@@ -9,55 +9,6 @@ The library never touches `jax.config`; use double precision:
 `jax.config.update("jax_enable_x64", True)`.
 """
 
-from contactmodel.bodies import AbstractBody, HalfSpace, Layer, Rigid, stiffness_ratio
-from contactmodel.grid import Grid
-from contactmodel.indenters import (
-    AbstractIndenter,
-    Cylinder,
-    Domed,
-    Ellipsoid,
-    HeightMap,
-    Paraboloid,
-    Placed,
-    RoundPunch,
-    Sphere,
-    SquarePunch,
-)
-from contactmodel.pose import Pose, make_path
-from contactmodel.resultant_path import solve_resultant_path
-from contactmodel.resultants import solve_resultant
-from contactmodel.sliding import solve_sliding
-from contactmodel.solution import RESULTS, ContactSolution
-from contactmodel.solve import solve_contact, solve_path
-from contactmodel.transfer import ScalarTransfer, fit_scalar_transfer, transfer_function
+from contactmodel.lazy import public_names
 
-__all__ = [
-    "RESULTS",
-    "AbstractBody",
-    "AbstractIndenter",
-    "ContactSolution",
-    "Cylinder",
-    "Domed",
-    "Ellipsoid",
-    "Grid",
-    "HalfSpace",
-    "HeightMap",
-    "Layer",
-    "Paraboloid",
-    "Placed",
-    "Pose",
-    "Rigid",
-    "RoundPunch",
-    "ScalarTransfer",
-    "Sphere",
-    "SquarePunch",
-    "fit_scalar_transfer",
-    "make_path",
-    "solve_contact",
-    "solve_path",
-    "solve_resultant",
-    "solve_resultant_path",
-    "solve_sliding",
-    "stiffness_ratio",
-    "transfer_function",
-]
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

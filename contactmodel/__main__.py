@@ -1,31 +1,19 @@
 """Command line: `python -m contactmodel simulate|verify`."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
-import jax
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import track
 from rich.table import Column, Table
 
-from contactmodel.configuration import read_simulation
-from contactmodel.simulation import run_simulation, write_results
-from contactmodel.solution import stack_steps
-from contactmodel.verify import CHECKS, Row, convergence
-from contactmodel.verify_layers import LAYER_CHECKS
+from contactmodel.command_line import errors, make_app, run_app, say_error
 
-app = typer.Typer(
-    help="Contact of two elastic bodies with friction.",
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = make_app("Contact of two elastic bodies with friction.")
 console = Console()
 _TABLE_WIDTH = 165  # whatever the terminal: words may wrap there, but nothing is cut
-errors = Console(stderr=True)
 
 
 @app.command()
@@ -40,6 +28,10 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Folder to write to; an interrupted run goes on.")],
 ) -> None:
     """Press, shift and twist an object along a path; write fields, a table and pictures."""
+    from contactmodel.configuration import read_simulation
+    from contactmodel.simulation import run_simulation, write_results
+    from contactmodel.solution import stack_steps
+
     try:
         simulation = read_simulation(config)
         solutions = [
@@ -53,7 +45,7 @@ def simulate(
         ]
         write_results(stack_steps(solutions), out)
     except (OSError, ValueError, RuntimeError) as error:
-        errors.print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
+        say_error(str(error))
         raise typer.Exit(2) from error
     apart = sum(not bool(solution.contact.any()) for solution in solutions)
     if apart:
@@ -71,6 +63,9 @@ def verify(
     ] = 128,
 ) -> None:
     """Compare the model with closed forms, laws and itself; exit status 1 if a row fails."""
+    from contactmodel.verify import CHECKS, Row, convergence
+    from contactmodel.verify_layers import LAYER_CHECKS
+
     rows: list[Row] = []
     for check in track((*CHECKS, *LAYER_CHECKS), "Checking", console=errors):
         rows += check(cells)
@@ -90,10 +85,9 @@ def verify(
 
 
 def main() -> None:
-    """Run the command line in double precision."""
-    jax.config.update("jax_enable_x64", True)
-    app()
+    """Run the command line."""
+    run_app(app)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

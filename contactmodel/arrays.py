@@ -1,11 +1,19 @@
 """The array types that functions of NumPy or JAX arrays take."""
 
-from typing import TYPE_CHECKING
-
-import jax
-import numpy as np
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
+    import jax
+    import numpy as np
+
     AnyArray = jax.Array | np.ndarray
-else:  # NumPy turns results without dimensions into scalars of its own
-    AnyArray = jax.Array | np.ndarray | np.generic
+else:
+
+    @runtime_checkable
+    class AnyArray(Protocol):
+        """An array of either kind, or a NumPy scalar; stated without importing JAX."""
+
+        shape: tuple[int, ...]
+
+        def __array_namespace__(self):
+            """The functions that take such an array."""

@@ -1,38 +1,20 @@
 """Command line: `python -m estimation run|fetch`."""
 
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import jax
 import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import Progress
 
+from contactmodel.command_line import errors, make_app, run_app, say
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
-from estimation.images.stereo import read_rig
-from estimation.noise import Noise
-from estimation.run import Settings, gather_recordings, run_all
-from estimation.sensor import Sensor, read_sensor
-from estimation.softness import read_softness
-from estimation.sources import ImageSettings
-from estimation.sources.images import READERS
+from estimation.images.kinds import MARKER_KINDS
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE
 
-app = typer.Typer(
-    help="From frames of a tactile sensor to the angle of the object it holds.",
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-console = Console(stderr=True)
-say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
+app = make_app("From frames of a tactile sensor to the angle of the object it holds.")
 PICTURES = "Pictures of markers"
 CONSTANTS = "Constants of the method; each has its own"
 
@@ -92,7 +74,7 @@ def run(
     ] = None,
     marker: Annotated[
         str | None,
-        typer.Option(help=f"Kind of markers: {', '.join(READERS)}.", rich_help_panel=PICTURES),
+        typer.Option(help=f"Kind of markers: {', '.join(MARKER_KINDS)}.", rich_help_panel=PICTURES),
     ] = None,
     stereo: Annotated[
         Path | None,
@@ -173,6 +155,15 @@ def run(
     ] = STICK_SHARE,
 ) -> None:
     """Estimate the object's angle in recordings and write tables, a summary and a report."""
+    from rich.progress import Progress
+
+    from estimation.images.stereo import read_rig
+    from estimation.noise import Noise
+    from estimation.run import Settings, gather_recordings, run_all
+    from estimation.sensor import Sensor, read_sensor
+    from estimation.softness import read_softness
+    from estimation.sources import ImageSettings
+
     constants = {
         "threshold": threshold,
         "angle_floor_deg": angle_floor_deg,
@@ -208,7 +199,7 @@ def run(
     inputs = gather_recordings(
         recordings or [], settings, say=say, answer=partial(print, flush=True)
     )
-    with Progress(console=console) as progress:
+    with Progress(console=errors) as progress:
         outcome = run_all(inputs, out, settings, progress)
     for line in outcome.lines:
         print(line)
@@ -227,13 +218,8 @@ def fetch(
 
 
 def main() -> None:
-    """Run the command line; what is wrong with the input goes to stderr, exit status 2."""
-    jax.config.update("jax_enable_x64", True)
-    try:
-        app()
-    except (ValueError, OSError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
-        sys.exit(2)
+    """Run the command line."""
+    run_app(app)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,6 @@ from scipy.spatial import ConvexHull
 from scipy.special import j0, j1
 
 from estimation.softness import (
-    READERS,
     Contact,
     Lifting,
     ScalarSoftness,
@@ -334,8 +333,12 @@ def _interpolate(
     return table[whole] * (1.0 - rest) + table[whole + 1] * rest
 
 
-def _read_layered(content: dict[str, Any]) -> LayeredSoftness:
-    """A layered softness from a file's content."""
+def read_layered(content: dict[str, Any]) -> LayeredSoftness:
+    """A layered softness from a file's content.
+
+    Raises:
+        TypeError, ValueError: the content is not that of a layered softness.
+    """
     known = {"stiffness_ratio", "thickness_mm", "depth_mm", "covariance", "validity", "provenance"}
     if unknown := sorted(set(content) - known):
         raise ValueError(f"unknown key {unknown[0]!r}; known are {sorted(known)}")
@@ -354,6 +357,3 @@ def _read_layered(content: dict[str, Any]) -> LayeredSoftness:
         validity=read_validity(content.get("validity", {})),
         provenance=dict(content.get("provenance", {})),
     )
-
-
-READERS["layered"] = _read_layered

@@ -12,9 +12,8 @@ lies between the camera's pixels, cannot be told from motion this way and are no
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Int
-from scipy.sparse import csr_array
-from scipy.spatial import KDTree
 
 from estimation.recording import Recording
 
@@ -83,7 +82,7 @@ def estimate_noise(recording: Recording) -> Noise:
     repeats = (displacement == 0).all(axis=(1, 2))
     usable = recording.valid & ~repeats[:, None]
     rough = _take_off_smooth(
-        np.where(usable[..., None], displacement, np.nan), _surroundings(layout.reference)
+        np.where(usable[..., None], displacement, np.nan), *_surroundings(layout.reference)
     )
     rows = np.flatnonzero(np.isfinite(rough).any(axis=(1, 2)))
     number_to_row = dict(zip(recording.source_index[rows].tolist(), rows.tolist(), strict=True))
@@ -120,8 +119,10 @@ def estimate_noise(recording: Recording) -> Noise:
     )
 
 
-def _surroundings(reference: Float[np.ndarray, "n d"]) -> csr_array:
-    """The operator that takes each marker's own quadratic surroundings off, noise gain one.
+def _surroundings(
+    reference: Float[np.ndarray, "n d"],
+) -> tuple[Float[np.ndarray, "m k"], Int[np.ndarray, "m k"]]:
+    """Values and columns of what takes each marker's own quadratic surroundings off, gain one.
 
     Row i is (x_i − Σ w_j x_j) / √(1 + Σ w_j²) with weights that reproduce quadratics. Markers
     whose value would have to be extrapolated (corners) have no row.
@@ -132,7 +133,7 @@ def _surroundings(reference: Float[np.ndarray, "n d"]) -> csr_array:
             f"the noise cannot be estimated from {len(plane)} markers: more than {SURROUNDINGS} "
             "are needed; give the noise"
         )
-    near = np.asarray(KDTree(plane).query(plane, SURROUNDINGS + 1)[1])[:, 1:]
+    near = np.asarray(scipy.spatial.KDTree(plane).query(plane, SURROUNDINGS + 1)[1])[:, 1:]
     offset = plane[near] - plane[:, None]
     x, y = np.moveaxis(offset / np.abs(offset).mean(), -1, 0)
     quadratic = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-2)
@@ -141,16 +142,20 @@ def _surroundings(reference: Float[np.ndarray, "n d"]) -> csr_array:
     rows = np.flatnonzero(gain < 2)
     scale = np.sqrt(gain[rows])[:, None]
     values = np.concatenate([np.ones_like(scale), -weights[rows]], axis=1) / scale
-    columns = np.concatenate([rows[:, None], near[rows]], axis=1)
-    starts = np.arange(0, columns.size + 1, SURROUNDINGS + 1)
-    return csr_array((values.ravel(), columns.ravel(), starts), shape=(len(rows), len(plane)))
+    return values, np.concatenate([rows[:, None], near[rows]], axis=1)
 
 
 def _take_off_smooth(
-    displacement: Float[np.ndarray, "frames n d"], operator: csr_array
+    displacement: Float[np.ndarray, "frames n d"],
+    values: Float[np.ndarray, "m k"],
+    columns: Int[np.ndarray, "m k"],
 ) -> Float[np.ndarray, "frames m d"]:
-    """The operator applied in every frame; NaN where one of the surroundings is NaN."""
+    """The sparse rows applied in every frame; NaN where one of the surroundings is NaN."""
     frames, markers, dimensions = displacement.shape
+    starts = np.arange(0, columns.size + 1, SURROUNDINGS + 1)
+    operator = scipy.sparse.csr_array(
+        (values.ravel(), columns.ravel(), starts), shape=(len(columns), markers)
+    )
     stacked = displacement.transpose(1, 0, 2).reshape(markers, frames * dimensions)
     return (operator @ stacked).reshape(-1, frames, dimensions).transpose(1, 0, 2)
 

@@ -13,13 +13,15 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.fields import Fields, measure_fields
-from estimation.images.imprint import KEYFRAME_ERROR
 from estimation.recording import Recording
 from estimation.stencils import make_stencils
 
 LEAST_MARKERS = 9
 LEAST_ELONGATION = 1.2
 LARGEST_ERROR_DEG = 3.0
+KEYFRAME_ERROR = np.radians(0.3)
+"""Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
+the correlation lacks. Errors add up over keyframes."""
 
 
 class Axis(NamedTuple):

@@ -6,8 +6,8 @@ from functools import cache
 from typing import get_args, get_type_hints
 
 import numpy as np
+import scipy
 from jaxtyping import AbstractArray, Bool, Float, Int
-from scipy.spatial import Delaunay, QhullError
 
 
 def _expect_shape(name: str, array: np.ndarray, *shape: int) -> None:
@@ -122,8 +122,8 @@ def delaunay_neighbours(
         ValueError: fewer than three markers, or all on one line.
     """
     try:
-        simplices = Delaunay(reference[:, :2]).simplices
-    except (QhullError, ValueError) as error:
+        simplices = scipy.spatial.Delaunay(reference[:, :2]).simplices
+    except (scipy.spatial.QhullError, ValueError) as error:
         raise ValueError(
             f"{len(reference)} markers give no triangulation: at least three are needed, not all "
             "on one line"

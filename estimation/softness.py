@@ -277,7 +277,16 @@ def _read_scalar(content: dict[str, Any]) -> ScalarSoftness:
     )
 
 
-READERS: dict[str, Callable[[dict[str, Any]], Softness]] = {"scalar": _read_scalar}
+def _read_layered(content: dict[str, Any]) -> Softness:
+    from estimation.layered_softness import read_layered  # which builds on this module
+
+    return read_layered(content)
+
+
+READERS: dict[str, Callable[[dict[str, Any]], Softness]] = {
+    "scalar": _read_scalar,
+    "layered": _read_layered,
+}
 """What makes a softness of a file's content, by its `kind`."""
 
 _VALIDITY_KEYS = ("rotation_deg", "normal_force_N", "contact_radius_mm")

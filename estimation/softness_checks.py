@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.stats import t
 
 from estimation.softness_line import Line, Series, gather_points
 from estimation.trials import FEWEST_POINTS, Trial
@@ -119,7 +119,7 @@ def check_line(trial: Trial, one: Series, line: Line) -> None:
             elastomer.
     """
     slope, error = line.slope, float(np.sqrt(line.covariance[0, 0]))
-    half = float(t.ppf(0.975, line.freedom)) * error
+    half = float(scipy.stats.t.ppf(0.975, line.freedom)) * error
     points = len(line.weight)
     far = np.abs(line.residual) > LEAST_FAR * np.ptp(line.points.reference)
     outliers = int(((line.weight == 0) & far).sum())

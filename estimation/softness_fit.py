@@ -16,7 +16,7 @@ from importlib.metadata import version
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2, t
+import scipy
 
 from estimation.estimators.measurement import Z95
 from estimation.references import NO_REFERENCE
@@ -267,7 +267,7 @@ def _average(parts: Sequence[Line | _Slope]) -> _Slope:
     if count == 1:
         return _Slope(mean, float(variances[0]), freedom, 0.0, float("nan"))
     disagreement = float(weight @ (slopes - mean) ** 2)
-    chance = float(chi2.sf(disagreement, count - 1))
+    chance = float(scipy.stats.chi2.sf(disagreement, count - 1))
     if chance >= SCATTER_LEVEL:
         return _Slope(mean, float(1.0 / weight.sum()), freedom, 0.0, chance)
     excess = disagreement - (count - 1)
@@ -286,7 +286,7 @@ def _conclude(
     line: Line,
 ) -> SoftnessFit:
     slope = _combine(trials, single, line)
-    half = float(t.ppf(0.975, slope.freedom) * np.sqrt(slope.variance))
+    half = float(scipy.stats.t.ppf(0.975, slope.freedom) * np.sqrt(slope.variance))
     k = slope.value - 1.0
     zeroed = np.array([trial.reference.zeroed for trial in trials])
     loads = int(zeroed.sum()) if model == "per grasp" else int(model != "none")
@@ -336,7 +336,7 @@ def _load_term(
     line: Line, loads: np.ndarray, follow: np.ndarray, slope: _Slope
 ) -> tuple[float, Covariance]:
     """L for the next grasp, and the covariance of (k, L), scatter and few freedoms included."""
-    widen = (float(t.ppf(0.975, slope.freedom)) / Z95) ** 2
+    widen = (float(scipy.stats.t.ppf(0.975, slope.freedom)) / Z95) ** 2
     spread = (slope.variance + slope.scatter**2) * widen
     if not len(loads):
         return 0.0, ((spread, 0.0), (0.0, 0.0))
@@ -347,7 +347,7 @@ def _load_term(
     own = float(inner.mean()) * widen
     if count > 1:
         between = float(loads.var(ddof=1)) * (1.0 + 1.0 / count)
-        own = max(own, between * (float(t.ppf(0.975, count - 1)) / Z95) ** 2)
+        own = max(own, between * (float(scipy.stats.t.ppf(0.975, count - 1)) / Z95) ** 2)
     mixed = lean * spread
     return mean, ((spread, mixed), (mixed, max(own, 0.0) + lean**2 * spread))
 

@@ -2,36 +2,24 @@
 
 import csv
 import io
-import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
-import jax
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
+from contactmodel.command_line import errors, make_app, run_app, say_error
 from estimation.extras import MissingExtraError, require_extra
 from estimation.files import check_writable, write_whole
-from estimation.report import figure_png
-from estimation.sources import write_archive
 from papers.items import EXTRAS, ITEMS, STUDIES, choose_items
-from papers.leaderboard import alarms, board, cases
-from papers.leaderboard import settings as leaderboard_settings
 from papers.published import compare, read_published
 
-app = typer.Typer(
-    help="Published results regenerated, and studies of our own.",
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
-console = Console(stderr=True)
+app = make_app("Published results regenerated, and studies of our own.")
 
 
 @app.command("list")
@@ -57,6 +45,8 @@ def run(
     Items are left out if they need an extra that is not installed or data that cannot be fetched.
     Each is reported, the extras before anything is computed, and named at the end, exit status 2.
     """
+    from estimation.report import figure_png
+
     chosen = choose_items(paper, item)
     check_writable(out)
     left_out = _without_their_extra(chosen)
@@ -71,7 +61,7 @@ def run(
                     track = partial(progress.track, description=f"{name} {part}")
                     found[module.compute] = module.compute(quick=quick, track=track)
             except OSError as error:  # data that cannot be fetched
-                _say_error(f"{name} {part}: {error}")
+                say_error(f"{name} {part}: {error}")
                 left_out.append((name, part))
                 continue
         result = found[module.compute]
@@ -105,21 +95,23 @@ def leaderboard(
     ] = None,
 ) -> None:
     """Compare all methods and the published rivals on virtual pivots and real recordings."""
+    from estimation.report import figure_png
+    from estimation.sources import write_archive
+    from papers.leaderboard import alarms, board, cases, settings
+
     check_writable(out)
-    draws = leaderboard_settings.QUICK_DRAWS if quick else leaderboard_settings.DRAWS
+    draws = settings.QUICK_DRAWS if quick else settings.DRAWS
     virtual = [
-        cases.virtual_case(name, draw)
-        for name in leaderboard_settings.CONDITIONS
-        for draw in range(draws)
+        cases.virtual_case(name, draw) for name in settings.CONDITIONS for draw in range(draws)
     ]
     virtual += [cases.elongated_case(draw) for draw in range(draws)]
-    every = virtual + cases.real_cases(say=_say_error)
+    every = virtual + cases.real_cases(say=say_error)
     others = [answers for path in angles or () for answers in board.read_answers(path, every)]
     if export is not None:
         for case in every:
             write_archive(case.recording, export / f"{case.name}.npz")
         print(f"{len(every)} recordings exported to {export}")
-    with Progress(console=console) as progress:
+    with Progress(console=errors) as progress:
         track = partial(progress.track, description="leaderboard")
         answers = board.answer_all(every, track)
     answers += others
@@ -177,7 +169,7 @@ def _without_their_extra(chosen: list[tuple[str, str]]) -> list[tuple[str, str]]
             if extra := EXTRAS.get((name, part)):
                 require_extra(extra, f"{name} {part}")
         except MissingExtraError as error:
-            _say_error(str(error))
+            say_error(str(error))
             left_out.append((name, part))
     return left_out
 
@@ -185,7 +177,7 @@ def _without_their_extra(chosen: list[tuple[str, str]]) -> list[tuple[str, str]]
 def _progress() -> Progress:
     """Bar, cases, time gone and time left."""
     return Progress(
-        *Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+        *Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn(), console=errors
     )
 
 
@@ -204,18 +196,9 @@ def _table(title: str, rows: list[dict[str, object]]) -> Table:
     return table
 
 
-def _say_error(message: str) -> None:
-    console.print(f"[red]error:[/red] {escape(message)}", highlight=False, soft_wrap=True)
-
-
 def main() -> None:
-    """Run the command line; what is wrong with the input goes to stderr, exit status 2."""
-    jax.config.update("jax_enable_x64", True)
-    try:
-        app()
-    except (ValueError, OSError) as error:
-        _say_error(str(error))
-        sys.exit(2)
+    """Run the command line."""
+    run_app(app)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Shaped, UInt8
 
+from estimation.outline import KEYFRAME_ERROR
+
 ROWS = 120
 """Rows, about, of the picture that is registered; larger ones are scaled down."""
 SMALLEST_DOT = 2.0
@@ -25,9 +27,6 @@ NEW_KEYFRAME = 0.85
 """Correlation below which another keyframe is taken: an earlier one, or a new one."""
 KEPT = 8
 """Keyframes that are kept, the first always: registering with an earlier one ends the drift."""
-KEYFRAME_ERROR = np.radians(0.3)
-"""Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
-the correlation lacks. Errors add up over keyframes."""
 CUT_ERROR = np.radians(2.0)
 """What a contact that is partly out of view adds to it [rad]."""
 LARGEST_ERROR = np.radians(4.5)

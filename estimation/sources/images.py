@@ -15,6 +15,7 @@ from estimation.images.contact import (
 )
 from estimation.images.dots import DotStyle, to_grey
 from estimation.images.imprint import LOST, ImprintFollower
+from estimation.images.kinds import MARKER_KINDS
 from estimation.images.lattice import (
     Reference,
     index_lattice,
@@ -173,13 +174,10 @@ class DotReader(MarkerReader):
         return region_of_dispersion(self.reference, position - self.reference.position)
 
 
-READERS: dict[str, type[MarkerReader]] = {
-    "corners": CornerReader,
-    "dots": DotReader,
-    "speckle": SpeckleReader,
-}
-"""The kinds of markers there are, in the order in which they are looked for: the most regular
-first, since the cells of a checkerboard can pass for dots, and either for a texture."""
+READERS: dict[str, type[MarkerReader]] = dict(
+    zip(MARKER_KINDS, (CornerReader, DotReader, SpeckleReader), strict=True)
+)
+"""What reads each kind of markers."""
 
 
 def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from contactmodel import __main__ as cli
-from contactmodel import verify
+from contactmodel import verify, verify_layers
 from contactmodel.configuration import EXAMPLES, read_simulation
 
 RUN = CliRunner()
@@ -199,9 +199,9 @@ def test_shipped_examples_can_be_read():
 @pytest.mark.parametrize(("error", "status"), [(0.5, 0), (2.0, 1), (float("nan"), 1)])
 def test_verify_tells_by_its_exit_status(monkeypatch, error, status):
     row = verify.Row("a row " * 20, 1.234567, 1.0, error, 1.0, "nothing " * 10)
-    monkeypatch.setattr(cli, "CHECKS", (lambda count: [row],))
-    monkeypatch.setattr(cli, "LAYER_CHECKS", ())
-    monkeypatch.setattr(cli, "convergence", list)
+    monkeypatch.setattr(verify, "CHECKS", (lambda count: [row],))
+    monkeypatch.setattr(verify_layers, "LAYER_CHECKS", ())
+    monkeypatch.setattr(verify, "convergence", list)
     result = RUN.invoke(cli.app, ["verify"])
     assert result.exit_code == status
     assert ("FAILED" in result.stdout) == bool(status)

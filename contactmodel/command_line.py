@@ -1,0 +1,87 @@
+"""What the commands of all four packages share: how they look, fail and use JAX.
+
+Importing this module imports no JAX, and a module of commands imports what it runs within the
+functions that run it: help is shown at once.
+"""
+
+import os
+import sys
+from functools import partial
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from typer.core import TyperGroup
+
+errors = Console(stderr=True)
+say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
+
+
+class Commands(TyperGroup):
+    """A group of commands that lists them with the whole first paragraph of their help."""
+
+    def format_commands(self, ctx, formatter) -> None:
+        """Write the list, wrapped where it would be cut."""
+        rows = []
+        for name in self.list_commands(ctx):
+            command = self.get_command(ctx, name)
+            purpose = (command.help or "").split("\n\n")[0] if command else ""
+            rows.append((name, " ".join(purpose.split())))
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+def make_app(purpose: str) -> typer.Typer:
+    """An application without commands yet, with `--version`."""
+    app = typer.Typer(
+        cls=Commands,
+        add_completion=False,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.callback(help=purpose)(_take_version)
+    return app
+
+
+def run_app(app: typer.Typer) -> None:
+    """Run an application in double precision; wrong input goes to stderr, exit status 2."""
+    _use_double_precision()
+    try:
+        app()
+    except (ValueError, OSError, RuntimeError) as error:
+        say_error(str(error))
+        sys.exit(2)
+
+
+def say_error(message: str) -> None:
+    """A line on stderr."""
+    errors.print(f"[red]error:[/red] {escape(message)}", highlight=False, soft_wrap=True)
+
+
+def _print_version(wanted: bool) -> bool:
+    if wanted:
+        from contactmodel import __version__
+
+        print(f"contactmodel {__version__}")
+        raise typer.Exit
+    return wanted
+
+
+def _take_version(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """What every application takes before its commands."""
+
+
+def _use_double_precision() -> None:
+    """By JAX's own environment variable: most commands need no JAX, and importing it takes long."""
+    os.environ["JAX_ENABLE_X64"] = "True"
+    if "jax" in sys.modules:
+        sys.modules["jax"].config.update("jax_enable_x64", True)

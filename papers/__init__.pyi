@@ -1,0 +1,1 @@
+from contactmodel.version import __version__ as __version__
