@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import AnyArray
-from contactmodel.checks import poisson, positive, refuse
+from contactmodel.arrays import AnyArray, refuse
+from contactmodel.checks import poisson, positive
 from contactmodel.compliance import CellIntegrals, Coefficients
 from contactmodel.layer import REACH, base_kernels
 

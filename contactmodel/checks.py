@@ -1,20 +1,14 @@
-"""Converters of fields: numbers become arrays, wrong values are refused.
-
-Outside `jit` the error is a ValueError. Inside it is a RuntimeError when the program runs, with
-the words in front under `equinox.filter_jit`, and wrapped in JAX's own under `jax.jit`.
-"""
+"""Converters of fields: numbers become JAX arrays, wrong values are refused."""
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import AnyArray
+from contactmodel.arrays import AnyArray, is_traced, refuse
 
 Numbers = ArrayLike | Sequence[float]
 
@@ -46,20 +40,6 @@ def poisson(value: Numbers) -> Float[Array, "*shape"]:
     array = number(value)
     wrong = ~((_known(array) >= 0) & (_known(array) <= 0.5))
     return refuse(array, wrong, "Poisson's ratio must lie from 0 to 0.5")
-
-
-def is_traced(value: object) -> bool:
-    """Whether a value is not known yet: inside `jit`, `vmap` or a derivative."""
-    return isinstance(value, Tracer)
-
-
-def refuse(array: Array, wrong: AnyArray, message: str) -> Array:
-    """The array, or the error with what was got."""
-    if is_traced(wrong):
-        return eqx.error_if(array, wrong, message)
-    if bool(np.any(wrong)):
-        raise ValueError(f"{message}, got {array}")
-    return array
 
 
 def _precision(value: Numbers) -> np.dtype:

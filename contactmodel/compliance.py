@@ -19,8 +19,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import AnyArray
-from contactmodel.checks import is_traced
+from contactmodel.arrays import AnyArray, is_traced
 from contactmodel.grid import Grid
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.checks import Numbers, is_traced, non_negative, number, positive, refuse
+from contactmodel.arrays import is_traced, refuse
+from contactmodel.checks import Numbers, non_negative, number, positive
 
 _SIDE_SLOPE = 1e3
 

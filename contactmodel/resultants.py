@@ -14,8 +14,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from contactmodel.arrays import is_traced
 from contactmodel.bodies import AbstractBody
-from contactmodel.checks import Numbers, is_traced, non_negative, number
+from contactmodel.checks import Numbers, non_negative, number
 from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter
 from contactmodel.pose import Pose

@@ -9,8 +9,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from contactmodel.arrays import is_traced
 from contactmodel.bodies import AbstractBody, Rigid
-from contactmodel.checks import is_traced, non_negative
+from contactmodel.checks import non_negative
 from contactmodel.compliance import Compliance, pair_compliance
 from contactmodel.coupling import Tractions, solve_smooth, solve_tractions
 from contactmodel.friction import find_sliding

@@ -12,10 +12,8 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from contactmodel import analytic
 from estimation.recording import Frame, MarkerLayout, Recording, grid_neighbours
@@ -290,14 +288,8 @@ def twist_rotation(
     needed = {*branches, *(opened[0] for opened in turns if opened)}
     needed |= {0.5 * (b - a) for opened in turns for a, b in pairwise(opened)}
     arguments = sorted(needed)
-    rotations, ratios, moments = (
-        np.asarray(value)
-        for value in _virgin(
-            jnp.asarray(r),
-            jnp.asarray(arguments),
-            jnp.asarray(model.contact_radius),
-            jnp.asarray(model.friction_ratio),
-        )
+    rotations, ratios, moments = _virgin(
+        r, np.array(arguments), model.contact_radius, model.friction_ratio
     )
     place = {argument: i for i, argument in enumerate(arguments)}
 
@@ -322,43 +314,25 @@ def press_depth(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth of each point [mm], and the factor by which its radius has changed [-]."""
     scale = np.sqrt(np.maximum(load, 1e-18))
-    depth, stretch = _hertz(
-        jnp.asarray(r),
-        jnp.asarray(model.contact_radius * scale),
-        jnp.asarray(_peak_pressure(model) * scale),
-        jnp.asarray(model.shear_modulus),
-        jnp.asarray(model.poisson_ratio),
-    )
-    return np.asarray(depth), np.asarray(stretch)
-
-
-@jax.jit
-def _hertz(
-    r: Float[Array, " n"],
-    radius: Float[Array, " frames"],
-    peak: Float[Array, " frames"],
-    modulus: Float[Array, ""],
-    poisson_ratio: Float[Array, ""],
-) -> tuple[Float[Array, "frames n"], Float[Array, "frames n"]]:
-    radius, peak = radius[:, None], peak[:, None]
+    radius = (model.contact_radius * scale)[:, None]
+    peak = (_peak_pressure(model) * scale)[:, None]
+    modulus, poisson_ratio = model.shear_modulus, model.poisson_ratio
     depth = analytic.hertz_indentation(r, radius, peak, 2.0 * modulus / (1.0 - poisson_ratio))
     inward = analytic.hertz_radial_displacement(r, radius, peak, modulus, poisson_ratio)
-    return depth, 1.0 + inward / jnp.maximum(r, 1e-12)
+    return np.asarray(depth), np.asarray(1.0 + inward / np.maximum(r, 1e-12))
 
 
-@jax.jit
 def _virgin(
-    r: Float[Array, " n"],
-    twist: Float[Array, " m"],
-    radius: Float[Array, ""],
-    friction_ratio: Float[Array, ""],
-) -> tuple[Float[Array, "m n"], Float[Array, " m"], Float[Array, " m"]]:
+    r: Float[np.ndarray, " n"], twist: Float[np.ndarray, " m"], radius: float, friction_ratio: float
+) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """On first loading: u_θ/r of the pair at each radius, κ, and the moment over G*."""
     density = analytic.hertz_density(radius, friction_ratio)
-    ratio = analytic.lubkin_stick_ratio(twist, friction_ratio)
+    ratio = np.asarray(analytic.lubkin_stick_ratio(twist, friction_ratio))
     displacement = analytic.torsion_displacement(r, density, ratio[:, None] * radius, radius)
-    rotation = jnp.sign(twist)[:, None] * displacement / jnp.maximum(r, 1e-12)
-    moment = jnp.sign(twist) * analytic.torsion_moment(density, ratio * radius, radius, 1.0)
+    rotation = np.sign(twist)[:, None] * np.asarray(displacement) / np.maximum(r, 1e-12)
+    moment = np.sign(twist) * np.asarray(
+        analytic.torsion_moment(density, ratio * radius, radius, 1.0)
+    )
     return rotation, ratio, moment
 
 
