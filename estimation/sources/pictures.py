@@ -87,8 +87,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
             )
         if rate is None and not stamps:
             warnings.append(
-                f"{RATE:g} pictures per second are assumed: give their rate (--fps), or their "
-                f"times in {table.name} (columns frame, time_s)."
+                f"{RATE:g} pictures per second are assumed: give the true rate (`run --fps`), or "
+                f"the times in {table.name} (columns frame, time_s)."
             )
     if rate is not None and (stamps or not path.is_dir()):
         warnings.append(ignored_rate(rate, table.name if stamps else "the video"))
