@@ -10,12 +10,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimation.images.dots import Dots, DotStyle, model_dots
+from estimation.images.dots import Dots, DotStyle
 
 PARTS = 8
 """Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
@@ -49,6 +47,10 @@ class Templates(NamedTuple):
 @lru_cache(maxsize=4)
 def make_templates(radius: float, blur: float) -> Templates:
     """Tabulate dots of about a radius and with a blur [px]."""
+    import jax  # which other markers do without
+
+    from estimation.images.dot_fit import model_dots
+
     half = int(np.ceil(1.5 * radius + 2.0))
     dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
     inside = dx**2 + dy**2 <= (half + 0.5) ** 2
@@ -58,8 +60,8 @@ def make_templates(radius: float, blur: float) -> Templates:
     none, one = np.zeros_like(x), np.ones_like(x)
     inverse = 1.0 / (radius * size)
     p = np.stack([x, y, inverse, inverse, none, blur * one, one, none, none, none], axis=1)
-    pixels = (jnp.asarray(one, dtype=jnp.float32) for one in (dx, dy))
-    jacobian = np.asarray(jax.jit(model_dots)(jnp.asarray(p, dtype=jnp.float32), *pixels)[1])
+    single = (one.astype(np.float32) for one in (p, dx, dy))
+    jacobian = np.asarray(jax.jit(model_dots)(*single)[1])
     gram = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
     inverse = _invert(gram)
     return Templates(
