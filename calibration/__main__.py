@@ -36,11 +36,18 @@ def softness(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
     reference: Annotated[
         list[str] | None,
-        typer.Option(help="CSV (time_s, angle_deg) for each recording, or `outline` once."),
+        typer.Option(
+            help="CSV (time_s, angle_deg) for each recording, or `outline` once.",
+            show_default="none",
+        ),
     ] = None,
     thing: Annotated[
         list[str] | None,
-        typer.Option("--object", help="Name of the object, one for each recording or for all."),
+        typer.Option(
+            "--object",
+            help="Name of the object, one for each recording or for all.",
+            show_default="object",
+        ),
     ] = None,
     flip: Annotated[bool, typer.Option("--flip", help="Turn the references' sign.")] = False,
     zeroed: Annotated[
@@ -54,15 +61,21 @@ def softness(
         float, typer.Option(min=0.0, help="How far clocks may be apart at most [s].")
     ] = 1.0,
     load: Annotated[
-        str | None, typer.Option(help=f"L: {', '.join(LOAD_MODELS)}; else by BIC.")
+        str | None,
+        typer.Option(help=f"How L is taken: {', '.join(LOAD_MODELS)}.", show_default="by BIC"),
     ] = None,
     noise_um: Annotated[
         float | None,
-        typer.Option(help="Marker noise per in-plane coordinate [µm]; else from each recording."),
+        typer.Option(
+            help="Marker noise per in-plane coordinate [µm].", show_default="from each recording"
+        ),
     ] = None,
     second_ratio: Annotated[
         float | None,
-        typer.Option(help="Two fingers of one grasp, no reference: k on the first over second."),
+        typer.Option(
+            help="Two fingers of one grasp, no reference: k on the first over second.",
+            show_default="none",
+        ),
     ] = None,
     thickness_mm: Annotated[
         float | None,
@@ -70,6 +83,7 @@ def softness(
             min=0.0,
             help="Of an elastomer that is not thick beside the contact [mm]; needs CSVs "
             "with --zeroed and --same-clock.",
+            show_default="thick",
         ),
     ] = None,
     depth_mm: Annotated[
@@ -120,7 +134,8 @@ def squeeze(
     ],
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
     radius_mm: Annotated[
-        float | None, typer.Option(help="Radius of the sphere [mm], for a recording.")
+        float | None,
+        typer.Option(help="Radius of the sphere [mm], for a recording.", show_default="none"),
     ] = None,
     pad_radius_mm: Annotated[float, typer.Option(help="Radius of a domed pad [mm].")] = float(
         "inf"
@@ -178,7 +193,9 @@ def stereo(
     ] = True,
     mirrored: Annotated[
         list[str] | None,
-        typer.Option(help="View, left or right, that is shown the wrong way round."),
+        typer.Option(
+            help="View, left or right, that is shown the wrong way round.", show_default="none"
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
 ) -> None:
@@ -247,10 +264,14 @@ def design(
 def sensor(
     unloaded: Annotated[Path, typer.Argument(help="Pictures of the pad that nothing touches.")],
     pitch_mm: Annotated[
-        float | None, typer.Option(help="Distance of neighbouring dots [mm]; else all is in px.")
+        float | None,
+        typer.Option(help="Distance of neighbouring dots [mm].", show_default="all is in px"),
     ] = None,
     boards: Annotated[
-        Path | None, typer.Option(help="Pictures of a checkerboard in several poses: the lens.")
+        Path | None,
+        typer.Option(
+            help="Pictures of a checkerboard in several poses: the lens.", show_default="no lens"
+        ),
     ] = None,
     rows: Annotated[int, typer.Option(help="Rows of its inner corners.")] = 6,
     columns: Annotated[int, typer.Option(help="Columns of its inner corners.")] = 9,

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,11 +12,23 @@ from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
 from estimation.images.kinds import MARKER_KINDS
-from estimation.tracker import RIGID_OBJECT, STICK_SHARE
+from estimation.tracker import RIGID_OBJECT, STICK_SHARE, method_constants
 
 app = make_app("From frames of a tactile sensor to the angle of the object it holds.")
-PICTURES = "Pictures of markers"
-CONSTANTS = "Constants of the method; each has its own"
+
+
+def _constants(name: str) -> str:
+    """Defaults of a constant, with the methods that have it."""
+    methods: dict[Any, list[str]] = {}
+    for method in METHODS | RIVALS:
+        own = method_constants(method)
+        if name in own:
+            methods.setdefault(own[name], []).append(method)
+
+    def show(value: Any) -> str:
+        return ("off", "on")[value] if isinstance(value, bool) else f"{value:.4g}"
+
+    return "; ".join(f"{show(value)} {', '.join(those)}" for value, those in methods.items())
 
 
 @app.command()
@@ -36,51 +48,60 @@ def run(
         str, typer.Option(help=f"Method of angles.csv: {', '.join(METHODS | RIVALS)}.")
     ] = DEFAULT_METHOD,
     softness: Annotated[
-        Path | None, typer.Option(help="TOML file with the softness correction k, L.")
+        Path | None,
+        typer.Option(
+            help="TOML file with the softness correction k, L.", show_default="a rigid object"
+        ),
     ] = None,
     grasp: Annotated[
         bool, typer.Option("--grasp", help="Two recordings of fingers that hold one object.")
     ] = False,
     sensor: Annotated[
         Path | None,
-        typer.Option(help="TOML file that describes the sensor; options override it."),
+        typer.Option(
+            help="TOML file that describes the sensor; options override it.", show_default="none"
+        ),
     ] = None,
     mm_per_px: Annotated[
         float | None,
-        typer.Option(help="Scale [mm/px]; else lengths stay in px.", rich_help_panel=PICTURES),
+        typer.Option(help="Scale [mm/px].", show_default="lengths stay in px"),
     ] = None,
     dot_radius_px: Annotated[
         float | None,
-        typer.Option(help="Radius of the dots [px]; else found.", rich_help_panel=PICTURES),
+        typer.Option(help="Radius of the dots [px].", show_default="found"),
     ] = None,
     dark_dots: Annotated[
         bool | None,
-        typer.Option("--dark/--bright", help="Dots; else found.", rich_help_panel=PICTURES),
+        typer.Option(
+            "--dark/--bright",
+            help="Dots that are darker or brighter than the pad.",
+            show_default="found",
+        ),
     ] = None,
     unloaded_frame: Annotated[
         int | None,
         typer.Option(
             help="Number of an unloaded frame: the number in the picture's name, or counted from 0 "
             "(angles.csv: source_index).",
-            rich_help_panel=PICTURES,
+            show_default="found",
         ),
     ] = None,
     fps: Annotated[
         float | None,
         typer.Option(
-            help="Rate of the pictures of a folder without times.csv [1/s]; else 30 is assumed.",
-            rich_help_panel=PICTURES,
+            help="Rate of the pictures of a folder without times.csv [1/s].",
+            show_default="30, with a note",
         ),
     ] = None,
     marker: Annotated[
         str | None,
-        typer.Option(help=f"Kind of markers: {', '.join(MARKER_KINDS)}.", rich_help_panel=PICTURES),
+        typer.Option(help=f"Kind of markers: {', '.join(MARKER_KINDS)}.", show_default="found"),
     ] = None,
     stereo: Annotated[
         Path | None,
         typer.Option(
             help="TOML file of a stereo calibration, where mirrors split the picture.",
-            rich_help_panel=PICTURES,
+            show_default="one view",
         ),
     ] = None,
     preview: Annotated[
@@ -88,60 +109,74 @@ def run(
         typer.Option(
             "--preview",
             help="Write an annotated video, preview.mp4 (needs the extra `video`).",
-            rich_help_panel=PICTURES,
         ),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual pivot.")] = 0,
     noise_um: Annotated[
         float | None,
-        typer.Option(help="Marker noise per in-plane coordinate [µm]; else from the recording."),
+        typer.Option(
+            help="Marker noise per in-plane coordinate [µm].", show_default="from the recording"
+        ),
     ] = None,
     threshold: Annotated[
-        float | None, typer.Option(help="Eq. 15's threshold [-].", rich_help_panel=CONSTANTS)
+        float | None,
+        typer.Option(help="Eq. 15's threshold [-].", show_default=_constants("threshold")),
     ] = None,
     angle_floor_deg: Annotated[
         float | None,
-        typer.Option(help="Least denominator of Eq. 15 [°].", rich_help_panel=CONSTANTS),
+        typer.Option(
+            help="Least denominator of Eq. 15 [°].", show_default=_constants("angle_floor_deg")
+        ),
     ] = None,
     min_stick_markers: Annotated[
         int | None,
-        typer.Option(help="Markers below which nothing sticks [-].", rich_help_panel=CONSTANTS),
+        typer.Option(
+            help="Markers below which nothing sticks [-].",
+            show_default=_constants("min_stick_markers"),
+        ),
     ] = None,
     window: Annotated[
         int | None,
-        typer.Option(help="Trailing mean of `paper` [frames].", rich_help_panel=CONSTANTS),
+        typer.Option(help="Trailing mean of `paper` [frames].", show_default=_constants("window")),
     ] = None,
     zero_drift: Annotated[
         bool | None,
-        typer.Option(help="Zero-drift compensation of `paper`.", rich_help_panel=CONSTANTS),
+        typer.Option(
+            help="Zero-drift compensation of `paper`.", show_default=_constants("zero_drift")
+        ),
     ] = None,
     max_strain: Annotated[
         float | None,
         typer.Option(
             help="Misfit over size beyond which markers are no one body [-].",
-            rich_help_panel=CONSTANTS,
+            show_default=_constants("max_strain"),
         ),
     ] = None,
     keyframe_interval: Annotated[
         int | None,
-        typer.Option(help="From one keyframe to the next [frames].", rich_help_panel=CONSTANTS),
+        typer.Option(
+            help="From one keyframe to the next [frames].",
+            show_default=_constants("keyframe_interval"),
+        ),
     ] = None,
     mature_age: Annotated[
         int | None,
-        typer.Option(help="Time to move as one to stick [frames].", rich_help_panel=CONSTANTS),
+        typer.Option(
+            help="Time to move as one to stick [frames].", show_default=_constants("mature_age")
+        ),
     ] = None,
     slip_deg: Annotated[
         float | None,
         typer.Option(
             help="Outline ahead of the gel in that time: macro slip [°].",
-            rich_help_panel=CONSTANTS,
+            show_default=_constants("slip_deg"),
         ),
     ] = None,
     shape_change: Annotated[
         float | None,
         typer.Option(
             help="Change of the contact's curvature that ends an outline [-].",
-            rich_help_panel=CONSTANTS,
+            show_default=_constants("shape_change"),
         ),
     ] = None,
     onset_mm: Annotated[

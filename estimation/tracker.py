@@ -67,7 +67,7 @@ class Tracker:
         self.estimator = _make_estimator(
             method, self.stencils, noise, 1.0 + softness.stiffness_ratio, constants
         )
-        self.constants = _own_constants(method) | constants
+        self.constants = method_constants(method) | constants
         self.softness = softness
         self._lifting = softness.lifting(self.stencils.reference[:, :2])
         self._time = -np.inf
@@ -204,7 +204,7 @@ def _make_estimator(
     constants: dict[str, Any],
 ) -> Estimator:
     make = (METHODS | RIVALS)[method]
-    own = _own_constants(method)
+    own = method_constants(method)
     for name in constants:
         if name not in own:
             raise ValueError(
@@ -214,8 +214,12 @@ def _make_estimator(
     return make(stencils, noise, **({"gain": gain} if takes_gain else {}), **constants)
 
 
-def _own_constants(method: str) -> dict[str, Any]:
-    """A method's constants at their defaults."""
+def method_constants(method: str) -> dict[str, Any]:
+    """A method's constants at their defaults.
+
+    Args:
+        method: one of `METHODS` or `RIVALS`.
+    """
     parameters = signature((METHODS | RIVALS)[method]).parameters
     others = ("stencils", "noise", "gain")
     return {name: one.default for name, one in parameters.items() if name not in others}

@@ -86,12 +86,16 @@ def leaderboard(
         list[Path] | None,
         typer.Option(
             help="Another method's answers: a CSV with columns case, frame, angle_deg, named "
-            "after the method. Can be given several times."
+            "after the method. Can be given several times.",
+            show_default="none",
         ),
     ] = None,
     export: Annotated[
         Path | None,
-        typer.Option(help="Folder to write the recordings to (.npz), to answer them elsewhere."),
+        typer.Option(
+            help="Folder to write the recordings to (.npz), to answer them elsewhere.",
+            show_default="none",
+        ),
     ] = None,
 ) -> None:
     """Compare all methods and the published rivals on virtual pivots and real recordings."""
@@ -132,11 +136,15 @@ def sweep(
     ],
     quick: Annotated[bool, typer.Option(help="Its small table of cases.")] = False,
     store: Annotated[
-        Path | None, typer.Option(help="Folder of the store [default: build/sweeps/STUDY.zarr].")
+        Path | None,
+        typer.Option(help="Folder of the store.", show_default="build/sweeps/STUDY.zarr"),
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler; its workers do the work.")
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler; its workers do the work.", show_default="none"
+        ),
     ] = None,
 ) -> None:
     """Evaluate a study's cases; run again, it goes on where it was stopped."""
