@@ -22,8 +22,11 @@ from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.fields import Fields
 from estimation.noise import Noise
+from estimation.outline import LEAST_MARKERS
 from estimation.stencils import Stencils
 from estimation.stick import MIN_STICK_MARKERS, check_positive
+
+ROUND = "the contact has no distinct long axis"
 
 
 class Kabsch:
@@ -137,21 +140,32 @@ class Castano:
     """Long axis of the contact mask, since the first frame with contact ([Castano2023]).
 
     The mask holds the contact's markers where they are now, all alike. The axis is followed by half
-    turns and averaged over a trailing window. A round contact has no axis and the authors refuse
-    none: there the angle says nothing. It is the object's own, whatever sticks, and wants no
-    correction for softness.
+    turns and averaged over a trailing window. It is the object's own, whatever sticks, and wants no
+    correction for softness. The authors refuse no contact, but a round one has no long axis, and
+    the direction of its mask is noise: it gets no angle here.
     """
 
-    def __init__(self, stencils: Stencils, noise: Noise | None, *, window: int = 5) -> None:
+    def __init__(
+        self,
+        stencils: Stencils,
+        noise: Noise | None,
+        *,
+        window: int = 5,
+        largest_error_deg: float = 5.0,
+    ) -> None:
         """Make the estimator; the noise plays no part.
 
         Args:
             stencils: of the marker layout.
             noise: of the markers.
             window: frames of the trailing mean [-]; 5 is ours, not checked against the paper.
+            largest_error_deg: standard error of the axis, from the distance between the markers,
+                beyond which the contact counts as round [deg]; ours.
         """
         if window < 1:
             raise ValueError(f"window is {window}; it must be at least one frame")
+        self.stencils = stencils
+        self.largest_error = np.radians(check_positive("largest_error_deg", largest_error_deg))
         self._recent: deque[float] = deque(maxlen=window)
         self._first = np.nan
 
@@ -161,7 +175,10 @@ class Castano:
             self._recent.clear()
             self._first = np.nan
             return Measurement.none(np.zeros_like(fields.contact))
-        axis = _long_axis(fields.positions[fields.contact, :2])
+        rim = fields.contact & ~erode(fields.contact, self.stencils)
+        axis, error = _long_axis(fields.positions[fields.contact, :2], rim[fields.contact])
+        if error > self.largest_error:
+            return Measurement.none(np.zeros_like(fields.contact), ROUND)
         if not self._recent:
             self._first = axis
         last = self._recent[-1] if self._recent else axis
@@ -174,10 +191,22 @@ def erode(markers: Bool[np.ndarray, " n"], stencils: Stencils) -> Bool[np.ndarra
     return markers & (markers[stencils.neighbours] | (stencils.neighbours < 0)).all(axis=1)
 
 
-def _long_axis(points: Float[np.ndarray, "m 2"]) -> float:
-    """Direction in which points spread most [rad]."""
-    spread = np.cov(points.T)
-    return float(0.5 * np.arctan2(2.0 * spread[0, 1], spread[0, 0] - spread[1, 1]))
+def _long_axis(
+    points: Float[np.ndarray, "m 2"], rim: Bool[np.ndarray, " m"]
+) -> tuple[float, float]:
+    """Direction in which points spread most, and its standard error [rad].
+
+    The error is infinite where too few points make an outline.
+
+    With w = (x + iy)² from the points' mean, the direction is half the angle of Σw. A point of the
+    rim stands for an area of which the outline cuts off any share: the variance of its w is
+    |w|²/12, half of it across Σw.
+    """
+    squared = ((points - points.mean(axis=0)) @ np.array([1.0, 1j])) ** 2
+    spread, across = squared.sum(), np.sqrt(np.sum(np.abs(squared[rim]) ** 2) / 24.0)
+    known = len(points) >= LEAST_MARKERS and abs(spread) > 0.0
+    error = 0.5 * across / abs(spread) if known else np.inf
+    return float(0.5 * np.angle(spread)), float(error)
 
 
 def _without_interval(angle: float, stick: Bool[np.ndarray, " n"]) -> Measurement:
