@@ -56,6 +56,14 @@ def run(
     grasp: Annotated[
         bool, typer.Option("--grasp", help="Two recordings of fingers that hold one object.")
     ] = False,
+    keep_withdrawn: Annotated[
+        bool,
+        typer.Option(
+            "--keep-withdrawn",
+            help="Keep the angles as they were answered frame by frame. Else those that the whole "
+            "recording speaks against (slip that was not seen) move to columns of their own.",
+        ),
+    ] = False,
     sensor: Annotated[
         Path | None,
         typer.Option(
@@ -229,6 +237,7 @@ def run(
         ),
         preview=preview,
         grasp=grasp,
+        keep_withdrawn=keep_withdrawn,
         constants={name: value for name, value in constants.items() if value is not None},
     )
     inputs = gather_recordings(

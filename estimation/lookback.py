@@ -5,7 +5,8 @@ it may not see it at all: the gel comes to rest under an object that slides on, 
 looks the same whether it slides or rests. Looking back, the closing disc dates the slip
 (`estimation.onset`), and gel that came to rest while few markers stuck is a reason for doubt.
 Either way the angle is unknown from there until the contact ends, unless an outline or imprint was
-in sight, which the tracker then follows.
+in sight, which the tracker then follows. The answers that are withdrawn for that stay in
+`Result.withdrawn`.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ from estimation.onset import (
     is_still,
 )
 from estimation.recording import Recording
-from estimation.result import TOO_FEW_STICK, UNSEEN_TURN, Result, State
+from estimation.result import TOO_FEW_STICK, UNSEEN_TURN, Result, State, Withdrawn
 
 FOLLOWING = ("tracked", "incremental")
 """Methods that follow the object, whose angles are withdrawn where they may have lost it."""
@@ -61,7 +62,11 @@ def find_slips(recording: Recording, result: Result, noise: Noise) -> list[Macro
 
 
 def withdraw(
-    result: Result, slips: Sequence[MacroSlip], outline: Float[np.ndarray, " frames"]
+    result: Result,
+    slips: Sequence[MacroSlip],
+    outline: Float[np.ndarray, " frames"],
+    *,
+    keep: bool = False,
 ) -> Result:
     """The result without the angles that were given while the object slid unseen, or may have.
 
@@ -69,15 +74,16 @@ def withdraw(
         result: of a method that follows the object.
         slips: of the recording.
         outline: direction of the contact's outline in each frame, NaN where refused [rad].
+        keep: leave angles and states as they were answered frame by frame. The reasons then say
+            what speaks against them, and `Result.withdrawn` says which they are.
 
     Returns:
-        States and reasons say why an angle is missing. A slip is left alone where a third of the
-        contact's markers stick all the while it begins, and where the outline is in sight.
+        States and reasons say why an angle is missing; `Result.withdrawn` has the answers. A slip
+        is left alone where a third of the contact's markers stick all the while it begins, and
+        where the outline is in sight.
     """
     state, reason = list(result.state), list(result.reason)
-    stick, angle, low, high = (
-        np.array(column) for column in (result.stick, result.angle, result.low, result.high)
-    )
+    gone = np.zeros(len(result.time), dtype=bool)
     for slip in slips:
         begun = np.flatnonzero(result.time >= slip.onset)
         if not len(begun) or not _lets_go(result, int(begun[0])):
@@ -87,21 +93,31 @@ def withdraw(
         if np.isfinite(outline[rows][sliding]).sum() > 0.5 * sliding.sum():
             continue
         for row, slides in zip(rows, sliding, strict=True):
-            if not np.isfinite(angle[row]):
+            if not result.answered[row] or gone[row]:
                 continue
-            angle[row] = low[row] = high[row] = np.nan
+            gone[row] = True
             if slides and slip.certain:
-                state[row], reason[row], stick[row] = State.MACRO_SLIP, TOO_FEW_STICK, False
+                state[row], reason[row] = State.MACRO_SLIP, TOO_FEW_STICK
             else:
                 state[row], reason[row] = State.UNKNOWN, RESTS_OR_SLIDES if slides else UNSEEN_TURN
+    withdrawn = Withdrawn(
+        state=tuple(s if g else None for s, g in zip(result.state, gone, strict=True)),
+        angle=np.where(gone, result.angle, np.nan),
+        low=np.where(gone, result.low, np.nan),
+        high=np.where(gone, result.high, np.nan),
+        stick=result.stick & gone[:, None],
+    )
+    result = replace(result, reason=tuple(reason), withdrawn=withdrawn)
+    if keep:
+        return result
+    slips_now = gone & np.array([s == State.MACRO_SLIP for s in state])
     return replace(
         result,
         state=tuple(state),
-        reason=tuple(reason),
-        stick=stick,
-        angle=angle,
-        low=low,
-        high=high,
+        stick=result.stick & ~slips_now[:, None],
+        angle=np.where(gone, np.nan, result.angle),
+        low=np.where(gone, np.nan, result.low),
+        high=np.where(gone, np.nan, result.high),
     )
 
 

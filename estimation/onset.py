@@ -55,6 +55,11 @@ AT_REST = 1.5
 AXIS_DRIFT = 0.05
 """How far the axis may be from where it was while nine markers stuck, in pitches."""
 
+ROUND_MISFIT = 0.06
+"""Misfit of a disc, as a share of the motion beyond its noise, from which the contact is not round.
+The disc closes while a window lasts: round virtual pivots without noise show up to 0.056, contacts
+of 2:1 from 0.16 on."""
+
 ROUNDNESS = 0.02
 """Error of the radius beyond the noise, in pitches; what markers of the virtual pivots show."""
 
@@ -103,17 +108,25 @@ class Disc(NamedTuple):
         margin: radius less the third marker's distance from the axis, in pitches; below 0 fewer
             than three stick.
         error: its standard error, in pitches.
+        misfit: share of the markers' motion, beyond their noise, that is not the disc's [-].
     """
 
     time: float
     margin: float
     error: float
+    misfit: float = 0.0
+
+    @property
+    def fits(self) -> bool:
+        """Whether the motion is a disc's: its radius may then date macro slip."""
+        return self.misfit <= ROUND_MISFIT
 
 
 def date_slips(discs: Sequence[Disc]) -> list[MacroSlip]:
     """When fewer than three markers stuck, by the discs of a whole recording."""
     slips: list[MacroSlip] = []
     slipping = False
+    discs = [disc for disc in discs if disc.fits]
     for i, disc in enumerate(discs):
         near = [d.margin for d in discs[i : i + 4]]
         changed = [m > REGAINED if slipping else m < 0.0 for m in near]
@@ -146,8 +159,17 @@ def _describe(slip: MacroSlip, start: float) -> str:
     )
 
 
-def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc]:
-    """The disc that sticks, over every window whose motion tells one."""
+def follow_disc(
+    recording: Recording, result: Result, noise: Noise, *, largest_misfit: float = 0.5
+) -> list[Disc]:
+    """The disc that sticks, over every window whose motion shows one.
+
+    Args:
+        recording: the recording.
+        result: of one of its methods, for the contact.
+        noise: of the markers.
+        largest_misfit: share of the motion that the disc may leave unexplained [-].
+    """
     pitch = _pitch(recording)
     z = (recording.positions[..., 0] + 1j * recording.positions[..., 1]) / pitch
     scale = max(np.sqrt(2.0) * noise.in_plane / pitch, 1e-6)
@@ -170,18 +192,39 @@ def follow_disc(recording: Recording, result: Result, noise: Noise) -> list[Disc
         if is_still(moved, scale):
             continue
         best = _fit_best(before, after, scale, last, axis)
-        errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)))
+        disc = _describe_disc(best, before, after, scale)
         missed += 1
-        if np.sqrt(np.mean(best.fun**2)) > WORST_MISFIT or errors[2] > LARGEST_ERROR:
+        if disc.misfit > largest_misfit or disc.error > np.hypot(LARGEST_ERROR, ROUNDNESS):
+            continue
+        time = 0.5 * (recording.time[i] + recording.time[j])
+        discs.append(disc._replace(time=float(time)))
+        if not disc.fits:
             continue
         last, missed = best.x, 0
-        distance = np.sort(np.abs(before - complex(*best.x[:2])))
-        if (distance < abs(best.x[2])).sum() >= 3 * MIN_STICK_MARKERS:
+        inside = np.abs(before - complex(*best.x[:2])) < abs(best.x[2])
+        if inside.sum() >= 3 * MIN_STICK_MARKERS:
             axis = best.x[:2] if axis is None else axis + 0.2 * (best.x[:2] - axis)
-        time = 0.5 * (recording.time[i] + recording.time[j])
-        margin = abs(best.x[2]) - distance[MIN_STICK_MARKERS - 1]
-        discs.append(Disc(float(time), float(margin), float(np.hypot(errors[2], ROUNDNESS))))
     return discs
+
+
+def _describe_disc(
+    best: OptimizeResult,
+    before: Complex[np.ndarray, " m"],
+    after: Complex[np.ndarray, " m"],
+    scale: float,
+) -> Disc:
+    """The disc of a fit; its time is not known here."""
+    misfit = float(np.sqrt(np.mean(best.fun**2))) / WORST_MISFIT
+    error = np.sqrt(np.linalg.pinv(best.jac.T @ best.jac)[2, 2]) * max(misfit, 1.0)
+    distance = np.sort(np.abs(before - complex(*best.x[:2])))
+    moved = float(np.sqrt(0.5 * np.mean(np.abs(after - before) ** 2)))  # per coordinate
+    beyond = WORST_MISFIT * scale * np.sqrt(max(misfit**2 - 1.0, 0.0))
+    return Disc(
+        time=np.nan,
+        margin=float(abs(best.x[2]) - distance[MIN_STICK_MARKERS - 1]),
+        error=float(np.hypot(error, ROUNDNESS)),
+        misfit=float(beyond / moved),
+    )
 
 
 def find_held(recording: Recording, result: Result, row: int) -> Bool[np.ndarray, " n"]:
@@ -276,7 +319,7 @@ def _share_slope(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.n
 
 def _date(discs: Sequence[Disc], near: float) -> MacroSlip | None:
     """Where a line through the margins crosses zero; None where they do not tell."""
-    time, margin, error = (np.array(column) for column in zip(*discs, strict=True))
+    time, margin, error = np.array([(disc.time, disc.margin, disc.error) for disc in discs]).T
     if len(time) < 3:
         return None
     design = np.stack([time - near, np.ones_like(time)], axis=1) / error[:, None]

@@ -63,6 +63,9 @@ def plot_angles(
     top.fill_between(
         time, np.degrees(main.low), np.degrees(main.high), color=line.get_color(), alpha=0.3, lw=0
     )
+    if main.withdrawn is not None and main.withdrawn.rows.any():
+        gone = np.degrees(main.withdrawn.angle)
+        top.plot(time, gone, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
     top.set_ylabel("object's angle [°]")
     handles, labels = top.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in main.state]

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from estimation.files import write_whole
 from estimation.grasp import Fit, Grasp
 from estimation.margin import Branch, MarginPath
+from estimation.missing import count_missing
 from estimation.onset import MacroSlip
 from estimation.plots import (
     choose_frames,
@@ -51,6 +52,11 @@ COLUMNS = (
     "slip_deg",
     "gel_deg",
     "imprint_deg",
+    "withdrawn_state",
+    "withdrawn_angle_deg",
+    "withdrawn_angle_low_deg",
+    "withdrawn_angle_high_deg",
+    "withdrawn_stick_markers",
 )
 
 MARGIN_COLUMNS = (
@@ -213,6 +219,16 @@ def _margin_cells(result: Result, margin: MarginPath, frame: int) -> list[str]:
     return [f"{value:.6f}" if np.isfinite(value) else "" for value in values]
 
 
+def _withdrawn_cells(result: Result, frame: int) -> list[str]:
+    """What was answered in a frame and withdrawn; empty where nothing was."""
+    gone = result.withdrawn
+    if gone is None or not gone.rows[frame]:
+        return [""] * 5
+    degrees = np.degrees([gone.angle[frame], gone.low[frame], gone.high[frame]])
+    cells = [f"{value:.6f}" for value in degrees]
+    return [str(gone.state[frame]), *cells, str(gone.stick[frame].sum())]
+
+
 def _describe_fit(fit: Fit) -> dict[str, Any]:
     """A fit of two fingers, in the units of the command line."""
     slope_error, clock_error, angle_error = fit.errors
@@ -295,6 +311,8 @@ def _figures(result: Result, truth: Truth | None) -> dict[str, Any]:
         "answered": int(answered.sum()),
         "slip_largest_deg": _number(max(slip, key=abs, default=np.nan)),
         "slip_last_deg": _number(slip[-1] if len(slip) else np.nan),
+        "without_angle": count_missing(result),
+        "withdrawn": 0 if result.withdrawn is None else int(result.withdrawn.rows.sum()),
         "states": {str(state): result.state.count(state) for state in State},
         "macro_slip_s": _spans(result.time - result.time[0], slipping),
         "angle_min_deg": _number(angle.min(initial=np.inf)),
@@ -368,6 +386,7 @@ def _table(
                 result.contact[i].sum(),
                 f"{result.moment[i]:.6f}",
                 *(f"{value:.6f}" for value in np.degrees(others[i])),
+                *_withdrawn_cells(result, i),
                 *([] if margin is None else _margin_cells(result, margin, i)),
             )
             writer.writerow((result.method, *row) if name_method else row)

@@ -67,6 +67,29 @@ class Estimate(NamedTuple):
     covered: bool = True
 
 
+class Withdrawn(NamedTuple):
+    """Answers that were given frame by frame and withdrawn once the whole recording was known.
+
+    Attributes:
+        state: state that was given; None in frames in which nothing was withdrawn.
+        angle: the object's angle that was given [rad]; NaN where nothing was withdrawn.
+        low: lower end of its 95 % interval [rad].
+        high: upper end [rad].
+        stick: markers that seemed to stick; none where nothing was withdrawn.
+    """
+
+    state: tuple[State | None, ...]
+    angle: Float[np.ndarray, " frames"]
+    low: Float[np.ndarray, " frames"]
+    high: Float[np.ndarray, " frames"]
+    stick: Bool[np.ndarray, "frames n"]
+
+    @property
+    def rows(self) -> Bool[np.ndarray, " frames"]:
+        """Frames whose answer was withdrawn."""
+        return np.isfinite(self.angle)
+
+
 @dataclass(frozen=True)
 class Result:
     """Estimates of a recording, one per frame.
@@ -88,6 +111,8 @@ class Result:
         load_term: L that it was corrected with [rad].
         covered: frames for which the softness holds.
         notes: what a reader of the angles should know, in sentences.
+        withdrawn: answers that the whole recording speaks against (`estimation.lookback`); None
+            where it was not asked.
     """
 
     method: str
@@ -106,6 +131,7 @@ class Result:
     load_term: Float[np.ndarray, " frames"]
     covered: Bool[np.ndarray, " frames"]
     notes: tuple[str, ...] = ()
+    withdrawn: Withdrawn | None = None
 
     @classmethod
     def gather(
@@ -115,6 +141,7 @@ class Result:
         return cls(
             method=method,
             notes=notes,
+            withdrawn=None,
             state=tuple(estimate.state for estimate in estimates),
             reason=tuple(estimate.reason for estimate in estimates),
             **{

@@ -18,6 +18,7 @@ from estimation.images.preview import find_encoder, write_preview
 from estimation.live import LiveAngles
 from estimation.lookback import FOLLOWING, find_slips, withdraw
 from estimation.margin import follow_margin
+from estimation.missing import describe_answers
 from estimation.noise import Noise, find_noise
 from estimation.onset import describe_slips
 from estimation.outline import follow_outline
@@ -48,6 +49,7 @@ class Settings:
         images: what is known of pictures.
         preview: write an annotated video of each recording that was read from pictures.
         grasp: the two recordings are two fingers that hold one object.
+        keep_withdrawn: leave angles in that the whole recording speaks against.
 
     Raises:
         ValueError: a preview is wanted, and PyAV or its H.264 encoder is not installed.
@@ -64,6 +66,7 @@ class Settings:
     images: ImageSettings = field(default_factory=ImageSettings)
     preview: bool = False
     grasp: bool = False
+    keep_withdrawn: bool = False
 
     def __post_init__(self) -> None:
         """Check that a preview can be written before anything is computed."""
@@ -238,7 +241,10 @@ def _put_together(
     results = {method: Result.gather(method, column) for method, column in columns}
     noise, outline = prepared.noise, follow_outline(recording).angle
     slips = [] if noise is None else find_slips(recording, results[settings.method], noise)
-    results |= {method: withdraw(results[method], slips, outline) for method in FOLLOWING}
+    results |= {
+        method: withdraw(results[method], slips, outline, keep=settings.keep_withdrawn)
+        for method in FOLLOWING
+    }
     main = results[settings.method]
     notes += _reference_notes(main)
     notes += _softness_notes(main)
@@ -258,6 +264,7 @@ def _put_together(
             "onset_mm": settings.onset_mm,
             "contact_share": settings.contact_share,
             "stick_share": settings.stick_share,
+            "keep_withdrawn": settings.keep_withdrawn,
             **prepared.trackers[settings.method].constants,
         },
         notes=notes,
@@ -336,10 +343,7 @@ def _preview(run: Run, folder: Path, settings: Settings) -> str:
 def _tell(run: Run, folder: Path) -> list[str]:
     """Lines for the terminal."""
     main = run.results[run.method]
-    lines = [
-        f"{run.recording.name}: {main.answered.sum()} of {len(main.time)} frames answered, "
-        f"{main.state.count(State.MACRO_SLIP)} in macro slip; see {folder / 'report.html'}"
-    ]
+    lines = [f"{run.recording.name}: {describe_answers(main)}; see {folder / 'report.html'}"]
     if not main.answered.any():
         lines += [f"  {note}" for note in (*run.recording.notes, *run.notes)]
     if run.truth is not None:

@@ -13,7 +13,7 @@ from estimation.noise import Noise
 from estimation.report import COLUMNS, MARGIN_COLUMNS
 from estimation.run import Input, Settings, run_all
 from estimation.tracker import Tracker, estimate_angles
-from estimation.virtual.recording import simulate_pivot
+from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import domed_pad, lift
 
 ANGLES = np.radians(np.linspace(0.0, 10.0, 20))
@@ -75,6 +75,23 @@ def test_summary_says_what_was_done(tmp_path, progress):
     assert re.fullmatch(r"[0-9a-f]{64}", summary["sha256"])
     assert sum(summary["methods"]["rigid"]["states"].values()) == len(recording)
     assert any("unloaded reference shape" in note for note in summary["notes"])
+
+
+def test_withdrawn_answers_have_columns_of_their_own(tmp_path, progress):
+    legs = {"angles_deg": (0.0, 5.0, 5.0), "frames": (20, 15)}
+    slides = PivotModel(friction_ratio=0.01, noise=2e-4, normal_noise=7e-4)
+    recording, _ = simulate_pivot(slides, dropped=0.0, unloaded=3, pressing=8, **legs)
+    settings = Settings(noise=Noise.given(2e-4), keep_withdrawn=True)
+    outcome = run_all([Input(recording)], tmp_path, settings, progress)
+    rows = rows_of(tmp_path / "angles.csv")
+    gone = [row for row in rows if row["withdrawn_angle_deg"]]
+    assert gone
+    assert all(row["angle_deg"] == row["withdrawn_angle_deg"] for row in gone)  # left in
+    assert all(row["state"] == row["withdrawn_state"] and row["reason"] for row in gone)
+    figures = json.loads((tmp_path / "summary.json").read_text())["methods"]["tracked"]
+    assert figures["withdrawn"] == len(gone)
+    assert figures["without_angle"] == {"before contact": len(rows) - figures["answered"]}
+    assert f"{len(rows) - figures['answered']} before contact; see" in outcome.lines[0]
 
 
 def test_the_report_needs_nothing_else(tmp_path, progress):
