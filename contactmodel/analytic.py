@@ -56,8 +56,8 @@ class Hertz(NamedTuple):
 
 def pair_shear_modulus(elastomer: Value, stiffness_ratio: Value) -> AnyArray:
     """G* = 1/(1/G_S + 1/G_B) from G_S [MPa] and k = G_S/G_B."""
-    _, elastomer, stiffness_ratio = as_arrays(elastomer, stiffness_ratio)
-    return elastomer / (1.0 + stiffness_ratio)
+    _, modulus, k = as_arrays(elastomer, stiffness_ratio)
+    return modulus / (1.0 + k)
 
 
 def hertz_from_approach(
@@ -219,13 +219,13 @@ def torsion_traction(
 
     In the slip region it is the friction limit.
     """
-    xp, r, c, a, modulus = as_arrays(r, stick_radius, radius, shear_modulus)
-    r, c, a = r[..., None], c[..., None], a[..., None]
-    low, high = _root(xp.maximum(c**2 - r**2, 0.0)), _root(a**2 - r**2)  # s² = r² + x²
+    xp, rho, c, a, modulus = as_arrays(r, stick_radius, radius, shear_modulus)
+    rho, c, a = rho[..., None], c[..., None], a[..., None]
+    low, high = _root(xp.maximum(c**2 - rho**2, 0.0)), _root(a**2 - rho**2)  # s² = r² + x²
     x = low + (high - low) * _POINTS
-    s = xp.sqrt(xp.minimum(r, a) ** 2 + x**2)
+    s = xp.sqrt(xp.minimum(rho, a) ** 2 + x**2)
     total = (density(s) / s * (high - low) * _WEIGHTS).sum(axis=-1)
-    return 4.0 / np.pi * modulus * r[..., 0] * total
+    return 4.0 / np.pi * modulus * rho[..., 0] * total
 
 
 def torsion_displacement(
@@ -235,15 +235,16 @@ def torsion_displacement(
 
     Inside the stick region it is r θ.
     """
-    xp, r, c, a = as_arrays(r, stick_radius, radius)
+    xp, rho, c, a = as_arrays(r, stick_radius, radius)
     # punches that hold r; with c = 0 they are all at r = 0, which stays where it is
     held = torsion_twist(density, xp.where(c > 0.0, c, a), a)
-    slipped = torsion_twist(density, xp.where((r > 0.0) & (r <= a), r, a), a)
-    inner = r * xp.where(r <= c, held, slipped)
+    slipped = torsion_twist(density, xp.where((rho > 0.0) & (rho <= a), rho, a), a)
+    inner = rho * xp.where(rho <= c, held, slipped)
     # punches that do not, s = r sin α; where there are none, any length will do
-    r, c, a = r[..., None], c[..., None], a[..., None]
-    edge = xp.where(r <= c, c, xp.minimum(r, a))
-    far = xp.where(r <= c, xp.where(c > 0.0, c, a), r)
+    rho, c, a = rho[..., None], c[..., None], a[..., None]
+    # not minimum: it halves the slope at a
+    edge = xp.where(rho <= c, c, xp.where(rho <= a, rho, a))
+    far = xp.where(rho <= c, xp.where(c > 0.0, c, a), rho)
     low, high = _arcsin(c / far), _arcsin(edge / far)
     alpha = low + (high - low) * _POINTS
     sine, cosine = xp.sin(alpha), xp.cos(alpha)
@@ -406,14 +407,14 @@ def open_turns(path: Sequence[float]) -> list[tuple[float, ...]]:
 
 def complete_elliptic(kappa: Value) -> tuple[AnyArray, AnyArray]:
     """K and E of parameter m = 1 − κ², 0 < κ ≤ 1."""
-    xp, kappa = as_arrays(kappa)
-    tiny = kappa < _TINY
-    safe = xp.where(tiny, 1.0, kappa)
+    xp, ratio = as_arrays(kappa)
+    tiny = ratio < _TINY
+    safe = xp.where(tiny, 1.0, ratio)
     if xp is np:
         first, second = scipy.special.ellipkm1(safe**2), scipy.special.ellipe(1.0 - safe**2)
     else:
         first, second = _by_mean(xp, safe)
-    limit = xp.log(4.0 / xp.where(tiny, kappa, 1.0))
+    limit = xp.log(4.0 / xp.where(tiny, ratio, 1.0))
     return xp.where(tiny, limit, first), xp.where(tiny, 1.0, second)
 
 
@@ -432,10 +433,10 @@ def _by_mean(xp: Any, kappa: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 def _between(low: Value, high: Value) -> tuple[Float[AnyArray, "*batch q"], AnyArray]:
     """Points and weights of a quadrature, spaced by ratio as f falls like 1/s."""
-    xp, low, high = as_arrays(low, high)
-    low, high = low[..., None], high[..., None]
-    ratio = xp.log(high / low)
-    points = low * xp.exp(ratio * _POINTS)
+    xp, start, end = as_arrays(low, high)
+    start, end = start[..., None], end[..., None]
+    ratio = xp.log(end / start)
+    points = start * xp.exp(ratio * _POINTS)
     return points, points * ratio * _WEIGHTS
 
 
