@@ -6,6 +6,7 @@ functions that run it: help is shown at once.
 
 import os
 import sys
+import warnings
 from functools import partial
 from typing import Annotated
 
@@ -13,6 +14,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from typer.core import TyperGroup
+
+from contactmodel.cache import cache_folder
 
 errors = Console(stderr=True)
 say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
@@ -47,7 +50,7 @@ def make_app(purpose: str) -> typer.Typer:
 
 def run_app(app: typer.Typer) -> None:
     """Run an application in double precision; wrong input goes to stderr, exit status 2."""
-    _use_double_precision()
+    _set_up_jax()
     try:
         app()
     except (ValueError, OSError, RuntimeError) as error:
@@ -80,8 +83,16 @@ def _take_version(
     """What every application takes before its commands."""
 
 
-def _use_double_precision() -> None:
-    """By JAX's own environment variable: most commands need no JAX, and importing it takes long."""
+def _set_up_jax() -> None:
+    """Double precision, and a folder for compiled programs, which the next run need not compile.
+
+    By JAX's own environment variables: most commands need no JAX, and importing it takes long.
+    `JAX_ENABLE_COMPILATION_CACHE=0` switches the folder off. One that cannot be read or written
+    costs what compiling costs, nothing else.
+    """
     os.environ["JAX_ENABLE_X64"] = "True"
-    if "jax" in sys.modules:
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_folder() / "compiled"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
+    if "jax" in sys.modules:  # imported by a caller, who chooses where programs are kept
         sys.modules["jax"].config.update("jax_enable_x64", True)

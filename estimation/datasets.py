@@ -21,7 +21,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
-from platformdirs import user_cache_dir
+from contactmodel.cache import cache_folder
 
 _PUBLISHED = tomllib.loads((files("estimation") / "datasets.toml").read_text("utf-8"))
 _WHEEL: dict[str, str] = _PUBLISHED["wheel"]
@@ -91,12 +91,6 @@ def _local(name: str) -> str:
 def _shown(root: Path, name: str) -> Path:
     """The folder of it that holds the recordings to run."""
     return root / _local(name) / _SETS[name].get("shown", "")
-
-
-def cache_folder() -> Path:
-    """Where downloads go."""
-    chosen = os.environ.get("CONTACTMODEL_CACHE")
-    return Path(chosen or user_cache_dir("contactmodel", appauthor=False))
 
 
 def _roots() -> list[Path]:

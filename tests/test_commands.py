@@ -1,5 +1,6 @@
 """What the commands of all packages share: their help comes at once, and nothing of it is cut."""
 
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -77,3 +78,36 @@ def test_lists_of_commands_are_not_cut(monkeypatch):
 def test_version_is_told(words):
     shown = CliRunner().invoke(console.app, [*words, "--version"])
     assert (shown.exit_code, shown.output) == (0, f"contactmodel {papers.__version__}\n")
+
+
+def compile_with(folder, **environment):
+    """Run a command's set-up and compile a function, in a process of its own."""
+    code = (
+        "from contactmodel.command_line import run_app\n"
+        "run_app(lambda: None)\n"
+        "import jax, jax.numpy as jnp\n"
+        "jax.config.update('jax_persistent_cache_min_compile_time_secs', 0.0)\n"
+        "print(float(jax.jit(lambda x: jnp.sin(x) + 1.0)(0.0)), jnp.ones(1).dtype)"
+    )
+    told = {**os.environ, "CONTACTMODEL_CACHE": str(folder), **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=told, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "1.0 float64\n"
+    return done.stderr
+
+
+def test_what_commands_compile_is_kept_unless_switched_off(tmp_path):
+    compile_with(tmp_path / "off", JAX_ENABLE_COMPILATION_CACHE="0")
+    assert not (tmp_path / "off").exists()
+    compile_with(tmp_path / "on", JAX_ENABLE_COMPILATION_CACHE="1")
+    kept = list((tmp_path / "on" / "compiled").glob("*-cache"))
+    assert kept
+    for one in kept:
+        one.write_bytes(one.read_bytes()[:100])  # as of a process that was killed, or a full disk
+    assert not compile_with(tmp_path / "on", JAX_ENABLE_COMPILATION_CACHE="1")
+
+
+def test_a_cache_folder_that_cannot_be_made_does_no_harm(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    assert not compile_with(tmp_path / "file", JAX_ENABLE_COMPILATION_CACHE="1")
