@@ -1,5 +1,7 @@
 """Command line: `python -m calibration noise|sensor|softness|squeeze|field|design|stereo`."""
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +10,7 @@ import typer
 from contactmodel.command_line import errors, make_app, run_app, say
 from estimation.files import check_writable
 from estimation.recording import Recording
+from estimation.result_folder import renew_results
 from estimation.softness_fit import LOAD_MODELS
 
 app = make_app("What must be found out about sensor and object before angles can be trusted.")
@@ -23,8 +26,10 @@ def noise(
 
     check_writable(out)
     (one,) = _read([recording])
-    for line in write_noise(assess_noise(one), out):
-        print(line)
+    found = assess_noise(one)
+    with _results(out, "noise") as folder:
+        lines = write_noise(found, folder)
+    _conclude(lines, out, "noise.toml")
 
 
 @app.command()
@@ -106,21 +111,22 @@ def softness(
     check_writable(out)
     told = None if noise_um is None else Noise.given(noise_um * 1e-3)
     found = _read(recordings)
-    if second_ratio is not None:
-        for line in write_two_fingers(found, second_ratio, told, clock_search, out):
-            print(line)
-        return
     settings = ReferenceSettings(flip, zeroed, same_clock)
-    if thickness_mm is not None:
-        layer = (thickness_mm, depth_mm)
-        for line in write_layered(found, reference or [], settings, told, layer, out):
-            print(line)
-        return
-    with Progress(console=errors) as progress:
-        tracked = progress.track(found, description="recordings")
-        trials = gather_trials(found, reference or [], thing or [], settings, told, tracked)
-    for line in write_fits(fit_objects(trials, load, clock_search), out):
-        print(line)
+    with _results(out, "softness") as folder:
+        if second_ratio is not None:
+            lines = write_two_fingers(found, second_ratio, told, clock_search, folder)
+            files = ["first.toml", "second.toml"]
+        elif thickness_mm is not None:
+            layer = (thickness_mm, depth_mm)
+            lines = write_layered(found, reference or [], settings, told, layer, folder)
+            files = ["softness.toml"]
+        else:
+            with Progress(console=errors) as progress:
+                tracked = progress.track(found, description="recordings")
+                trials = gather_trials(found, reference or [], thing or [], settings, told, tracked)
+            lines = write_fits(fit_objects(trials, load, clock_search), folder)
+            files = ["softness.toml"]
+    _conclude(lines, out, *files)
 
 
 @app.command()
@@ -171,8 +177,24 @@ def squeeze(
     else:
         (one,) = _read([source])
         found = squeeze_by_curvature(one, radius_mm, bodies, pad_radius=pad_radius_mm)
-    for line in write_squeeze(found, out):
+    with _results(out, "squeeze") as folder:
+        lines = write_squeeze(found, folder)
+    _conclude(lines, out, "softness.toml")
+
+
+@contextmanager
+def _results(out: Path, command: str) -> Iterator[Path]:
+    """Where one run of a command writes; it replaces the results of the last one."""
+    with renew_results(out, f"calibration {command}", say) as results:
+        yield results.draft
+
+
+def _conclude(lines: Iterable[str], out: Path, *files: str) -> None:
+    """Print the findings, and where they are."""
+    for line in lines:
         print(line)
+    written = " and ".join(str(out / file) for file in files)
+    print(f"written to {written}; see {out / 'report.html'}")
 
 
 def _read(names: list[str]) -> list[Recording]:
@@ -207,7 +229,8 @@ def stereo(
     rig, left_out = calibrate_from_pictures(
         pictures, (rows, columns), pitch_mm, orthographic, tuple(mirrored or ())
     )
-    write_rig(rig, out / "stereo.toml")
+    with _results(out, "stereo") as folder:
+        write_rig(rig, folder / "stereo.toml")
     for reason in left_out:
         say(reason)
     print(f"reprojection error {rig.error:.3f} px rms, written to {out / 'stereo.toml'}")
@@ -233,7 +256,8 @@ def field(
     model, data = wanted.of(_read([recording])[0])
     with errors.status("compiling and fitting"):
         fit = fit_fields(model, wanted.numbers, data, starts=starts, said=say)
-    write_fit(fit, data, model.markers, wanted.frames, out)
+    with _results(out, "field") as folder:
+        write_fit(fit, data, model.markers, wanted.frames, folder)
     for line in fit.verdict:
         print(line)
     print(f"written to {out / 'report.html'}")
@@ -254,7 +278,8 @@ def design(
     model, data = wanted.plan()
     with errors.status("compiling and solving"):
         found = identify(model, wanted.numbers, data, wanted.design)
-    write_design(found, out)
+    with _results(out, "design") as folder:
+        write_design(found, folder)
     lost = [name for name, known in zip(found.names, found.determined, strict=True) if not known]
     print(f"not determined: {', '.join(lost)}" if lost else "everything sought is determined")
     print(f"written to {out / 'report.html'}")
@@ -287,10 +312,9 @@ def sensor(
             lens, error = fit_lens(boards, (rows, columns))
             lines.append(f"Lens: reprojection error {error:.3f} px rms.")
         found = calibrate_sensor(unloaded, pitch_mm, lens)
-    write_calibration(found, lines, out)
-    for line in (*lines, *found.remarks):
-        print(line)
-    print(f"written to {out / 'sensor.toml'}; see {out / 'report.html'}")
+    with _results(out, "sensor") as folder:
+        write_calibration(found, lines, folder)
+    _conclude((*lines, *found.remarks), out, "sensor.toml")
 
 
 def main() -> None:

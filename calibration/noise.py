@@ -230,4 +230,4 @@ def write_noise(found: RestNoise, out: Path) -> list[str]:
         lists={"notes": found.notes},
     )
     write_whole(out / "noise.toml", toml_text(found.content()))
-    return [*lines, *found.notes, f"written to {out / 'noise.toml'}"]
+    return [*lines, *found.notes]

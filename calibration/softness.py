@@ -157,7 +157,7 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
         file = "softness.toml" if name == main else f"{_file(name)}.toml"
         write_softness(fit.softness, out / file)
     said = [f"  {line}" for fit in fits.values() for line in (*fit.undetermined, *fit.notes)]
-    return [*lines, *said, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
+    return [*lines, *said]
 
 
 def write_two_fingers(
@@ -201,7 +201,7 @@ def write_two_fingers(
     )
     write_softness(found.first, out / "first.toml")
     write_softness(found.second, out / "second.toml")
-    return [*lines, f"written to {out / 'first.toml'} and {out / 'second.toml'}"]
+    return lines
 
 
 def write_layered(
@@ -279,7 +279,7 @@ def write_layered(
         lists={"notes": notes},
     )
     write_softness(fit.softness, out / "softness.toml")
-    return [*lines, *notes, f"written to {out / 'softness.toml'}; see {out / 'report.html'}"]
+    return [*lines, *notes]
 
 
 def plot_layered(fit: LayeredFit) -> Figure:

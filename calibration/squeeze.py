@@ -293,7 +293,7 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
         lists={"notes": found.notes},
     )
     write_softness(softness, out / "softness.toml")
-    return [*lines, *found.notes, f"written to {out / 'softness.toml'}"]
+    return [*lines, *found.notes]
 
 
 def plot_squeeze(found: Squeeze) -> Figure:

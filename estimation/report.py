@@ -18,17 +18,14 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.files import write_whole
-from estimation.grasp import Fit, Grasp
 from estimation.margin import Branch, MarginPath
 from estimation.missing import count_missing
 from estimation.onset import MacroSlip
 from estimation.plots import (
     choose_frames,
     plot_angles,
-    plot_grasp,
     plot_maps,
     plot_moment,
-    plot_overview,
 )
 from estimation.recording import Recording
 from estimation.result import Result, State
@@ -138,75 +135,17 @@ def write_run(run: Run, folder: Path) -> None:
     )
 
 
-def write_overview(runs: Sequence[Run], folder: Path) -> None:
-    """Write `overview.png` and `report.html`, the angles of several recordings side by side.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    figure = plot_overview(
-        {run.recording.name: run.results[run.method] for run in runs},
-        {run.recording.name: (run.turns, run.outline) for run in runs},
-    )
-    image = figure_png(figure)
-    write_whole(folder / "overview.png", image)
-    page = render_page(
-        "overview.html", {"overview.png": image}, runs=[summarise(run) for run in runs]
-    )
-    write_whole(folder / "report.html", page)
-
-
-def write_grasp(grasp: Grasp, runs: Mapping[str, Run], folder: Path) -> None:
-    """Write `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`, on the first's clock.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    names = list(runs)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        (
-            "time_s",
-            "first_deg",
-            "second_deg",
-            "joint_deg",
-            "joint_low_deg",
-            "joint_high_deg",
-            "holds",
-        )
-    )
-    columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
-    degrees = np.degrees(np.stack(columns, axis=1))
-    for i, time in enumerate(grasp.time):
-        writer.writerow(
-            (f"{time:.6f}", *(f"{value:.6f}" for value in degrees[i]), int(grasp.holds[i]))
-        )
-    write_whole(folder / "comparison.csv", text.getvalue())
-    figures = {
-        "first": names[0],
-        "second": names[1],
-        "slope_fixed": _describe_fit(grasp.fixed),
-        "slope_free": _describe_fit(grasp.free),
-        "branches": {name: _describe_branch(run.margin.last) for name, run in runs.items()},
-    }
-    write_whole(folder / "grasp.json", json.dumps(figures, indent=2, ensure_ascii=False) + "\n")
-    write_whole(folder / "grasp.png", figure_png(plot_grasp(grasp, names)))
-    branches = {name: (run.results[run.method], run.margin.last) for name, run in runs.items()}
-    write_whole(folder / "moment.png", figure_png(plot_moment(branches)))
-
-
-def _describe_branch(branch: Branch | None) -> dict[str, Any] | None:
+def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
     """The branch of moment against angle while it held; nothing where the data cannot tell."""
     if branch is None:
         return None
     return {
-        "limit_Nmm": _number(branch.limit),
-        "limit_standard_error_Nmm": _number(branch.limit * np.sqrt(branch.covariance[0, 0])),
-        "stiffness_Nmm_per_deg": _number(np.radians(branch.stiffness)),
-        "start_deg": _number(np.degrees(branch.start)),
-        "start_moment_Nmm": _number(branch.sign * branch.start_moment),
-        "rms_Nmm": _number(branch.rms),
+        "limit_Nmm": json_number(branch.limit),
+        "limit_standard_error_Nmm": json_number(branch.limit * np.sqrt(branch.covariance[0, 0])),
+        "stiffness_Nmm_per_deg": json_number(np.radians(branch.stiffness)),
+        "start_deg": json_number(np.degrees(branch.start)),
+        "start_moment_Nmm": json_number(branch.sign * branch.start_moment),
+        "rms_Nmm": json_number(branch.rms),
         "points": branch.points,
     }
 
@@ -229,22 +168,6 @@ def _withdrawn_cells(result: Result, frame: int) -> list[str]:
     return [str(gone.state[frame]), *cells, str(gone.stick[frame].sum())]
 
 
-def _describe_fit(fit: Fit) -> dict[str, Any]:
-    """A fit of two fingers, in the units of the command line."""
-    slope_error, clock_error, angle_error = fit.errors
-    return {
-        "rms_difference_deg": _number(np.degrees(fit.rms)),
-        "slope": _number(fit.slope),
-        "slope_standard_error": _number(slope_error),
-        "clock_offset_s": _number(fit.clock_offset),
-        "clock_offset_standard_error_s": _number(clock_error),
-        "angle_offset_deg": _number(np.degrees(fit.angle_offset)),
-        "angle_offset_standard_error_deg": _number(np.degrees(angle_error)),
-        "correlation_of_slope_and_clock_offset": _number(fit.correlation),
-        "frames_compared": fit.frames,
-    }
-
-
 def summarise(run: Run) -> dict[str, Any]:
     """The figures of a run, ready for JSON: None where there is no number."""
     recording = run.recording
@@ -257,9 +180,9 @@ def summarise(run: Run) -> dict[str, Any]:
         "settings": dict(run.settings),
         "method": run.method,
         "frames": len(run.results[run.method].time),
-        "duration_s": _number(np.ptp(recording.time)),
+        "duration_s": json_number(np.ptp(recording.time)),
         "dropped_frames": int(np.clip(np.diff(recording.source_index) - 1, 0, None).sum()),
-        "branch": _describe_branch(run.margin.last),
+        "branch": describe_branch(run.margin.last),
         "margin_last": _describe_margin(run),
         "macro_slips": [_describe_slip(slip, recording.time[0]) for slip in run.slips],
         "methods": {name: _figures(result, run.truth) for name, result in run.results.items()},
@@ -274,17 +197,19 @@ def _describe_margin(run: Run) -> dict[str, float | None] | None:
         return None
     left, time = run.margin.margins[known[-1]], run.recording.time
     values = (*np.degrees(left[:3]), *left[3:])
-    cells = {name: _number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)}
-    return {"time_s": _number(time[known[-1]] - time[0])} | cells
+    cells = {
+        name: json_number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)
+    }
+    return {"time_s": json_number(time[known[-1]] - time[0])} | cells
 
 
 def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | bool | None]:
     """When macro slip began and ended, since the first frame."""
     return {
-        "onset_s": _number(slip.onset - start),
-        "onset_low_s": _number(slip.low - start),
-        "onset_high_s": _number(slip.high - start),
-        "regained_s": _number(slip.regained - start),
+        "onset_s": json_number(slip.onset - start),
+        "onset_low_s": json_number(slip.low - start),
+        "onset_high_s": json_number(slip.high - start),
+        "regained_s": json_number(slip.regained - start),
         "certain": slip.certain,
     }
 
@@ -309,15 +234,15 @@ def _figures(result: Result, truth: Truth | None) -> dict[str, Any]:
     slip = slip[np.isfinite(slip)]
     figures = {
         "answered": int(answered.sum()),
-        "slip_largest_deg": _number(max(slip, key=abs, default=np.nan)),
-        "slip_last_deg": _number(slip[-1] if len(slip) else np.nan),
+        "slip_largest_deg": json_number(max(slip, key=abs, default=np.nan)),
+        "slip_last_deg": json_number(slip[-1] if len(slip) else np.nan),
         "without_angle": count_missing(result),
         "withdrawn": 0 if result.withdrawn is None else int(result.withdrawn.rows.sum()),
         "states": {str(state): result.state.count(state) for state in State},
         "macro_slip_s": _spans(result.time - result.time[0], slipping),
-        "angle_min_deg": _number(angle.min(initial=np.inf)),
-        "angle_max_deg": _number(angle.max(initial=-np.inf)),
-        "half_width_median_deg": _number(np.median(half_width) if len(half_width) else np.nan),
+        "angle_min_deg": json_number(angle.min(initial=np.inf)),
+        "angle_max_deg": json_number(angle.max(initial=-np.inf)),
+        "half_width_median_deg": json_number(np.median(half_width) if len(half_width) else np.nan),
     }
     return figures if truth is None else figures | _errors(result, truth)
 
@@ -345,15 +270,17 @@ def _errors(result: Result, truth: Truth) -> dict[str, Any]:
     for name, where in (("", result.answered), ("_firm", result.answered & firm)):
         figures |= {
             f"answered{name}": int(where.sum()),
-            f"mean_absolute_error{name}_deg": _number(
+            f"mean_absolute_error{name}_deg": json_number(
                 error[where].mean() if where.any() else np.nan
             ),
-            f"interval_holds_truth{name}": _number(inside[where].mean() if where.any() else np.nan),
+            f"interval_holds_truth{name}": json_number(
+                inside[where].mean() if where.any() else np.nan
+            ),
         }
     return figures
 
 
-def _number(value: Any) -> float | None:
+def json_number(value: Any) -> float | None:
     """A number that JSON knows."""
     return round(float(value), 6) if np.isfinite(value) else None
 

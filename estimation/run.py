@@ -12,7 +12,6 @@ from contactmodel.rotation import object_rotation
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS
-from estimation.files import check_writable
 from estimation.grasp import compare_fingers
 from estimation.images.preview import find_encoder, write_preview
 from estimation.live import LiveAngles
@@ -22,9 +21,11 @@ from estimation.missing import describe_answers
 from estimation.noise import Noise, find_noise
 from estimation.onset import describe_slips
 from estimation.outline import follow_outline
+from estimation.overview import write_overview
 from estimation.recording import Recording
-from estimation.report import FIRM_MARKERS, Run, summarise, write_grasp, write_overview, write_run
+from estimation.report import FIRM_MARKERS, Run, summarise, write_run
 from estimation.result import Estimate, Result, State
+from estimation.result_folder import renew_results
 from estimation.softness import Softness
 from estimation.sources import ImageSettings, find_recordings, read_recording
 from estimation.sources.names import name_recordings, number_alike
@@ -147,7 +148,6 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
     """
     if settings.grasp and len(inputs) != 2:
         raise ValueError(f"a grasp takes the recordings of two fingers, not {len(inputs)}")
-    check_writable(out)
     names = number_alike([recording.name for recording, _ in inputs])
     inputs = [
         Input(replace(recording, name=name), truth)
@@ -157,24 +157,24 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
     lines: list[str] = []
     runs: list[Run] = []
     interrupted = False
-    for i, (recording, truth) in enumerate(inputs):
-        estimates, interrupted = _estimate(recording, prepared[i].trackers, progress)
-        if estimates:
-            run = _put_together(recording, truth, settings, prepared[i], estimates)
-            folder = out / names[i] if len(inputs) > 1 else out
-            write_run(run, folder)
-            runs.append(run)
-            lines += _tell(run, folder)
-            if settings.preview:
-                lines.append(_preview(run, folder, settings))
-        if interrupted:
-            lines.append("interrupted: the frames done so far are written")
-            break
-    if len(runs) > 1:
-        write_overview(runs, out)
-        lines.append(f"side by side: {out / 'report.html'}")
-    if settings.grasp and len(runs) == 2:
-        lines += _compare(runs, out)
+    with renew_results(out, "estimation run", lines.append) as results:
+        for i, (recording, truth) in enumerate(inputs):
+            estimates, interrupted = _estimate(recording, prepared[i].trackers, progress)
+            if estimates:
+                run = _put_together(recording, truth, settings, prepared[i], estimates)
+                inner = names[i] if len(inputs) > 1 else ""
+                write_run(run, results.draft / inner)
+                runs.append(run)
+                lines += _tell(run, out / inner)
+                if settings.preview:
+                    lines.append(_preview(run, results.draft / inner, out / inner, settings))
+                results.publish()
+            if interrupted:
+                lines.append("interrupted: the frames done so far are written")
+                break
+        if len(runs) > 1:
+            lines += _put_side_by_side(runs, results.draft, settings)
+            lines.append(f"side by side: {out / 'report.html'}")
     return Outcome(lines, interrupted)
 
 
@@ -310,13 +310,21 @@ def _softness_notes(result: Result) -> tuple[str, ...]:
     )
 
 
-def _compare(runs: Sequence[Run], out: Path) -> list[str]:
-    """Bring two fingers together; where they cannot be, say so and leave the rest as it is."""
+def _put_side_by_side(runs: Sequence[Run], folder: Path, settings: Settings) -> list[str]:
+    """Write the angles of several recordings side by side, and two fingers as one grasp.
+
+    Where the fingers cannot be brought together, the report and a line say so.
+    """
+    if not settings.grasp or len(runs) != 2:
+        write_overview(runs, folder)
+        return []
     try:
         grasp = compare_fingers(*(run.results[run.method] for run in runs))
     except ValueError as error:
-        return [f"no comparison: {error}"]
-    write_grasp(grasp, {run.recording.name: run for run in runs}, out)
+        note = f"no comparison: {error}"
+        write_overview(runs, folder, note=note)
+        return [note]
+    write_overview(runs, folder, grasp)
     return [
         f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip, {what}, clock "
         f"offset {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s"
@@ -327,17 +335,24 @@ def _compare(runs: Sequence[Run], out: Path) -> list[str]:
     ]
 
 
-def _preview(run: Run, folder: Path, settings: Settings) -> str:
-    """Write the annotated video, where the recording was read from pictures."""
-    path = folder / "preview.mp4"
+def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
+    """Write the annotated video, where the recording was read from pictures.
+
+    Args:
+        run: of the recording.
+        folder: to write to.
+        shown: the folder that it is published in.
+        settings: of the run.
+    """
+    name = "preview.mp4"
     if not is_pictures(Path(run.recording.source)):
         return f"no preview: {run.recording.name} was not read from pictures"
     told, result = settings.images, run.results[run.method]
     try:
-        write_preview(run.recording, result, told.sensor, path, told.rig)
+        write_preview(run.recording, result, told.sensor, folder / name, told.rig)
     except ValueError as error:
         return f"no preview: {error}"
-    return f"annotated video: {path}"
+    return f"annotated video: {shown / name}"
 
 
 def _tell(run: Run, folder: Path) -> list[str]:

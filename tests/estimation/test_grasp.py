@@ -1,3 +1,4 @@
+import base64
 import json
 from dataclasses import replace
 
@@ -82,6 +83,15 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     assert any("rms before macro slip" in line for line in outcome.lines)
     rows = (tmp_path / "comparison.csv").read_text().splitlines()
     assert len(rows) == len(first) + 1
+    page = (tmp_path / "report.html").read_text()
+    picture = base64.b64encode((tmp_path / "grasp.png").read_bytes()).decode()
+    assert f'src="data:image/png;base64,{picture}"' in page
+    for column in ("joint_deg", "joint_low_deg", "joint_high_deg", "second_deg"):
+        last = rows[-1].split(",")[rows[0].split(",").index(column)]
+        assert f"{float(last):.2f}" in page
+    free = figures["slope_free"]
+    assert f"{free['slope']:.3f} ± {free['slope_standard_error']:.3f}" in page
+    assert f"<td>{figures['slope_fixed']['rms_difference_deg']:.3f}</td>" in page
     with pytest.raises(ValueError, match="two fingers, not 1"):
         run_all(inputs[:1], tmp_path, Settings(grasp=True), Progress(disable=True))
 
@@ -91,5 +101,5 @@ def test_no_overlap_is_said_and_the_rest_is_kept(fingers, tmp_path):
     inputs = [Input(first), Input(second.head(12))]
     outcome = run_all(inputs, tmp_path, Settings(grasp=True), Progress(disable=True))
     assert any(line.startswith("no comparison") for line in outcome.lines)
-    assert (tmp_path / "report.html").exists()
+    assert "no comparison: the two recordings share" in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "comparison.csv").exists()

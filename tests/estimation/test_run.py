@@ -26,6 +26,7 @@ FILES = {
     "angles.png",
     "maps.png",
 }
+SINGLE = FILES | {"manifest.json"}
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def test_everything_is_written(tmp_path, progress):
     recording = lift(ANGLES)
     outcome = run_all([Input(recording)], tmp_path / "out", Settings(), progress)
     assert not outcome.interrupted
-    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
+    assert {path.name for path in (tmp_path / "out").iterdir()} == SINGLE
     rows = rows_of(tmp_path / "out" / "angles.csv")
     assert tuple(rows[0]) == COLUMNS + MARGIN_COLUMNS
     assert len(rows) == len(recording)
@@ -116,6 +117,7 @@ def test_several_recordings_get_a_folder_each(tmp_path, progress):
         "left-1",
         "left-2",
         "right",
+        "manifest.json",
         "overview.png",
         "report.html",
     }
@@ -124,6 +126,8 @@ def test_several_recordings_get_a_folder_each(tmp_path, progress):
     page = (tmp_path / "report.html").read_text()
     for name in ("left-1", "right", "left-2"):
         assert f'<a href="{name}/report.html">{name}</a>' in page
+    run_all(inputs[:1], tmp_path, Settings(), progress)
+    assert {path.name for path in tmp_path.iterdir()} == SINGLE
 
 
 def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):
@@ -159,7 +163,7 @@ def test_a_full_disk_leaves_no_half_written_file(tmp_path, progress, monkeypatch
     with pytest.raises(OSError, match="No space left"):
         run_all([Input(recording.head(8))], tmp_path, Settings(), progress)
     assert (tmp_path / "angles.csv").read_bytes() == before
-    assert {path.name for path in tmp_path.iterdir()} == FILES
+    assert {path.name for path in tmp_path.iterdir()} == SINGLE
 
 
 def test_a_file_where_the_folder_should_be(tmp_path, progress):
