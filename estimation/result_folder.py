@@ -150,11 +150,13 @@ def _read_manifest(path: Path) -> Listed:
     if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
         return {}
     written = content.get("written")
-    whole = isinstance(written, dict) and all(
-        isinstance(files, dict) and all(isinstance(sha256, str) for sha256 in files.values())
-        for files in written.values()
-    )
-    return written if whole else {}
+    if isinstance(written, dict) and all(map(_lists_files, written.values())):
+        return written
+    return {}
+
+
+def _lists_files(files: object) -> bool:
+    return isinstance(files, dict) and all(isinstance(sha256, str) for sha256 in files.values())
 
 
 def _find(folder: Path, name: str) -> Path | None:

@@ -11,7 +11,6 @@ error of its moment against Lubkin's. Runs on whatever JAX runs on, a GPU where 
 
 import math
 import os
-import sys
 import time
 from collections.abc import Callable
 
@@ -25,6 +24,7 @@ from rich.table import Table
 
 from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 from contactmodel.analytic import lubkin_moment, lubkin_twist
+from tests.benchmarks.arguments import make_parser
 
 SIDE, RADIUS, CURVATURE, FRICTION = 10.0, 3.0, 30.0, 0.5
 AT_A_TIME = 8
@@ -33,10 +33,13 @@ LAPS = 5
 
 def main() -> None:
     """Print the table."""
+    parser = make_parser(__doc__)
+    parser.add_argument("cases", nargs="?", type=int, default=64, help="solves")
+    parser.add_argument("cells", nargs="?", type=int, default=64, help="along a side")
+    given = parser.parse_args()
+    cases, cells = given.cases, given.cells
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
-    given = [int(word) for word in sys.argv[1:]]
-    cases, cells = given + [64, 64][len(given) :]
     console = Console()
     device = jax.devices()[0]
     none = "" if device.platform == "gpu" else "; no GPU here, its figures are not measured"

@@ -5,7 +5,6 @@ states and the forces. A forward solve is the path that such a fit solves, witho
 both are timed by the processor, warm.
 """
 
-import sys
 import time
 from collections.abc import Callable
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from calibration.field_fit import fit_fields
 from papers.softness.fields import EXPERIMENTS, measure, plan
+from tests.benchmarks.arguments import make_parser
 
 FITS = 5
 
@@ -27,8 +27,10 @@ def clock(function: Callable, *arguments: object) -> float:
 
 
 if __name__ == "__main__":
+    parser = make_parser(__doc__)
+    parser.add_argument("cells", nargs="?", type=int, default=64, help="along a side")
+    cells = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
-    cells = int(sys.argv[1]) if len(sys.argv) > 1 else 64
     model, experiment = plan(cells), EXPERIMENTS[0]
     predict = eqx.filter_jit(lambda numbers: model.predict(numbers)[:3])
     seen = model.predict(experiment.truth)

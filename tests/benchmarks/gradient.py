@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from tests.benchmarks.arguments import make_parser
 
 LAPS = 9
 VALUES = (0.2, 0.48, 0.5, 0.9, 0.1, 40.0)
@@ -22,6 +23,7 @@ VALUES = (0.2, 0.48, 0.5, 0.9, 0.1, 40.0)
 
 def main() -> None:
     """Print the table."""
+    make_parser(__doc__).parse_args()
     jax.config.update("jax_enable_x64", True)
     table = Table("cells", "solve [ms]", "reverse / solve", "forward / solve")
     for cells in (64, 128, 256):

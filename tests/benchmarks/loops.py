@@ -6,7 +6,6 @@ optimistix's minimiser without bounds on p = q². All are given the same precond
 take one, and stop at the same residual.
 """
 
-import sys
 import time
 from collections.abc import Callable
 
@@ -24,6 +23,7 @@ from contactmodel.compliance import pair_compliance
 from contactmodel.friction import find_sets, make_preconditioner
 from contactmodel.linear import conjugate_gradients
 from contactmodel.normal import pressure_residual, solve_pressure
+from tests.benchmarks.arguments import make_parser
 
 LAPS = 7
 RTOL = 1e-8
@@ -34,9 +34,12 @@ APPROACH, TWIST = 0.9, 0.1
 
 def main() -> None:
     """Print the table."""
+    parser = make_parser(__doc__)
+    parser.add_argument("cells", nargs="*", type=int, default=[64, 128], help="along a side")
+    chosen = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
     table = Table("cells", "problem", "loop", "steps", "residual", "time [ms]")
-    for cells in map(int, sys.argv[1:] or ("64", "128")):
+    for cells in chosen:
         for problem, loops in (("linear", linear_loops), ("pressure", pressure_loops)):
             for loop, steps, residual, duration in measure(loops(cells)):
                 row = (f"{cells}²", problem, loop, steps, f"{residual:.1e}", f"{duration:.1f}")

@@ -9,7 +9,6 @@ compiled program. The last column is the path's time over the sum of its applica
 are the processor's, side by side.
 """
 
-import sys
 import time
 from collections.abc import Callable
 
@@ -23,6 +22,7 @@ from rich.table import Table
 from contactmodel import Grid, HalfSpace, Layer, Paraboloid, Pose, Rigid, make_path, solve_path
 from contactmodel.bodies import AbstractBody
 from contactmodel.compliance import pair_compliance
+from tests.benchmarks.arguments import make_parser
 
 SIDE, RADIUS, APPROACH, FRICTION = 13.0, 20.0, 0.6, 0.6
 STEPS = (4, 14, 22)
@@ -39,8 +39,10 @@ REPEATS = 200  # applications in a lap
 
 def main() -> None:
     """Print the table."""
+    parser = make_parser(__doc__)
+    parser.add_argument("cells", nargs="?", type=int, default=64, help="along a side")
+    cells = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
-    cells = int(sys.argv[1]) if len(sys.argv) > 1 else 64
     grid = Grid((cells, cells), (SIDE, SIDE))
     table = Table("elastomer", "normal", "tangential", "applications a step", "ms a step", "over")
     for name, body in BODIES.items():

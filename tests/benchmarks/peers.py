@@ -16,7 +16,6 @@ differences, of two pressures by the peak, tell whether they are comparable.
 
 import importlib
 import resource
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -29,6 +28,7 @@ from rich.table import Table
 
 from contactmodel import ContactSolution, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 from contactmodel.analytic import lubkin_twist
+from tests.benchmarks.arguments import make_parser
 
 SIDE, RADIUS, CURVATURE = 10.0, 3.0, 30.0
 BODY = HalfSpace(shear_modulus=1.0, poisson_ratio=0.5)  # not coupled to a rigid object
@@ -42,6 +42,10 @@ Run = Callable[[], Any]
 
 def main() -> None:
     """Print the table."""
+    parser = make_parser(__doc__)
+    sizes = [128, 256, 512, 1024]
+    parser.add_argument("cells", nargs="*", type=int, default=sizes, help="along a side")
+    chosen = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
     jax.block_until_ready(jnp.zeros(1) + 1.0)
     imported = memory()
@@ -49,7 +53,7 @@ def main() -> None:
     peers = ("aspher FFT [ms]", "steps", "difference", "tamaas [ms]", "difference")
     ratios = ("ours/aspher", "tamaas/ours", "torsion/aspher", "memory [MB]")
     table = Table("cells", *ours, *peers, *ratios)
-    for cells in [int(word) for word in sys.argv[1:]] or [128, 256, 512, 1024]:
+    for cells in chosen:
         table.add_row(f"{cells}²", *measure(cells, imported))
     Console(width=190).print(table)
 

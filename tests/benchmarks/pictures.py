@@ -11,7 +11,6 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"  # before NumPy is imported
 os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -44,6 +43,7 @@ from estimation.sources.pictures import Picture, read_pictures
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import Motion, simulate_surface
+from tests.benchmarks.arguments import make_parser
 
 ANGLES_DEG = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
 PASSES = 6
@@ -94,11 +94,15 @@ class Case(NamedTuple):
 
 def main() -> None:
     """Print a table for each kind."""
+    parser = make_parser(__doc__)
+    kinds = f"{', '.join(CASES)}, or names of clips; all kinds if none"
+    parser.add_argument("kinds", nargs="*", default=list(CASES), metavar="KIND", help=kinds)
+    chosen = parser.parse_args().kinds
     jax.config.update("jax_enable_x64", True)
     cv2.setNumThreads(1)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    for name in sys.argv[1:] or CASES:
+    for name in chosen:
         measure(CASES[name]() if name in CASES else read_clip(name))
 
 

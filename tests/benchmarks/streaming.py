@@ -26,12 +26,14 @@ from estimation.stencils import make_stencils
 from estimation.stick import grow_stick_region
 from estimation.tracker import Tracker
 from estimation.virtual.recording import simulate_pivot
+from tests.benchmarks.arguments import make_parser
 
 REPEATS = 10
 
 
 def main() -> None:
     """Print the tables."""
+    make_parser(__doc__).parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     recording, _ = simulate_pivot(seed=0)

@@ -15,6 +15,7 @@ import numpy as np
 from papers.model_error import atlas
 from papers.sweeps import local_processes
 from papers.sweeps.executors import Batch
+from tests.benchmarks.arguments import make_parser
 
 CASES = 32
 TURNS = 2
@@ -36,6 +37,7 @@ def measure(workers: int) -> float:
 
 
 if __name__ == "__main__":
+    make_parser(__doc__).parse_args()
     jax.config.update("jax_enable_x64", True)
     found = {1: [], 2: []}
     for workers in [1, 2] * TURNS:
