@@ -13,9 +13,10 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
-from contactmodel.command_line import errors, make_app, run_app, say_error
+from contactmodel.command_line import errors, make_app, run_app, say, say_error
 from estimation.extras import MissingExtraError, require_extra
 from estimation.files import check_writable, write_whole
+from estimation.result_folder import renew_results
 from papers.items import EXTRAS, ITEMS, STUDIES, choose_items
 from papers.published import compare, read_published
 
@@ -85,22 +86,22 @@ def leaderboard(
     angles: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Another method's answers: a CSV with columns case, frame, angle_deg, named "
-            "after the method. Can be given several times.",
+            help="Another method's answers: a CSV named after the method, with the columns case "
+            "(name of the recording), frame (index of the frame in the recording, from 0; not its "
+            "source_index) and angle_deg [°]. Can be given several times.",
             show_default="none",
         ),
     ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
-            help="Folder to write the recordings to (.npz), to answer them elsewhere.",
+            help="Folder to write the recordings to, with a README.md about the answers.",
             show_default="none",
         ),
     ] = None,
 ) -> None:
     """Compare all methods and the published rivals on virtual pivots and real recordings."""
     from estimation.report import figure_png
-    from estimation.sources import write_archive
     from papers.leaderboard import alarms, board, cases, settings
 
     check_writable(out)
@@ -112,9 +113,9 @@ def leaderboard(
     every = virtual + cases.real_cases(say=say_error)
     others = [answers for path in angles or () for answers in board.read_answers(path, every)]
     if export is not None:
-        for case in every:
-            write_archive(case.recording, export / f"{case.name}.npz")
-        print(f"{len(every)} recordings exported to {export}")
+        with renew_results(export, "papers leaderboard --export", say) as results:
+            board.export_cases(every, results.draft)
+        print(f"{len(every)} recordings exported to {export}; its README.md says how to answer")
     with Progress(console=errors) as progress:
         track = partial(progress.track, description="leaderboard")
         answers = board.answer_all(every, track)

@@ -16,11 +16,31 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import METHODS, RIVALS
+from estimation.files import write_whole
 from estimation.noise import Noise, find_noise
+from estimation.sources import write_archive
 from estimation.tracker import RIGID_OBJECT, Tracker
 from papers.items import Track
 from papers.leaderboard import settings
 from papers.leaderboard.cases import Case
+
+ANSWER_FORMAT = """\
+# Recordings to answer
+
+Each `.npz` file is a recording: `estimation.read_recording` reads it, and the docstring of
+`estimation.write_archive` lists its arrays. Answer with one CSV file, named after your method, and
+pass it to `python -m papers leaderboard --angles METHOD.csv`. Its columns are
+
+- `case`: name of the recording, without `.npz`, with the folder it is in, if any.
+- `frame`: index of the frame in the recording, from 0: the row of `positions` and `time`. It is not
+  `source_index`, the sensor's own count, which jumps where frames were dropped.
+- `angle_deg`: the object's angle [°], counter-clockwise seen from the object looking at the pad,
+  counted from the unloaded reference shape.
+
+A frame that is not listed, or whose angle is not finite, counts as not answered. A recording that
+is not listed gets no row.
+"""
+"""What another group answers, and how; written beside the recordings as `README.md`."""
 
 
 class Answers(NamedTuple):
@@ -56,9 +76,7 @@ def answer_all(cases: Sequence[Case], track: Track = iter) -> list[Answers]:
 def read_answers(path: Path, cases: Sequence[Case]) -> list[Answers]:
     """Answers of another group's method, named after the file.
 
-    A CSV with the columns `case` (name of an exported recording, without `.npz`), `frame` (its row
-    in the recording, from 0) and `angle_deg` [deg, counter-clockwise]. Frames that are not listed
-    or not finite are not answered; cases that are not listed get no row.
+    A CSV with the columns `case`, `frame` and `angle_deg`; `ANSWER_FORMAT` says what they mean.
 
     Raises:
         ValueError: a column is missing, no such case or frame, or no number.
@@ -86,6 +104,17 @@ def read_answers(path: Path, cases: Sequence[Case]) -> list[Answers]:
                 raise ValueError(f"{where}: {case.name} has frames 0 to {len(angle) - 1}")
             angle[frame] = np.radians(value)
     return [Answers(path.stem, by_name[name], angle) for name, angle in angles.items()]
+
+
+def export_cases(cases: Sequence[Case], folder: Path) -> None:
+    """Write the recordings, and a README.md that says how to answer them.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    for case in cases:
+        write_archive(case.recording, folder / f"{case.name}.npz")
+    write_whole(folder / "README.md", ANSWER_FORMAT)
 
 
 def tabulate(answers: Sequence[Answers]) -> list[dict[str, object]]:

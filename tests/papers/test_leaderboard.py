@@ -73,6 +73,24 @@ def test_command_writes_every_method_and_another_groups(monkeypatch, tmp_path):
         exported.positions, cases.virtual_case("gappy", 0).recording.positions
     )
     assert 0.05 < np.mean(~exported.valid) < 0.15
+    assert "`frame`: index of the frame in the recording" in (
+        tmp_path / "cases" / "README.md"
+    ).read_text(encoding="utf-8")
+
+
+def test_a_frame_is_the_row_of_the_recording_and_not_its_source_index(tmp_path):
+    case = cases.virtual_case("gappy", 0)
+    assert case.recording.source_index[-1] > len(case.recording)  # frames were dropped
+    (tmp_path / "theirs.csv").write_text(
+        f"case,frame,angle_deg\ngappy-0,{len(case.recording) - 1},5"
+    )
+    (theirs,) = board.read_answers(tmp_path / "theirs.csv", [case])
+    assert np.degrees(theirs.angle[-1]) == pytest.approx(5.0)
+    (tmp_path / "late.csv").write_text(
+        f"case,frame,angle_deg\ngappy-0,{case.recording.source_index[-1]},5"
+    )
+    with pytest.raises(ValueError, match=r"line 2: gappy-0 has frames 0 to"):
+        board.read_answers(tmp_path / "late.csv", [case])
 
 
 def test_draws_repeat(monkeypatch):
