@@ -2,7 +2,8 @@
 
 Newton's method on the motion, with the derivative of the resultants that the solution itself has.
 From rest it approaches from below, as friction gives way under growing motion. Once everything
-slides and the resultants are still short, friction carries no more.
+slides and the resultants are still short, friction carries no more. A normal force begins at the
+approach that was given or, where that is far too small or too large, at an estimate of it.
 """
 
 from typing import NamedTuple
@@ -16,7 +17,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.arrays import is_traced
 from contactmodel.bodies import AbstractBody
-from contactmodel.checks import Numbers, non_negative, number
+from contactmodel.checks import Numbers, non_negative, number, refuse
+from contactmodel.first_approach import estimate_approach
 from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter
 from contactmodel.pose import Pose
@@ -27,7 +29,8 @@ _RTOL = 10.0  # tolerance on the resultants, by that of the solver
 _FLOOR = 1e-9  # of the slope, where everything slides and it vanishes
 _SHARE = 1e-4  # of a step, if less brings the resultants no nearer
 _LOOSE = 0.1  # sticking share of a contact that cannot carry more
-# A step is at most this share of the approach and of the contact's radius, and this twist [rad].
+_FAR = 8.0  # times the estimated depth, or one by that: then the estimate is the better start
+# A step is at most this share of the depth and of the contact's radius, and this twist [rad].
 _APPROACH, _SHIFT, _TWIST = 0.5, 0.1, 0.1
 
 
@@ -92,11 +95,12 @@ def solve_resultant(
         elastomer: S.
         object_: B, made of this.
         indenter: and of this shape.
-        pose: motion where no resultant is given, a first guess that touches where one is; the
-            moment is about its centre.
+        pose: motion where no resultant is given, a first guess where one is (of the approach any
+            will do); the moment is about its centre.
         grid: cells, more than cover the contact.
         friction_coefficient: μ [-].
-        normal_force: pressing the bodies together, in place of the approach [N].
+        normal_force: pressing the bodies together, in place of the approach; under 0 they just
+            do not touch [N].
         shear_force: on the elastomer along x and y, in place of the shift [N].
         moment: on the elastomer about z, in place of the twist [N·mm].
         previous: as for `solve_contact`.
@@ -108,10 +112,11 @@ def solve_resultant(
         The contact; its pose is the motion found, differentiable with respect to everything.
 
     Raises:
-        ValueError: nothing given in place of a motion, force or moment without friction, or what
-            `solve_contact` refuses.
-        RuntimeError: a failure, or more than friction can carry: the message, and the force and
-            moment of the solution with `throw=False`, say how much that is.
+        ValueError: nothing given in place of a motion, force or moment without friction, a normal
+            force below 0, or what `solve_contact` refuses.
+        RuntimeError: the resultants are not met: a failure, a shear force or moment on bodies that
+            do not touch, or more than friction can carry. In the last case the message, and the
+            force and moment of the solution with `throw=False`, give the limit.
     """
     shear = (None, None) if shear_force is None else tuple(jnp.asarray(shear_force))
     given = (normal_force, *shear, moment)
@@ -120,6 +125,9 @@ def solve_resultant(
     if smooth and which != (0,):
         raise ValueError("without friction a contact carries no shear force and no moment")
     target = number(jnp.stack([jnp.asarray(given[i], pose.approach.dtype) for i in which]))
+    if which[0] == 0:
+        pulls = (target if is_traced(target) else np.asarray(target))[0] < 0.0
+        target = refuse(target, pulls, "a normal force presses: it must not be below 0 N")
     problem = _Problem(
         elastomer, object_, indenter, pose, non_negative(friction_coefficient), previous, target
     )
@@ -147,9 +155,12 @@ def _solve(
     how = _How(grid, which, rtol, max_steps)
     found = _search(problem, how)
     solution = _contact(problem, found.motion, how)
-    failed = (solution.result == RESULTS.successful) & ~(found.residual <= _RTOL * rtol)
+    apart = solution.result == RESULTS.no_contact
+    solved = (solution.result == RESULTS.successful) | apart
+    failed = solved & ~(found.residual <= _RTOL * rtol)
     result = RESULTS.where(failed, RESULTS.resultant_max_steps, solution.result)
     result = RESULTS.where(failed & found.beyond, RESULTS.beyond_friction, result)
+    result = RESULTS.where(failed & apart, RESULTS.out_of_touch, result)
     return eqx.tree_at(lambda s: s.result, solution, result)
 
 
@@ -166,10 +177,11 @@ class _How(NamedTuple):
 def _search(problem: _Problem, how: _How) -> _Found:
     """Newton's method, each step cut back until the resultants come nearer."""
     size = len(how.which)
+    lowest, guess = _start(problem, how)
 
     def step(search: _Search) -> _Search:
         before = search.best
-        new = _assess(problem, search.next, how)
+        new = _assess(problem, search.next, how, lowest)
         better = new.residual < before.residual
         best = jax.tree.map(lambda a, b: jnp.where(better, a, b), new, before)
         along = jnp.sum(before.defect * new.defect / new.scale**2)  # still short of the target
@@ -190,7 +202,6 @@ def _search(problem: _Problem, how: _How) -> _Found:
         lost = apart | (search.share < _SHARE) | (search.trials >= how.max_steps)
         return ~near & ~lost & ~search.beyond
 
-    guess = get_motion(problem.pose)[np.asarray(how.which)]
     one, inf = jnp.ones(size), jnp.asarray(jnp.inf)
     none = _State(guess, 0.0 * one, jnp.eye(size), one, one, inf, jnp.ones(()))
     start = _Search(none, guess, jnp.ones(()), jnp.zeros((), jnp.int32), jnp.zeros((), bool))
@@ -214,6 +225,19 @@ def _search_jvp(primals, tangents):
     return found, still._replace(motion=jnp.linalg.solve(found.slope, change))
 
 
+def _start(problem: _Problem, how: _How) -> tuple[Array, Array]:
+    """Approach at which the bodies first touch, and the motion to begin with."""
+    guess = get_motion(problem.pose)[np.asarray(how.which)]
+    bodies = (problem.elastomer, problem.object_, problem.indenter)
+    force = problem.target[0] if how.which[0] == 0 else jnp.zeros_like(problem.target[0])
+    lowest, estimate = estimate_approach(*bodies, how.grid, force)
+    if how.which[0] != 0:
+        return lowest, guess
+    depth, likely = guess[0] - lowest, estimate - lowest
+    near = (depth > 0.0) & (depth * _FAR >= likely) & (depth <= _FAR * likely)
+    return lowest, guess.at[0].set(jnp.where(near, guess[0], estimate))
+
+
 def _contact(problem: _Problem, motion: Array, how: _How) -> ContactSolution:
     """The contact with some of the motion replaced."""
     return solve_contact(
@@ -230,8 +254,11 @@ def _contact(problem: _Problem, motion: Array, how: _How) -> ContactSolution:
     )
 
 
-def _assess(problem: _Problem, motion: Array, how: _How) -> _State:
-    """Resultants at a motion, how they change with it, and their scales."""
+def _assess(problem: _Problem, motion: Array, how: _How, lowest: Array) -> _State:
+    """Resultants at a motion, how they change with it, and their scales.
+
+    Out of touch every motion carries nothing: no nearer to what is asked for than another.
+    """
     index = np.asarray(how.which)
 
     def carried(motion: Array) -> tuple[Array, ContactSolution]:
@@ -239,16 +266,19 @@ def _assess(problem: _Problem, motion: Array, how: _How) -> _State:
         return _resultants(solution)[index], solution
 
     slope, solution = jax.jacfwd(carried, has_aux=True)(motion)
-    scale, limit = _scales(solution, problem.target, index)
+    scale, limit = _scales(solution, problem.target, index, lowest)
     defect = problem.target - _resultants(solution)[index]
     residual = jnp.sqrt(jnp.sum((defect / scale) ** 2))
+    touching = jnp.any(solution.contact)
+    apart = jnp.where(jnp.any(problem.target != 0.0), jnp.inf, 0.0)
+    still = jnp.diag(jnp.full_like(motion, np.sqrt(jnp.finfo(motion.dtype).max)))
     return _State(
         motion=motion,
         defect=defect,
-        slope=slope + jnp.diag(_FLOOR * scale / limit),
+        slope=jnp.where(touching, slope + jnp.diag(_FLOOR * scale / limit), still),
         scale=scale,
         limit=limit,
-        residual=jnp.where(jnp.any(solution.contact), residual, jnp.inf),
+        residual=jnp.where(touching, residual, apart),
         stick=solution.stick_ratio if np.any(index > 0) else jnp.ones(()),
     )
 
@@ -271,7 +301,9 @@ def _resultants(solution: ContactSolution) -> Array:
     return jnp.stack([-z, x, y, solution.moment])
 
 
-def _scales(solution: ContactSolution, target: Array, index: np.ndarray) -> tuple[Array, Array]:
+def _scales(
+    solution: ContactSolution, target: Array, index: np.ndarray, lowest: Array
+) -> tuple[Array, Array]:
     """Of the resultants: what friction carries; of the motion: the longest step."""
     area = solution.grid.cell_area
     force = jnp.sum(solution.pressure) * area
@@ -283,7 +315,7 @@ def _scales(solution: ContactSolution, target: Array, index: np.ndarray) -> tupl
     shear = jnp.maximum(jnp.sum(solution.friction_coefficient * solution.pressure) * area, 1e-30)
     scale = jnp.stack([force, shear, shear, shear * radius])[index]
     scale = jnp.where(index == 0, jnp.maximum(scale, jnp.abs(target)), scale)
-    approach = _APPROACH * jnp.abs(solution.pose.approach)
+    approach = _APPROACH * jnp.abs(solution.pose.approach - lowest)
     shift = _SHIFT * radius
     return scale, jnp.stack([approach, shift, shift, jnp.full((), _TWIST)])[index]
 

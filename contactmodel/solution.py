@@ -44,6 +44,10 @@ class RESULTS(eqx.Enumeration):
         "pressure and traction did not settle on each other: take the path in smaller steps, or a "
         "smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
     )
+    out_of_touch = (
+        "the bodies do not touch, and carry no force and no moment: give a larger approach, or a "
+        "normal force"
+    )
     beyond_friction = "friction cannot carry the force or moment asked for"
     resultant_max_steps = (
         "no motion was found for the force or moment asked for: give a first guess nearer to it, "

@@ -7,17 +7,23 @@ import pytest
 
 from contactmodel import (
     RESULTS,
+    Domed,
     Grid,
     HalfSpace,
+    HeightMap,
     Paraboloid,
+    Placed,
     Pose,
     Rigid,
+    Sphere,
+    SquarePunch,
     make_path,
     solve_contact,
     solve_path,
     solve_resultant,
     solve_resultant_path,
 )
+from contactmodel.first_approach import estimate_approach
 
 GRID = Grid((24, 24), (10.0, 10.0))
 BODIES = HalfSpace(1.0, 0.4), HalfSpace(3.0, 0.3), Paraboloid(30.0)
@@ -66,6 +72,69 @@ def test_a_path_of_given_moments_reproduces_the_motion_and_its_history():
     np.testing.assert_allclose(found.pose.shift, 0.0)
 
 
+@pytest.mark.parametrize("approach", [-3.0, 0.0, 1e-9, 10.0, 1e4])
+def test_any_approach_will_do_to_begin_with(moved, approach):
+    found = solve_resultant(
+        *BODIES, Pose(approach), GRID, 0.5,
+        normal_force=-moved.force[2], shear_force=moved.force[:2], moment=moved.moment,
+    )  # fmt: skip
+    assert bool(found.result == RESULTS.successful)
+    np.testing.assert_allclose(found.pose.approach, 0.3, rtol=1e-6)  # as above
+    np.testing.assert_allclose(found.pose.twist, 0.04, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "indenter",
+    [
+        Domed(Placed(Sphere(20.0), (1.0, 1.0)), 30.0),  # touches first at 0.02 mm
+        SquarePunch(4.0, 0.5),
+        HeightMap(
+            3.0 + np.add.outer(np.arange(-3, 4) ** 2, np.arange(-3, 4) ** 2) / 40, (1.0, 1.0)
+        ),
+    ],
+    ids=["domed", "punch", "lifted"],
+)
+@pytest.mark.parametrize("force", [1e-6, 1.0, 4.0])
+def test_the_estimated_approach_is_near(indenter, force):
+    """The force there is of the right size; without friction, which compiles fast."""
+    lowest, approach = estimate_approach(*BODIES[:2], indenter, GRID, jnp.asarray(force))
+    assert float(lowest) < float(approach)
+    found = solve_contact(*BODIES[:2], indenter, Pose(approach), GRID, 0.0)
+    # exact for a paraboloid; a flat face, all of whose overlap touches, is √2 stiffer
+    assert 0.7 * force < -float(found.force[2]) < 1.5 * force
+
+
+def test_a_path_of_forces_begins_and_ends_out_of_touch():
+    force = jnp.asarray([0.0, 3.0, 1.0, 0.0, 2.0])
+    found = solve_resultant_path(
+        *BODIES, Pose(jnp.zeros(5)), GRID, 0.5, normal_force=force, moment=jnp.zeros(5)
+    )
+    np.testing.assert_allclose(-found.force[:, 2], force, rtol=1e-7)  # of the solver
+    apart = np.asarray(found.result == RESULTS.no_contact)
+    assert apart.tolist() == [True, False, False, True, False]
+    with pytest.raises(RuntimeError, match=r"step 1 of the path: .*do not touch"):
+        solve_resultant_path(
+            *BODIES, Pose(jnp.zeros(2)), GRID, 0.5, normal_force=0.0, moment=jnp.arange(2.0)
+        )
+
+
+def test_bodies_that_do_not_touch_carry_no_moment():
+    pose = Pose(0.0, linear=True)
+    short = solve_resultant(*BODIES, pose, GRID, 0.5, moment=1.0, throw=False)
+    assert bool(short.result == RESULTS.out_of_touch)
+    with pytest.raises(RuntimeError, match="do not touch"):
+        solve_resultant(*BODIES, pose, GRID, 0.5, moment=1.0)
+
+
+def test_more_force_and_moment_than_friction_carries_is_refused(moved):
+    given = {"normal_force": -moved.force[2], "moment": 0.0}
+    for shear in ((1e3, 0.0), -0.51 * moved.force[2] * jnp.asarray([0.6, 0.8])):
+        with pytest.raises(RuntimeError, match="friction cannot carry"):
+            solve_resultant(*BODIES, Pose(0.0), GRID, 0.5, shear_force=shear, **given)
+    with pytest.raises(ValueError, match="must not be below 0 N"):
+        solve_resultant(*BODIES, Pose(0.0), GRID, 0.5, normal_force=-1.0)
+
+
 @pytest.mark.parametrize(
     ("path", "given", "words"),
     [
@@ -94,19 +163,21 @@ def test_more_than_friction_carries_says_how_much():
 
 def test_derivatives_by_resultants_and_materials():
     @jax.jit
-    def twist(values):
+    def twist(values, start):
         modulus, moment, force = values
         bodies = HalfSpace(modulus, 0.5), Rigid(), Paraboloid(30.0)
         found = solve_resultant(
-            *bodies, TOUCHING, GRID, 0.5, moment=moment, normal_force=force, rtol=1e-10
+            *bodies, Pose(start), GRID, 0.5, moment=moment, normal_force=force, rtol=1e-10
         )
         return found.pose.twist
 
     values = jnp.asarray([1.0, 2.0, 5.0])
-    gradient = jax.jit(jax.grad(twist))(values)
+    slope = jax.jit(jax.grad(twist))
+    gradient = slope(values, 0.2)
+    np.testing.assert_allclose(slope(values, -1.0), gradient, rtol=1e-6)  # it forgets its start
     for i in range(3):
         step = jnp.zeros(3).at[i].set(1e-5)
-        difference = (twist(values + step) - twist(values - step)) / 2e-5
+        difference = (twist(values + step, 0.2) - twist(values - step, 0.2)) / 2e-5
         # 1e-9 of the resultants over the step
         assert float(gradient[i]) == pytest.approx(float(difference), rel=2e-4)
 
