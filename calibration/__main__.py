@@ -249,7 +249,7 @@ def field(
     """Fit numbers of a contact to the fields and forces of frames."""
     from calibration.experiment import read_experiment
     from calibration.field_fit import fit_fields
-    from calibration.field_report import write_fit
+    from calibration.field_report import tell_numbers, write_fit
 
     check_writable(out)
     wanted = read_experiment(experiment)
@@ -258,7 +258,7 @@ def field(
         fit = fit_fields(model, wanted.numbers, data, starts=starts, said=say)
     with _results(out, "field") as folder:
         write_fit(fit, data, model.markers, wanted.frames, folder)
-    for line in fit.verdict:
+    for line in (*tell_numbers(fit), *fit.verdict):
         print(line)
     print(f"written to {out / 'report.html'}")
 

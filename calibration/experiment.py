@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from calibration.field_fit import FieldData
+from calibration.field_result import FieldData
 from calibration.forward import UNITS, FieldModel, Unknown, press_and_move
 from contactmodel import Grid
 from estimation.recording import Recording

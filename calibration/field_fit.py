@@ -8,8 +8,7 @@ What is sought are coordinates, the logarithm of a number whose bounds are above
 number itself; a sigmoid keeps them between the bounds. Residuals are in standard deviations.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,99 +19,14 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 from scipy.stats import chi2
 
+from calibration.field_parts import find_kinds, find_parts
+from calibration.field_result import FRICTION, LEAST_P, LEAST_SLIP, FieldData, FieldFit
 from calibration.forward import FieldModel, Prediction, Unknown
+from calibration.information import Z95, correlate, invert_information, is_determined
 
-Z95 = 1.959964
-"""Half-width of a 95 % interval in standard errors."""
-
-LARGEST_ERROR = 0.25
-"""Standard error, of a logarithm or a coordinate, above which a number counts as undetermined."""
-
-LARGEST_SHARE = 0.125
-"""The same, by the distance of the bounds."""
-
-LEAST_SLIP = 1.5
-"""Width of the ring that slips, in cells, below which the cells and not μ tell what slips.
-
-Fitted on cells twice as large as those of the field, μ is off by 40 % at half a cell, within its
-interval of 5 % at one, within 0.3 % at seven.
-"""
-
-_FRICTION = "friction_coefficient"
 _AT_BOUND = 0.02  # of the distance of the bounds, or of a standard error
 _SETTLED = 0.1  # the last step: root sum of squares of what it changed, in standard deviations
 _START_SHARE = 0.8  # of the distance of the bounds from which random starts are drawn
-
-
-class FieldData(NamedTuple):
-    """What was measured; NaN where it was not.
-
-    Attributes:
-        displacement: of the markers, frame by frame [mm].
-        displacement_error: standard deviation along x, y, z [mm].
-        force: of the object on the elastomer [N]; None if not measured.
-        force_error: standard deviation [N].
-        moment: about z through the origin [N·mm]; None if not measured.
-        moment_error: standard deviation [N·mm].
-    """
-
-    displacement: Float[np.ndarray, "frames n 3"]
-    displacement_error: tuple[float, float, float] = (1e-3, 1e-3, 3e-3)
-    force: Float[np.ndarray, "frames 3"] | None = None
-    force_error: float = 0.02
-    moment: Float[np.ndarray, " frames"] | None = None
-    moment_error: float = 0.2
-
-
-@dataclass(frozen=True)
-class FieldFit:
-    """What was found, and what was not.
-
-    Attributes:
-        names: of the numbers sought, `twist[1]` for the second of several.
-        values: best estimates; NaN where undetermined.
-        low: lower ends of the 95 % intervals; NaN where undetermined.
-        high: upper ends.
-        determined: whether the data tell a number; false also at a bound.
-        covariance: of the coordinates, a pseudo-inverse where they are undetermined.
-        correlation: of the coordinates.
-        misfit: χ² by the degrees of freedom, the priors not counted; about 1 if the model holds.
-        trusted: whether the misfit is what the noise explains (χ² within its 99.9 % quantile).
-        residual: measured less predicted displacement [mm].
-        predicted: by the fitted model.
-        best: every number of the scene, also those that are undetermined: where to start again.
-        converged: whether the fit came to an end.
-        steps: trials of the fit.
-        agreeing: of several starts, the share that came to this minimum.
-    """
-
-    names: tuple[str, ...]
-    values: Float[np.ndarray, " p"]
-    low: Float[np.ndarray, " p"]
-    high: Float[np.ndarray, " p"]
-    determined: Bool[np.ndarray, " p"]
-    covariance: Float[np.ndarray, "p p"]
-    correlation: Float[np.ndarray, "p p"]
-    misfit: float
-    trusted: bool
-    residual: Float[np.ndarray, "frames n 3"]
-    predicted: Prediction
-    best: Mapping[str, Any]
-    converged: bool
-    steps: int
-    agreeing: float = 1.0
-
-    @property
-    def left(self) -> float:
-        """Root mean square displacement that the model leaves, over that of what was measured."""
-        known = np.isfinite(self.residual)
-        measured = (self.predicted.displacement + self.residual)[known]
-        return float(np.sqrt(np.sum(self.residual[known] ** 2) / np.sum(measured**2)))
-
-    @property
-    def verdict(self) -> list[str]:
-        """What to make of the fit, in sentences."""
-        return list(_judge(self))
 
 
 def fit_fields(
@@ -285,7 +199,7 @@ class Problem(eqx.Module):
 
     def is_seen(self, outputs: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " p"]:
         """Which coordinates the grid can show: μ only where a ring slips that is wide enough."""
-        friction = np.array([name == _FRICTION for name in self.names])
+        friction = np.array([name == FRICTION for name in self.names])
         return ~friction | (self.split(outputs).slip_width >= LEAST_SLIP)
 
     def draw(self, rng: np.random.Generator) -> Array:
@@ -376,11 +290,9 @@ def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing:
     )
     low, high, weights = (np.asarray(a) for a in (problem.low, problem.high, problem.weights))
     freedom = max(int(np.count_nonzero(weights)) - len(c), 1)
-    square = float(np.sum(residual[: len(weights)] ** 2))
-    trusted = square <= chi2.ppf(0.999, freedom)
+    misfits, p_value = _test(problem, residual, freedom)
+    trusted = p_value >= LEAST_P
     covariance, error = invert_information(jacobian.T @ jacobian)
-    if not trusted:
-        covariance, error = covariance * square / freedom, error * np.sqrt(square / freedom)
     slack = np.minimum(c - low, high - c)
     at_bound = slack < np.minimum(_AT_BOUND * (high - low), np.maximum(error, 1e-6))
     determined = is_determined(error, high - low) & ~at_bound
@@ -392,13 +304,15 @@ def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing:
     return FieldFit(
         names=problem.names,
         values=np.where(determined, problem.to_values(c), np.nan),
-        low=np.where(determined, ends[0], np.nan),
-        high=np.where(determined, ends[1], np.nan),
+        low=np.where(determined & trusted, ends[0], np.nan),
+        high=np.where(determined & trusted, ends[1], np.nan),
         determined=determined,
         covariance=covariance,
         correlation=correlate(covariance),
-        misfit=square / freedom,
-        trusted=bool(trusted),
+        misfit=float(np.sum(residual[: len(weights)] ** 2)) / freedom,
+        misfits=misfits,
+        p_value=p_value,
+        left_out=_leave_out(problem, end),
         residual=np.asarray(measured.displacement - predicted.displacement),
         predicted=predicted,
         best={name: np.asarray(found[name]) for name in numbers},
@@ -408,63 +322,35 @@ def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing:
     )
 
 
-def invert_information(
-    information: Float[np.ndarray, "p p"],
-) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """Covariance and standard errors from the Fisher information.
-
-    A direction without information gets none in the covariance, and every coordinate that has a
-    part in it an infinite error.
-    """
-    scale = np.sqrt(np.diag(information))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    blind = values <= 1e-12 * max(values[-1], 1.0)
-    inverse = np.where(blind, 0.0, 1.0 / np.where(blind, 1.0, values))
-    covariance = (vectors * inverse) @ vectors.T / np.outer(scale, scale)
-    lost = (np.abs(vectors[:, blind]) > 1e-6).any(axis=1)
-    return covariance, np.where(lost, np.inf, np.sqrt(np.diag(covariance)))
+def _test(
+    problem: Problem, residual: Float[np.ndarray, " m"], freedom: int
+) -> tuple[dict[str, float], float]:
+    """χ² of each kind of measurement by their number, and the probability of one so large."""
+    square, count = residual[: len(problem.weights)] ** 2, np.asarray(problem.weights) > 0
+    kinds = {name: part & count for name, part in find_kinds(problem.model).items()}
+    sizes = {name: int(part.sum()) for name, part in kinds.items() if part.any()}
+    sums = {name: float(square[kinds[name]].sum()) for name in sizes}
+    tails = [chi2.sf(sums[name], size) for name, size in sizes.items()]
+    smallest = min(chi2.sf(float(square.sum()), freedom), *tails)
+    found = {name: sums[name] / size for name, size in sizes.items()}
+    return found, min(float(smallest) * (1 + len(tails)), 1.0)
 
 
-def is_determined(
-    error: Float[np.ndarray, " p"], span: Float[np.ndarray, " p"]
-) -> Bool[np.ndarray, " p"]:
-    """Whether a standard error is small enough to report a number."""
-    return error <= np.minimum(LARGEST_ERROR, LARGEST_SHARE * span)
-
-
-def correlate(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Correlations; 0 with a number that has no covariance."""
-    error = np.sqrt(np.diag(covariance))
-    error = np.where(error > 0.0, error, 1.0)
-    return covariance / np.outer(error, error)
-
-
-def _judge(fit: FieldFit) -> Sequence[str]:
-    lost = [name for name, known in zip(fit.names, fit.determined, strict=True) if not known]
-    said = []
-    if lost:
-        said.append(f"The data do not determine {', '.join(lost)}: no number is given.")
-    if _FRICTION in lost and fit.predicted.slip_width < LEAST_SLIP:
-        said.append(
-            f"What slips is a ring of {fit.predicted.slip_width:.1f} cells at its widest, too "
-            "narrow to tell μ: twist or shift the object further, or take smaller cells."
-        )
-    rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
-    where = (
-        f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z, "
-        f"{100.0 * fit.left:.2g} % of the motion"
+def _leave_out(problem: Problem, end: _End) -> dict[str, Float[np.ndarray, " p"]]:
+    """The estimates without a part of the data, to first order; NaN where undetermined."""
+    residual, jacobian, c = (
+        np.asarray(part) for part in (end.residual, end.jacobian, end.coordinates)
     )
-    if fit.trusted:
-        said.append(f"The model describes the data within the errors given for them: {where}.")
-    else:
-        said.append(
-            f"The model does not describe the data within their errors (χ² {fit.misfit:.3g} times "
-            f"what it should be; {where}): the intervals are widened by its root, which holds "
-            "only as far as the misfit is random."
-        )
-    if not fit.converged:
-        said.append("The fit did not come to an end: start nearer, or allow more steps.")
-    if fit.agreeing < 1.0:
-        said.append(f"{100 * fit.agreeing:.0f} % of the starts came to this minimum.")
-    return said
+    low, high, weights = (np.asarray(a) for a in (problem.low, problem.high, problem.weights))
+    priors = np.ones(len(residual) - len(weights), dtype=bool)
+    centre = problem.model.scene(problem.numbers(end.coordinates)).path.centre[-1]
+    found = {}
+    for name, part in find_parts(problem.model, np.asarray(centre)).items():
+        rest = np.concatenate([~part, priors])
+        if not (part & (weights > 0)).any():
+            continue
+        covariance, error = invert_information(jacobian[rest].T @ jacobian[rest])
+        moved = np.clip(c - covariance @ (jacobian[rest].T @ residual[rest]), low, high)
+        known = is_determined(error, high - low)
+        found[name] = np.where(known, problem.to_values(moved), np.nan)
+    return found

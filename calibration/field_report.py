@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from calibration.field_fit import FieldData, FieldFit
+from calibration.field_result import FieldData, FieldFit
 from calibration.forward import UNITS
 from calibration.identifiability import Identifiability
 from estimation.files import write_whole
@@ -38,6 +38,8 @@ def write_fit(
     summary = {
         "numbers": rows,
         "misfit": fit.misfit,
+        "misfit_by_kind": dict(fit.misfits),
+        "p_value": fit.p_value,
         "model_describes_data": fit.trusted,
         "converged": fit.converged,
         "steps": fit.steps,
@@ -53,6 +55,20 @@ def write_fit(
         "correlation.png": figure_png(plot_correlation(fit.names, fit.correlation)),
     }
     _write(folder, "field", images, summary, fit=fit, data=data, frames=frames)
+
+
+def tell_numbers(fit: FieldFit) -> list[str]:
+    """A line for each number that is determined: its value, and its interval or range."""
+    lines = []
+    for row in (_row(fit, i) for i in range(len(fit.names)) if fit.determined[i]):
+        ends = (row["low"], row["high"]) if fit.trusted else row["left_out_range"]
+        what = "95 % interval" if fit.trusted else "with a part of the data left out"
+        lost = (
+            "" if fit.trusted else "".join(f"; undetermined without {n}" for n in row["hangs_on"])
+        )
+        shown = f"{what} {ends[0]:.4g} to {ends[1]:.4g}{lost}"
+        lines.append(f"{row['name']} = {row['value']:.4g} {row['unit']} ({shown})")
+    return lines
 
 
 def write_design(found: Identifiability, folder: Path) -> None:
@@ -136,6 +152,9 @@ def _row(fit: FieldFit, i: int) -> dict[str, Any]:
         "value": _figure(fit.values[i]),
         "low": _figure(fit.low[i]),
         "high": _figure(fit.high[i]),
+        "left_out": {what: _figure(values[i]) for what, values in fit.left_out.items()},
+        "left_out_range": [_figure(end[i]) for end in fit.span],
+        "hangs_on": fit.hangs_on(i),
     }
 
 

@@ -15,16 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from calibration.field_fit import (
-    LARGEST_ERROR,
-    Z95,
-    FieldData,
-    Problem,
-    correlate,
-    is_determined,
-    value_and_jacobian,
-)
+from calibration.field_fit import Problem, value_and_jacobian
+from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown
+from calibration.information import LARGEST_ERROR, Z95, correlate, is_determined
 
 REFERENCE_ERROR = 0.01
 """Of a reference for one number that would be measured beside: relative, or in its unit."""

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
-from calibration.field_fit import Z95, invert_information
+from calibration.information import Z95, invert_information
 from calibration.layered_checks import check_turns
 from estimation.estimators.measurement import Z95 as HALF_WIDTH
 from estimation.layered_softness import Added, LayeredSoftness, Matrix, lifting_turns

@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from calibration.field_fit import FieldData, FieldFit, fit_fields
+from calibration.field_fit import fit_fields
+from calibration.field_result import FieldData, FieldFit
 from calibration.forward import FieldModel, Prediction, Unknown, press_and_move
 from contactmodel import Grid
 from papers.items import Track
@@ -92,7 +93,7 @@ class Result(NamedTuple):
     Attributes:
         fits: by experiment, one for each draw of noise.
         inside: by experiment, for each draw and number whether the interval holds the truth; NaN
-            where no number is given.
+            where no interval is given.
     """
 
     fits: dict[str, list[FieldFit]]
@@ -127,7 +128,7 @@ def _fit(experiment: Experiment, cells: int, fine: int, draws: int) -> list[Fiel
 
 def _holds(experiment: Experiment, fit: FieldFit) -> Float[np.ndarray, " p"]:
     truth = _sought(experiment)
-    return np.where(fit.determined, (fit.low <= truth) & (truth <= fit.high), np.nan)
+    return np.where(np.isfinite(fit.low), (fit.low <= truth) & (truth <= fit.high), np.nan)
 
 
 def _sought(experiment: Experiment) -> Float[np.ndarray, " p"]:
@@ -180,8 +181,10 @@ def _cover(name: str, inside: Float[np.ndarray, "draws p"]) -> dict[str, object]
     """Share of the draws in which the interval of each number holds the truth."""
     row: dict[str, object] = {"experiment": name, "fits": len(inside)}
     for number, held in zip(SOUGHT, inside.T, strict=True):
-        flagged = np.isnan(held).any()
-        row[f"{number} [%]"] = "flagged" if flagged else round(100 * float(held.mean()), 1)
+        given = held[np.isfinite(held)]
+        row[f"{number} [%]"] = round(100 * float(given.mean()), 1) if given.size else "flagged"
+        if 0 < given.size < held.size:
+            row[f"{number} [%]"] = f"{row[f'{number} [%]']} ({held.size - given.size} without)"
     return row
 
 

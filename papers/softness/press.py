@@ -16,7 +16,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from calibration.experiment import Experiment, read_experiment
-from calibration.field_fit import FieldFit, fit_fields
+from calibration.field_fit import fit_fields
+from calibration.field_result import FieldFit
 from contactmodel import Grid
 from estimation import datasets
 from estimation.recording import Recording
@@ -28,9 +29,6 @@ TESTED = 192
 """The frame that the variants are fitted to."""
 
 FINE_CELLS = 48
-NOISE_MM = (1e-3, 1e-3, 3.5e-3)
-"""Of the markers at rest; the errors told to the fit are what the model leaves."""
-
 _SHOWN = ("shear_modulus", "thickness", "friction_coefficient", "radius", "twist")
 
 
@@ -54,11 +52,6 @@ class Press(NamedTuple):
     markers: Float[np.ndarray, "n 2"]
     force: float
     moment: float
-
-    @property
-    def misfit(self) -> float:
-        """χ² by the degrees of freedom, were the model right and the noise that at rest."""
-        return float(np.nanmean((self.fit.residual[0] / np.asarray(NOISE_MM)) ** 2))
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Press]:
@@ -90,7 +83,7 @@ def _fit(recording: Recording, plan: Experiment, frame: int, variant: str) -> Pr
 
 
 def tables(result: list[Press]) -> dict[str, list[dict[str, object]]]:
-    """Numbers with their 95 % intervals, and what the model leaves."""
+    """Numbers, their ranges where data are left out, the residual and χ²."""
     return {
         "": [
             {
@@ -100,7 +93,7 @@ def tables(result: list[Press]) -> dict[str, list[dict[str, object]]]:
                 "moment [N·mm]": round(one.moment, 1),
                 **{_TITLES[name]: _show(one.fit, name) for name in _SHOWN},
                 "left of motion [%]": round(100 * one.fit.left, 1),
-                "χ² at noise": round(one.misfit),
+                "χ² by freedom": round(one.fit.misfit),
             }
             for one in result
         ]
@@ -117,13 +110,13 @@ _TITLES: Mapping[str, str] = {
 
 
 def _show(fit: FieldFit, name: str) -> str:
-    """A number with its interval, or that there is none."""
+    """A number with its range over the parts left out (no interval), or that there is none."""
     i = fit.names.index(name)
     if not fit.determined[i]:
         return "undetermined"
     scale = 180.0 / np.pi if name == "twist" else 1.0
-    value, low, high = (scale * float(part[i]) for part in (fit.values, fit.low, fit.high))
-    return f"{value:.3g} ({low:.3g} to {high:.3g})"
+    value, low, high = (scale * float(part[i]) for part in (fit.values, *fit.span))
+    return f"{value:.3g} ({low:.3g} to {high:.3g}{', or none' if fit.hangs_on(i) else ''})"
 
 
 def plot(result: list[Press]) -> Figure:

@@ -1,9 +1,14 @@
 """Numbers of a contact from its fields: recovered where the data tell them, flagged where not."""
 
+import json
+
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from calibration.field_fit import FieldData, fit_fields
+from calibration.field_fit import fit_fields
+from calibration.field_report import tell_numbers, write_fit
+from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown, press_and_move
 from contactmodel import Grid
 
@@ -57,6 +62,7 @@ def test_five_numbers_are_found_to_one_percent(model, data):
     np.testing.assert_allclose(fit.values, truth, rtol=1e-2)  # what was asked for
     assert ((fit.low < truth) & (truth < fit.high)).sum() >= 4  # 95 % each: 97.7 % of the time
     assert fit.trusted
+    assert fit.verdict[0].startswith("The model describes")
     # 600 values of known noise: χ² by the degrees of freedom is 1 ± 0.058
     assert abs(fit.misfit - 1.0) < 4 * 0.058
 
@@ -72,11 +78,58 @@ def test_without_forces_the_modulus_is_flagged_and_the_rest_is_not(model, data):
     np.testing.assert_allclose(fit.values[1:], [4.0, 0.6, 15.0, 0.5], rtol=1e-2)
 
 
-def test_a_wrong_model_is_not_trusted(model, data):
-    wrong = data.displacement + 0.01 * np.sin(3.0 * np.arange(600)).reshape(2, 100, 3)
-    fit = fit_fields(model, TRUTH | SOUGHT, data._replace(displacement=wrong))
+@pytest.fixture(scope="module")
+def wrong(model, data):
+    """Data that the model does not describe, and their fit."""
+    moved = data.displacement + 0.01 * np.sin(3.0 * np.arange(600)).reshape(2, 100, 3)
+    told = data._replace(displacement=moved)
+    return told, fit_fields(model, TRUTH | SOUGHT, told)
+
+
+def test_a_wrong_model_is_not_trusted(wrong):
+    _, fit = wrong
     assert not fit.trusted
     assert "does not describe" in fit.verdict[0]
+    assert "No intervals are given" in fit.verdict[1]
+    assert np.isfinite(fit.values).all()
+    assert np.isnan(fit.low).all()
+    assert np.isnan(fit.high).all()
+
+
+def test_what_is_written_of_a_wrong_model(model, wrong, tmp_path):
+    data, fit = wrong
+    write_fit(fit, data, model.markers, (3, 4), tmp_path)
+    summary = json.loads((tmp_path / "field.json").read_text())
+    assert not summary["model_describes_data"]
+    assert all(row["low"] is None and row["high"] is None for row in summary["numbers"])
+    assert "no interval" in (tmp_path / "report.html").read_text()
+    assert tell_numbers(fit)[0].endswith("undetermined without forces)")
+
+
+def test_two_wrong_moments_are_enough_to_reject_the_model(model, data):
+    """Four times their error hides among 600 displacements, but not among two moments."""
+    moment = data.moment + np.array([0.25, -0.25])
+    fit = fit_fields(model, TRUTH | SOUGHT, data._replace(moment=moment))
+    assert fit.misfits["moment"] > 10.0
+    assert chi2.sf(603 * fit.misfit, 603) > 1e-3  # by all data it would pass
+    assert not fit.trusted
+
+
+def test_what_is_left_out_tells_what_a_number_hangs_on(model, data):
+    """To first order the estimates without forces, or without a third of the markers."""
+    fit = fit_fields(model, TRUTH | SOUGHT, data)
+    assert fit.hangs_on(0) == ["forces"]  # only they tell the modulus
+    assert (fit.span[0] <= fit.values).all()
+    assert (fit.values <= fit.span[1]).all()
+    assert set(fit.left_out) > {
+        "displacements along z",
+        "inner third of the markers",
+        "frame 1 of 2",
+    }
+    blind = data._replace(force=np.full((2, 3), np.nan), moment=np.full(2, np.nan))
+    without = fit_fields(model, TRUTH | SOUGHT, blind).values[1:]
+    # the second order of shifts of 0.1 %, and where the fit stops: 0.1 standard errors of 0.2 %
+    np.testing.assert_allclose(fit.left_out["forces"][1:], without, rtol=5e-4)
 
 
 def test_what_does_not_fit_is_refused(model, data):

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from calibration import experiment as experiments
 from calibration.__main__ import app
-from calibration.field_fit import FieldData
+from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown, press_and_move
 from calibration.identifiability import identify
 from contactmodel import Grid, Pose

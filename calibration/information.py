@@ -1,0 +1,45 @@
+"""What the Fisher information of measurements tells of the numbers they are fitted with."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+Z95 = 1.959964
+"""Half-width of a 95 % interval in standard errors."""
+
+LARGEST_ERROR = 0.25
+"""Standard error, of a logarithm or a coordinate, above which a number counts as undetermined."""
+
+LARGEST_SHARE = 0.125
+"""The same, by the distance of the bounds."""
+
+
+def invert_information(
+    information: Float[np.ndarray, "p p"],
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """Covariance and standard errors from the Fisher information.
+
+    A direction without information gets none in the covariance, and every coordinate that has a
+    part in it an infinite error.
+    """
+    scale = np.sqrt(np.diag(information))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    blind = values <= 1e-12 * max(values[-1], 1.0)
+    inverse = np.where(blind, 0.0, 1.0 / np.where(blind, 1.0, values))
+    covariance = (vectors * inverse) @ vectors.T / np.outer(scale, scale)
+    lost = (np.abs(vectors[:, blind]) > 1e-6).any(axis=1)
+    return covariance, np.where(lost, np.inf, np.sqrt(np.diag(covariance)))
+
+
+def is_determined(
+    error: Float[np.ndarray, " p"], span: Float[np.ndarray, " p"]
+) -> Bool[np.ndarray, " p"]:
+    """Whether a standard error is small enough to report a number."""
+    return error <= np.minimum(LARGEST_ERROR, LARGEST_SHARE * span)
+
+
+def correlate(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Correlations; 0 with a number that has no covariance."""
+    error = np.sqrt(np.diag(covariance))
+    error = np.where(error > 0.0, error, 1.0)
+    return covariance / np.outer(error, error)
