@@ -6,7 +6,6 @@ the model, the share of the intervals that hold where it does not, and, where it
 intervals widened by the root of χ² would have held.
 """
 
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -22,6 +21,7 @@ from calibration.field_result import FieldData, FieldFit
 from calibration.forward import FieldModel, Scene, Unknown, press_and_move
 from calibration.information import Z95
 from contactmodel import Domed, Ellipsoid, Grid, HalfSpace, Layer, Placed, Pose
+from tests.benchmarks.arguments import make_parser
 
 GRID = Grid((22, 22), (16.0, 16.0))
 NOISE = np.array([1e-3, 1e-3, 3e-3])
@@ -39,8 +39,10 @@ Change = Callable[[Numbers, np.random.Generator], Any]
 
 def main() -> None:
     """Print the table."""
+    parser = make_parser(__doc__)
+    parser.add_argument("draws", nargs="?", type=int, default=16, help="of each misfit")
+    draws = parser.parse_args().draws
     jax.config.update("jax_enable_x64", True)
-    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 16
     seen = eqx.filter_jit(FieldModel(wide_scene, GRID, _markers(), frames=2).predict)
     table = Table("misfit", "χ²/freedom", "rejected", "accepted: hold", "rejected: widened hold")
     for name, change in CHANGES.items():
