@@ -87,11 +87,13 @@ def _set_up_jax() -> None:
     """Double precision, and a folder for compiled programs, which the next run need not compile.
 
     By JAX's own environment variables: most commands need no JAX, and importing it takes long.
-    `JAX_ENABLE_COMPILATION_CACHE=0` switches the folder off. One that cannot be read or written
-    costs what compiling costs, nothing else.
+    `JAX_ENABLE_COMPILATION_CACHE=0` switches the folder off. It grows to 1 GiB, then the programs
+    go that were not used for longest; FileLock keeps processes apart. A folder that cannot be read
+    or written costs what compiling costs, nothing else.
     """
     os.environ["JAX_ENABLE_X64"] = "True"
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_folder() / "compiled"))
+    os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(2**30))  # bytes; also locks it
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
     if "jax" in sys.modules:  # imported by a caller, who chooses where programs are kept

@@ -4,7 +4,7 @@ from importlib.util import find_spec
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "video": ("av",),
-    "sweeps": ("dask", "distributed", "locket", "zarr"),
+    "sweeps": ("dask", "distributed", "zarr"),
 }
 """Packages that each extra installs, by the name they are imported under."""
 

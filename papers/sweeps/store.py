@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 import zarr
+from filelock import FileLock, Timeout
 from jaxtyping import Bool, Int, Shaped
-from locket import LockError, lock_file
 
 from papers.sweeps.study import Failure, Table, Values, table_hash
 
@@ -121,10 +121,10 @@ def lock(path: Path) -> Iterator[None]:
         ValueError: one does.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    held = lock_file(str(path.resolve().with_name(f".{path.name}.lock")), timeout=0.0)
+    held = FileLock(path.resolve().with_name(f".{path.name}.lock"))
     try:
-        held.acquire()
-    except LockError as error:
+        held.acquire(timeout=0)
+    except Timeout as error:
         raise ValueError(f"another sweep is writing to {path}") from error
     try:
         yield
