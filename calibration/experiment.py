@@ -1,7 +1,6 @@
 """An experiment in a file: what is pressed on how, what of it is known, and what is measured."""
 
-import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,12 +12,30 @@ from jaxtyping import Float
 from calibration.field_result import FieldData
 from calibration.forward import UNITS, FieldModel, Unknown, press_and_move
 from contactmodel import Grid
+from contactmodel.inputs import (
+    as_flag,
+    as_list,
+    as_matrix,
+    as_number,
+    as_numbers,
+    as_table,
+    as_text,
+    as_texts,
+    as_whole,
+    expect_keys,
+    naming,
+    read_toml,
+)
 from estimation.recording import Recording
 
 FORMAT_VERSION = 1
-_KEYS = {"format_version", "shape", "cells", "size_mm", "frames", "markers", "errors", "numbers"}
+_KEYS = {"shape", "cells", "size_mm", "frames", "markers", "errors", "numbers"}
 _KEYS |= {"design"}
-_ERRORS = {"displacement_um": (1.0, 1.0, 3.0), "force_N": 0.02, "moment_Nmm": 0.2}
+_ERRORS = {"displacement_um": [1.0, 1.0, 3.0], "force_N": 0.02, "moment_Nmm": 0.2}
+MOST_MARKERS = 1000
+"""Along a side of a plan's grid of markers."""
+_MARKERS = {"pitch_mm": 1.0, "count": 10}
+_UNKNOWN_KEYS = ("start", "low", "high", "prior", "per_frame")
 
 
 @dataclass(frozen=True)
@@ -110,39 +127,35 @@ def read_experiment(name: str) -> Experiment:
     example = files("calibration") / "examples" / f"{name}.toml"
     if not (example.is_file() or Path(name).is_file()):
         raise FileNotFoundError(f"there is no file {name}, nor a shipped example of that name")
-    text = example.read_text() if example.is_file() else Path(name).read_text(encoding="utf-8")
-    try:
-        content = tomllib.loads(text)
-        if content.get("format_version") != FORMAT_VERSION:
-            raise ValueError(f"format_version is not {FORMAT_VERSION}")
-        if unknown := sorted(set(content) - _KEYS):
-            raise ValueError(f"unknown key {unknown[0]!r}; known are {sorted(_KEYS)}")
+    content = read_toml(Path(str(example)) if example.is_file() else Path(name), FORMAT_VERSION)
+    with naming(name):
+        expect_keys(content, "the file", _KEYS)
         return _make(content)
-    except (KeyError, TypeError, ValueError) as error:
-        what = f"no {error}" if isinstance(error, KeyError) else error
-        raise ValueError(f"{name}: {what}") from error
 
 
 def _make(content: Mapping[str, Any]) -> Experiment:
-    errors = _ERRORS | content.get("errors", {})
-    if unknown := sorted(set(errors) - set(_ERRORS)):
-        raise ValueError(f"unknown key {unknown[0]!r} of errors; known are {sorted(_ERRORS)}")
-    frames = tuple(int(row) for row in content["frames"])
-    x, y, z = (1e-3 * float(value) for value in errors["displacement_um"])
-    cells, size = int(content["cells"]), float(content["size_mm"])
-    markers = {"pitch_mm": 1.0, "count": 10} | content.get("markers", {})
-    numbers = dict(_number(*item, frames=len(frames)) for item in content["numbers"].items())
+    errors = _ERRORS | as_table(content.get("errors", {}), "errors")
+    expect_keys(errors, "errors", tuple(_ERRORS))
+    markers = _MARKERS | as_table(content.get("markers", {}), "markers")
+    expect_keys(markers, "markers", tuple(_MARKERS))
+    frames = tuple(as_whole(row, "each frame") for row in as_list(content["frames"], "frames"))
+    x, y, z = (1e-3 * one for one in as_numbers(errors["displacement_um"], "displacement_um", 3))
+    cells, size = as_whole(content["cells"], "cells"), as_number(content["size_mm"], "size_mm")
+    count = as_whole(markers["count"], "count")
+    if not 1 <= count <= MOST_MARKERS:
+        raise ValueError(f"count, markers along a side, must be 1 to {MOST_MARKERS}, got {count}")
+    numbers = as_table(content["numbers"], "numbers").items()
     return Experiment(
-        shape=content["shape"],
+        shape=as_text(content["shape"], "shape"),
         grid=Grid((cells, cells), (size, size)),
-        numbers=numbers,
+        numbers=dict(_number(*item, frames=len(frames)) for item in numbers),
         frames=frames,
         displacement_error=(x, y, z),
-        force_error=float(errors["force_N"]),
-        moment_error=float(errors["moment_Nmm"]),
-        pitch=float(markers["pitch_mm"]),
-        count=int(markers["count"]),
-        design=tuple(content.get("design", ())),
+        force_error=as_number(errors["force_N"], "force_N"),
+        moment_error=as_number(errors["moment_Nmm"], "moment_Nmm"),
+        pitch=as_number(markers["pitch_mm"], "pitch_mm"),
+        count=count,
+        design=as_texts(content.get("design", []), "design"),
     )
 
 
@@ -152,11 +165,28 @@ def _number(name: str, value: Any, *, frames: int) -> tuple[str, Any]:
     name = name.removesuffix("_deg")
     if name not in UNITS:
         raise ValueError(f"no number {name!r}; there are {', '.join(UNITS)}")
-    if not isinstance(value, Mapping):
-        return name, scale * np.asarray(value, dtype=float)
-    start = scale * np.asarray(value["start"], dtype=float)
-    if value.get("per_frame", False):
+    if not isinstance(value, dict):
+        return name, scale * _values(value, name)
+    expect_keys(value, name, _UNKNOWN_KEYS)
+    start = scale * _values(value["start"], f"{name}: start")
+    if as_flag(value.get("per_frame", False), f"{name}: per_frame"):
         start = np.broadcast_to(start, (frames, *start.shape)).copy()
-    prior: Sequence[float] | None = value.get("prior")
-    known = None if prior is None else (scale * float(prior[0]), scale * float(prior[1]))
-    return name, Unknown(start, scale * float(value["low"]), scale * float(value["high"]), known)
+    low, high = (scale * as_number(value[end], f"{name}: {end}") for end in ("low", "high"))
+    prior = None
+    if "prior" in value:
+        mean, deviation = as_numbers(value["prior"], f"{name}: prior", 2)
+        prior = scale * mean, scale * deviation
+    return name, Unknown(start, low, high, prior)
+
+
+def _values(value: Any, name: str) -> Float[np.ndarray, "..."]:
+    """A number, a list of them, or one list for each frame."""
+    if not isinstance(value, list):
+        values = np.array(as_number(value, name))
+    elif value and isinstance(value[0], list):
+        values = as_matrix(value, name)
+    else:
+        values = np.array(as_numbers(value, name))
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} must be finite, got {value}")
+    return values

@@ -8,7 +8,6 @@ elastomer takes the share δ_S/(δ_S+δ_B) of the relative curvature, too.
 Poisson's ratio of the object is seldom known: the interval takes it anywhere in a range.
 """
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from matplotlib.figure import Figure
 from scipy.stats import t
 
 from calibration.findings import write_findings
+from contactmodel.inputs import cell_number, read_rows
 from estimation.estimators.measurement import Z95
 from estimation.fields import measure_fields
 from estimation.recording import Recording
@@ -121,10 +121,13 @@ def squeeze_by_travel(
     known = np.isfinite(travel) & np.isfinite(indentation)
     travel, indentation = travel[known], indentation[known]
     if len(travel) < FEWEST_READINGS or np.ptp(indentation) < 0.05:
+        reach = np.ptp(indentation) if len(travel) else 0.0
         raise ValueError(
-            f"{len(travel)} readings over {np.ptp(indentation) if len(travel) else 0:.2f} mm of "
-            f"indentation: close the gripper over 0.3 mm or more, in {FEWEST_READINGS} steps"
+            f"{source}: {len(travel)} readings over {reach:.2f} mm of indentation: close the "
+            f"gripper over 0.3 mm or more, in {FEWEST_READINGS} steps"
         )
+    if (farthest := np.abs([travel, indentation]).max()) > FARTHEST:
+        raise ValueError(f"{source}: a reading of {farthest:.3g} mm: are the readings in mm?")
     design = np.stack([indentation, np.ones(len(indentation))], axis=1)
     inverse = np.linalg.inv(design.T @ design)
     slope, zero = inverse @ (design.T @ travel)
@@ -247,16 +250,13 @@ def read_travel(
         OSError: the file cannot be read.
         ValueError: it has no such columns, or a value is no number.
     """
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = list(csv.DictReader(file))
     names = ("travel_mm", "indentation_mm")
-    if not rows or not set(names) <= set(rows[0]):
-        raise ValueError(f"{path} has no readings with columns travel_mm and indentation_mm")
-    try:
-        values = np.array([[float(row[name]) for name in names] for row in rows])
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
-    return values[:, 0], values[:, 1]
+    rows = read_rows(path, names)
+    travel, indentation = (
+        np.array([cell_number(row[name], f"{where}: {name}") for where, row in rows])
+        for name in names
+    )
+    return travel, indentation
 
 
 def write_squeeze(found: Squeeze, out: Path) -> list[str]:
@@ -308,3 +308,7 @@ def plot_squeeze(found: Squeeze) -> Figure:
     axis.set_ylabel(found.labels[1])
     axis.grid(alpha=0.3)
     return figure
+
+
+FARTHEST = 1e6
+"""Length beyond which a reading of a gripper is none [mm]."""

@@ -6,7 +6,6 @@ alike; they run straight from the leg before, from 0 at first.
 """
 
 import hashlib
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
@@ -30,7 +29,19 @@ from contactmodel.indenters import (
     Sphere,
     SquarePunch,
 )
+from contactmodel.inputs import (
+    as_list,
+    as_number,
+    as_numbers,
+    as_table,
+    as_text,
+    expect_keys,
+    naming,
+    read_text,
+    read_toml,
+)
 from contactmodel.pose import Pose, make_path
+from contactmodel.stored import read_array
 
 SHAPES: dict[str, tuple[type[AbstractIndenter], tuple[str, ...]]] = {
     "paraboloid": (Paraboloid, ("radius",)),
@@ -48,6 +59,8 @@ IN_PLACE_OF = {
 PLANAR = ("shear_force_n",)
 Check = Callable[[Numbers], Any]
 EXAMPLES = resources.files("contactmodel") / "examples"
+MOST_STEPS = 100_000
+"""Steps of a motion, each a file of its own."""
 
 
 @dataclass(frozen=True)
@@ -93,13 +106,9 @@ def read_simulation(path: str | Path) -> Simulation:
         names = sorted(item.name.removesuffix(".toml") for item in EXAMPLES.iterdir())
         raise FileNotFoundError(f"no file {path}; shipped examples are {', '.join(names)}")
     source = Path(path) if Path(path).is_file() else example
-    text = source.read_text(encoding="utf-8")
-    try:
-        return _parse(text, _Maps(Path(path).parent))
-    except KeyError as error:
-        raise ValueError(f"{path}: the key {error} is missing") from error
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
+    content, text = read_toml(Path(str(source))), read_text(Path(str(source)))
+    with naming(path):
+        return _parse(content, text, _Maps(Path(path).parent))
 
 
 class _Maps:
@@ -109,26 +118,24 @@ class _Maps:
         self.folder = folder
         self.hashes = ""
 
-    def read(self, name: str) -> np.ndarray:
-        """An array from a `.npy` file, its place relative to the configuration."""
+    def read(self, table: dict[str, Any], key: str) -> np.ndarray:
+        """The array of the file that a key names, its place relative to the configuration."""
+        name = as_text(table[key], key)
         file = self.folder / name
-        try:
-            values = np.asarray(np.load(file), dtype=float)
-        except ValueError as error:
-            raise ValueError(f"{name} is no .npy file of numbers ({error})") from error
+        values = read_array(file)
+        if values.dtype.kind not in "iuf":
+            raise ValueError(f"{name} holds {values.dtype}; it must hold numbers")
         self.hashes += f"# {name}: sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}\n"
-        return values
+        return values.astype(float)
 
 
-def _parse(text: str, maps: _Maps) -> Simulation:
+def _parse(content: dict[str, Any], text: str, maps: _Maps) -> Simulation:
     known = {"grid", "elastomer", "object", "indenter", "contact", "motion"}
-    tables = _only(tomllib.loads(text), "the file", known)
-    for name, table in tables.items():
-        if not isinstance(table, dict):
-            raise ValueError(f"{name} must be a table, [{name}], got {table!r}")
+    expect_keys(content, "the file", known)
+    tables = {name: as_table(table, name) for name, table in content.items()}
     grid = _only(tables["grid"], "grid", {"cells", "size_mm"})
     cells, size = _list(grid, "cells", "xy", positive), _list(grid, "size_mm", "xy", positive)
-    friction = _friction(tables["contact"], maps)
+    friction = _friction(tables["contact"], maps, _whole(cells))
     indenter = _indenter(tables["indenter"], tables["elastomer"], maps)
     elastomer = _body(tables["elastomer"], "elastomer", {"dome_radius_mm", "marker_depth_mm"})
     object_ = _body(tables["object"], "object", set()) if tables["object"] else Rigid()
@@ -150,10 +157,14 @@ def _parse(text: str, maps: _Maps) -> Simulation:
     )
 
 
-def _friction(table: dict[str, Any], maps: _Maps) -> float | np.ndarray:
+def _friction(table: dict[str, Any], maps: _Maps, cells: tuple[int, int]) -> float | np.ndarray:
     _only(table, "contact", {"friction_coefficient", "friction_coefficient_file"})
     if "friction_coefficient_file" in table:
-        return maps.read(table["friction_coefficient_file"])
+        values = maps.read(table, "friction_coefficient_file")
+        if values.shape != cells:
+            raise ValueError(f"friction must be a map of shape {cells}, got {values.shape}")
+        _name("friction_coefficient_file", non_negative, values)
+        return values
     return _number(table, "friction_coefficient", non_negative)
 
 
@@ -198,7 +209,7 @@ def _shape(table: dict[str, Any], maps: _Maps) -> AbstractIndenter:
     if shape == "height_map":
         _only(table, "indenter of shape height_map", {*placing, "heights_mm_file", "spacing_mm"})
         dx, dy = _list(table, "spacing_mm", "xy")
-        return HeightMap(maps.read(table["heights_mm_file"]), (float(dx), float(dy)))
+        return HeightMap(maps.read(table, "heights_mm_file"), (float(dx), float(dy)))
     if not isinstance(shape, str) or shape not in SHAPES:
         raise ValueError(f"unknown shape {shape!r}; known are height_map, {', '.join(SHAPES)}")
     kind, names = SHAPES[shape]
@@ -217,7 +228,7 @@ def _size(table: dict[str, Any], key: str) -> Any:
 def _path(table: dict[str, Any]) -> tuple[Pose, dict[str, np.ndarray]]:
     """The motion, and the resultants in place of some of it; both run straight along each leg."""
     _only(table, "motion", {"centre_mm", "first_approach_mm", "legs"})
-    legs: list[dict[str, Any]] = table["legs"]
+    legs = [as_table(leg, "each leg") for leg in as_list(table["legs"], "legs")]
     if not legs:
         raise ValueError("the motion has no legs")
     centre = _list({"centre_mm": [0.0, 0.0]} | table, "centre_mm", "xy")
@@ -242,6 +253,8 @@ def _path(table: dict[str, Any]) -> tuple[Pose, dict[str, np.ndarray]]:
             raise ValueError(f"{name} needs at least one step, a whole number, got {count!r}")
         state = state | {key: value for key, value in leg.items() if key != "steps"}
         steps.append(count)
+        if sum(steps) > MOST_STEPS:
+            raise ValueError(f"{name}: {sum(steps)} steps; {MOST_STEPS} are the most there may be")
         try:
             _pose(state, centre)
             _resultants(state, used)
@@ -276,11 +289,9 @@ def _pose(state: dict[str, Any], centre: list[float]) -> Pose:
 
 def _number(table: dict[str, Any], key: str, check: Check = number) -> float:
     """A number that passes a check, which need not know the key."""
-    value = table[key]
-    if type(value) not in (int, float):  # true and false are not
-        raise ValueError(f"{key} must be a number, got {value!r}")
-    _name(key, check, float(value))
-    return float(value)
+    value = as_number(table[key], key)
+    _name(key, check, value)
+    return value
 
 
 def _name(key: str, check: Check, value: Numbers) -> None:
@@ -298,7 +309,7 @@ def _list(table: dict[str, Any], key: str, axes: str, check: Check = number) -> 
     if not numbers or len(value) != len(axes):
         along = ", ".join(f"along {axis}" for axis in axes)
         raise ValueError(f"{key} must be {len(axes)} numbers, [{along}], got {value!r}")
-    items = [float(item) for item in value]
+    items = as_numbers(value, key)
     _name(key, check, items)
     return items
 
@@ -311,7 +322,5 @@ def _whole(cells: list[float]) -> tuple[int, int]:
 
 def _only(table: dict[str, Any], name: str, known: set[str]) -> dict[str, Any]:
     """The table, if it has no other keys."""
-    unknown = sorted(set(table) - known)
-    if unknown:
-        raise ValueError(f"unknown key {unknown[0]!r} in {name}; known are {sorted(known)}")
+    expect_keys(table, name, known)
     return table

@@ -1,10 +1,14 @@
 """The grid of equal cells on which pressure and traction are sought."""
 
+import math
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+MOST_CELLS = 2**26
+"""Cells of a grid; a single field on twice the grid, as convolutions need it, then takes 2 GB."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,8 @@ class Grid:
         size: length along x and y [mm].
 
     Raises:
-        ValueError: not two whole numbers of at least 2 cells, or not two positive lengths.
+        ValueError: not two whole numbers of at least 2 cells, more cells than `MOST_CELLS`, or not
+            two positive lengths.
     """
 
     shape: tuple[int, int]
@@ -36,6 +41,8 @@ class Grid:
             raise ValueError(
                 f"the size of a grid along x and y must be above 0 mm, got {self.size}"
             )
+        if math.prod(shape.tolist()) > MOST_CELLS:
+            raise ValueError(f"a grid may have {MOST_CELLS} cells at most, got {self.shape}")
         object.__setattr__(self, "shape", tuple(shape.tolist()))
         object.__setattr__(self, "size", tuple(size.astype(float).tolist()))
 

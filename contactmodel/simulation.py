@@ -5,8 +5,6 @@ Every step is a file of its own, so that a run that was interrupted goes on wher
 
 import csv
 import os
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,10 +17,12 @@ from matplotlib.figure import Figure
 
 from contactmodel import plots
 from contactmodel.configuration import Simulation
+from contactmodel.inputs import read_text
 from contactmodel.resultant_path import continue_motion
 from contactmodel.resultants import solve_resultant
 from contactmodel.solution import ContactSolution
 from contactmodel.solve import solve_contact
+from contactmodel.stored import read_arrays
 
 
 def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, ContactSolution]]:
@@ -42,7 +42,7 @@ def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, 
     steps = folder / "steps"
     steps.mkdir(parents=True, exist_ok=True)
     copy = folder / "config.toml"
-    if copy.is_file() and copy.read_text(encoding="utf-8") != simulation.text:
+    if copy.is_file() and read_text(copy) != simulation.text:
         raise ValueError(f"{folder} holds another simulation; choose an empty folder")
     _write(copy, lambda part: part.write_text(simulation.text, encoding="utf-8"))
     last: ContactSolution | None = None
@@ -91,18 +91,27 @@ def save_step(simulation: Simulation, solution: ContactSolution, file: Path) -> 
 
 
 def load_step(simulation: Simulation, file: Path) -> ContactSolution:
-    """Read what `save_step` has written."""
+    """Read what `save_step` has written.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is damaged, or of another simulation.
+    """
     skeleton = eqx.filter_eval_shape(lambda: _solve(simulation, 0, None))
     leaves, tree = jax.tree_util.tree_flatten_with_path(skeleton)
-    with file.open("rb") as stream, np.load(stream) as arrays:  # closes a damaged file, too
-        return jax.tree.unflatten(tree, [jnp.asarray(arrays[_key(path)]) for path, _ in leaves])
+    arrays = read_arrays(file)
+    for path, leaf in leaves:
+        stored = arrays.get(_key(path))
+        if stored is None or (stored.shape, stored.dtype) != (leaf.shape, leaf.dtype):
+            raise ValueError(f"{file} holds no {_key(path)} of this simulation")
+    return jax.tree.unflatten(tree, [jnp.asarray(arrays[_key(path)]) for path, _ in leaves])
 
 
 def _load_if_whole(simulation: Simulation, file: Path) -> ContactSolution | None:
     """A step that was solved before, if its file is there and can be read."""
     try:
         return load_step(simulation, file)
-    except (FileNotFoundError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
+    except (FileNotFoundError, ValueError):
         return None
 
 

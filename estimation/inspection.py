@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from estimation.contact import ONSET_MM
-from estimation.recording import Recording
+from estimation.recording import LARGEST, Recording, declared_arrays, expect_places
 
 FROZEN_STEPS = 5
 """Steps in a row without any change after which a marker counts as frozen.
@@ -34,13 +34,17 @@ def inspect_recording(recording: Recording) -> Recording:
     all its positions are exactly zero, or when they are exactly those of the frame before, as from
     a sensor that hangs (but for the reference itself, which some sensors report while unloaded). A
     marker is not valid where it has no position and where it is frozen (`frozen_markers`). Frames
-    missing at the source are counted in the notes. Lengths that suggest another unit, or a z axis
-    the other way round, get a note. Inspecting twice
-    changes nothing, and flaws that a reader has set stay.
+    missing at the source are counted in the notes. Values that are infinite, or too large to be
+    measurements, become NaN, as if they were missing. Lengths that suggest another unit, or a z
+    axis the other way round, get a note. Inspecting twice changes nothing, and flaws that a reader
+    has set stay.
 
     Raises:
-        ValueError: there are many time stamps, and no two are in order.
+        ValueError: there are many time stamps, and no two are in order, or a marker at rest is
+            where none can be.
     """
+    expect_places(recording.layout.reference)
+    recording, absurd = _take_out_absurd(recording)
     seen = np.all(np.isfinite(recording.positions), axis=-1)
     frozen = frozen_markers(recording.positions, seen)
     valid = recording.valid & seen & ~frozen
@@ -65,6 +69,7 @@ def inspect_recording(recording: Recording) -> Recording:
         for frame in np.flatnonzero(where):
             flaws[frame] = flaws[frame] or reason
     found = [
+        *absurd,
         *_index_notes(recording),
         *_count("a marker was not seen", ~seen),
         *_count("a marker was frozen while the others moved", frozen),
@@ -73,6 +78,22 @@ def inspect_recording(recording: Recording) -> Recording:
     ]
     notes = recording.notes + tuple(note for note in found if note not in recording.notes)
     return replace(recording, valid=valid & ~blank[:, None], flaws=tuple(flaws), notes=notes)
+
+
+def _take_out_absurd(recording: Recording) -> tuple[Recording, list[str]]:
+    """The recording with NaN in place of what cannot have been measured, and notes about that."""
+    changed, notes = {}, []
+    for name, kind in declared_arrays(Recording).items():
+        values = getattr(recording, name)
+        if values is None or name == "time" or kind.dtype is not Float:
+            continue
+        absurd = ~(np.isnan(values) | (np.abs(values) < LARGEST))
+        if absurd.any():
+            changed[name] = np.where(absurd, np.nan, values)
+            notes.append(f"{absurd.sum()} values of `{name}` are {LARGEST:g} or more: left out")
+    if "positions" in changed:
+        changed["valid"] = recording.valid & np.isfinite(changed["positions"]).all(axis=-1)
+    return replace(recording, **changed), notes
 
 
 def frozen_markers(

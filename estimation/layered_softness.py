@@ -33,11 +33,13 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 from scipy.special import j0, j1
 
+from contactmodel.inputs import as_number, as_table, expect_keys
 from estimation.softness import (
     Contact,
     Lifting,
     ScalarSoftness,
     Validity,
+    read_covariance,
     read_validity,
     show_validity,
 )
@@ -337,23 +339,18 @@ def read_layered(content: dict[str, Any]) -> LayeredSoftness:
     """A layered softness from a file's content.
 
     Raises:
-        TypeError, ValueError: the content is not that of a layered softness.
+        ValueError: the content is not that of a layered softness.
     """
     known = {"stiffness_ratio", "thickness_mm", "depth_mm", "covariance", "validity", "provenance"}
-    if unknown := sorted(set(content) - known):
-        raise ValueError(f"unknown key {unknown[0]!r}; known are {sorted(known)}")
+    expect_keys(content, "the file", known)
     for name in ("stiffness_ratio", "thickness_mm"):
         if name not in content:
             raise ValueError(f"no {name}: a layered softness needs it")
-    for name in ("stiffness_ratio", "thickness_mm", "depth_mm"):
-        if isinstance(content.get(name), bool):
-            raise ValueError(f"{name} is {content[name]}; it must be a number")
-    rows = content.get("covariance", [[0.0] * 3] * 3)
     return LayeredSoftness(
-        float(content["stiffness_ratio"]),
-        float(content["thickness_mm"]),
-        float(content.get("depth_mm", 0.0)),
-        tuple(tuple(float(value) for value in row) for row in rows),
+        as_number(content["stiffness_ratio"], "stiffness_ratio"),
+        as_number(content["thickness_mm"], "thickness_mm"),
+        as_number(content.get("depth_mm", 0.0), "depth_mm"),
+        read_covariance(content, 3),
         validity=read_validity(content.get("validity", {})),
-        provenance=dict(content.get("provenance", {})),
+        provenance=as_table(content.get("provenance", {}), "provenance"),
     )

@@ -22,6 +22,23 @@ def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
         raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
 
 
+LARGEST = 1e9
+"""Length, force, moment or angle from which on a value is no measurement [mm, N, N·mm, rad]."""
+
+
+def expect_places(reference: Float[np.ndarray, "n d"]) -> None:
+    """Check that every marker at rest is where one can be.
+
+    Raises:
+        ValueError: one is not.
+    """
+    if not (np.abs(reference) < LARGEST).all():
+        raise ValueError(
+            "`reference` has positions that are not finite, or too far away: leave those markers "
+            "out"
+        )
+
+
 @cache
 def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
     """The arrays that a class declares, by name, each with its declared type and shape.
@@ -172,10 +189,9 @@ def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
     """The layout of markers at `reference` [mm]: a regular grid where there is one, else Delaunay.
 
     Raises:
-        ValueError: a position is not finite, or the markers span no plane.
+        ValueError: a position is not finite or too far away, or the markers span no plane.
     """
-    if not np.isfinite(reference).all():
-        raise ValueError("`reference` has positions that are not finite: leave those markers out")
+    expect_places(reference)
     shape = find_grid(reference)
     neighbours = delaunay_neighbours(reference) if shape is None else grid_neighbours(shape)
     return MarkerLayout(reference, neighbours, shape)

@@ -1,12 +1,12 @@
 """Angles of the object that do not come from the twist of the gel: what softness is fitted to."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from contactmodel.inputs import cell_number, read_rows
 from estimation.outline import follow_outline
 from estimation.recording import Recording
 
@@ -18,6 +18,7 @@ NO_REFERENCE = (
     "finger of another stiffness, or measure k by pressing (python -m calibration squeeze)"
 )
 FEWEST_READINGS = 2
+Rows = list[tuple[str, dict[str, str]]]
 
 
 @dataclass(frozen=True)
@@ -53,27 +54,23 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
         OSError: the file cannot be read.
         ValueError: a column is missing, a value is no number, or the clock goes back.
     """
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        try:
-            rows = list(csv.DictReader(file))
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise ValueError(f"{path} is not a CSV file: {error}") from error
-    names = {name.strip() for name in rows[0] if name is not None} if rows else set()
+    rows = read_rows(path)
+    names = set(rows[0][1]) if rows else set()
     if len(rows) < FEWEST_READINGS or "time_s" not in names:
         raise ValueError(
             f"{path}: {len(rows)} readings with columns {sorted(names)}; a reference has the "
             "columns time_s and angle_deg (or angle_rad)"
         )
-    time = _column(rows, "time_s", path)
+    time = _column(rows, "time_s")
     if not (np.diff(time) > 0).all():
         raise ValueError(f"{path}: time_s does not grow from row to row")
-    angle = _angle(rows, names, "angle", path)
+    angle = _angle(rows, names, "angle")
     if angle is None:
         raise ValueError(
             f"{path} has columns {sorted(names)}; the angle must be called angle_deg or angle_rad, "
             "so that its unit is known"
         )
-    error = _angle(rows, names, "error", path)
+    error = _angle(rows, names, "error")
     return Reference(
         time=time,
         angle=angle,
@@ -84,21 +81,18 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     )
 
 
-def _angle(rows: list[dict], names: set[str], what: str, path: Path) -> np.ndarray | None:
+def _angle(rows: Rows, names: set[str], what: str) -> np.ndarray | None:
     """A column of angles by either unit [rad]; None where there is none."""
     if f"{what}_rad" in names:
-        return _column(rows, f"{what}_rad", path)
-    return np.radians(_column(rows, f"{what}_deg", path)) if f"{what}_deg" in names else None
+        return _column(rows, f"{what}_rad")
+    return np.radians(_column(rows, f"{what}_deg")) if f"{what}_deg" in names else None
 
 
-def _column(rows: list[dict], name: str, path: Path) -> np.ndarray:
-    values = np.full(len(rows), np.nan)
-    for i, row in enumerate(rows):
-        text = ({key.strip(): value for key, value in row.items() if key}[name] or "").strip()
-        try:
-            values[i] = float(text) if text else np.nan
-        except ValueError as error:
-            raise ValueError(f"{path}, row {i + 2}: {name} is {text!r}, no number") from error
+def _column(rows: Rows, name: str) -> np.ndarray:
+    """The numbers of a column; NaN where a cell is empty."""
+    values = np.array([cell_number(row[name] or "nan", f"{at}: {name}") for at, row in rows])
+    if np.isinf(values).any():
+        raise ValueError(f"{rows[int(np.argmax(np.isinf(values)))][0]}: {name} is infinite")
     return values
 
 

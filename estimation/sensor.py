@@ -31,7 +31,7 @@ It is a TOML file, written by `python -m calibration sensor` or by hand; every t
     friction_coefficient = 0.6
 """
 
-import tomllib
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -40,8 +40,21 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from contactmodel.inputs import (
+    as_flag,
+    as_matrix,
+    as_number,
+    as_numbers,
+    as_table,
+    as_text,
+    as_whole,
+    expect_keys,
+    naming,
+    read_toml,
+)
 from estimation.files import toml_text, write_whole
 from estimation.noise import Noise
+from estimation.recording import LARGEST
 
 FORMAT_VERSION = 1
 CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
@@ -74,7 +87,11 @@ class Lens:
             )
 
     def straighten(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Where points of the picture would lie without distortion [px]; NaN stays NaN."""
+        """Where points of the picture would lie without distortion [px]; NaN stays NaN.
+
+        Raises:
+            ValueError: far from anywhere.
+        """
         straight = np.full(points.shape, np.nan)
         known = np.isfinite(points).all(axis=1)
         if known.any():
@@ -87,6 +104,10 @@ class Lens:
                 self.matrix,
                 CONVERGED,
             )[:, 0]
+            if not (np.abs(straight[known]) < LARGEST).all():
+                raise ValueError(
+                    "the lens takes points of the picture to infinity: calibrate it again"
+                )
         return straight
 
     def bend(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
@@ -242,61 +263,52 @@ def read_sensor(path: Path) -> Sensor:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a TOML file: {error}") from error
-    version = content.pop("format_version", None)
-    if version != FORMAT_VERSION:
-        raise ValueError(
-            f"{path}: format_version is {version}; this version reads {FORMAT_VERSION}"
-        )
-    try:
+    content = read_toml(path, FORMAT_VERSION)
+    with naming(path):
         return _to_sensor(content)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def _to_sensor(content: dict[str, Any]) -> Sensor:
-    tables = {name: _table(content, name, keys) for name, keys in _KEYS.items()}
-    if content:
-        raise ValueError(f"unknown table or key {sorted(content)[0]!r}; known are {list(_KEYS)}")
+    expect_keys(content, "the file", tuple(_KEYS))
+    tables = {name: as_table(content.get(name, {}), name) for name in _KEYS}
+    for name, keys in _KEYS.items():
+        expect_keys(tables[name], name, keys)
     camera, markers, noise = tables["camera"], tables["markers"], tables["noise"]
     for first, second in (("width", "height"), ("matrix", "distortion")):
         if (first in camera) != (second in camera):
             raise ValueError(f"camera: {first} and {second} come together")
-    lens = size = reference = None
+    lens = size = None
     if "matrix" in camera:
-        lens = Lens(np.array(camera["matrix"], float), np.array(camera["distortion"], float))
+        distortion = np.array(as_numbers(camera["distortion"], "distortion"))
+        lens = Lens(as_matrix(camera["matrix"], "matrix"), distortion)
     if "width" in camera:
-        size = int(camera["width"]), int(camera["height"])
-    if "reference" in markers:
-        reference = np.array(markers["reference"], dtype=float)
+        size = as_whole(camera["width"], "width"), as_whole(camera["height"], "height")
     if noise and "in_plane" not in noise:
         raise ValueError("noise: in_plane is missing")
     return Sensor(
-        mm_per_px=_number(camera, "mm_per_px"),
+        mm_per_px=_optional(camera, "mm_per_px", as_number),
         lens=lens,
         size=size,
-        marker=markers.get("kind"),
-        radius=_number(markers, "radius_px"),
-        dark=markers.get("dark"),
-        reference=reference,
+        marker=_optional(markers, "kind", as_text),
+        radius=_optional(markers, "radius_px", as_number),
+        dark=_optional(markers, "dark", as_flag),
+        reference=_optional(markers, "reference", as_matrix),
         noise=_to_noise(noise) if noise else None,
         elastomer=Elastomer(
-            **{key: _number(tables["elastomer"], key) for key in _KEYS["elastomer"]}
+            **{key: _optional(tables["elastomer"], key, as_number) for key in _KEYS["elastomer"]}
         ),
     )
 
 
 def _to_noise(table: dict[str, Any]) -> Noise:
-    in_plane = Noise.given(float(table["in_plane"]))
-    one, two = table.get("correlation", in_plane.correlation)
+    in_plane = Noise.given(as_number(table["in_plane"], "in_plane"))
+    given = table.get("correlation", list(in_plane.correlation))
+    one, two = as_numbers(given, "correlation", 2)
     return Noise(
         in_plane=in_plane.in_plane,
-        normal=float(table.get("normal", "nan")),
-        correlation=(float(one), float(two)),
-        frames=int(table.get("frames", 0)),
+        normal=as_number(table.get("normal", np.nan), "normal"),
+        correlation=(one, two),
+        frames=as_whole(table.get("frames", 0), "frames"),
     )
 
 
@@ -308,19 +320,6 @@ _KEYS: dict[str, tuple[str, ...]] = {
 }
 
 
-def _table(content: dict[str, Any], name: str, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Take a table out of the file's content."""
-    table = content.pop(name, {})
-    if not isinstance(table, dict):
-        raise ValueError(f"{name} must be a table")
-    if unknown := sorted(set(table) - set(keys)):
-        raise ValueError(f"{name}: unknown key {unknown[0]!r}; known are {list(keys)}")
-    return table
-
-
-def _number(table: dict[str, Any], key: str) -> float | None:
-    if key not in table:
-        return None
-    if isinstance(table[key], bool):
-        raise ValueError(f"{key} is {table[key]}; it must be a number")
-    return float(table[key])
+def _optional(table: dict[str, Any], key: str, convert: Callable[[Any, str], Any]) -> Any:
+    """A value of a table; None where it is not given."""
+    return convert(table[key], key) if key in table else None

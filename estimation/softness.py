@@ -7,7 +7,6 @@ L is the paper's L_xy − L_yx everywhere in this project, so that counter-clock
 turned by (1 + k) φ − L/2.
 """
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,17 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from contactmodel.inputs import (
+    as_flag,
+    as_matrix,
+    as_number,
+    as_numbers,
+    as_table,
+    as_text,
+    expect_keys,
+    naming,
+    read_toml,
+)
 from contactmodel.rotation import object_rotation
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.fields import Fields
@@ -234,47 +244,32 @@ def read_softness(path: Path) -> Softness:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a TOML file: {error}") from error
-    version = content.pop("format_version", None)
-    if version != FORMAT_VERSION:
-        raise ValueError(
-            f"{path}: format_version is {version}; this version reads {FORMAT_VERSION}"
-        )
-    kind = content.pop("kind", "scalar")
-    if kind not in READERS:
-        raise ValueError(f"{path}: no kind {kind!r} of softness; there are {', '.join(READERS)}")
-    try:
+    content = read_toml(path, FORMAT_VERSION)
+    with naming(path):
+        kind = as_text(content.pop("kind", "scalar"), "kind")
+        if kind not in READERS:
+            raise ValueError(f"no kind {kind!r} of softness; there are {', '.join(READERS)}")
         return READERS[kind](content)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def _read_scalar(content: dict[str, Any]) -> ScalarSoftness:
-    known = {"stiffness_ratio", "load_term_rad", "load_by_force", "covariance"}
-    known |= {"validity", "provenance"}
-    if unknown := sorted(set(content) - known):
-        raise ValueError(f"unknown key {unknown[0]!r}; known are {sorted(known)}")
+    expect_keys(content, "the file", _SCALAR_KEYS)
     if "stiffness_ratio" not in content:
         raise ValueError("no stiffness_ratio: give k, 0 for a rigid object")
-    for name in ("stiffness_ratio", "load_term_rad"):
-        if isinstance(content.get(name), bool):
-            raise ValueError(f"{name} is {content[name]}; it must be a number")
-    by_force = content.get("load_by_force", False)
-    if not isinstance(by_force, bool):
-        raise ValueError(f"load_by_force is {by_force!r}; it must be true or false")
-    rows = content.get("covariance", [[0.0, 0.0], [0.0, 0.0]])
-    (kk, kl), (lk, ll) = ((float(value) for value in row) for row in rows)
     return ScalarSoftness(
-        stiffness_ratio=float(content["stiffness_ratio"]),
-        load_term=float(content.get("load_term_rad", 0.0)),
-        covariance=((kk, kl), (lk, ll)),
-        load_by_force=by_force,
+        stiffness_ratio=as_number(content["stiffness_ratio"], "stiffness_ratio"),
+        load_term=as_number(content.get("load_term_rad", 0.0), "load_term_rad"),
+        covariance=read_covariance(content, 2),
+        load_by_force=as_flag(content.get("load_by_force", False), "load_by_force"),
         validity=read_validity(content.get("validity", {})),
-        provenance=dict(content.get("provenance", {})),
+        provenance=as_table(content.get("provenance", {}), "provenance"),
     )
+
+
+def read_covariance(content: dict[str, Any], count: int) -> Any:
+    """The rows of a file's `covariance` of so many numbers; zeros where it is not given."""
+    none = [[0.0] * count] * count
+    return tuple(map(tuple, as_matrix(content.get("covariance", none), "covariance").tolist()))
 
 
 def _read_layered(content: dict[str, Any]) -> Softness:
@@ -289,6 +284,8 @@ READERS: dict[str, Callable[[dict[str, Any]], Softness]] = {
 }
 """What makes a softness of a file's content, by its `kind`."""
 
+_SCALAR_KEYS = ("stiffness_ratio", "load_term_rad", "load_by_force", "covariance")
+_SCALAR_KEYS += ("validity", "provenance")
 _VALIDITY_KEYS = ("rotation_deg", "normal_force_N", "contact_radius_mm")
 
 
@@ -299,13 +296,12 @@ def show_validity(validity: Validity) -> dict[str, list[float]]:
     return {name: list(ends) for name, ends in pairs if np.isfinite(ends).all()}
 
 
-def read_validity(content: dict[str, Any]) -> Validity:
+def read_validity(content: Any) -> Validity:
     """The ranges of a file's table `validity`."""
-    if unknown := sorted(set(content) - set(_VALIDITY_KEYS)):
-        raise ValueError(f"unknown key {unknown[0]!r}; validity has {', '.join(_VALIDITY_KEYS)}")
+    expect_keys(as_table(content, "validity"), "validity", _VALIDITY_KEYS)
     ranges = []
     for name in _VALIDITY_KEYS:
-        low, high = (float(value) for value in content.get(name, (-np.inf, np.inf)))
+        low, high = as_numbers(content.get(name, [-np.inf, np.inf]), name, 2)
         if not low <= high:
             raise ValueError(f"validity: {name} is [{low}, {high}]; give the lower end first")
         ranges.append((low, high))

@@ -8,7 +8,6 @@ right, y down, z away from the camera, out of the elastomer.
 Visuotactile Sensing During In-Hand Object Pivoting".
 """
 
-import tomllib
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,6 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from contactmodel.inputs import (
+    as_flag,
+    as_number,
+    as_numbers,
+    as_table,
+    as_texts,
+    as_whole,
+    naming,
+    read_toml,
+)
 from estimation.files import toml_text, write_whole
 
 FORMAT_VERSION = 1
@@ -189,7 +198,11 @@ def triangulate(
         jacobian = np.stack(slopes, axis=-1)
         transposed = jacobian.transpose(0, 2, 1)
         right_side = transposed @ (seen - project(at))[..., None]
-        at = at + np.linalg.solve(transposed @ jacobian, right_side)[..., 0]
+        normal, move = transposed @ jacobian, np.full((len(at), 3, 1), np.nan)
+        located = np.asarray(np.isfinite(normal).all(axis=(1, 2)))
+        located[located] = np.linalg.det(normal[located]) != 0.0
+        move[located] = np.linalg.solve(normal[located], right_side[located])
+        at = at + move[..., 0]
     points[both] = at
     misfit[both] = np.sqrt(np.mean((seen - project(at)) ** 2, axis=1))
     return Triangulated(points, misfit)
@@ -230,36 +243,26 @@ def read_rig(path: Path) -> Rig:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not a TOML file: {error}") from error
-    if content.get("format_version") != FORMAT_VERSION:
-        raise ValueError(
-            f"{path}: format_version is {content.get('format_version')}; this version reads "
-            f"{FORMAT_VERSION}"
-        )
-    try:
+    content = read_toml(path, FORMAT_VERSION)
+    with naming(path, "no stereo calibration"):
         return Rig(
-            left=_to_view(content["left"]),
-            right=_to_view(content["right"]),
-            width=int(content["width"]),
-            height=int(content["height"]),
-            error=float(content["error_px"]),
-            mirrored=tuple(content.get("mirrored", ())),
+            left=_to_view(as_table(content["left"], "left")),
+            right=_to_view(as_table(content["right"], "right")),
+            width=as_whole(content["width"], "width"),
+            height=as_whole(content["height"], "height"),
+            error=as_number(content["error_px"], "error_px"),
+            mirrored=as_texts(content.get("mirrored", []), "mirrored"),
         )
-    except KeyError as error:
-        raise ValueError(f"{path} is no stereo calibration: {error} is missing") from error
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path} is no stereo calibration: {error}") from error
 
 
 def _to_view(table: dict[str, Any]) -> View:
+    centre_x, centre_y = as_numbers(table["centre"], "centre", 2)
+    rotation, translation = (as_numbers(table[key], key, 3) for key in ("rotation", "translation"))
     return View(
-        orthographic=bool(table["orthographic"]),
-        focal=float(table["focal"]),
-        centre=tuple(table["centre"]),
-        distortion=float(table["distortion"]),
-        rotation=tuple(table["rotation"]),
-        translation=tuple(table["translation"]),
+        orthographic=as_flag(table["orthographic"], "orthographic"),
+        focal=as_number(table["focal"], "focal"),
+        centre=(centre_x, centre_y),
+        distortion=as_number(table["distortion"], "distortion"),
+        rotation=(rotation[0], rotation[1], rotation[2]),
+        translation=(translation[0], translation[1], translation[2]),
     )

@@ -9,7 +9,6 @@ there is written and read here. `write_archive` lists the entries.
 
 import io
 import zipfile
-import zlib
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_type_hints
@@ -17,6 +16,7 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from contactmodel.stored import read_arrays
 from estimation.files import write_whole
 from estimation.recording import MarkerLayout, Recording, declared_arrays
 
@@ -113,13 +113,7 @@ def _read_entries(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
     """All arrays of the file; pickled objects are refused."""
     if path.stat().st_size and not zipfile.is_zipfile(path):
         raise ValueError(f"{path} is no recording archive, or only the beginning of one")
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            entries = {name: file[name] for name in file.files}
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError) as error:
-        # RuntimeError: a compression that zipfile does not know, or a password
-        raise ValueError(f"{path} is damaged: copy or write it again ({error})") from error
-    return {name: entry for name, entry in entries.items() if isinstance(entry, np.ndarray)}
+    return read_arrays(path)
 
 
 def _to_recording(entries: dict[str, Shaped[np.ndarray, "..."]]) -> Recording:

@@ -9,7 +9,6 @@ table the time is the frame number over the rate, which is `RATE` unless given: 
 missing leave a gap.
 """
 
-import csv
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Shaped
 from PIL import Image, UnidentifiedImageError
 
+from contactmodel.inputs import cell_number, cell_whole, read_rows
 from estimation.extras import require_extra
 from estimation.sources.names import DUPLICATE, Numbering, natural_key, number_pictures
 
@@ -30,6 +30,8 @@ RATE = 30.0
 """Pictures per second of a folder that are assumed where nothing is known [1/s]."""
 LARGEST = 50_000_000
 """Most pixels of a picture; more is refused before anything is decoded."""
+SMALLEST = 16
+"""Least pixels along each side of a picture."""
 BLACK = 8.0
 WHITE = 247.0
 """Mean grey levels, of 255, below and above which a picture shows nothing."""
@@ -126,6 +128,10 @@ def read_pictures(path: Path, rate: float | None = None) -> Iterator[Picture]:
     for picture in source:
         if picture.image is not None and not picture.flaw:
             shape = picture.image.shape[:2]
+            if min(shape) < SMALLEST:
+                flaw = f"the picture is {shape[1]}×{shape[0]}, too small to show markers"
+                yield picture._replace(flaw=flaw)
+                continue
             size = size or shape
             if shape != size:
                 flaw = f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
@@ -213,6 +219,8 @@ def _read_video(path: Path) -> Iterator[Picture]:
         if not container.streams.video:
             raise ValueError(f"{path} has no pictures in it, only sound or text")
         stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise ValueError(f"{path} is damaged: it declares no codec that is known, and no size")
         _check_size(stream.width, stream.height, path)
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(LARGEST)}  # of frames to come
@@ -276,10 +284,7 @@ def _read_times(path: Path) -> dict[int, float]:
     """
     if not path.is_file():
         return {}
-    with path.open(newline="", encoding="utf-8") as file:
-        try:
-            return {int(row["frame"]): float(row["time_s"]) for row in csv.DictReader(file)}
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(
-                f"{path} must have columns `frame` and `time_s` with a number in each row ({error})"
-            ) from error
+    return {
+        cell_whole(row["frame"], f"{at}: frame"): cell_number(row["time_s"], f"{at}: time_s")
+        for at, row in read_rows(path, ("frame", "time_s"))
+    }

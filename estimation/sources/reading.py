@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from contactmodel.inputs import naming
 from estimation.inspection import inspect_recording
 from estimation.recording import Recording
 from estimation.sources.archive import SUFFIX, read_archive
@@ -37,14 +38,15 @@ def read_recording(
     if len(found) > 1:
         names = ", ".join(one.name for one in found)
         raise ValueError(f"{path} holds {len(found)} recordings ({names}): name one of them")
-    if is_pictures(found[0]):
-        return inspect_recording(read_images(found[0], images, watch))
-    reader = read_tac3d if found[0].is_dir() else read_archive
-    recording = replace(reader(found[0]), name=name_recordings(found)[0])
-    if images is not None and images.rate is not None:
-        warning = ignored_rate(images.rate, "the recording")
-        recording = replace(recording, warnings=(*recording.warnings, warning))
-    return inspect_recording(recording)
+    with naming(found[0]):
+        if is_pictures(found[0]):
+            return inspect_recording(read_images(found[0], images, watch))
+        reader = read_tac3d if found[0].is_dir() else read_archive
+        recording = replace(reader(found[0]), name=name_recordings(found)[0])
+        if images is not None and images.rate is not None:
+            warning = ignored_rate(images.rate, "the recording")
+            recording = replace(recording, warnings=(*recording.warnings, warning))
+        return inspect_recording(recording)
 
 
 def find_recordings(path: str | Path) -> list[Path]:

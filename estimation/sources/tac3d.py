@@ -32,6 +32,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from contactmodel.stored import read_array
 from estimation.recording import Recording, layout_markers
 
 POSITIONS = "3D_Positions"
@@ -130,16 +131,9 @@ def _median(shapes: Float[np.ndarray, "frames n 3"]) -> Float[np.ndarray, "n 3"]
 def _read_array(
     folder: Path, name: str, shape: tuple[int, ...] | None = None
 ) -> Float[np.ndarray, "..."]:
-    """One array in double precision, of the given shape but for axes of length one.
-
-    It is opened as a memory map first: that refuses pickled objects, and files shorter than they
-    claim to be, before any memory is taken.
-    """
+    """One array in double precision, of the given shape but for axes of length one."""
     path = folder / f"{name}.npy"
-    try:
-        stored = np.lib.format.open_memmap(path, mode="r")
-    except ValueError as error:
-        raise ValueError(f"{path} is not a complete array of numbers ({error})") from error
+    stored = read_array(path)
     if stored.dtype.kind not in "iuf":
         raise ValueError(f"{path} holds {stored.dtype}; it must hold numbers")
     if shape is None:

@@ -4,7 +4,6 @@ Errors are those of answered frames; the share of frames answered stands beside 
 the mean time of one frame on this machine, fields included.
 """
 
-import csv
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from contactmodel.inputs import cell_number, cell_whole, read_rows
 from estimation.estimators import METHODS, RIVALS
 from estimation.files import write_whole
 from estimation.noise import Noise, find_noise
@@ -84,25 +84,16 @@ def read_answers(path: Path, cases: Sequence[Case]) -> list[Answers]:
     """
     by_name = {case.name: case for case in cases}
     angles: dict[str, np.ndarray] = {}
-    with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        if missing := {"case", "frame", "angle_deg"} - set(reader.fieldnames or ()):
-            raise ValueError(f"{path} lacks the columns {', '.join(sorted(missing))}")
-        for row in reader:
-            where = f"{path}, line {reader.line_num}"
-            if row["case"] not in by_name:
-                raise ValueError(
-                    f"{where}: no case {row['case']!r}; there are {', '.join(by_name)}"
-                )
-            case = by_name[row["case"]]
-            angle = angles.setdefault(case.name, np.full(len(case.recording), np.nan))
-            try:
-                frame, value = int(row["frame"]), float(row["angle_deg"])
-            except (TypeError, ValueError) as error:
-                raise ValueError(f"{where}: {error}") from error
-            if not 0 <= frame < len(angle):
-                raise ValueError(f"{where}: {case.name} has frames 0 to {len(angle) - 1}")
-            angle[frame] = np.radians(value)
+    for where, row in read_rows(path, ("case", "frame", "angle_deg")):
+        if row["case"] not in by_name:
+            raise ValueError(f"{where}: no case {row['case']!r}; there are {', '.join(by_name)}")
+        case = by_name[row["case"]]
+        angle = angles.setdefault(case.name, np.full(len(case.recording), np.nan))
+        frame = cell_whole(row["frame"], f"{where}: frame")
+        if not 0 <= frame < len(angle):
+            raise ValueError(f"{where}: {case.name} has frames 0 to {len(angle) - 1}")
+        value = cell_number(row["angle_deg"], f"{where}: angle_deg")
+        angle[frame] = np.radians(value) if np.isfinite(value) else np.nan
     return [Answers(path.stem, by_name[name], angle) for name, angle in angles.items()]
 
 

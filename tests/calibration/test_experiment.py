@@ -45,8 +45,8 @@ def test_what_a_file_says(tmp_path):
     ("wrong", "message"),
     [
         ("format_version = 1\nsize = 3", "unknown key 'size'"),
-        ("format_version = 2", "format_version is not 1"),
-        ("format_version = 1\nshape = 'cube'", "no 'frames'"),
+        ("format_version = 2", "format_version is 2"),
+        ("format_version = 1\nshape = 'cube'", "'frames' is missing"),
         (MINIMAL + "colour = 3", "no number 'colour'"),
         (MINIMAL.replace("high = 20.0", "high = 2.0"), "between the bounds"),
     ],

@@ -142,6 +142,37 @@ def recording() -> Recording:
     )
 
 
+def spoil(path, **changes):
+    """Change entries of an archive."""
+    with np.load(path) as file:
+        np.savez(path, **(dict(file) | changes))
+
+
+@pytest.mark.parametrize("shape", [[np.inf, np.nan], [np.inf, 16.0], [2**62, 4]])
+def test_a_grid_that_is_none_is_refused(recording, tmp_path, shape):
+    path = tmp_path / "one.npz"
+    write_archive(recording, path)
+    spoil(path, grid_shape=np.array(shape))
+    with pytest.raises(ValueError, match=r"one\.npz.*grid_shape"):
+        read_recording(path)
+
+
+def test_markers_that_are_too_far_away_are_refused(recording, tmp_path):
+    path = tmp_path / "one.npz"
+    write_archive(recording, path)
+    spoil(path, reference=np.where(recording.layout.reference == 3.0, 1e300, 0.0))
+    with pytest.raises(ValueError, match=r"one\.npz: `reference` has positions .* too far away"):
+        read_recording(path)
+
+
+def test_an_archive_without_its_beginning_is_refused(recording, tmp_path):
+    path = tmp_path / "one.npz"
+    write_archive(recording, path)
+    path.write_bytes(path.read_bytes()[-400:])
+    with pytest.raises(ValueError, match=r"one\.npz is damaged"):
+        read_recording(path)
+
+
 def test_what_is_read_by_path_is_inspected(recording, tmp_path):
     write_archive(recording, tmp_path / "one.npz")
     read = read_recording(tmp_path / "one.npz")

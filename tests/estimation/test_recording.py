@@ -326,6 +326,19 @@ def test_lengths_in_another_unit_are_noted(scale, hint):
     assert not hint or hint.replace("\\", "") in found[0]
 
 
+def test_values_that_cannot_have_been_measured_count_as_missing():
+    recording = moving()
+    positions, imprint = recording.positions.copy(), np.zeros((len(recording), 2))
+    positions[2, 3, 0], imprint[1] = 1e300, np.inf
+    found = inspect_recording(replace(recording, positions=positions, imprint=imprint))
+    assert np.isnan(found.positions[2, 3, 0])
+    assert found.imprint is not None
+    assert np.isnan(found.imprint[1]).all()
+    assert not found.valid[2, 3]
+    assert found.valid.sum() == found.valid.size - 1
+    assert "2 values of `imprint` are 1e+09 or more: left out" in found.notes
+
+
 def test_an_axis_into_the_pad_is_noted():
     def notes(sign: float):
         recording = moving()

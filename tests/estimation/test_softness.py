@@ -57,6 +57,12 @@ def test_softness_files(tmp_path):
         ("format_version = 2", "format_version is 2"),
         ("format_version = 1\nk = 0.3", "unknown key 'k'"),
         ("format_version = 1\nkind = 'magic'", "no kind 'magic'"),
+        (
+            "format_version = 1\nkind = ['scalar']",
+            r"soft.toml: kind must be a text, got \['scalar'\]",
+        ),
+        ("format_version = 1\nstiffness_ratio = 1\nvalidity = 3", "validity must be a table"),
+        (f"format_version = 1\nstiffness_ratio = {10**400}", "too large a number"),
         ("format_version = 1\nstiffness_ratio = 1\nload_by_force = 1", "true or false"),
         (
             "format_version = 1\nstiffness_ratio = 1\n[validity]\nrotation_deg = [2, 1]",

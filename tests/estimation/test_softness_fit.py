@@ -290,7 +290,7 @@ def test_a_gel_that_stands_still_under_a_turning_object_slips():
         ("t,angle_deg\n0,1\n1,2\n", "time_s and angle_deg"),
         ("time_s,angle_deg\n0,1\n", "1 readings"),
         ("time_s,angle_deg\n0,1\n0,2\n", "does not grow"),
-        ("time_s,angle_deg\n0,1\n1,x\n", "row 3: angle_deg is 'x'"),
+        ("time_s,angle_deg\n0,1\n1,x\n", "line 3: angle_deg is 'x'"),
     ],
 )
 def test_bad_reference_files(tmp_path, text, message):

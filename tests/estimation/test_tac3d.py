@@ -143,6 +143,15 @@ def test_truncated_arrays_are_named(tmp_path, keep):
         read_recording(tmp_path)
 
 
+def test_a_header_that_is_cut_short_is_named(tmp_path):
+    path = write(tmp_path, press()) / "index.npy"
+    data = path.read_bytes()
+    brace = data.index(b"}")
+    path.write_bytes(data[:brace] + b" " + data[brace + 1 :])
+    with pytest.raises(ValueError, match=r"index\.npy is not a complete array"):
+        read_recording(tmp_path)
+
+
 def test_an_array_that_claims_to_be_huge_takes_no_memory(tmp_path):
     path = write(tmp_path, press()) / "3D_Positions.npy"
     header = {"descr": "<f8", "fortran_order": False, "shape": (10**9, 400, 3)}

@@ -193,6 +193,20 @@ def test_a_video_bomb_is_refused_and_one_in_the_middle_ends_the_video(tmp_path, 
     assert "damaged from here on" in second.flaw
 
 
+def test_a_video_without_a_known_codec_or_size_is_refused(pictures, tmp_path):
+    path = write_video(tmp_path / "clip.mkv", pictures[:2])
+    path.write_bytes(path.read_bytes().replace(b"V_FFV1", b"V_NONE"))
+    with pytest.raises(ValueError, match=r"clip\.mkv is damaged: it declares no codec"):
+        read_recording(path)
+
+
+def test_a_picture_too_small_for_markers_is_labelled(pictures, tmp_path):
+    folder = write_folder(tmp_path / "clip", [pictures[0][:1], *pictures[:2]])
+    small, *others = read_pictures(folder)
+    assert small.flaw == "the picture is 320×1, too small to show markers"
+    assert not any(one.flaw for one in others)
+
+
 def test_nothing_usable_is_refused(tmp_path):
     black = [np.zeros((240, 320), np.uint8)] * 2
     with pytest.raises(ValueError, match="black"):

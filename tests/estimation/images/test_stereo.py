@@ -105,6 +105,13 @@ def test_two_perspective_views_are_calibrated_too():
     assert 1e3 * np.sqrt(np.mean(np.sum((found - dome()) ** 2, axis=1))) < 5.0
 
 
+def test_points_that_two_views_cannot_locate_are_nowhere():
+    rig = make_rig()
+    blind = replace(rig, right=rig.left)  # both see along the same rays
+    found = triangulate(blind, np.full((2, 2), 200.0), np.full((2, 2), 200.0))
+    assert np.isnan(found.points).all()
+
+
 def test_a_calibration_is_written_and_read(tmp_path):
     rig = calibrated(make_rig(), np.random.default_rng(2), poses=5)
     assert rig.error == pytest.approx(0.02, rel=0.1)
