@@ -18,6 +18,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel import analytic
+from contactmodel.arrays import AnyArray
 from contactmodel.bodies import HalfSpace, Rigid, stiffness_ratio
 from contactmodel.grid import Grid
 from contactmodel.indenters import Cylinder, Paraboloid, Placed, RoundPunch, SquarePunch
@@ -446,5 +447,5 @@ def _error(what: str, error, tolerance: float, because: str) -> Row:
     return Row(what, float(error), 0.0, float(error), tolerance, because)
 
 
-def _l2(field: Array, exact: Array) -> float:
-    return float(jnp.sqrt(jnp.sum((field - exact) ** 2) / jnp.sum(exact**2)))
+def _l2(field: Array, exact: AnyArray) -> float:
+    return float(jnp.linalg.norm(field - exact) / jnp.linalg.norm(exact))
