@@ -37,6 +37,8 @@ def naming(path: str | Path, what: str = "") -> Iterator[None]:
         yield
     except KeyError as error:
         raise ValueError(f"{start}: the key {error} is missing") from error
+    except ImportError:  # a package that is not installed is not the file's fault
+        raise
     except ValueError as error:
         if str(error).startswith(str(path)):
             raise

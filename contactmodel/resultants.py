@@ -23,7 +23,7 @@ from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter
 from contactmodel.pose import Pose
 from contactmodel.solution import RESULTS, ContactSolution
-from contactmodel.solve import raise_failure, solve_contact
+from contactmodel.solve import find_contact, raise_failure
 
 _RTOL = 10.0  # tolerance on the resultants, by that of the solver
 _FLOOR = 1e-9  # of the slope, where everything slides and it vanishes
@@ -240,17 +240,16 @@ def _start(problem: _Problem, how: _How) -> tuple[Array, Array]:
 
 def _contact(problem: _Problem, motion: Array, how: _How) -> ContactSolution:
     """The contact with some of the motion replaced."""
-    return solve_contact(
+    return find_contact(
         problem.elastomer,
         problem.object_,
         problem.indenter,
         replace_motion(problem.pose, how.which, motion),
         how.grid,
         problem.friction,
-        previous=problem.previous,
-        rtol=how.rtol,
-        max_steps=how.max_steps,
-        throw=False,
+        problem.previous,
+        how.rtol,
+        how.max_steps,
     )
 
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from contactmodel.arrays import is_traced
 from contactmodel.bodies import AbstractBody, Rigid
@@ -66,12 +66,37 @@ def solve_contact(
         ValueError: shapes that do not fit, or a tolerance below what the precision can reach.
         RuntimeError: a failure.
     """
-    _check(elastomer, object_, pose, grid, friction_coefficient, rtol, path=False)
-    task = _prepare(elastomer, object_, grid, friction_coefficient, rtol, max_steps)
+    friction = non_negative(friction_coefficient)
+    solution = find_contact(
+        elastomer, object_, indenter, pose, grid, friction, previous, rtol, max_steps
+    )
+    return raise_failure(solution) if throw else solution
+
+
+def find_contact(
+    elastomer: AbstractBody,
+    object_: AbstractBody,
+    indenter: AbstractIndenter,
+    pose: Pose,
+    grid: Grid,
+    friction: Float[Array, "..."],
+    previous: ContactSolution | None,
+    rtol: float,
+    max_steps: int,
+) -> ContactSolution:
+    """`solve_contact` for friction coefficients that have been checked; failures are in `result`.
+
+    Compiled programs of it call nothing on the host, as checks of unknown numbers would, so that
+    JAX's compilation cache keeps them.
+
+    Raises:
+        ValueError: shapes that do not fit, or a tolerance below what the precision can reach.
+    """
+    _check(elastomer, object_, pose, grid, friction, rtol, path=False)
+    task = _prepare(elastomer, object_, grid, friction, rtol, max_steps)
     last = _remember(previous, pose, grid)
     step = _solve_one(task, indenter, pose, last, is_large(grid) and previous is None)
-    solution = _gather(elastomer, object_, task, step)
-    return raise_failure(solution) if throw else solution
+    return _gather(elastomer, object_, task, step)
 
 
 def solve_path(
@@ -108,8 +133,9 @@ def solve_path(
         ValueError: as for `solve_contact`.
         RuntimeError: a failure in any step.
     """
-    _check(elastomer, object_, path, grid, friction_coefficient, rtol, path=True)
-    task = _prepare(elastomer, object_, grid, friction_coefficient, rtol, max_steps)
+    friction = non_negative(friction_coefficient)
+    _check(elastomer, object_, path, grid, friction, rtol, path=True)
+    task = _prepare(elastomer, object_, grid, friction, rtol, max_steps)
     steps = _solve_all(task, indenter, path, _remember(previous, path, grid))
     solution = _gather(elastomer, object_, task, steps)
     return raise_failure(solution) if throw else solution
@@ -165,11 +191,10 @@ def _prepare(
     elastomer: AbstractBody,
     object_: AbstractBody,
     grid: Grid,
-    friction_coefficient: ArrayLike,
+    friction: Float[Array, "..."],
     rtol: float,
     max_steps: int,
 ) -> _Task:
-    friction = non_negative(friction_coefficient)
     smooth = not is_traced(friction) and not np.any(np.asarray(friction))
     compliance = pair_compliance(elastomer, object_, grid, smooth=smooth)
     return _Task(compliance, friction, grid, smooth, rtol, max_steps)
@@ -314,7 +339,8 @@ def _remember(previous: ContactSolution | None, pose: Pose, grid: Grid) -> _Memo
         none, still = jnp.zeros(grid.shape, dtype), jnp.zeros((2, *grid.shape), dtype)
         zero = jnp.zeros((), dtype)
         first = jnp.asarray(pose.centre, dtype).reshape(-1, 2)[0]
-        rest = Pose(zero, jnp.zeros(2, dtype), zero, first, linear=pose.linear)
+        parts = (zero, jnp.zeros(2, dtype), zero, first)
+        rest = eqx.tree_at(lambda p: (p.approach, p.shift, p.twist, p.centre), pose, parts)
         return _Memory(rest, none, still, still, zero)
     if previous.grid != grid:
         raise ValueError(f"the contact before has the {previous.grid}, this one the {grid}")
@@ -330,7 +356,7 @@ def _check(
     object_: AbstractBody,
     pose: Pose,
     grid: Grid,
-    friction_coefficient: ArrayLike,
+    friction: Float[Array, "..."],
     rtol: float,
     *,
     path: bool,
@@ -343,9 +369,8 @@ def _check(
     if pose.approach.ndim != int(path) or not pose.approach.size:
         wanted = "a path of poses (make_path)" if path else "one pose; solve_path takes a path"
         raise ValueError(f"expected {wanted}, got an approach of shape {pose.approach.shape}")
-    shape = jnp.shape(friction_coefficient)
-    if shape not in ((), grid.shape):
-        raise ValueError(f"μ must be a number or a map of shape {grid.shape}, got {shape}")
+    if friction.shape not in ((), grid.shape):
+        raise ValueError(f"μ must be a number or a map of shape {grid.shape}, got {friction.shape}")
     if pose.approach.dtype == jnp.float32 and rtol < _SINGLE_PRECISION_FLOOR:
         raise ValueError(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "

@@ -1,6 +1,5 @@
 """What users get from `solve_contact` and `solve_path`, and what they are told when it fails."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +25,7 @@ from contactmodel import (
     solve_path,
     stiffness_ratio,
 )
-from contactmodel.solve import _prepare, _remember, _solve_one
+from contactmodel.solve import find_contact
 
 GRID = Grid((32, 32), (10.0, 10.0))
 PAD = HalfSpace(1.0, 0.45)
@@ -271,8 +270,10 @@ def test_stiffness_ratio():
 
 def test_compiled_solves_call_nothing_on_the_host():
     """JAX's compilation cache keeps only programs without callbacks."""
-    task = _prepare(PAD, STEEL, GRID, 0.5, 1e-8, 200)
-    last = _remember(None, PRESSED, GRID)
-    program = str(eqx.filter_make_jaxpr(_solve_one)(task, BALL, PRESSED, last, guess=False)[0])
+
+    def search(pose, friction):  # as `solve_resultant` does, inside one program
+        return find_contact(PAD, STEEL, BALL, pose, GRID, friction, None, 1e-8, 200)
+
+    program = str(jax.make_jaxpr(search)(PRESSED, jnp.asarray(0.5)))
     assert "while" in program
     assert "callback" not in program
