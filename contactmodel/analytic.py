@@ -4,7 +4,6 @@
 [Lubkin1951] J. L. Lubkin, "The torsion of elastic spheres in contact".
 [Jaeger1995] J. Jäger, "Axi-symmetric bodies of equal material in contact under torsion or shift".
 [Reissner1944] E. Reissner, H. F. Sagoci, "Forced torsional oscillations of an elastic half-space".
-[Masing1926] G. Masing, "Eigenspannungen und Verfestigung beim Messing".
 
 Symbols: a contact radius, c radius of the stick region, κ = c/a, p0 peak pressure, P normal force,
 μ friction coefficient, θ twist of one body against the other, G* = 1/(1/G_S + 1/G_B) the shear
@@ -14,14 +13,16 @@ broadcast against each other. Where one is a JAX array the result is one, and di
 everything is computed in NumPy, which compiles nothing.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from jaxtyping import Float
 
 from contactmodel.arrays import AnyArray, Value, as_arrays, refuse
+from contactmodel.elliptic import complete_elliptic
+from contactmodel.reversals import masing as masing
+from contactmodel.reversals import open_turns as open_turns
 
 Density = Callable[[Any], Any]
 
@@ -34,7 +35,6 @@ def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 _POINTS, _WEIGHTS = _gauss(32)
 _ABEL_POINTS, _ABEL_WEIGHTS = _gauss(96)  # 1/r peaks where s is small
-_TINY = 1e-9  # κ below which K = ln(4/κ) and E = 1 to rounding
 _NO_MOMENT = 1e-6  # share of the radius within which a moment, going like s³, is below rounding
 
 
@@ -365,72 +365,6 @@ def mindlin_shift(
     return sign * scale * (1.0 - xp.cbrt(rest) ** 2), xp.cbrt(rest)
 
 
-def masing(virgin: Callable[[Any], Any], turns: Sequence[Any], twist: Any) -> Any:
-    """A quantity after reversals at constant pressure ([Masing1926]).
-
-    Each branch is the first-loading curve enlarged twice from the point where it turned, as long
-    as the twist stays within the last two turns.
-
-    Args:
-        virgin: the quantity on first loading, odd in its argument (moment, u_θ at a radius, …).
-        turns: twists at the reversals that are still open, oldest first [rad].
-        twist: twist now [rad].
-    """
-    first, *rest = (*turns, twist)
-    value = virgin(first)
-    for start, end in zip(turns, rest, strict=True):
-        value = value + 2.0 * virgin(0.5 * (end - start))
-    return value
-
-
-def open_turns(path: Sequence[float]) -> list[tuple[float, ...]]:
-    """For each twist of a path from 0, the reversals that it still remembers.
-
-    A reversal is forgotten with its partner when the path passes the twist at which it began; one
-    that goes beyond every earlier twist is on the first-loading curve again.
-    """
-    remembered: list[tuple[float, ...]] = []
-    turns: list[float] = []
-    last = 0.0
-    direction = 0.0
-    for twist in path:
-        step = float(np.sign(twist - last))
-        if step and direction and step != direction:
-            turns.append(last)
-        direction = step or direction
-        while turns and _passed(turns, twist):
-            del turns[-2:]
-        remembered.append(tuple(turns))
-        last = twist
-    return remembered
-
-
-def complete_elliptic(kappa: Value) -> tuple[AnyArray, AnyArray]:
-    """K and E of parameter m = 1 − κ², 0 < κ ≤ 1."""
-    xp, ratio = as_arrays(kappa)
-    tiny = ratio < _TINY
-    safe = xp.where(tiny, 1.0, ratio)
-    if xp is np:
-        first, second = scipy.special.ellipkm1(safe**2), scipy.special.ellipe(1.0 - safe**2)
-    else:
-        first, second = _by_mean(xp, safe)
-    limit = xp.log(4.0 / xp.where(tiny, ratio, 1.0))
-    return xp.where(tiny, limit, first), xp.where(tiny, 1.0, second)
-
-
-def _by_mean(xp: Any, kappa: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """K and E by the arithmetic–geometric mean, which JAX differentiates."""
-    mean, geometric = xp.ones_like(kappa), kappa
-    total, power = 0.5 * (1.0 - geometric**2), 0.5
-    for _ in range(8):  # converges quadratically: exact to rounding above _TINY
-        half = 0.5 * (mean - geometric)
-        mean, geometric = 0.5 * (mean + geometric), xp.sqrt(mean * geometric)
-        power *= 2.0
-        total = total + power * half**2
-    first = np.pi / (2.0 * mean)
-    return first, first * (1.0 - total)
-
-
 def _between(low: Value, high: Value) -> tuple[Float[AnyArray, "*batch q"], AnyArray]:
     """Points and weights of a quadrature, spaced by ratio as f falls like 1/s."""
     xp, start, end = as_arrays(low, high)
@@ -438,13 +372,6 @@ def _between(low: Value, high: Value) -> tuple[Float[AnyArray, "*batch q"], AnyA
     ratio = xp.log(end / start)
     points = start * xp.exp(ratio * _POINTS)
     return points, points * ratio * _WEIGHTS
-
-
-def _passed(turns: Sequence[float], twist: float) -> bool:
-    """Whether the branch from the last turn has closed the loop it is part of."""
-    if len(turns) == 1:
-        return abs(twist) > abs(turns[0])
-    return abs(twist - turns[-1]) >= abs(turns[-2] - turns[-1])
 
 
 def _positive(values: AnyArray) -> AnyArray:
