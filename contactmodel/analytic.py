@@ -17,24 +17,17 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from contactmodel.arrays import AnyArray, Value, as_arrays, refuse
 from contactmodel.elliptic import complete_elliptic
+from contactmodel.quadrature import POINTS, WEIGHTS, gauss, space_by_ratio
 from contactmodel.reversals import masing as masing
 from contactmodel.reversals import open_turns as open_turns
 
 Density = Callable[[Any], Any]
 
 
-def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss–Legendre points and weights on [0, 1]."""
-    points, weights = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (points + 1.0), 0.5 * weights
-
-
-_POINTS, _WEIGHTS = _gauss(32)
-_ABEL_POINTS, _ABEL_WEIGHTS = _gauss(96)  # 1/r peaks where s is small
+_ABEL_POINTS, _ABEL_WEIGHTS = gauss(96)  # 1/r peaks where s is small
 _NO_MOMENT = 1e-6  # share of the radius within which a moment, going like s³, is below rounding
 
 
@@ -87,7 +80,7 @@ def hertz_from_approach(
 def hertz_pressure(r: Value, radius: Value, peak_pressure: Value) -> AnyArray:
     """p0 √(1 − r²/a²), 0 outside [MPa]."""
     _, r, a, peak = as_arrays(r, radius, peak_pressure)
-    return peak * _root(1.0 - (r / a) ** 2)
+    return peak * _root(1.0 - _share(r, a) ** 2)
 
 
 def hertz_indentation(r: Value, radius: Value, peak_pressure: Value, modulus: Value) -> AnyArray:
@@ -100,7 +93,7 @@ def hertz_indentation(r: Value, radius: Value, peak_pressure: Value, modulus: Va
         modulus: 2G/(1−ν) of the body, or E* for the sum of both [MPa].
     """
     xp, r, a, peak, modulus = as_arrays(r, radius, peak_pressure, modulus)
-    x = r / a
+    x = _share(r, a)
     outside = xp.maximum(x, 1.0)
     parabola = 2.0 - x**2
     inner = 0.5 * np.pi * parabola
@@ -121,7 +114,7 @@ def hertz_radial_displacement(
     own shear modulus [MPa] and Poisson's ratio.
     """
     xp, r, a, peak, modulus, nu = as_arrays(r, radius, peak_pressure, shear_modulus, poisson_ratio)
-    x = r / a
+    x = _share(r, a)
     y = xp.where(x <= 1.0, 1.0 - x**2, 0.0)
     inside = x * (1.0 + y + y**2) / (1.0 + y * _root(y))  # (1 − y^{3/2})/x, exact at x = 0 too
     shape = xp.where(x <= 1.0, inside, 1.0 / xp.maximum(x, 1.0))
@@ -195,7 +188,7 @@ def jaeger_density(friction: Density, radius: Value, shear_modulus: Value) -> De
 
 def torsion_twist(density: Density, stick_radius: Value, radius: Value) -> AnyArray:
     """Twist that leaves a stick region of radius c, ∫_c^a f ds ([Jaeger1995]) [rad]."""
-    s, ds = _between(stick_radius, radius)
+    s, ds = space_by_ratio(stick_radius, radius)
     return (density(s) * ds).sum(axis=-1)
 
 
@@ -204,7 +197,7 @@ def torsion_moment(
 ) -> AnyArray:
     """Moment at that stick radius, (16/3) G* ∫_c^a s³ f ds ([Jaeger1995]) [N·mm]."""
     xp, c, a, modulus = as_arrays(stick_radius, radius, shear_modulus)
-    s, ds = _between(xp.maximum(c, _NO_MOMENT * a), a)
+    s, ds = space_by_ratio(xp.maximum(c, _NO_MOMENT * a), a)
     return 16.0 / 3.0 * modulus * (s**3 * density(s) * ds).sum(axis=-1)
 
 
@@ -222,9 +215,9 @@ def torsion_traction(
     xp, rho, c, a, modulus = as_arrays(r, stick_radius, radius, shear_modulus)
     rho, c, a = rho[..., None], c[..., None], a[..., None]
     low, high = _root(xp.maximum(c**2 - rho**2, 0.0)), _root(a**2 - rho**2)  # s² = r² + x²
-    x = low + (high - low) * _POINTS
+    x = low + (high - low) * POINTS
     s = xp.sqrt(xp.minimum(rho, a) ** 2 + x**2)
-    total = (density(s) / s * (high - low) * _WEIGHTS).sum(axis=-1)
+    total = (density(s) / s * (high - low) * WEIGHTS).sum(axis=-1)
     return 4.0 / np.pi * modulus * rho[..., 0] * total
 
 
@@ -246,11 +239,11 @@ def torsion_displacement(
     edge = xp.where(rho <= c, c, xp.where(rho <= a, rho, a))
     far = xp.where(rho <= c, xp.where(c > 0.0, c, a), rho)
     low, high = _arcsin(c / far), _arcsin(edge / far)
-    alpha = low + (high - low) * _POINTS
+    alpha = low + (high - low) * POINTS
     sine, cosine = xp.sin(alpha), xp.cos(alpha)
     s = far * sine
     lag = 2.0 / np.pi * far * (alpha - sine * cosine)
-    ds = far * cosine * (high - low) * _WEIGHTS
+    ds = far * cosine * (high - low) * WEIGHTS
     return inner + (density(xp.where(s > 0.0, s, a)) * lag * ds).sum(axis=-1)
 
 
@@ -275,8 +268,16 @@ def lubkin_stick_ratio(twist: Value, friction_ratio: Value) -> AnyArray:
 
     It falls like 4 exp(−1 − θ/(μp0/2G*)) and never reaches 0: beyond θ/(μp0/2G*) = 700 it stays
     at what a double can hold.
+
+    Args:
+        twist: θ [rad].
+        friction_ratio: μp0/2G* [-].
+
+    Raises:
+        ValueError: a friction ratio that is not above 0.
     """
     xp, twist, ratio = as_arrays(twist, friction_ratio)
+    ratio = refuse(ratio, ~(ratio > 0), "the friction ratio μp0/2G* must be above 0")
     target = xp.minimum(xp.abs(twist) / ratio, 700.0)
     # K − E is concave in ln κ with slope −E, below its tangent at κ = 1 and its asymptote: from
     # the nearer of both Newton's steps never pass the root, and five reach rounding
@@ -292,7 +293,7 @@ def lubkin_moment(
 ) -> AnyArray:
     """M = (4/π) μPa ∫_κ^1 s² E(1−s²) ds, parameter 1 − s² ([Lubkin1951]) [N·mm]."""
     xp, kappa, mu, force, a = as_arrays(stick_ratio, friction_coefficient, force, radius)
-    s, ds = _between(xp.maximum(kappa, _NO_MOMENT), 1.0)
+    s, ds = space_by_ratio(xp.maximum(kappa, _NO_MOMENT), 1.0)
     integral = (s**2 * complete_elliptic(s)[1] * ds).sum(axis=-1)
     return 4.0 / np.pi * mu * force * a * integral
 
@@ -324,7 +325,7 @@ def flat_disc_moment(
     """
     xp, kappa, mu, force, a = as_arrays(stick_ratio, friction_coefficient, force, radius)
     kappa = xp.maximum(kappa, _NO_MOMENT)
-    s, ds = _between(kappa, 1.0)
+    s, ds = space_by_ratio(kappa, 1.0)
     slipped = 3.0 * (s**2 * complete_elliptic(s)[0] * ds).sum(axis=-1)
     held = kappa**3 * complete_elliptic(kappa)[0]
     return 4.0 / (3.0 * np.pi) * mu * force * a * (held + slipped)
@@ -365,18 +366,15 @@ def mindlin_shift(
     return sign * scale * (1.0 - xp.cbrt(rest) ** 2), xp.cbrt(rest)
 
 
-def _between(low: Value, high: Value) -> tuple[Float[AnyArray, "*batch q"], AnyArray]:
-    """Points and weights of a quadrature, spaced by ratio as f falls like 1/s."""
-    xp, start, end = as_arrays(low, high)
-    start, end = start[..., None], end[..., None]
-    ratio = xp.log(end / start)
-    points = start * xp.exp(ratio * _POINTS)
-    return points, points * ratio * _WEIGHTS
-
-
 def _positive(values: AnyArray) -> AnyArray:
     values = refuse(values, ~(abs(values) < np.inf), "a value must be a finite number")
     return refuse(values, ~(values > 0), "a modulus, radius or length must be above 0")
+
+
+def _share(r: Value, radius: Value) -> AnyArray:
+    """r/a; where a is 0 any length will do, as nothing is pressed there."""
+    xp, r, a = as_arrays(r, radius)
+    return r / xp.where(a > 0.0, a, 1.0)
 
 
 def _arcsin(ratio: AnyArray) -> AnyArray:

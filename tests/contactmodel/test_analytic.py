@@ -59,6 +59,15 @@ def test_there_is_no_hertz_contact_before_touch():
     assert jax.grad(lambda d: analytic.hertz_from_approach(d, 20.0, 0.5).force)(0.0) == 0.0
 
 
+def test_nothing_is_pressed_in_before_touch():
+    hertz = analytic.hertz_from_approach(np.array([-0.1, 0.0]), 20.0, 0.5)
+    for r in (0.0, 2.0):
+        pressed = (r, hertz.radius, hertz.peak_pressure)
+        assert (analytic.hertz_pressure(*pressed) == 0.0).all()
+        assert (analytic.hertz_indentation(*pressed, 0.5) == 0.0).all()
+        assert (analytic.hertz_radial_displacement(*pressed, 0.3, 0.3) == 0.0).all()
+
+
 def test_hertz_indentation_fills_the_gap():
     hertz = analytic.hertz_from_approach(0.8, 20.0, 0.5)
     r = np.linspace(0.0, 4.0, 9)
@@ -332,6 +341,12 @@ def test_mindlin_shift():
 def virgin_moment(twist):
     kappa = analytic.lubkin_stick_ratio(twist, RATIO)
     return jnp.sign(twist) * analytic.lubkin_moment(kappa, 1.0, FORCE, A)
+
+
+@pytest.mark.parametrize("ratio", [0.0, -0.1, np.nan])
+def test_a_contact_without_friction_has_no_stick_ratio(ratio):
+    with pytest.raises(ValueError, match="friction ratio μp0/2G\\* must be above 0"):
+        analytic.lubkin_stick_ratio(0.1, ratio)
 
 
 def test_masing_closes_its_loops():

@@ -1,0 +1,24 @@
+"""Gauss–Legendre quadrature of smooth functions, of NumPy or JAX arrays."""
+
+import numpy as np
+from jaxtyping import Float
+
+from contactmodel.arrays import AnyArray, Value, as_arrays
+
+
+def gauss(count: int) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:
+    """Points and weights on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (points + 1.0), 0.5 * weights
+
+
+POINTS, WEIGHTS = gauss(32)
+
+
+def space_by_ratio(low: Value, high: Value) -> tuple[Float[AnyArray, "*batch q"], AnyArray]:
+    """Points and weights of a quadrature, spaced by ratio as f falls like 1/s."""
+    xp, start, end = as_arrays(low, high)
+    start, end = start[..., None], end[..., None]
+    ratio = xp.log(end / start)
+    points = start * xp.exp(ratio * POINTS)
+    return points, points * ratio * WEIGHTS
