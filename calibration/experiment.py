@@ -124,9 +124,11 @@ def read_experiment(name: str) -> Experiment:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
     """
-    example = files("calibration") / "examples" / f"{name}.toml"
+    examples = files("calibration") / "examples"
+    example = examples / f"{name}.toml"
     if not (example.is_file() or Path(name).is_file()):
-        raise FileNotFoundError(f"there is no file {name}, nor a shipped example of that name")
+        names = sorted(one.name.removesuffix(".toml") for one in examples.iterdir())
+        raise FileNotFoundError(f"no file {name}; shipped examples are {', '.join(names)}")
     content = read_toml(Path(str(example)) if example.is_file() else Path(name), FORMAT_VERSION)
     with naming(name):
         expect_keys(content, "the file", _KEYS)

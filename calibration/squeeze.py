@@ -27,6 +27,8 @@ from estimation.softness import ScalarSoftness, write_softness
 from estimation.stencils import make_stencils
 
 FEWEST_READINGS = 5
+FARTHEST = 1e6
+"""Length beyond which a reading of a gripper is none [mm]."""
 LEAST_MARKERS = 12
 FINITE_STRAIN = 0.01
 """Standard error of the pad's share by the strain that Hertz leaves out (measured; tested)."""
@@ -308,7 +310,3 @@ def plot_squeeze(found: Squeeze) -> Figure:
     axis.set_ylabel(found.labels[1])
     axis.grid(alpha=0.3)
     return figure
-
-
-FARTHEST = 1e6
-"""Length beyond which a reading of a gripper is none [mm]."""

@@ -76,7 +76,9 @@ def read_toml(path: Path, version: int | None = None) -> dict[str, Any]:
         raise ValueError(f"{path} is not a TOML file: {error}") from error
     if version is None:
         return content
-    found = content.pop("format_version", None)
+    if "format_version" not in content:
+        raise ValueError(f"{path}: format_version is missing; this version reads {version}")
+    found = content.pop("format_version")
     if type(found) is not int or found != version:
         raise ValueError(f"{path}: format_version is {found!r}; this version reads {version}")
     return content

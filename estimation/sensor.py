@@ -53,6 +53,7 @@ from contactmodel.inputs import (
     read_toml,
 )
 from estimation.files import toml_text, write_whole
+from estimation.images.kinds import MARKER_KINDS
 from estimation.noise import Noise
 from estimation.recording import LARGEST
 
@@ -153,7 +154,7 @@ class Sensor:
         mm_per_px: scale where the markers are [mm/px].
         lens: of the camera; without it the picture counts as undistorted.
         size: width and height of the pictures that the scale and the lens hold for [px].
-        marker: kind of markers.
+        marker: kind of markers, one of `MARKER_KINDS`; None if it is to be found.
         radius: of the dots [px].
         dark: whether they are darker than what is around them.
         reference: unloaded positions of the markers.
@@ -161,7 +162,8 @@ class Sensor:
         elastomer: constants of the pad.
 
     Raises:
-        ValueError: a length that is not above 0, or a reference that is none.
+        ValueError: a length that is not above 0, an unknown kind of markers, or a reference that is
+            none.
     """
 
     mm_per_px: float | None = None
@@ -176,6 +178,10 @@ class Sensor:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        if self.marker not in (None, *MARKER_KINDS):
+            raise ValueError(
+                f"no markers of kind {self.marker!r}; there are {', '.join(MARKER_KINDS)}"
+            )
         for name, value in (("the scale", self.mm_per_px), ("the dots' radius", self.radius)):
             if value is not None and not 0.0 < value < np.inf:
                 raise ValueError(f"{name} is {value}; it must be a number above 0")

@@ -261,8 +261,6 @@ def _make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
         kind = "dots"  # whose radius or polarity was given
     if kind is None:
         return _find_reader(first, settings)
-    if kind not in READERS:
-        raise ValueError(f"no markers of kind {kind!r}; there are {', '.join(READERS)}")
     return READERS[kind](first, settings)
 
 

@@ -58,6 +58,11 @@ def test_files_that_are_refused(tmp_path, wrong, message):
         read_experiment(str(path))
 
 
+def test_a_name_that_is_no_file_lists_the_examples():
+    with pytest.raises(FileNotFoundError, match=r"no file sphere; .* soft_ball, tac3d_press"):
+        read_experiment("sphere")
+
+
 def test_a_frame_that_is_not_there(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text(MINIMAL.replace("frames = [0]", "frames = [99]"))

@@ -59,6 +59,7 @@ def test_an_empty_description_knows_nothing(tmp_path):
         ("format_version = 1\n[camera]\nwidth = 640", "width and height"),
         ("format_version = 1\n[camera]\nmatrix = [[1]]\ndistortion = [0]", "camera matrix"),
         ("format_version = 1\n[markers]\nreference = [[1.0], [2.0]]", "reference"),
+        ("format_version = 1\n[markers]\nkind = 'stars'", "there are corners, dots, speckle"),
         ("format_version = 1\n[noise]\nnormal = 1.0", "in_plane"),
         ("format_version = 1\nnoise = 3", "must be a table"),
         ("format_version =", "no TOML|not a TOML"),

@@ -51,7 +51,7 @@ def test_softness_files(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("stiffness_ratio = 0.3", "format_version is None"),
+        ("stiffness_ratio = 0.3", "format_version is missing"),
         ("format_version = 1\nload_term_rad = 0.1", "no stiffness_ratio"),
         ("format_version = 1\nstiffness_ratio = true", "must be a number"),
         ("format_version = 2", "format_version is 2"),
