@@ -88,7 +88,7 @@ def test_workers_end_with_their_parent_and_what_was_done_is_stored(tmp_path):
     process = subprocess.Popen(
         [sys.executable, *command], cwd=ROOT, env=environment, stderr=subprocess.DEVNULL
     )
-    while not log.exists() or len(log.read_text().split()) < 4 * STUDY.batch:
+    while not log.exists() or len(log.read_text().split()) < 5 * STUDY.batch:
         time.sleep(0.02)
     children = psutil.Process(process.pid).children(recursive=True)
     assert len(children) >= 2
