@@ -60,8 +60,8 @@ def run(
         bool,
         typer.Option(
             "--keep-withdrawn",
-            help="Keep the angles as they were answered frame by frame. Else those that the whole "
-            "recording speaks against (slip that was not seen) move to columns of their own.",
+            help="Keep the angles that were reported while the object may have been sliding "
+            "unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.",
         ),
     ] = False,
     sensor: Annotated[
@@ -76,14 +76,14 @@ def run(
     ] = None,
     dot_radius_px: Annotated[
         float | None,
-        typer.Option(help="Radius of the dots [px].", show_default="found"),
+        typer.Option(help="Radius of the dots [px].", show_default="detected"),
     ] = None,
     dark_dots: Annotated[
         bool | None,
         typer.Option(
             "--dark/--bright",
             help="Dots that are darker or brighter than the pad.",
-            show_default="found",
+            show_default="detected",
         ),
     ] = None,
     unloaded_frame: Annotated[
@@ -91,19 +91,19 @@ def run(
         typer.Option(
             help="Number of an unloaded frame: the number in the picture's name, or counted from 0 "
             "(angles.csv: source_index).",
-            show_default="found",
+            show_default="detected",
         ),
     ] = None,
     fps: Annotated[
         float | None,
         typer.Option(
             help="Rate of the pictures of a folder without times.csv [1/s].",
-            show_default="30, with a note",
+            show_default="30, with a warning",
         ),
     ] = None,
     marker: Annotated[
         str | None,
-        typer.Option(help=f"Kind of markers: {', '.join(MARKER_KINDS)}.", show_default="found"),
+        typer.Option(help=f"Kind of markers: {', '.join(MARKER_KINDS)}.", show_default="detected"),
     ] = None,
     stereo: Annotated[
         Path | None,
@@ -139,7 +139,7 @@ def run(
     min_stick_markers: Annotated[
         int | None,
         typer.Option(
-            help="Markers below which nothing sticks [-].",
+            help="Fewest markers that stick before macro slip [-].",
             show_default=_constants("min_stick_markers"),
         ),
     ] = None,
@@ -156,34 +156,37 @@ def run(
     max_strain: Annotated[
         float | None,
         typer.Option(
-            help="Misfit over size beyond which markers are no one body [-].",
+            help="Relative misfit above which markers do not move as one body [-].",
             show_default=_constants("max_strain"),
         ),
     ] = None,
     keyframe_interval: Annotated[
         int | None,
         typer.Option(
-            help="From one keyframe to the next [frames].",
+            help="Interval between keyframes [frames].",
             show_default=_constants("keyframe_interval"),
         ),
     ] = None,
     mature_age: Annotated[
         int | None,
         typer.Option(
-            help="Time to move as one to stick [frames].", show_default=_constants("mature_age")
+            help="How long markers must move together to count as sticking [frames].",
+            show_default=_constants("mature_age"),
         ),
     ] = None,
     slip_deg: Annotated[
         float | None,
         typer.Option(
-            help="Outline ahead of the gel in that time: macro slip [°].",
+            help="Lead of the contact's outline over the gel, gained within --mature-age, that "
+            "counts as macro slip [°].",
             show_default=_constants("slip_deg"),
         ),
     ] = None,
     shape_change: Annotated[
         float | None,
         typer.Option(
-            help="Change of the contact's curvature that ends an outline [-].",
+            help="Relative change of the contact's curvature at which its outline is no longer "
+            "followed [-].",
             show_default=_constants("shape_change"),
         ),
     ] = None,

@@ -148,7 +148,7 @@ def sweep(
         ),
     ] = None,
 ) -> None:
-    """Evaluate a study's cases; run again, it goes on where it was stopped."""
+    """Evaluate a study's cases; an interrupted sweep resumes when it is run again."""
     require_extra("sweeps", f"sweep {study}")
     from papers import sweeps
 

@@ -78,7 +78,8 @@ def test_unknown_data_set(command):
 def test_help_keeps_units(command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     _, out, _ = command("run", "--help")
-    for text in ("contact [mm]", "next [frames]", "stick [frames]", "in-plane coordinate [µm]"):
+    units = ("contact [mm]", "keyframes [frames]", "sticking [frames]", "in-plane coordinate [µm]")
+    for text in units:
         assert text in " ".join(out.split())
 
 
@@ -94,6 +95,9 @@ def test_a_file_for_a_folder_and_a_seed_below_zero(command, tmp_path):
     code, _, err = command("run", tmp_path / "lift.npz", "--out", tmp_path / "lift.npz")
     assert code == 2
     assert "is a file: give the name of a folder" in err
+    code, _, err = command("run", tmp_path / "lift.npz", "--out", tmp_path / "lift.npz" / "in")
+    assert code == 2
+    assert "in cannot be written to (Not a directory): give another folder" in err
     code, _, err = command("run", "--seed", "-1", "--out", tmp_path / "out")
     assert code == 2
     assert "--seed" in err
