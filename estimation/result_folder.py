@@ -89,7 +89,8 @@ class ResultFolder:
         self._stale = {}
         self._write_manifest()
         if removed:
-            self._say(f"removed {removed} files that an earlier run wrote to {self.path}")
+            files = "1 file" if removed == 1 else f"{removed} files"
+            self._say(f"removed {files} that an earlier run wrote to {self.path}")
 
     def _is_ours(self, name: str) -> bool:
         """Whether a command wrote the file, and nobody has changed it since."""

@@ -27,6 +27,11 @@ class Numbering(NamedTuple):
     warnings: tuple[str, ...]
 
 
+def counted(number: int, singular: str, plural: str) -> str:
+    """A number with the words that follow it: `1 frame`, `2 frames`."""
+    return f"{number} {singular if number == 1 else plural}"
+
+
 def natural_key(path: Path) -> tuple[list[str | int], str]:
     """Sort key for files by name, numbers by their value: `frame2` comes before `frame10`."""
     return _split(path.name), path.name
@@ -128,7 +133,8 @@ def _find_duplicates(files: Sequence[Path], numbers: Sequence[int]) -> list[str]
     if not same:
         return []
     return [
-        f"{len(same)} pictures have the same number as the one before and are left out: "
+        counted(len(same), "picture has", "pictures have")
+        + " the same number as the one before and will not be used: "
         f"{files[same[0]].name} after {files[same[0] - 1].name}{', …' if same[1:] else ''}."
     ]
 
@@ -138,8 +144,9 @@ def _find_gaps(numbers: Sequence[int]) -> list[str]:
     if not gaps:
         return []
     shown = [str(first) if first == last else f"{first} to {last}" for first, last in gaps[:5]]
+    missing = sum(last - first + 1 for first, last in gaps)
     return [
-        f"{sum(last - first + 1 for first, last in gaps)} frame numbers are missing in the names "
-        f"of the pictures ({', '.join(shown)}{', …' if gaps[5:] else ''}). They count as dropped "
-        "frames: the times of the other pictures allow for them."
+        counted(missing, "frame number is", "frame numbers are")
+        + f" missing in the names of the pictures ({', '.join(shown)}{', …' if gaps[5:] else ''}). "
+        "Missing numbers count as dropped frames: the times of the other pictures allow for them."
     ]

@@ -21,7 +21,7 @@ from PIL import Image, UnidentifiedImageError
 
 from contactmodel.inputs import cell_number, cell_whole, read_rows
 from estimation.extras import require_extra
-from estimation.sources.names import DUPLICATE, Numbering, natural_key, number_pictures
+from estimation.sources.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
 
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -84,8 +84,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
         warnings += doubts
         if unused := sorted(set(stamps) - set(numbers)):
             warnings.append(
-                f"{table.name} has times of {len(unused)} frames without a picture, {unused[0]} "
-                "the first: its `frame` must be the frame number."
+                f"{table.name} has times of {counted(len(unused), 'frame', 'frames')} without a "
+                f"picture, {unused[0]} the first: its `frame` must be the frame number."
             )
         if rate is None and not stamps:
             warnings.append(

@@ -16,7 +16,7 @@ def write(folder, names):
     """Pictures with these names; each has a grey level of its own, 20 for the first."""
     folder.mkdir()
     for i, name in enumerate(names):
-        cv2.imwrite(str(folder / name), np.full((8, 8), 20 + i, np.uint8))
+        cv2.imwrite(str(folder / name), np.full((16, 16), 20 + i, np.uint8))
     return folder
 
 
@@ -90,7 +90,7 @@ def test_a_table_of_times_goes_by_frame_number(tmp_path):
     times = [one.time for one in read_pictures(folder, 5.0)]
     assert times == pytest.approx([1.5, 1.6, np.nan], nan_ok=True)
     unused, ignored = describe_pictures(folder, 5.0)
-    assert "times.csv has times of 1 frames without a picture, 0 the first" in unused
+    assert "times.csv has times of 1 frame without a picture, 0 the first" in unused
     assert "5 pictures per second (--fps) is not used: times come from times.csv" in ignored
 
 
