@@ -95,7 +95,8 @@ def find_contact(
     _check(elastomer, object_, pose, grid, friction, rtol, path=False)
     task = _prepare(elastomer, object_, grid, friction, rtol, max_steps)
     last = _remember(previous, pose, grid)
-    step = _solve_one(task, indenter, pose, last, is_large(grid) and previous is None)
+    height = _find_heights(indenter, grid, pose.approach.dtype)
+    step = _solve_one(task, height, pose, last, is_large(grid) and previous is None)
     return _gather(elastomer, object_, task, step)
 
 
@@ -136,7 +137,8 @@ def solve_path(
     friction = non_negative(friction_coefficient)
     _check(elastomer, object_, path, grid, friction, rtol, path=True)
     task = _prepare(elastomer, object_, grid, friction, rtol, max_steps)
-    steps = _solve_all(task, indenter, path, _remember(previous, path, grid))
+    height = _find_heights(indenter, grid, path.approach.dtype)
+    steps = _solve_all(task, height, path, _remember(previous, path, grid))
     solution = _gather(elastomer, object_, task, steps)
     return raise_failure(solution) if throw else solution
 
@@ -201,16 +203,22 @@ def _prepare(
 
 
 @eqx.filter_jit
-def _solve_one(
-    task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, guess: bool
-) -> _Step:
-    return _step(task, indenter, pose, last, guess)
+def _find_heights(indenter: AbstractIndenter, grid: Grid, dtype: np.dtype) -> Float[Array, "nx ny"]:
+    """The object's shape on the grid [mm], apart from the solver: one program solves all shapes."""
+    return indenter.height(make_points(grid, dtype))
 
 
 @eqx.filter_jit
-def _solve_all(task: _Task, indenter: AbstractIndenter, path: Pose, last: _Memory) -> _Step:
+def _solve_one(
+    task: _Task, height: Float[Array, "nx ny"], pose: Pose, last: _Memory, guess: bool
+) -> _Step:
+    return _step(task, height, pose, last, guess)
+
+
+@eqx.filter_jit
+def _solve_all(task: _Task, height: Float[Array, "nx ny"], path: Pose, last: _Memory) -> _Step:
     def advance(last: _Memory, pose: Pose) -> tuple[_Memory, _Step]:
-        step = _step(task, indenter, pose, last, guess=False)
+        step = _step(task, height, pose, last, guess=False)
         earlier = jax.lax.stop_gradient(_Earlier(last.pose, last.pressure, last.traction))
         return _recall(step)._replace(earlier=earlier), step
 
@@ -237,12 +245,14 @@ def _gather(
     )
 
 
-def _step(task: _Task, indenter: AbstractIndenter, pose: Pose, last: _Memory, guess: bool) -> _Step:
+def _step(
+    task: _Task, height: Float[Array, "nx ny"], pose: Pose, last: _Memory, guess: bool
+) -> _Step:
     """The contact at a pose, from the one before; the pressure from a guess or the last one."""
     grid, rtol = task.grid, task.rtol
     compliance, friction = _in_precision_of((task.compliance, task.friction), pose)
     points = make_points(grid, last.pressure.dtype)
-    undeformed = _in_precision_of(indenter.height(points) - pose.approach, pose)
+    undeformed = _in_precision_of(height - pose.approach, pose)
     carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
     motion = carried + pose.increment(last.pose, carried, points)
     how = {"rtol": rtol, "max_steps": task.max_steps}
