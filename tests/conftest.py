@@ -1,15 +1,66 @@
-"""Double precision for every test; the library itself never touches `jax.config`.
+"""Double precision for every test, and programs that compile fast and are kept in pytest's cache.
 
-What tests and the processes that they start compile is not kept in the user's cache folder.
+The library itself never touches `jax.config`. What the processes that tests start compile is not
+kept in the user's cache folder.
 """
 
+import ctypes
+import gc
 import os
+import subprocess
+import sys
+from contextlib import suppress
 
-# before JAX is imported: most of the suite's time is compiling, and its grids are small
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
+import psutil
+import pytest
 
+COMPILE_FAST = ("--xla_backend_optimization_level=1", "--xla_cpu_use_fusion_emitters=false")
+"""Options of XLA for small grids: most of the suite's time, and its memory, is compiling."""
+
+LARGEST_WORKER = 1e9
+"""Memory of a worker from which it lets go of its compiled programs [bytes]."""
+
+
+def _set_compiler_options() -> None:
+    """Set XLA's options, before it reads them and for the workers to inherit.
+
+    An option that the installed jaxlib does not know ends the process: another one tries them.
+    """
+    if "XLA_FLAGS" in os.environ:
+        return
+    chosen = {**os.environ, "XLA_FLAGS": " ".join(COMPILE_FAST)}
+    probe = (sys.executable, "-c", "import jax; jax.devices()")
+    known = subprocess.run(probe, env=chosen, capture_output=True, check=False).returncode == 0
+    os.environ["XLA_FLAGS"] = chosen["XLA_FLAGS"] if known else COMPILE_FAST[0]
+
+
+_set_compiler_options()
 os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "0"
 
 import jax
 
 jax.config.update("jax_enable_x64", True)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep compiled programs in pytest's cache, for the other workers and for the next run."""
+    cache = getattr(config, "cache", None)  # none with `-p no:cacheprovider`
+    if cache is None:
+        return
+    jax.config.update("jax_enable_compilation_cache", True)
+    jax.config.update("jax_compilation_cache_dir", str(cache.mkdir("jax")))
+    jax.config.update("jax_compilation_cache_max_size", 2**30)  # where it is bounded it is locked
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+@pytest.fixture(autouse=True)
+def _bound_memory():
+    """Let go of compiled programs, which are most of a worker's memory, once it has grown."""
+    yield
+    if psutil.Process().memory_info().rss > LARGEST_WORKER:
+        jax.clear_caches()
+        gc.collect()
+        if sys.platform == "linux":
+            with suppress(AttributeError):  # glibc keeps what was freed until it is asked
+                ctypes.CDLL(None).malloc_trim(0)
