@@ -268,6 +268,14 @@ def test_stiffness_ratio():
     assert float(stiffness_ratio(PAD, STEEL)) == 0.0
 
 
+@pytest.mark.parametrize("ulps", [-1, 0, 1, 2])
+def test_bodies_that_just_touch_are_not_pressed(ulps):
+    lowest = float(BALL.height(jnp.asarray(GRID.points)).min())
+    touching = solve(pose=Pose(lowest + ulps * np.spacing(lowest), twist=0.05, shift=(0.01, 0.02)))
+    assert bool(touching.result == RESULTS.no_contact)
+    assert not np.asarray(touching.pressure).any()
+
+
 def test_compiled_solves_call_nothing_on_the_host():
     """JAX's compilation cache keeps only programs without callbacks."""
 
