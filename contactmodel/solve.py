@@ -256,7 +256,8 @@ def _step(
     carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
     motion = carried + pose.increment(last.pose, carried, points)
     how = {"rtol": rtol, "max_steps": task.max_steps}
-    (start, rubbed), before = _extrapolate(last, pose, grid), None
+    touching, before = jnp.any(undeformed < 0.0), None  # else nothing is left of what was carried
+    start, rubbed = (jnp.where(touching, old, 0.0) for old in _extrapolate(last, pose, grid))
     if guess:
         start, before = guess_pressure(compliance, undeformed)
     if task.smooth:

@@ -274,6 +274,9 @@ def test_bodies_that_just_touch_are_not_pressed(ulps):
     touching = solve(pose=Pose(lowest + ulps * np.spacing(lowest), twist=0.05, shift=(0.01, 0.02)))
     assert bool(touching.result == RESULTS.no_contact)
     assert not np.asarray(touching.pressure).any()
+    lifted = solve(pose=touching.pose, previous=solve())
+    assert bool(lifted.result == RESULTS.no_contact)
+    assert not np.asarray(lifted.pressure).any()
 
 
 def test_compiled_solves_call_nothing_on_the_host():
