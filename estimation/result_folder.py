@@ -66,6 +66,10 @@ class ResultFolder:
             self._write_manifest()
             self._published = True
 
+    def keep_earlier(self) -> None:
+        """Leave the files of the last run, because this run is not complete."""
+        self._stale = {}
+
     def clear(self) -> None:
         """Remove what the last run of the command wrote and this one has not.
 
@@ -119,8 +123,8 @@ def renew_results(
 ) -> Iterator[ResultFolder]:
     """A folder of results, for one run of a command.
 
-    What is in the draft at the end is published, also where the run ends in an error; only then the
-    files of the last run stay beside it.
+    What is in the draft at the end is published, also where the run ends in an error, so that
+    nothing that was computed is lost; the files of the last run then stay beside it.
 
     Args:
         folder: made if it is not there.

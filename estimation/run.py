@@ -171,6 +171,7 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
                 results.publish()
             if interrupted:
                 lines.append("interrupted: the frames done so far are written")
+                results.keep_earlier()
                 break
         if len(runs) > 1:
             lines += _put_side_by_side(runs, results.draft, settings)

@@ -105,9 +105,9 @@ def test_what_commands_compile_is_kept_unless_switched_off(tmp_path):
     assert kept
     for one in kept:
         one.write_bytes(one.read_bytes()[:100])  # as of a process that was killed, or a full disk
-    assert not compile_with(tmp_path / "on", JAX_ENABLE_COMPILATION_CACHE="1")
+    assert "cache" not in compile_with(tmp_path / "on", JAX_ENABLE_COMPILATION_CACHE="1")
 
 
 def test_a_cache_folder_that_cannot_be_made_does_no_harm(tmp_path):
     (tmp_path / "file").write_text("no folder")
-    assert not compile_with(tmp_path / "file", JAX_ENABLE_COMPILATION_CACHE="1")
+    assert "cache" not in compile_with(tmp_path / "file", JAX_ENABLE_COMPILATION_CACHE="1")

@@ -280,11 +280,17 @@ def _read_times(path: Path) -> dict[int, float]:
     """Time stamps by frame number; none without a table.
 
     Raises:
-        ValueError: the table is not one of time stamps.
+        ValueError: the table is not one of time stamps, or gives a frame two times.
     """
     if not path.is_file():
         return {}
-    return {
-        cell_whole(row["frame"], f"{at}: frame"): cell_number(row["time_s"], f"{at}: time_s")
-        for at, row in read_rows(path, ("frame", "time_s"))
-    }
+    stamps: dict[int, float] = {}
+    for at, row in read_rows(path, ("frame", "time_s")):
+        frame = cell_whole(row["frame"], f"{at}: frame")
+        stamp = cell_number(row["time_s"], f"{at}: time_s")
+        if stamps.setdefault(frame, stamp) != stamp:
+            raise ValueError(
+                f"{at}: frame {frame} has the time {stamp:g} s here and {stamps[frame]:g} s "
+                "above: leave one of them out"
+            )
+    return stamps

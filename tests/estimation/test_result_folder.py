@@ -120,6 +120,16 @@ def test_what_is_published_is_there_before_the_run_ends(tmp_path):
     assert files(tmp_path) == {"a/angles.csv": "new"}
 
 
+def test_an_incomplete_run_leaves_what_it_did_not_replace(tmp_path):
+    write(tmp_path, {"a.csv": "1", "b.csv": "1"})
+    with renew_results(tmp_path, RUN) as results:
+        (results.draft / "a.csv").write_text("2")
+        results.keep_earlier()
+    assert files(tmp_path) == {"a.csv": "2", "b.csv": "1"}
+    write(tmp_path, {"a.csv": "3"})  # the next complete run knows the files of both
+    assert files(tmp_path) == {"a.csv": "3"}
+
+
 def test_names_that_lead_out_of_the_folder_are_not_followed(tmp_path):
     outside, folder = tmp_path / "outside", tmp_path / "out"
     for place in (outside, folder):

@@ -92,6 +92,9 @@ def test_a_table_of_times_goes_by_frame_number(tmp_path):
     unused, ignored = describe_pictures(folder, 5.0)
     assert "times.csv has times of 1 frame without a picture, 0 the first" in unused
     assert "5 pictures per second (--fps) is not used: times come from times.csv" in ignored
+    (folder / "times.csv").write_text("frame,time_s\n1,1.0\n2,1.5\n2,1.6\n")
+    with pytest.raises(ValueError, match=r"times.csv.*frame 2 has the time 1.6 s here and 1.5 s"):
+        list(read_pictures(folder))
 
 
 def test_a_rate_is_not_used_where_times_are_known(tmp_path):
