@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 LARGEST_WHOLE = 2**53
-"""Whole numbers from here on are not all told apart in double precision."""
+"""From here on double precision no longer has every whole number."""
 
 
 @contextmanager
