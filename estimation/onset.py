@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import leastsq
 
 from estimation.estimators.measurement import Z95
 from estimation.noise import Noise
@@ -200,28 +200,43 @@ def follow_disc(
         discs.append(disc._replace(time=float(time)))
         if not disc.fits:
             continue
-        last, missed = best.x, 0
-        inside = np.abs(before - complex(*best.x[:2])) < abs(best.x[2])
+        last, missed = best.parameters, 0
+        inside = np.abs(before - complex(*best.parameters[:2])) < abs(best.parameters[2])
         if inside.sum() >= 3 * MIN_STICK_MARKERS:
-            axis = best.x[:2] if axis is None else axis + 0.2 * (best.x[:2] - axis)
+            axis = (
+                best.parameters[:2] if axis is None else axis + 0.2 * (best.parameters[:2] - axis)
+            )
     return discs
 
 
+class _Fit(NamedTuple):
+    """Axis x and y, radius and rotation of a disc, and what they leave of the motion."""
+
+    parameters: Float[np.ndarray, " 4"]
+    residual: Float[np.ndarray, " m"]
+    jacobian: Float[np.ndarray, "m 4"]
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residual @ self.residual)
+
+
 def _describe_disc(
-    best: OptimizeResult,
+    best: _Fit,
     before: Complex[np.ndarray, " m"],
     after: Complex[np.ndarray, " m"],
     scale: float,
 ) -> Disc:
     """The disc of a fit; its time is not known here."""
-    misfit = float(np.sqrt(np.mean(best.fun**2))) / WORST_MISFIT
-    error = np.sqrt(np.linalg.pinv(best.jac.T @ best.jac)[2, 2]) * max(misfit, 1.0)
-    distance = np.sort(np.abs(before - complex(*best.x[:2])))
+    misfit = float(np.sqrt(np.mean(best.residual**2))) / WORST_MISFIT
+    error = np.sqrt(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2]) * max(misfit, 1.0)
+    distance = np.sort(np.abs(before - complex(*best.parameters[:2])))
     moved = float(np.sqrt(0.5 * np.mean(np.abs(after - before) ** 2)))  # per coordinate
     beyond = WORST_MISFIT * scale * np.sqrt(max(misfit**2 - 1.0, 0.0))
     return Disc(
         time=np.nan,
-        margin=float(abs(best.x[2]) - distance[MIN_STICK_MARKERS - 1]),
+        margin=float(abs(best.parameters[2]) - distance[MIN_STICK_MARKERS - 1]),
         error=float(np.hypot(error, ROUNDNESS)),
         misfit=float(beyond / moved),
     )
@@ -250,7 +265,7 @@ def _fit_best(
     scale: float,
     last: np.ndarray | None,
     axis: np.ndarray | None,
-) -> OptimizeResult:
+) -> _Fit:
     """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
 
     def stack(left: Complex[np.ndarray, " m"], drift: Float[np.ndarray, " 2"]) -> np.ndarray:
@@ -279,20 +294,24 @@ def _fit_best(
         )
         return np.stack([stack(c, d) for c, d in zip(columns, np.eye(4, 2), strict=True)], axis=1)
 
-    def solve(start: np.ndarray) -> OptimizeResult:
-        return least_squares(
+    def solve(start: np.ndarray) -> _Fit:
+        found, *_ = leastsq(
             residual,
             start,
-            jacobian,  # pyright: ignore[reportArgumentType]
-            method="lm",
-            x_scale=SCALE,
-            max_nfev=MOST_STEPS,
+            Dfun=jacobian,
+            full_output=True,  # and no warning where the steps are used up
+            ftol=1e-8,
+            xtol=1e-8,
+            gtol=1e-8,
+            maxfev=MOST_STEPS,
+            diag=1.0 / SCALE,
         )
+        return _Fit(found, residual(found), jacobian(found))
 
     solutions = []
     if last is not None:
         solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0])]
-    if not solutions or min(s.cost for s in solutions) > len(before) * WORST_MISFIT**2:
+    if not solutions or min(s.squares for s in solutions) > 2.0 * len(before) * WORST_MISFIT**2:
         centre = complex(before.mean()) if axis is None else complex(*axis)
         arm = before - centre
         turned = np.sum(np.imag(np.conj(arm) * (after - before))) / np.sum(np.abs(arm) ** 2)
@@ -300,7 +319,7 @@ def _fit_best(
             solve(np.array([centre.real, centre.imag, radius, turned]))
             for radius in (1.0, 2.0, 4.0)
         ]
-    return min(solutions, key=lambda solution: solution.cost)
+    return min(solutions, key=lambda solution: solution.squares)
 
 
 def _share(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:

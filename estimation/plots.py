@@ -91,8 +91,23 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         result: of one method.
         frames: rows of the recording.
     """
+    width, height = 2.1 * len(frames) + 1.5, 7.2
+    # laid out by hand [in]: a layout engine measures every tick label of every map, many times
     figure, axes = plt.subplots(
-        3, len(frames), figsize=(2.1 * len(frames) + 1.0, 7.0), squeeze=False, layout="constrained"
+        3,
+        len(frames),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        figsize=(width, height),
+        gridspec_kw={
+            "left": 0.7 / width,
+            "right": 1.0 - 0.9 / width,
+            "top": 1.0 - 0.5 / height,
+            "bottom": 0.8 / height,
+            "wspace": 0.1,
+            "hspace": 0.1,
+        },
     )
     shown = result.contact[frames]
     rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
@@ -112,13 +127,17 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         for axis in (top, middle, bottom):
             axis.set_aspect("equal")
             axis.tick_params(labelsize=7)
-    figure.colorbar(rotation_scale, ax=axes[0, :], label="φ [°]", aspect=15)
-    figure.colorbar(curl_scale, ax=axes[2, :], label="rot(slip), Eq. 9 [rad]", aspect=15)
+    axes[0, 0].locator_params(nbins=5)
+    for axis, scale, label in (
+        (axes[0, -1], rotation_scale, "φ [°]"),
+        (axes[2, -1], curl_scale, "rot(slip), Eq. 9 [rad]"),
+    ):
+        figure.colorbar(scale, cax=axis.inset_axes((1.08, 0.0, 0.07, 1.0)), label=label)
     handles = [
         Line2D([], [], marker="o", ls="", color=colour, label=label)
         for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8, frameon=False)
     axes[2, 0].set_xlabel(f"x [{recording.unit}]")
     axes[2, 0].set_ylabel(f"y [{recording.unit}]")
     return figure

@@ -15,6 +15,7 @@ import jinja2
 import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Float
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from estimation.files import write_whole
@@ -331,7 +332,8 @@ def _outline_from(
 def figure_png(figure: Figure) -> bytes:
     """A figure as PNG; the figure is closed."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
+    figure.set_dpi(130)
+    FigureCanvasAgg(figure).print_png(buffer)  # lays out and draws once; `savefig` does so twice
     plt.close(figure)
     return buffer.getvalue()
 

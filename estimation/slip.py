@@ -5,7 +5,7 @@ Visuotactile Sensing During In-Hand Object Pivoting", Eq. (9).
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from contactmodel.rotation import object_rotation, slip_curl_of_rotation
 from estimation.result import Result, State
@@ -53,19 +53,29 @@ def follow_gel(result: Result) -> Float[np.ndarray, " frames"]:
     them the nearer one is the answer, and where the object's angle is unknown the larger one. NaN
     without contact.
     """
-    gel, starts = np.full(len(result.time), np.nan), _count_starts(result)
     zero = np.asarray(object_rotation(0.0, result.stiffness_ratio, result.load_term))
     wanted = (result.angle - zero) / (1.0 + result.stiffness_ratio)
-    for frame in np.flatnonzero(result.contact.any(axis=1)):
-        start = starts[frame]
-        rotation = result.rotation[frame] - (0.0 if start is None else result.rotation[start])
-        rotation = np.sort(rotation[result.contact[frame] & np.isfinite(rotation)])
-        most = max(len(rotation) // 10, FEWEST)
-        if len(rotation) >= most:
-            low, high = float(np.median(rotation[:most])), float(np.median(rotation[-most:]))
-            known = np.isfinite(wanted[frame])
-            gel[frame] = np.clip(wanted[frame], low, high) if known else max(low, high, key=abs)
-    return gel
+    start = np.array([len(result.time) if i is None else i for i in _count_starts(result)])
+    unloaded = np.zeros((1, result.rotation.shape[1]))
+    rotation = result.rotation - np.concatenate([result.rotation, unloaded])[start]
+    rotation = np.sort(np.where(result.contact, rotation, np.nan), axis=1)  # NaN at the end
+    known = np.isfinite(rotation).sum(axis=1)
+    most = np.maximum(known // 10, FEWEST)
+    low, high = _median(rotation, 0 * known, most), _median(rotation, known - most, most)
+    further = np.where(np.abs(high) > np.abs(low), high, low)
+    gel = np.where(np.isfinite(wanted), np.clip(wanted, low, high), further)
+    return np.where(known >= most, gel, np.nan)
+
+
+def _median(
+    ordered: Float[np.ndarray, "frames n"],
+    first: Int[np.ndarray, " frames"],
+    count: Int[np.ndarray, " frames"],
+) -> Float[np.ndarray, " frames"]:
+    """Of each row the median of so many values from the first on."""
+    rows, last = np.arange(len(ordered)), ordered.shape[1] - 1
+    middle = np.stack([first + (count - 1) // 2, first + count // 2])
+    return ordered[rows, np.clip(middle, 0, last)].mean(axis=0)
 
 
 def _slip_curl(result: Result, frame: int, start: int | None) -> Float[np.ndarray, " n"]:
