@@ -11,10 +11,11 @@ import subprocess
 import sys
 from contextlib import suppress
 
+import hypothesis
 import psutil
 import pytest
 
-COMPILE_FAST = ("--xla_backend_optimization_level=1", "--xla_cpu_use_fusion_emitters=false")
+COMPILE_FAST = ("--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false")
 """Options of XLA for small grids: most of the suite's time, and its memory, is compiling."""
 
 LARGEST_WORKER = 1e9
@@ -40,6 +41,10 @@ os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "0"
 import jax
 
 jax.config.update("jax_enable_x64", True)
+hypothesis.settings.register_profile(  # a busy machine fails no test
+    "untimed", deadline=None, suppress_health_check=(hypothesis.HealthCheck.too_slow,)
+)
+hypothesis.settings.load_profile("untimed")
 
 
 def pytest_configure(config: pytest.Config) -> None:

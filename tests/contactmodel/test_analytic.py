@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ellipe, ellipk, ellipkm1
@@ -129,7 +129,6 @@ def test_stick_ratio_of_a_twist_far_beyond_slip():
     assert 0.0 < stick_ratio(3.0, 1e-4) < 1e-300
 
 
-@settings(deadline=None)  # compiles on the way
 @given(st.floats(-3.0, 3.0), st.floats(0.05, 2.0))
 def test_stick_ratio_inverts_the_twist(twist, ratio):
     kappa = stick_ratio(twist, ratio)
@@ -382,7 +381,6 @@ def test_open_turns():
     assert analytic.open_turns([0.0, 0.0, 1.0, 1.0, 0.5]) == [(), (), (), (), (1.0,)]
 
 
-@settings(deadline=None)  # compiles on the way
 @given(st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=12))
 def test_the_moment_never_exceeds_friction(path):
     limit = 3 * np.pi / 16 * FORCE * A

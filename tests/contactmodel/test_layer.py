@@ -236,7 +236,7 @@ def test_gradients_with_history_meet_central_differences():
         thickness, nu, depth, twist = values
         path = make_path([Pose(0.0), Pose(0.3, twist=twist), Pose(0.3, twist=0.3 * twist)], [1, 1])
         bodies = Layer(1.0, nu, thickness), HalfSpace(3.0, 0.3)
-        last = solve_path(*bodies, BALL, path, grid, 0.5, rtol=1e-11).at_step(-1)
+        last = solve_path(*bodies, BALL, path, grid, 0.5, rtol=1e-12).at_step(-1)
         moved = last.elastomer_displacement_at(points, depth)
         scalars = jnp.stack([last.moment, last.force[2], 100.0 * last.dissipated_energy])
         return jnp.concatenate([scalars, 10.0 * moved.reshape(-1)])
@@ -246,10 +246,10 @@ def test_gradients_with_history_meet_central_differences():
     values = jnp.asarray([2.0, 0.47, 0.3, 0.05])
     slope = gradient(values)
     for i in range(len(values)):
-        step = jnp.zeros(4).at[i].set(1e-6)
-        difference = mixed @ (outputs(values + step) - outputs(values - step)) / 2e-6
-        # the solver's 1e-11 over the step, and curvature
-        assert float(slope[i]) == pytest.approx(float(difference), rel=1e-5, abs=1e-5)
+        step = jnp.zeros(4).at[i].set(1e-5)
+        difference = mixed @ (outputs(values + step) - outputs(values - step)) / 2e-5
+        # the solver's 1e-12 over the step: 1e-7 and less; and curvature
+        assert float(slope[i]) == pytest.approx(float(difference), rel=1e-6, abs=1e-6)
     assert bool(jnp.all(jnp.isfinite(gradient(values.at[1].set(0.5)))))
 
 

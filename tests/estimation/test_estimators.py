@@ -70,7 +70,7 @@ def same_after(change, mirror, method, seed, angle):
     return readings, order
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     change=st.sampled_from(["turn", "renumber", "none"]),
     mirror=st.booleans(),

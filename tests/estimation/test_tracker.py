@@ -91,7 +91,7 @@ def test_a_frame_with_two_markers_left_is_labelled():
     assert (result.state[12], result.reason[12]) == (State.UNKNOWN, "2 usable markers")
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(data=st.data())
 def test_nothing_that_a_sensor_does_stops_a_recording(data):
     recording = lift(ANGLES[::3], layout=domed_pad((8, 8)), unloaded=3)
