@@ -1,1 +1,11 @@
+from calibration.softness.fit import SoftnessFit as SoftnessFit
+from calibration.softness.fit import fit_softness as fit_softness
+from calibration.softness.layered import fit_layered_softness as fit_layered_softness
+from calibration.softness.references import Reference as Reference
+from calibration.softness.references import outline_reference as outline_reference
+from calibration.softness.references import read_reference as read_reference
+from calibration.softness.trials import Trial as Trial
+from calibration.softness.trials import make_trials as make_trials
+from calibration.softness.two_fingers import TwoFingers as TwoFingers
+from calibration.softness.two_fingers import fit_two_fingers as fit_two_fingers
 from contactmodel.version import __version__ as __version__

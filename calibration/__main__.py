@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
+from calibration.softness import LOAD_MODELS
 from contactmodel.command_line import errors, make_app, run_app, say
 from estimation.files import check_writable
 from estimation.recording import Recording
 from estimation.result_folder import renew_results
-from estimation.softness_fit import LOAD_MODELS
 
 app = make_app("What must be found out about sensor and object before angles can be trusted.")
 
@@ -98,7 +98,7 @@ def softness(
     """Fit k and L of objects to references: softness.toml for --softness, and a report."""
     from rich.progress import Progress
 
-    from calibration.softness import (
+    from calibration.softness.report import (
         ReferenceSettings,
         fit_objects,
         gather_trials,
@@ -157,7 +157,7 @@ def squeeze(
     ] = (0.3, 0.5),
 ) -> None:
     """Find k by pressing, from the gripper's travel or the contact's curvature."""
-    from calibration.squeeze import (
+    from calibration.softness.squeeze import (
         Bodies,
         read_travel,
         squeeze_by_curvature,

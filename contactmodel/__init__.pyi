@@ -25,5 +25,5 @@ from contactmodel.solve import solve_contact as solve_contact
 from contactmodel.solve import solve_path as solve_path
 from contactmodel.transfer import ScalarTransfer as ScalarTransfer
 from contactmodel.transfer import fit_scalar_transfer as fit_scalar_transfer
-from contactmodel.transfer import transfer_function as transfer_function
+from contactmodel.transfer import layer_gain as layer_gain
 from contactmodel.version import __version__ as __version__

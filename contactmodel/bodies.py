@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import AnyArray, refuse
+from contactmodel.arrays import refuse
 from contactmodel.checks import poisson, positive
 from contactmodel.compliance import CellIntegrals, Coefficients
 from contactmodel.layer import REACH, base_kernels
@@ -33,14 +33,6 @@ class AbstractBody(eqx.Module):
 
         Raises:
             ValueError: they are not.
-        """
-
-    @abc.abstractmethod
-    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
-        """q C_T(q): what a wave of transverse traction turns, relative to 1/q [1/MPa].
-
-        Args:
-            wave_number: q [1/mm].
         """
 
     @property
@@ -78,10 +70,6 @@ class HalfSpace(AbstractBody):
             turn_x=unit * cell.turn_x,
             turn_y=unit * cell.turn_y,
         )
-
-    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
-        """1/G [1/MPa]."""
-        return jnp.broadcast_to(self.softness, jnp.shape(wave_number))
 
     @property
     def softness(self) -> Float[Array, ""]:
@@ -161,10 +149,6 @@ class Layer(AbstractBody):
             turn_y=-unit / h * x * kernel.turn,
         )
 
-    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
-        """tanh(qh)/G [1/MPa]."""
-        return jnp.tanh(wave_number * self.thickness) / self.shear_modulus
-
     @property
     def softness(self) -> Float[Array, ""]:
         """1/G [1/MPa]."""
@@ -178,10 +162,6 @@ class Rigid(AbstractBody):
         """All 0."""
         return Coefficients(*[jnp.zeros_like(jnp.asarray(cell.xx))] * len(Coefficients._fields))
 
-    def turning(self, wave_number: Float[AnyArray, "*waves"]) -> Float[Array, "*waves"]:
-        """0."""
-        return jnp.broadcast_to(self.softness, jnp.shape(wave_number))
-
     @property
     def softness(self) -> Float[Array, ""]:
         """0."""
@@ -189,5 +169,5 @@ class Rigid(AbstractBody):
 
 
 def stiffness_ratio(elastomer: AbstractBody, object_: AbstractBody) -> Float[Array, ""]:
-    """k = G_S/G_B; 0 for a rigid object. Of a layer, see `transfer_function`."""
+    """k = G_S/G_B; 0 for a rigid object. Of a layer, see `layer_gain`."""
     return object_.softness / elastomer.softness

@@ -1,13 +1,8 @@
 """What a rigid base under a body changes: displacement of a bonded layer less that of a half-space.
 
-[Burmister1945] D. M. Burmister, "The general theory of stresses and displacements in layered
-systems"; here solved for one layer on a rigid base. The functions are dimensionless: x = qh, q the
-wave number and h the thickness; a compliance is δ/(Gq).
-
-In Fourier space (e^{+iq·r}) the traction along q (L) and the pressure couple, the traction across
-q (T) does not: û_L = C_LL τ_L + iC_Lp p, ŵ = C_zz p − iC_zL τ_L, û_T = C_TT τ_T. The difference is
-smooth where the half-space's displacement is singular, and cancels it far away. Its Hankel
-transforms are integrated once for a body and evaluated by their Chebyshev series.
+The difference is smooth where the half-space's displacement is singular, and cancels it far away.
+Its Hankel transforms (`transfer` has it by wave number) are integrated once for a body and
+evaluated by their Chebyshev series.
 """
 
 from functools import lru_cache
@@ -21,85 +16,12 @@ from jaxtyping import Array, Float
 from scipy.special import jv
 
 from contactmodel.arrays import AnyArray
+from contactmodel.transfer import base_transfer
 
 REACH = 40.0  # in thicknesses; beyond, a layer's displacement is below 1e-12 of the half-space's
 _WAVES = 22.0  # the integrands fall at least like e^{−x}
 _NODES = 960
 _TERMS = 64  # of the series in asinh(r/2h): 2e-13 of the largest
-
-
-class Transfer(NamedTuple):
-    """Displacement by the waves of a unit traction, times Gq [-].
-
-    Attributes:
-        transverse: û_T by τ_T.
-        longitudinal: û_L by τ_L.
-        normal: ŵ by p.
-        pull: û_L by p, over i.
-        lift: ŵ by τ_L, over −i.
-    """
-
-    transverse: Array
-    longitudinal: Array
-    normal: Array
-    pull: Array
-    lift: Array
-
-
-def half_space_transfer(depth: Float[AnyArray, "*waves"], poisson_ratio: ArrayLike) -> Transfer:
-    """Of a half-space.
-
-    Args:
-        depth: qz, depth times wave number [-].
-        poisson_ratio: ν [-].
-    """
-    nu, fade = jnp.asarray(poisson_ratio), jnp.exp(-depth)
-    return Transfer(
-        transverse=fade,
-        longitudinal=((1.0 - nu) - 0.5 * depth) * fade,
-        normal=((1.0 - nu) + 0.5 * depth) * fade,
-        pull=0.5 * ((1.0 - 2.0 * nu) - depth) * fade,
-        lift=0.5 * ((1.0 - 2.0 * nu) + depth) * fade,
-    )
-
-
-def base_transfer(
-    x: Float[AnyArray, "*waves"], poisson_ratio: ArrayLike, depth: ArrayLike
-) -> Transfer:
-    """Of a bonded layer, less that of a half-space; no difference of large numbers.
-
-    Args:
-        x: qh, thickness times wave number [-].
-        poisson_ratio: ν [-].
-        depth: z/h, from 0 at the surface to 1 at the base [-].
-    """
-    nu = jnp.asarray(poisson_ratio)
-    z, y = x * depth, x * (1.0 - jnp.asarray(depth))
-    s, f = 3.0 - 4.0 * nu, 0.25 / (1.0 - nu)
-    twice = jnp.exp(-2.0 * x)  # once down to the base and back
-    down, up = jnp.exp(-z), jnp.exp(z - 2.0 * x)  # to the point from above, from the base
-    c = 2.0 * x**2 + 5.0 - 12.0 * nu + 8.0 * nu**2
-    det = 0.5 * s * (1.0 + twice**2) + c * twice
-    one = jnp.ones_like(z)
-    t = 2.0 * f * (1.0 - 2.0 * nu)
-    # displacement at y above the base and surface traction by growing and decaying waves
-    rise = _matrix(s + y, y, -y, s - y)
-    fall = _matrix(y - s, -y, y, -s - y)
-    grow = _matrix(one - 2.0 * f * x, t - 2.0 * f * x, t + 2.0 * f * x, one + 2.0 * f * x)
-    decay = _matrix(one + 2.0 * f * x, -t - 2.0 * f * x, -t + 2.0 * f * x, one - 2.0 * f * x)
-    waves = up * _times(fall, grow) + twice * (
-        down * _times(rise, decay) + up * _times(fall, decay)
-    )
-    waves = waves / (8.0 * f * det)
-    half = half_space_transfer(z, nu)
-    less = -twice * (0.5 * s * twice + c) / det
-    return Transfer(
-        transverse=-(up + down * twice) / (1.0 + twice),
-        longitudinal=waves[0, 0] + less * half.longitudinal,
-        normal=waves[1, 1] + less * half.normal,
-        pull=waves[0, 1] + less * half.pull,
-        lift=waves[1, 0] + less * half.lift,
-    )
 
 
 class Kernels(NamedTuple):
@@ -152,14 +74,6 @@ def base_kernels(
     top = np.arcsinh(0.5 * REACH)
     u = jnp.arcsinh(0.5 * jnp.minimum(jnp.asarray(distance), REACH)) / top
     return Kernels(*_evaluate(series, 2.0 * u**2 - 1.0))
-
-
-def _matrix(a: AnyArray, b: AnyArray, c: AnyArray, d: AnyArray) -> Array:
-    return jnp.stack([jnp.stack([a, b]), jnp.stack([c, d])])
-
-
-def _times(left: Array, right: Array) -> Array:
-    return jnp.einsum("ij...,jk...->ik...", left, right)
 
 
 @jax.custom_jvp

@@ -1,33 +1,131 @@
-"""How the object's rotation follows the elastomer's when one of them is a layer.
+"""What waves do to a half-space and to a layer, and what that makes of the object's rotation.
+
+[Burmister1945] D. M. Burmister, "The general theory of stresses and displacements in layered
+systems"; here solved for one layer on a rigid base. The functions are dimensionless: x = qh, q the
+wave number and h the thickness; a compliance is δ/(Gq).
+
+In Fourier space (e^{+iq·r}) the traction along q (L) and the pressure couple, the traction across
+q (T) does not: û_L = C_LL τ_L + iC_Lp p, ŵ = C_zz p − iC_zL τ_L, û_T = C_TT τ_T.
 
 [Li2024] is the paper of `kinematics`: Eq. (2) and (13) have a number k = G_S/G_B and a load term L.
 On bodies that are alike along the surface only the transverse part of the traction turns it, and
-every wave q of it turns S and B in opposite senses in the ratio k(q) of their transverse
-compliances, whatever slides. Of two half-spaces k(q) is k; of a layer it depends on q, and the
-number k is a projection.
+every wave q of it turns S and B in opposite senses in the ratio k̂(q) of their transverse
+compliances, whatever slides. Of two half-spaces k̂ is k; of a layer it depends on q, and the number
+k is a projection.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
-from contactmodel.arrays import AnyArray
-from contactmodel.bodies import AbstractBody
-from contactmodel.solution import ContactSolution
+from contactmodel.arrays import AnyArray, Value, as_arrays
 
 
-def transfer_function(
-    elastomer: AbstractBody, object_: AbstractBody, wave_number: Float[AnyArray, "*waves"]
-) -> Float[Array, "*waves"]:
-    """k(q): rotation of the object's surface by that of the elastomer's, with the sign changed [-].
+class Transfer(NamedTuple):
+    """Displacement by the waves of a unit traction, times Gq [-].
+
+    Attributes:
+        transverse: û_T by τ_T.
+        longitudinal: û_L by τ_L.
+        normal: ŵ by p.
+        pull: û_L by p, over i.
+        lift: ŵ by τ_L, over −i.
+    """
+
+    transverse: AnyArray
+    longitudinal: AnyArray
+    normal: AnyArray
+    pull: AnyArray
+    lift: AnyArray
+
+
+def half_space_transfer(depth: Float[AnyArray, "*waves"], poisson_ratio: Value) -> Transfer:
+    """Of a half-space.
 
     Args:
-        elastomer: S.
-        object_: B.
-        wave_number: q, above 0 [1/mm].
+        depth: qz, depth times wave number [-].
+        poisson_ratio: ν [-].
     """
-    return object_.turning(wave_number) / elastomer.turning(wave_number)
+    xp, depth, nu = as_arrays(depth, poisson_ratio)
+    fade = xp.exp(-depth)
+    return Transfer(
+        transverse=fade,
+        longitudinal=((1.0 - nu) - 0.5 * depth) * fade,
+        normal=((1.0 - nu) + 0.5 * depth) * fade,
+        pull=0.5 * ((1.0 - 2.0 * nu) - depth) * fade,
+        lift=0.5 * ((1.0 - 2.0 * nu) + depth) * fade,
+    )
+
+
+def base_transfer(x: Float[AnyArray, "*waves"], poisson_ratio: Value, depth: Value) -> Transfer:
+    """Of a bonded layer, less that of a half-space; no difference of large numbers.
+
+    Args:
+        x: qh, thickness times wave number [-].
+        poisson_ratio: ν [-].
+        depth: z/h, from 0 at the surface to 1 at the base [-].
+    """
+    xp, x, nu, depth = as_arrays(x, poisson_ratio, depth)
+    z, y = x * depth, x * (1.0 - depth)
+    s, f = 3.0 - 4.0 * nu, 0.25 / (1.0 - nu)
+    twice = xp.exp(-2.0 * x)  # once down to the base and back
+    down, up = xp.exp(-z), xp.exp(z - 2.0 * x)  # to the point from above, from the base
+    c = 2.0 * x**2 + 5.0 - 12.0 * nu + 8.0 * nu**2
+    det = 0.5 * s * (1.0 + twice**2) + c * twice
+    one = xp.ones_like(z)
+    t = 2.0 * f * (1.0 - 2.0 * nu)
+    # displacement at y above the base and surface traction by growing and decaying waves
+    rise = _matrix(xp, s + y, y, -y, s - y)
+    fall = _matrix(xp, y - s, -y, y, -s - y)
+    grow = _matrix(xp, one - 2.0 * f * x, t - 2.0 * f * x, t + 2.0 * f * x, one + 2.0 * f * x)
+    decay = _matrix(xp, one + 2.0 * f * x, -t - 2.0 * f * x, -t + 2.0 * f * x, one - 2.0 * f * x)
+    waves = up * _times(xp, fall, grow) + twice * (
+        down * _times(xp, rise, decay) + up * _times(xp, fall, decay)
+    )
+    waves = waves / (8.0 * f * det)
+    half = half_space_transfer(z, nu)
+    less = -twice * (0.5 * s * twice + c) / det
+    return Transfer(
+        transverse=-(up + down * twice) / (1.0 + twice),
+        longitudinal=waves[0, 0] + less * half.longitudinal,
+        normal=waves[1, 1] + less * half.normal,
+        pull=waves[0, 1] + less * half.pull,
+        lift=waves[1, 0] + less * half.lift,
+    )
+
+
+class LayerGain(NamedTuple):
+    """By how much more than a thick elastomer's a layer's waves count, less 1 [-].
+
+    Attributes:
+        below: 1/D − 1, D the motion by transverse waves at the depth over that at the surface.
+        transverse: k̂/k − 1 against a half-space, coth x − 1.
+        longitudinal: the same of longitudinal waves, both bodies incompressible.
+    """
+
+    below: AnyArray
+    transverse: AnyArray
+    longitudinal: AnyArray
+
+
+def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -> LayerGain:
+    """What a layer's markers at some depth must be multiplied by, wave by wave.
+
+    Between two layers k̂/k is the quotient of their 1 + `transverse`.
+
+    Args:
+        x: qh, thickness times wave number; infinite for a half-space [-].
+        depth: qz, depth times wave number, below qh [-].
+    """
+    xp, x, depth = as_arrays(x, depth)
+    x = xp.minimum(x, 1e3)  # nothing is left of the base there
+    at, under = base_transfer(x, 0.5, 0.0), base_transfer(x, 0.5, xp.minimum(depth / x, 1.0))
+    fade = half_space_transfer(depth, 0.5).transverse
+    return LayerGain(
+        below=(at.transverse - under.transverse - xp.expm1(-depth)) / (fade + under.transverse),
+        transverse=-at.transverse / (1.0 + at.transverse),
+        longitudinal=-at.longitudinal / (0.5 + at.longitudinal),
+    )
 
 
 class ScalarTransfer(NamedTuple):
@@ -40,13 +138,15 @@ class ScalarTransfer(NamedTuple):
         residual: root mean square of what they leave of the object's rotation [rad].
     """
 
-    stiffness_ratio: Float[Array, ""]
-    load_term: Float[Array, ""]
-    residual: Float[Array, ""]
+    stiffness_ratio: Float[AnyArray, ""]
+    load_term: Float[AnyArray, ""]
+    residual: Float[AnyArray, ""]
 
 
 def fit_scalar_transfer(
-    solution: ContactSolution, region: Bool[AnyArray, "nx ny"] | None = None
+    elastomer_rotation: Float[AnyArray, "*cells"],
+    object_rotation: Float[AnyArray, "*cells"],
+    region: Bool[AnyArray, "*cells"],
 ) -> ScalarTransfer:
     """The k that follows the object's rotation best over a region, and the mean L left there.
 
@@ -54,17 +154,26 @@ def fit_scalar_transfer(
     do: where everything sticks the two rotations differ by a constant, and k = −1 would fit.
 
     Args:
-        solution: one contact.
-        region: cells to fit; the cells in contact if not given.
+        elastomer_rotation: ½ rot u_S, as `ContactSolution.elastomer_rotation` has it [rad].
+        object_rotation: ½ rot u_B [rad].
+        region: cells to fit, those in contact for example.
     """
-    weight = (solution.contact if region is None else jnp.asarray(region)).astype(float)
-    phi, opposite = solution.elastomer_rotation(), -solution.object_rotation()
-    square = jnp.sum(weight * phi**2)
-    turned = square > 0.0
-    k = jnp.where(turned, jnp.sum(weight * phi * opposite) / jnp.where(turned, square, 1.0), 0.0)
+    xp, phi, turned, inside = as_arrays(elastomer_rotation, object_rotation, region)
+    weight, opposite = inside.astype(phi.dtype), -turned
+    square = xp.sum(weight * phi**2)
+    moves = square > 0.0
+    k = xp.where(moves, xp.sum(weight * phi * opposite) / xp.where(moves, square, 1.0), 0.0)
     rest = opposite - k * phi
-    count = jnp.maximum(jnp.sum(weight), 1.0)
-    mean = jnp.sum(weight * rest) / count
-    spread = jnp.sum(weight * (rest - mean) ** 2) / count
-    root = jnp.sqrt(jnp.where(spread > 0.0, spread, 1.0)) * (spread > 0.0)
+    count = xp.maximum(xp.sum(weight), 1.0)
+    mean = xp.sum(weight * rest) / count
+    spread = xp.sum(weight * (rest - mean) ** 2) / count
+    root = xp.sqrt(xp.where(spread > 0.0, spread, 1.0)) * (spread > 0.0)
     return ScalarTransfer(k, -2.0 * mean, root)
+
+
+def _matrix(xp: Any, a: AnyArray, b: AnyArray, c: AnyArray, d: AnyArray) -> AnyArray:
+    return xp.stack([xp.stack([a, b]), xp.stack([c, d])])
+
+
+def _times(xp: Any, left: AnyArray, right: AnyArray) -> AnyArray:
+    return xp.einsum("ij...,jk...->ik...", left, right)

@@ -12,10 +12,10 @@ from scipy.integrate import quad
 from contactmodel.bodies import HalfSpace, Layer, Rigid
 from contactmodel.grid import Grid
 from contactmodel.indenters import Paraboloid, RoundPunch
-from contactmodel.layer import base_transfer
 from contactmodel.pose import Pose, make_path
 from contactmodel.resultants import solve_resultant
 from contactmodel.solve import solve_contact, solve_path
+from contactmodel.transfer import base_transfer
 from contactmodel.verify import CURVATURE, FRICTION, RADIUS, SIDE, Row, by_cell
 
 APPROACH = RADIUS**2 / CURVATURE

@@ -15,11 +15,10 @@ from jaxtyping import Bool, Float, Shaped
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from calibration.layered_fit import Grasp, fit_layered_softness
-from estimation.layered_softness import LayeredSoftness
+from calibration.softness.layered import Grasp, fit_layered_softness
 from estimation.noise import Noise
 from estimation.recording import MarkerLayout, Recording, grid_neighbours
-from estimation.softness import ScalarSoftness, Softness
+from estimation.softness import LayeredSoftness, ScalarSoftness, Softness
 from estimation.tracker import estimate_angles
 from papers.items import Track
 from papers.softness import contacts

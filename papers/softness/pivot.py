@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
+from calibration.softness.fit import SoftnessFit, fit_softness
+from calibration.softness.references import outline_reference
+from calibration.softness.trials import Trial, make_trials
 from estimation import datasets
-from estimation.references import outline_reference
-from estimation.softness_fit import SoftnessFit, fit_softness
 from estimation.sources import find_recordings, read_recording
-from estimation.trials import Trial, make_trials
 
 
 class Pivot(NamedTuple):

@@ -11,13 +11,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from calibration.softness.fit import fit_softness
+from calibration.softness.references import Reference
+from calibration.softness.trials import make_trials
 from estimation.noise import Noise
 from estimation.recording import Recording
-from estimation.references import Reference
 from estimation.softness import ScalarSoftness
-from estimation.softness_fit import fit_softness
 from estimation.tracker import estimate_angles
-from estimation.trials import make_trials
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 
 RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0)

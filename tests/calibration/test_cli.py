@@ -110,6 +110,6 @@ def test_an_interrupted_fit_leaves_nothing_behind(grasps, tmp_path, monkeypatch)
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("calibration.softness.fit_objects", interrupted)
+    monkeypatch.setattr("calibration.softness.report.fit_objects", interrupted)
     assert CliRunner().invoke(app, arguments(grasps, tmp_path)).exit_code != 0
     assert not list(tmp_path.iterdir())

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from calibration.layered_checks import check_turns
-from calibration.layered_fit import Grasp, fit_layered_softness
+from calibration.softness.layered import Grasp, fit_layered_softness
+from calibration.softness.layered_checks import check_turns
 from estimation import LayeredSoftness
 from estimation.fields import Fields
-from estimation.layered_softness import small_turn
 from estimation.noise import Noise
 from estimation.softness import Contact, read_softness, write_softness
+from estimation.softness.lifting import small_turn
 from tests.cases import lift
 
 

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from calibration.squeeze import Bodies, read_travel, squeeze_by_curvature, squeeze_by_travel
+from calibration.softness.squeeze import (
+    Bodies,
+    read_travel,
+    squeeze_by_curvature,
+    squeeze_by_travel,
+)
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
 KNOWN = Bodies(0.48, (0.48, 0.48))

@@ -17,15 +17,16 @@ from contactmodel import (
     Rigid,
     SquarePunch,
     fit_scalar_transfer,
+    layer_gain,
     make_path,
     solve_contact,
     solve_path,
-    transfer_function,
 )
 from contactmodel.compliance import cell_integrals, grid_coefficients
-from contactmodel.layer import base_kernels, base_transfer, half_space_transfer
+from contactmodel.layer import base_kernels
 from contactmodel.rotation import object_rotation
 from contactmodel.solution import ContactSolution
+from contactmodel.transfer import base_transfer, half_space_transfer
 
 GRID = Grid((32, 32), (10.0, 10.0))
 BALL = Paraboloid(30.0)
@@ -309,25 +310,38 @@ def test_wrong_depths_and_thin_layers_while_solving():
         solve_contact(Layer(1.0, 0.48, 0.1), Rigid(), BALL, Pose(0.05), GRID, 0.5)
 
 
-def test_transfer_function():
-    q = np.array([1e-6, 0.3, 50.0])
-    soft, hard = HalfSpace(1.0, 0.48), HalfSpace(4.0, 0.1)
-    np.testing.assert_allclose(transfer_function(soft, hard, q), 0.25)
-    layer = transfer_function(Layer(1.0, 0.48, 2.0), hard, q)
-    np.testing.assert_allclose(layer, 0.25 / np.tanh(2.0 * q))
-    both = transfer_function(Layer(1.0, 0.48, 2.0), Layer(4.0, 0.1, 1.0), q)
-    assert float(both[0]) == pytest.approx(0.25 * 1.0 / 2.0)  # thickness over modulus
-    np.testing.assert_allclose(transfer_function(soft, Rigid(), q), 0.0)
+def test_gain_of_a_layer_wave_by_wave():
+    """k̂(q)/k = coth qh, D = sinh(q(h − z))/sinh(qh), k̂_L/k by the compliances at ν = ½."""
+    q, h, z = np.array([1e-6, 0.3, 2.0, 20.0]), 2.0, 0.4
+    gain = layer_gain(q * h, q * z)
+    np.testing.assert_allclose(gain.transverse, 1.0 / np.tanh(q * h) - 1.0, rtol=1e-9, atol=1e-15)
+    motion = np.sinh(q * (h - z)) / np.sinh(q * h)
+    # of waves a million times as long as thick the two compliances keep ten digits
+    np.testing.assert_allclose(1.0 + gain.below, 1.0 / motion, rtol=1e-9)
+    block, _ = matrices(q[1:], h, 0.5, 0.0)
+    np.testing.assert_allclose(
+        1.0 + gain.longitudinal[1:], 0.5 / q[1:] / block[..., 0, 0], rtol=1e-12
+    )
+    # long waves turn a layer by thickness over modulus: of two, h_B/h_S
+    ratio = (1.0 + gain.transverse[0]) / (1.0 + layer_gain(q * 1.0, 0.0 * q).transverse[0])
+    assert ratio == pytest.approx(1.0 / 2.0)
+    assert layer_gain(q * np.inf, q * z).transverse == pytest.approx(0.0, abs=0.0)
+    np.testing.assert_allclose(layer_gain(q * np.inf, q * z).below, np.expm1(q * z), rtol=1e-12)
+
+
+def scalar_transfer(solution, region=None):
+    turned = solution.elastomer_rotation(), solution.object_rotation()
+    return fit_scalar_transfer(*turned, solution.contact if region is None else region)
 
 
 def test_scalar_transfer_of_half_spaces_is_exact_and_of_a_layer_larger():
     pose = Pose(0.3, twist=0.05)
     object_ = HalfSpace(2.0, 0.3)
-    exact = fit_scalar_transfer(solve_contact(HalfSpace(1.0, 0.48), object_, BALL, pose, GRID, 0.5))
+    exact = scalar_transfer(solve_contact(HalfSpace(1.0, 0.48), object_, BALL, pose, GRID, 0.5))
     assert float(exact.stiffness_ratio) == pytest.approx(0.5, rel=1e-10)
     assert abs(float(exact.load_term)) < 1e-12
     solution = solve_contact(Layer(1.0, 0.48, 2.0), object_, BALL, pose, GRID, 0.5)
-    fit = fit_scalar_transfer(solution)
+    fit = scalar_transfer(solution)
     assert 0.5 < float(fit.stiffness_ratio) < 1.0
     assert 0.0 < float(fit.residual) < 0.1 * 0.05  # a tenth of the twist
     # By Eq. (13) k and L give the mean angle by which the two surfaces have turned apart: L's sign.
@@ -337,7 +351,7 @@ def test_scalar_transfer_of_half_spaces_is_exact_and_of_a_layer_larger():
     assert abs(float(fit.load_term)) > 1e-4
     turned = object_rotation(phi.mean(), float(fit.stiffness_ratio), float(fit.load_term))
     assert turned == pytest.approx(apart.mean(), rel=1e-12)
-    assert fit_scalar_transfer(
+    assert scalar_transfer(
         solve_contact(HalfSpace(1.0, 0.48), object_, BALL, Pose(0.3), GRID, 0.5)
     ).stiffness_ratio == pytest.approx(0.0, abs=1.0)
 
@@ -364,7 +378,7 @@ def square_face(k, thickness, cells):
     )
     inner = np.abs(grid.points).max(axis=0) < 0.7 * 7.5
     share = 100.0 * (1.0 - float(jnp.mean(solution.elastomer_rotation()[inner])) / 0.01)
-    return np.array([share, float(fit_scalar_transfer(solution, inner).stiffness_ratio)])
+    return np.array([share, float(scalar_transfer(solution, inner).stiffness_ratio)])
 
 
 def extrapolated(k, thickness, cells):

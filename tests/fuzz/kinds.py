@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.experiment import read_experiment
-from calibration.squeeze import Bodies, read_travel, squeeze_by_travel
+from calibration.softness.references import read_reference
+from calibration.softness.squeeze import Bodies, read_travel, squeeze_by_travel
 from contactmodel.configuration import read_simulation
 from estimation.estimators import METHODS, RIVALS
 from estimation.images.stereo import read_rig, triangulate
 from estimation.noise import Noise
-from estimation.references import read_reference
 from estimation.result import Result
 from estimation.sensor import Sensor, read_sensor
 from estimation.softness import read_softness

@@ -10,17 +10,18 @@ from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
 from calibration.information import Z95, invert_information
-from calibration.layered_checks import check_turns
+from calibration.softness.checks import check_sensors
+from calibration.softness.layered_checks import check_turns
+from calibration.softness.references import Reference
+from calibration.softness.trials import stands_still
 from estimation.estimators.measurement import Z95 as HALF_WIDTH
-from estimation.layered_softness import Added, LayeredSoftness, Matrix, lifting_turns
 from estimation.noise import Noise
 from estimation.recording import Recording
-from estimation.references import Reference
 from estimation.result import State
 from estimation.softness import Contact, Lifting, ScalarSoftness, Validity
-from estimation.softness_checks import check_sensors
+from estimation.softness.layered import LayeredSoftness, Matrix
+from estimation.softness.lifting import Added, lifting_turns
 from estimation.tracker import RIGID_OBJECT, Tracker
-from estimation.trials import stands_still
 
 LEAST_STICK = 6  # few markers have wide intervals and count little
 METHOD = "incremental"

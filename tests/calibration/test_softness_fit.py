@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.softness.fit import fit_softness
+from calibration.softness.references import Reference, outline_reference, read_reference
+from calibration.softness.trials import Trial, make_trials, stands_still
+from calibration.softness.two_fingers import fit_two_fingers
 from estimation.noise import Noise
-from estimation.references import Reference, outline_reference, read_reference
-from estimation.softness_fit import fit_softness
 from estimation.tracker import estimate_angles
-from estimation.trials import Trial, make_trials, stands_still
-from estimation.two_fingers import fit_two_fingers
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import lift, recording_of
 

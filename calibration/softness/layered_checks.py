@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
+from calibration.softness.checks import LEAST_TURN, check_line
+from calibration.softness.references import Reference
+from calibration.softness.regression import Columns, Series, fit_line
+from calibration.softness.trials import FEWEST_POINTS, Trial
 from estimation.recording import Recording
-from estimation.references import Reference
-from estimation.softness_checks import LEAST_TURN, check_line
-from estimation.softness_line import Columns, Series, fit_line
-from estimation.trials import FEWEST_POINTS, Trial
 
 
 def check_turns(

@@ -6,8 +6,8 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from estimation.softness_line import Line, Series, gather_points
-from estimation.trials import FEWEST_POINTS, Trial
+from calibration.softness.regression import Line, Series, gather_points
+from calibration.softness.trials import FEWEST_POINTS, Trial
 
 LEAST_TURN = np.radians(1.0)
 MOST_OUTLIERS = 0.35

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibration.softness.fit import SoftnessFit, fit_softness
+from calibration.softness.references import Reference
+from calibration.softness.trials import Trial
 from estimation.estimators.measurement import Z95
-from estimation.references import Reference
 from estimation.softness import ScalarSoftness
-from estimation.softness_fit import SoftnessFit, fit_softness
-from estimation.trials import Trial
 
 LEAST_DIFFERENCE = 0.05
 """Difference of k₁/k₂ from 1 below which the fingers count as alike."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from calibration.softness.references import Reference
 from estimation.estimators.measurement import Z95
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
-from estimation.references import Reference
 from estimation.result import State
 from estimation.softness import disc_radius
 from estimation.tracker import estimate_angles

@@ -18,15 +18,20 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from calibration.softness.checks import check_frames, check_line, check_points, check_sensors
+from calibration.softness.references import NO_REFERENCE
+from calibration.softness.regression import (
+    Columns,
+    Line,
+    Series,
+    find_clock_offset,
+    fit_line,
+    total_error,
+)
+from calibration.softness.trials import Trial
 from estimation.estimators.measurement import Z95
-from estimation.references import NO_REFERENCE
-from estimation.softness import Covariance, ScalarSoftness, Validity
-from estimation.softness_checks import check_frames, check_line, check_points, check_sensors
-from estimation.softness_line import Columns, Line, Series, find_clock_offset, fit_line, total_error
-from estimation.trials import Trial
-
-LOAD_MODELS = ("none", "constant", "by force", "per grasp")
-"""How L is taken: 0, one number, in proportion to the normal force, or one for each trial."""
+from estimation.softness import ScalarSoftness, Validity
+from estimation.softness.scalar import Covariance
 
 MOST_COVERED = 0.5
 """Share of the frames from which a reference counts as long as the recording."""

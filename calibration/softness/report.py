@@ -11,16 +11,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
-from calibration.layered_fit import Grasp, LayeredFit, fit_layered_softness
+from calibration.softness.fit import MOST_COVERED, SoftnessFit, fit_softness
+from calibration.softness.layered import Grasp, LayeredFit, fit_layered_softness
+from calibration.softness.references import (
+    NO_REFERENCE,
+    Reference,
+    outline_reference,
+    read_reference,
+)
+from calibration.softness.trials import Trial, make_trials
+from calibration.softness.two_fingers import fit_two_fingers
 from estimation.files import write_whole
 from estimation.noise import Noise, estimate_noise
 from estimation.recording import Recording
-from estimation.references import NO_REFERENCE, Reference, outline_reference, read_reference
 from estimation.report import figure_png, render_page
 from estimation.softness import write_softness
-from estimation.softness_fit import MOST_COVERED, SoftnessFit, fit_softness
-from estimation.trials import Trial, make_trials
-from estimation.two_fingers import fit_two_fingers
 
 POOLED = "all objects"
 

@@ -1,0 +1,18 @@
+"""Softness of the object as it is applied to angles; `calibration.softness` fits it."""
+
+from estimation.softness.contact import Contact, Lifting, Validity, disc_radius
+from estimation.softness.files import Softness, read_softness, write_softness
+from estimation.softness.layered import LayeredSoftness
+from estimation.softness.scalar import ScalarSoftness
+
+__all__ = [
+    "Contact",
+    "LayeredSoftness",
+    "Lifting",
+    "ScalarSoftness",
+    "Softness",
+    "Validity",
+    "disc_radius",
+    "read_softness",
+    "write_softness",
+]

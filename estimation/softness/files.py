@@ -1,0 +1,82 @@
+"""A softness of either kind, and the TOML files that keep it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from contactmodel.inputs import as_text, naming, read_toml
+from estimation.files import toml_text, write_whole
+from estimation.softness.contact import Contact, Lifting
+from estimation.softness.layered import read_layered
+from estimation.softness.scalar import ScalarSoftness, read_scalar
+
+FORMAT_VERSION = 1
+
+
+@runtime_checkable
+class Softness(Protocol):
+    """Turns the rotation of an elastomer into that of the object that sticks to it."""
+
+    @property
+    def stiffness_ratio(self) -> float:
+        """A typical k [-], for what must be known before there is a contact."""
+        ...
+
+    def lifting(self, points: Float[np.ndarray, "n 2"]) -> Lifting | None:
+        """What is to be added to what markers show before a rotation is sought; None for nothing.
+
+        Args:
+            points: the markers in the unloaded elastomer [mm].
+        """
+        ...
+
+    def at(self, contact: Contact) -> ScalarSoftness:
+        """The k and L that stand for it in one contact, its fields lifted.
+
+        Raises:
+            ValueError: the contact lacks what the softness needs to know.
+        """
+        ...
+
+    def content(self) -> dict[str, Any]:
+        """What stands in its file, `kind` first: plain values and tables of such."""
+        ...
+
+
+READERS: dict[str, Callable[[dict[str, Any]], Softness]] = {
+    "scalar": read_scalar,
+    "layered": read_layered,
+}
+"""What makes a softness of a file's content, by its `kind`."""
+
+
+def write_softness(softness: Softness, path: Path) -> None:
+    """Write a softness as a file that `read_softness` reads.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write_whole(path, toml_text({"format_version": FORMAT_VERSION} | softness.content()))
+
+
+def read_softness(path: Path) -> Softness:
+    """Read a softness file.
+
+    A TOML file with `format_version = 1`, `stiffness_ratio` k [-] and, if known, `load_term_rad`
+    L [rad, or rad/N with `load_by_force = true`], `covariance`, the 2×2 matrix of (k, L), a table
+    `validity` with `rotation_deg`, `normal_force_N` and `contact_radius_mm`, each as lowest and
+    highest value, and a table `provenance` of anything that readers should know.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is not such a file.
+    """
+    content = read_toml(path, FORMAT_VERSION)
+    with naming(path):
+        kind = as_text(content.pop("kind", "scalar"), "kind")
+        if kind not in READERS:
+            raise ValueError(f"no kind {kind!r} of softness; there are {', '.join(READERS)}")
+        return READERS[kind](content)

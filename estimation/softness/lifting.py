@@ -1,0 +1,163 @@
+"""Displacements of markers lifted by their waves, as sums over the markers (see `layered`)."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, NamedTuple
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+
+from contactmodel.transfer import layer_gain
+from estimation.softness.contact import Lifting
+
+_RESOLUTION = 0.5  # standard deviation, in pitches, of what markers resolve
+_WAVES, _NODES = 6.5, 600  # up to e^{-21} of the resolution
+_REACH = 40.0  # pitches
+_STEPS = 1200
+_FAR = 25  # pitches over which the lattice is added up
+
+
+class Kernels(NamedTuple):
+    """What is lacking at some markers, from what all of them show.
+
+    Attributes:
+        below: 1/D − 1, what markers below the surface do not show.
+        thin: (coth qh − 1)/D of the waves that turn, to be multiplied by k/(1 + k).
+        along: (k̂_L/k − 1)/D of the longitudinal ones, likewise; their D is that of the others, as
+            it is for waves longer than the elastomer is thick.
+    """
+
+    below: Lifting
+    thin: Lifting
+    along: Lifting
+
+
+def lifting_kernels(
+    at: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "n 2"], thickness: float, depth: float
+) -> Kernels:
+    """What is lacking at some of the markers.
+
+    Args:
+        at: markers where it is wanted, some of `points` [mm].
+        points: all markers in the unloaded elastomer [mm].
+        thickness: h [mm].
+        depth: z [mm].
+    """
+    pitch = _pitch(points)
+    away = (at[:, None] - points) / pitch
+    thin, along = (
+        _Kernel.of(thickness / pitch, depth / pitch, name).at(away) for name in ("thin", "along")
+    )
+    if depth == 0.0:
+        return Kernels(Lifting(*(np.zeros_like(part) for part in thin)), thin, along)
+    return Kernels(_Kernel.of(thickness / pitch, depth / pitch, "below").at(away), thin, along)
+
+
+class Added(NamedTuple):
+    """What `Kernels` add to the rotation of some markers [rad]."""
+
+    below: float
+    thin: float
+    along: float
+
+
+def lifting_turns(
+    at: Float[np.ndarray, "m 2"],
+    points: Float[np.ndarray, "n 2"],
+    moved: Float[np.ndarray, "n 2"],
+    thickness: float,
+    depth: float,
+) -> Added:
+    """Rotation of some markers that is lacking in what all of them show.
+
+    Args:
+        at: markers that turn as one body, some of `points` [mm].
+        points: all markers in the unloaded elastomer [mm].
+        moved: their displacement, as seen [mm].
+        thickness: h [mm].
+        depth: z [mm].
+    """
+    kernels = lifting_kernels(at, points, thickness, depth)
+    return Added(*(small_turn(at, kernel.of(moved)) for kernel in kernels))
+
+
+def small_turn(points: Float[np.ndarray, "m 2"], moved: Float[np.ndarray, "m 2"]) -> float:
+    """Rotation of the rigid motion that is nearest to small displacements of points [rad]."""
+    arm = points - points.mean(axis=0)
+    return float(np.sum(arm[:, 0] * moved[:, 1] - arm[:, 1] * moved[:, 0]) / np.sum(arm**2))
+
+
+def _pitch(points: Float[np.ndarray, "n 2"]) -> float:
+    """Side of the square that a marker has for itself [mm]."""
+    return float(np.sqrt(scipy.spatial.ConvexHull(points).volume)) / (np.sqrt(len(points)) - 1.0)
+
+
+@dataclass(frozen=True)
+class _Kernel:
+    """A function of the wave number, as functions of distance in pitches to be summed over markers.
+
+    Attributes:
+        even: ∫ f q J0 dq/2π.
+        odd: ± ∫ f q J2 dq/2π, of the part that depends on the direction; − for longitudinal waves.
+        at_itself: what a marker's own value counts with.
+    """
+
+    even: Float[np.ndarray, " steps"]
+    odd: Float[np.ndarray, " steps"]
+    at_itself: float
+
+    def at(self, away: Float[np.ndarray, "m n 2"]) -> Lifting:
+        """Its matrices between markers that are so far apart, in pitches.
+
+        The transverse part δ_ij − q_i q_j/q² is ½δ_ij J0 + (n_i n_j − ½δ_ij) J2 in space, the
+        longitudinal one, q_i q_j/q², the rest of δ_ij J0.
+        """
+        distance = np.linalg.norm(away, axis=-1)
+        itself = distance == 0.0
+        even = np.where(itself, self.at_itself, _interpolate(self.even, distance))
+        odd = np.where(itself, 0.0, _interpolate(self.odd, distance))
+        along = away / np.where(itself, 1.0, distance)[..., None]
+        turned = np.einsum("mni,mnj->mnij", along, along) - 0.5 * np.eye(2)
+        whole = 0.5 * even[..., None, None] * np.eye(2) + odd[..., None, None] * turned
+        return Lifting(np.ascontiguousarray(whole.transpose(0, 2, 1, 3)), even)
+
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def of(thickness: float, depth: float, name: Literal["below", "thin", "along"]) -> "_Kernel":
+        """One of the `Kernels`, over the waves that markers resolve."""
+        h, z = thickness, depth
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        top = _WAVES / _RESOLUTION
+        q = 0.5 * top * (nodes + 1.0)
+        gain = layer_gain(q * h, q * z)
+        waves = {
+            "below": gain.below * np.exp(-0.5 * (q * _RESOLUTION) ** 2),
+            "thin": (1.0 + gain.below) * gain.transverse,
+            "along": (1.0 + gain.below) * gain.longitudinal,
+        }
+        wave = waves[name] * q * 0.5 * top * weights / (2.0 * np.pi)
+        distance = np.linspace(0.0, _REACH, _STEPS + 1)
+        phase = np.outer(distance, q)
+        zeroth = scipy.special.j0(phase)
+        second = 2.0 * scipy.special.j1(phase) / np.maximum(phase, 1e-9) - zeroth
+        even, odd = zeroth @ wave, second @ wave
+        if name == "along":
+            odd = -odd
+        if name != "below":  # smooth: markers are points of it
+            return _Kernel(even, odd, float(even[0]))
+        far = np.arange(-_FAR, _FAR + 1.0)
+        others = np.hypot(*np.meshgrid(far, far)).ravel()
+        others = others[others > 0.0]
+        uniform = 0.0 if np.isinf(h) else z / (h - z)  # of a wave of infinite length
+        return _Kernel(even, odd, float(uniform - np.sum(_interpolate(even, others))))
+
+
+def _interpolate(
+    table: Float[np.ndarray, " steps"], distance: Float[np.ndarray, "..."]
+) -> Float[np.ndarray, "..."]:
+    """Values of a table at distances in pitches; its end beyond."""
+    place = np.minimum(distance * (_STEPS / _REACH), _STEPS - 1.0)
+    whole = np.minimum(place.astype(int), _STEPS - 1)
+    rest = place - whole
+    return table[whole] * (1.0 - rest) + table[whole + 1] * rest

@@ -1,0 +1,129 @@
+"""Softness of the object: what Eq. (13) adds to the rotation of the elastomer.
+
+[Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
+Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (2), (12) and (13).
+
+L is the paper's L_xy − L_yx everywhere in this project, so that counter-clockwise the object has
+turned by (1 + k) φ − L/2.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from contactmodel.inputs import as_flag, as_number, as_table, expect_keys
+from contactmodel.rotation import object_rotation
+from estimation.estimators.measurement import Z95, Measurement
+from estimation.softness.contact import (
+    Contact,
+    Validity,
+    check_covariance,
+    check_ratio,
+    read_covariance,
+    read_validity,
+    show_validity,
+)
+
+Covariance = tuple[tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class ScalarSoftness:
+    """Stiffness ratio and load term of an object on a sensor.
+
+    Attributes:
+        stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
+        load_term: L = L_xy − L_yx [rad], in the paper's sign; per newton of the normal force
+            [rad/N] where `load_by_force`.
+        covariance: of (k, L), row by row.
+        load_by_force: whether L grows in proportion to the normal force.
+        validity: the contacts that it was found on.
+        provenance: where it came from, for readers: recordings, reference, sensor, versions.
+
+    Raises:
+        ValueError: k below 0, or a covariance that is none.
+    """
+
+    stiffness_ratio: float = 0.0
+    load_term: float = 0.0
+    covariance: Covariance = ((0.0, 0.0), (0.0, 0.0))
+    load_by_force: bool = False
+    validity: Validity = field(default_factory=Validity)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_ratio(self.stiffness_ratio)
+        if not np.isfinite(self.load_term):
+            raise ValueError(f"load term L is {self.load_term}; it must be a number")
+        check_covariance(self.covariance, ("k", "L"))
+
+    def lifting(self, points: Float[np.ndarray, "n 2"]) -> None:
+        """Nothing: what moves as one body is multiplied as a whole."""
+
+    def at(self, contact: Contact) -> "ScalarSoftness":
+        """Itself, or with L for the contact's normal force where it grows with that.
+
+        Raises:
+            ValueError: L grows with a force that is not known.
+        """
+        if not self.load_by_force:
+            return self
+        force = contact.normal_force
+        if not np.isfinite(force):
+            raise ValueError("the load term needs the normal force, which this frame does not have")
+        (kk, kl), (_, ll) = self.covariance
+        return ScalarSoftness(
+            self.stiffness_ratio,
+            self.load_term * force,
+            ((kk, kl * force), (kl * force, ll * force**2)),
+            validity=self.validity,
+        )
+
+    def correct(self, gel: Measurement) -> tuple[float, float, float]:
+        """The object's angle and the ends of its 95 % interval [rad, counter-clockwise].
+
+        [Li2024] Eq. (13) with the sign turned; the interval takes in the covariance of (k, L).
+        """
+        angle = float(object_rotation(gel.angle, self.stiffness_ratio, self.load_term))
+        gradient = np.array([gel.angle, -0.5])
+        spread = Z95 * np.sqrt(gradient @ np.asarray(self.covariance) @ gradient)
+        gain = 1.0 + self.stiffness_ratio
+        below = np.hypot(gain * (gel.angle - gel.low), spread)
+        above = np.hypot(gain * (gel.high - gel.angle), spread)
+        return angle, float(angle - below), float(angle + above)
+
+    def content(self) -> dict[str, Any]:
+        """What stands in its file."""
+        return {
+            "kind": "scalar",
+            "stiffness_ratio": self.stiffness_ratio,
+            "load_term_rad": self.load_term,
+            "load_by_force": self.load_by_force,
+            "covariance": [list(row) for row in self.covariance],
+            "validity": show_validity(self.validity),
+            "provenance": dict(self.provenance),
+        }
+
+
+def read_scalar(content: dict[str, Any]) -> ScalarSoftness:
+    """A scalar softness from a file's content.
+
+    Raises:
+        ValueError: the content is not that of a scalar softness.
+    """
+    keys = ("stiffness_ratio", "load_term_rad", "load_by_force", "covariance", "validity")
+    expect_keys(content, "the file", (*keys, "provenance"))
+    if "stiffness_ratio" not in content:
+        raise ValueError("no stiffness_ratio: give k, 0 for a rigid object")
+    return ScalarSoftness(
+        stiffness_ratio=as_number(content["stiffness_ratio"], "stiffness_ratio"),
+        load_term=as_number(content.get("load_term_rad", 0.0), "load_term_rad"),
+        covariance=read_covariance(content, 2),
+        load_by_force=as_flag(content.get("load_by_force", False), "load_by_force"),
+        validity=read_validity(content.get("validity", {})),
+        provenance=as_table(content.get("provenance", {}), "provenance"),
+    )
