@@ -33,6 +33,7 @@ from estimation.sources import find_recordings as find_recordings
 from estimation.sources import read_recording as read_recording
 from estimation.sources import write_archive as write_archive
 from estimation.tracker import Tracker as Tracker
+from estimation.tracker import Trackers as Trackers
 from estimation.tracker import estimate_angles as estimate_angles
 from estimation.virtual.recording import PivotModel as PivotModel
 from estimation.virtual.recording import Truth as Truth

@@ -268,7 +268,7 @@ def _fit_best(
 ) -> _Fit:
     """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
 
-    def stack(left: Complex[np.ndarray, " m"], drift: Float[np.ndarray, " 2"]) -> np.ndarray:
+    def stack(left: Complex[np.ndarray, "m ..."], drift: Float[np.ndarray, "2 ..."]) -> np.ndarray:
         parts = [np.real(left) / scale, np.imag(left) / scale]
         return np.concatenate(parts if axis is None else [*parts, drift / AXIS_DRIFT])
 
@@ -292,7 +292,7 @@ def _fit_best(
             -outwards / radius,
             -1j * share * spin * arm,
         )
-        return np.stack([stack(c, d) for c, d in zip(columns, np.eye(4, 2), strict=True)], axis=1)
+        return stack(np.stack(columns, axis=1), np.eye(2, 4))
 
     def solve(start: np.ndarray) -> _Fit:
         found, *_ = leastsq(

@@ -127,29 +127,50 @@ def unwrap(angle: float, near: float) -> float:
     return angle + np.pi * round((near - angle) / np.pi)
 
 
+class OutlineFollower:
+    """Follows the long axis of the contact frame by frame, anew with every contact."""
+
+    def __init__(self) -> None:
+        """Begin with no frame."""
+        self._axes: list[tuple[float, float, float]] = []
+        self._last = np.nan
+
+    def update(self, fields: Fields | None) -> None:
+        """Follow it through the next frame.
+
+        Args:
+            fields: of the frame; None where it cannot be used.
+        """
+        nothing = (np.nan, np.nan, np.nan)
+        if fields is None or not fields.contact.any():
+            self._last = self._last if fields is None else np.nan
+            self._axes.append(nothing)
+            return
+        axis = measure_axis(fields)
+        if np.isfinite(axis.angle):
+            self._last = unwrap(axis.angle, self._last) if np.isfinite(self._last) else axis.angle
+            self._axes.append((self._last, axis.standard_error, axis.elongation))
+        else:
+            self._axes.append((np.nan, np.nan, axis.elongation))
+
+    def outline(self, recording: Recording) -> Outline:
+        """The axis in every frame of a recording, which have all been followed.
+
+        Where the source has the object's imprint, that takes its place.
+        """
+        if recording.imprint is not None:
+            nothing = np.full(len(recording), np.nan)
+            return Outline(recording.imprint[:, 0], recording.imprint[:, 1], nothing)
+        return Outline(*np.reshape(self._axes[: len(recording)], (-1, 3)).T)
+
+
 def follow_outline(recording: Recording) -> Outline:
     """Follow the long axis of the contact through a recording, anew with every contact.
 
     Where the source has the object's imprint, that is followed in its place.
     """
-    if recording.imprint is not None:
-        nothing = np.full(len(recording), np.nan)
-        return Outline(recording.imprint[:, 0], recording.imprint[:, 1], nothing)
-    stencils = make_stencils(recording.layout)
-    angle = np.full(len(recording), np.nan)
-    error = np.full(len(recording), np.nan)
-    elongation = np.full(len(recording), np.nan)
-    last = np.nan
-    for i, frame in enumerate(recording):
-        if frame.flaw:
-            continue
-        fields = measure_fields(stencils, frame)
-        if not fields.contact.any():
-            last = np.nan
-            continue
-        axis = measure_axis(fields)
-        elongation[i] = axis.elongation
-        if np.isfinite(axis.angle):
-            last = unwrap(axis.angle, last) if np.isfinite(last) else axis.angle
-            angle[i], error[i] = last, axis.standard_error
-    return Outline(angle, error, elongation)
+    follower, stencils = OutlineFollower(), make_stencils(recording.layout)
+    if recording.imprint is None:
+        for frame in recording:
+            follower.update(None if frame.flaw else measure_fields(stencils, frame))
+    return follower.outline(recording)

@@ -91,24 +91,7 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         result: of one method.
         frames: rows of the recording.
     """
-    width, height = 2.1 * len(frames) + 1.5, 7.2
-    # laid out by hand [in]: a layout engine measures every tick label of every map, many times
-    figure, axes = plt.subplots(
-        3,
-        len(frames),
-        sharex=True,
-        sharey=True,
-        squeeze=False,
-        figsize=(width, height),
-        gridspec_kw={
-            "left": 0.7 / width,
-            "right": 1.0 - 0.9 / width,
-            "top": 1.0 - 0.5 / height,
-            "bottom": 0.8 / height,
-            "wspace": 0.1,
-            "hspace": 0.1,
-        },
-    )
+    figure, axes = _make_maps(len(frames), recording.layout.reference)
     shown = result.contact[frames]
     rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
     rotation_scale = _colour_scale(rotation)
@@ -124,10 +107,6 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         middle.scatter(x, y, c=colours, s=14)
         _scatter(top, x, y, rotation[column], rotation_scale)
         _scatter(bottom, x, y, curl[column], curl_scale)
-        for axis in (top, middle, bottom):
-            axis.set_aspect("equal")
-            axis.tick_params(labelsize=7)
-    axes[0, 0].locator_params(nbins=5)
     for axis, scale, label in (
         (axes[0, -1], rotation_scale, "φ [°]"),
         (axes[2, -1], curl_scale, "rot(slip), Eq. 9 [rad]"),
@@ -252,6 +231,43 @@ def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequen
     starts = [i for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
     for start, stop in zip(starts, [*starts[1:], len(states) - 1], strict=True):
         axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
+
+
+def _make_maps(columns: int, points: Float[np.ndarray, "n d"]) -> tuple[Figure, np.ndarray]:
+    """A figure of three rows of maps.
+
+    Only the outer maps have ticks, and the maps are laid out by hand [in]: a layout engine measures
+    every tick label many times, which took a sixth of a whole run.
+    """
+    width, height = 2.1 * columns + 1.5, 7.2
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    rim = 0.05 * (high - low).max()
+    figure, axes = plt.subplots(
+        3,
+        columns,
+        squeeze=False,
+        figsize=(width, height),
+        subplot_kw={
+            "aspect": "equal",
+            "xlim": (low[0] - rim, high[0] + rim),
+            "ylim": (low[1] - rim, high[1] + rim),
+        },
+        gridspec_kw={
+            "left": 0.7 / width,
+            "right": 1.0 - 0.9 / width,
+            "top": 1.0 - 0.5 / height,
+            "bottom": 0.8 / height,
+            "wspace": 0.1,
+            "hspace": 0.1,
+        },
+    )
+    for inner in axes[:-1].flat:
+        inner.set_xticks([])
+    for inner in axes[:, 1:].flat:
+        inner.set_yticks([])
+    for outer in {*axes[-1], *axes[:, 0]}:
+        outer.tick_params(labelsize=7)
+    return figure, axes
 
 
 def _scatter(

@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -100,25 +101,37 @@ class Run:
         """What `outline` is the direction of."""
         return "contact outline" if self.recording.imprint is None else "imprint"
 
+    @cached_property
+    def gel(self) -> dict[str, Float[np.ndarray, " frames"]]:
+        """Rotation of the gel that has followed the object furthest, by method [rad]."""
+        return {name: follow_gel(result) for name, result in self.results.items()}
 
-def write_run(run: Run, folder: Path) -> None:
+    @cached_property
+    def slip(self) -> dict[str, Float[np.ndarray, " frames"]]:
+        """How far the object has turned over that gel, by method [rad]."""
+        return {
+            name: accumulate_slip(result, self.gel[name]) for name, result in self.results.items()
+        }
+
+
+def write_run(run: Run, folder: Path) -> dict[str, Any]:
     """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and its pictures.
+
+    Returns:
+        The content of `summary.json`.
 
     Raises:
         OSError: a file cannot be written; those that are there are whole.
     """
     main = run.results[run.method]
-    imprint = None if run.recording.imprint is None else run.recording.imprint[:, 0]
-    own = _table([main], imprint, margin=run.margin)
-    tables = own, _table(run.results.values(), imprint, name_method=True)
-    write_whole(folder / "angles.csv", tables[0])
-    write_whole(folder / "angles_all.csv", tables[1])
+    write_whole(folder / "angles.csv", _table(run, [run.method], margin=run.margin))
+    write_whole(folder / "angles_all.csv", _table(run, run.results, name_method=True))
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     references = {}
     if np.isfinite(run.outline).any():
         references[f"{run.turns} (from the first angle)"] = _outline_from(run.outline, main)
-        references["gel that has followed furthest"] = follow_gel(main)
+        references["gel that has followed furthest"] = run.gel[run.method]
     if run.truth is not None:
         references["truth"] = run.truth.angle
     pictures = {
@@ -131,9 +144,9 @@ def write_run(run: Run, folder: Path) -> None:
     images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():
         write_whole(folder / name, image)
-    write_whole(
-        folder / "report.html", render_page("report.html", images, run=run, summary=summary)
-    )
+    page = render_page("report.html", images, run=run, summary=summary)
+    write_whole(folder / "report.html", page)
+    return summary
 
 
 def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
@@ -186,7 +199,7 @@ def summarise(run: Run) -> dict[str, Any]:
         "branch": describe_branch(run.margin.last),
         "margin_last": _describe_margin(run),
         "macro_slips": [_describe_slip(slip, recording.time[0]) for slip in run.slips],
-        "methods": {name: _figures(result, run.truth) for name, result in run.results.items()},
+        "methods": {name: _figures(run, name) for name in run.results},
         "notes": [*recording.warnings, *recording.notes, *run.notes],
     }
 
@@ -225,13 +238,14 @@ def hash_recording(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def _figures(result: Result, truth: Truth | None) -> dict[str, Any]:
+def _figures(run: Run, method: str) -> dict[str, Any]:
     """Figures of one method."""
+    result, truth = run.results[method], run.truth
     answered = result.answered
     angle = np.degrees(result.angle[answered])
     half_width = np.degrees(result.high - result.low)[answered] / 2.0
     slipping = np.array([state == State.MACRO_SLIP for state in result.state])
-    slip = np.degrees(accumulate_slip(result))
+    slip = np.degrees(run.slip[method])
     slip = slip[np.isfinite(slip)]
     figures = {
         "answered": int(answered.sum()),
@@ -287,8 +301,8 @@ def json_number(value: Any) -> float | None:
 
 
 def _table(
-    results: Iterable[Result],
-    imprint: Float[np.ndarray, " frames"] | None,
+    run: Run,
+    methods: Iterable[str],
     *,
     name_method: bool = False,
     margin: MarginPath | None = None,
@@ -298,10 +312,12 @@ def _table(
     writer = csv.writer(text, lineterminator="\n")
     columns = COLUMNS if margin is None else COLUMNS + MARGIN_COLUMNS
     writer.writerow(("method", *columns) if name_method else columns)
-    for result in results:
+    imprint = run.recording.imprint
+    for method in methods:
+        result = run.results[method]
         degrees = np.degrees(np.stack([result.angle, result.low, result.high], axis=1))
-        turned = np.full(len(result.time), np.nan) if imprint is None else imprint
-        others = np.stack([accumulate_slip(result), follow_gel(result), turned], axis=1)
+        turned = np.full(len(result.time), np.nan) if imprint is None else imprint[:, 0]
+        others = np.stack([run.slip[method], run.gel[method], turned], axis=1)
         for i, state in enumerate(result.state):
             row = (
                 f"{result.time[i]:.6f}",

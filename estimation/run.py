@@ -20,17 +20,17 @@ from estimation.margin import follow_margin
 from estimation.missing import describe_answers
 from estimation.noise import Noise, find_noise
 from estimation.onset import describe_slips
-from estimation.outline import follow_outline
+from estimation.outline import OutlineFollower
 from estimation.overview import write_overview
 from estimation.recording import Recording
-from estimation.report import FIRM_MARKERS, Run, summarise, write_run
+from estimation.report import FIRM_MARKERS, Run, write_run
 from estimation.result import Estimate, Result, State
 from estimation.result_folder import renew_results
 from estimation.softness import Softness
 from estimation.sources import ImageSettings, find_recordings, read_recording
 from estimation.sources.names import name_recordings, number_alike
 from estimation.sources.pictures import is_camera, is_pictures
-from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Tracker
+from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Trackers
 from estimation.virtual.recording import Truth, simulate_pivot
 
 
@@ -132,7 +132,11 @@ def gather_recordings(
 
 def _answer_live(settings: Settings, answer: Callable[[str], None]) -> LiveAngles:
     return LiveAngles(
-        answer, settings.method, noise=settings.noise, **_tracking(settings, settings.method)
+        answer,
+        settings.method,
+        noise=settings.noise,
+        **_tracking(settings),
+        **settings.constants,
     )
 
 
@@ -159,13 +163,13 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
     interrupted = False
     with renew_results(out, "estimation run", lines.append) as results:
         for i, (recording, truth) in enumerate(inputs):
-            estimates, interrupted = _estimate(recording, prepared[i].trackers, progress)
+            estimates, interrupted = _estimate(recording, prepared[i], progress)
             if estimates:
                 run = _put_together(recording, truth, settings, prepared[i], estimates)
                 inner = names[i] if len(inputs) > 1 else ""
-                write_run(run, results.draft / inner)
+                summary = write_run(run, results.draft / inner)
                 runs.append(run)
-                lines += _tell(run, out / inner)
+                lines += _tell(run, summary, out / inner)
                 if settings.preview:
                     lines.append(_preview(run, results.draft / inner, out / inner, settings))
                 results.publish()
@@ -179,47 +183,44 @@ def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Pr
     return Outcome(lines, interrupted)
 
 
-def _tracking(settings: Settings, method: str) -> dict[str, Any]:
-    """What a tracker is told beside the noise."""
+def _tracking(settings: Settings) -> dict[str, Any]:
+    """What trackers are told beside the noise and a method's constants."""
     return {
         "softness": settings.softness,
         "onset_mm": settings.onset_mm,
         "contact_share": settings.contact_share,
         "stick_share": settings.stick_share,
-        **(settings.constants if method == settings.method else {}),
     }
 
 
 class _Prepared(NamedTuple):
-    """Trackers of a recording by method, the noise they were told, and what to note about it."""
+    """Trackers of a recording, the noise they were told, and what to note about it."""
 
-    trackers: dict[str, Tracker]
+    trackers: Trackers
     noise: Noise | None
     notes: tuple[str, ...]
+    outline: OutlineFollower
 
 
 def _prepare(recording: Recording, settings: Settings) -> _Prepared:
     noise, notes = (settings.noise, ()) if settings.noise else find_noise(recording)
-    trackers = {
-        method: Tracker(
-            recording.layout,
-            method,
-            noise=noise,
-            **_tracking(settings, method),
-        )
-        for method in dict.fromkeys((settings.method, *METHODS))
-    }
-    return _Prepared(trackers, noise, notes)
+    methods = {settings.method: settings.constants}
+    methods |= {method: {} for method in METHODS if method != settings.method}
+    trackers = Trackers(recording.layout, methods, noise=noise, **_tracking(settings))
+    return _Prepared(trackers, noise, notes, OutlineFollower())
 
 
 def _estimate(
-    recording: Recording, trackers: Mapping[str, Tracker], progress: Progress
-) -> tuple[list[list[Estimate]], bool]:
-    """Per frame the estimates of all methods, and whether Ctrl-C came before the last frame."""
-    estimates: list[list[Estimate]] = []
+    recording: Recording, prepared: _Prepared, progress: Progress
+) -> tuple[list[dict[str, Estimate]], bool]:
+    """Per frame the estimates by method, and whether Ctrl-C came before the last frame."""
+    estimates: list[dict[str, Estimate]] = []
     try:
         for frame in progress.track(recording, len(recording), description=recording.name):
-            estimates.append([tracker.update(frame) for tracker in trackers.values()])
+            estimate = prepared.trackers.update(frame)
+            seen = prepared.trackers.observation
+            prepared.outline.update(None if seen is None else seen.fields)
+            estimates.append(estimate)
     except KeyboardInterrupt:
         return estimates, True
     return estimates, False
@@ -230,7 +231,7 @@ def _put_together(
     truth: Truth | None,
     settings: Settings,
     prepared: _Prepared,
-    estimates: list[list[Estimate]],
+    estimates: list[dict[str, Estimate]],
 ) -> Run:
     done = len(estimates)
     notes = prepared.notes
@@ -238,9 +239,11 @@ def _put_together(
         notes += (f"Interrupted: {done} of {len(recording)} frames were done.",)
         recording = recording.head(done)
         truth = None if truth is None else truth.take(slice(done))
-    columns = zip(prepared.trackers, zip(*estimates, strict=True), strict=True)
-    results = {method: Result.gather(method, column) for method, column in columns}
-    noise, outline = prepared.noise, follow_outline(recording).angle
+    results = {
+        method: Result.gather(method, [estimate[method] for estimate in estimates])
+        for method in estimates[0]
+    }
+    noise, outline = prepared.noise, prepared.outline.outline(recording).angle
     slips = [] if noise is None else find_slips(recording, results[settings.method], noise)
     results |= {
         method: withdraw(results[method], slips, outline, keep=settings.keep_withdrawn)
@@ -266,7 +269,7 @@ def _put_together(
             "contact_share": settings.contact_share,
             "stick_share": settings.stick_share,
             "keep_withdrawn": settings.keep_withdrawn,
-            **prepared.trackers[settings.method].constants,
+            **prepared.trackers.constants[settings.method],
         },
         notes=notes,
         truth=truth,
@@ -356,14 +359,14 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
     return f"annotated video: {shown / name}"
 
 
-def _tell(run: Run, folder: Path) -> list[str]:
+def _tell(run: Run, summary: dict[str, Any], folder: Path) -> list[str]:
     """Lines for the terminal."""
     main = run.results[run.method]
     lines = [f"{run.recording.name}: {describe_answers(main)}; see {folder / 'report.html'}"]
     if not main.answered.any():
         lines += [f"  {note}" for note in (*run.recording.notes, *run.notes)]
     if run.truth is not None:
-        for name, figures in summarise(run)["methods"].items():
+        for name, figures in summary["methods"].items():
             firm, all_answered = (
                 "–" if error is None else f"{error:.4f}°"
                 for error in (

@@ -31,7 +31,9 @@ def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
     return _slip_curl(result, frame, _count_starts(result)[frame])
 
 
-def accumulate_slip(result: Result) -> Float[np.ndarray, " frames"]:
+def accumulate_slip(
+    result: Result, gel: Float[np.ndarray, " frames"] | None = None
+) -> Float[np.ndarray, " frames"]:
     """How far the object has turned over the gel [rad, counter-clockwise].
 
     The object's angle less that of the gel under it (`follow_gel`), both since the angle has been

@@ -38,6 +38,17 @@ def check_count(name: str, value: int, least: int = 1) -> int:
     return value
 
 
+def check_share(name: str, value: float) -> float:
+    """The value, if it is a share above 0 and at most 1.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if not 0.0 < value <= 1.0:
+        raise ValueError(f"{name} is {value}; it must be a share above 0 and at most 1")
+    return value
+
+
 def normalized_difference(rotation: float, mean: float, floor: float) -> float:
     """|φ_i − φ̄| / sqrt(φ_i φ̄), [Li2024] Eq. (15) [-].
 

@@ -1,6 +1,6 @@
 """Estimators: from the fields of one frame to the rotation of the elastomer where it sticks."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterable
 from functools import partial
 from typing import Protocol, runtime_checkable
 
@@ -22,6 +22,7 @@ __all__ = [
     "Paper",
     "Rigid",
     "Tracked",
+    "share_fits",
 ]
 
 
@@ -53,3 +54,16 @@ RIVALS: dict[str, Callable[..., Estimator]] = {
 """Published rivals by name, made in the same way; they give angles without intervals."""
 
 DEFAULT_METHOD = "tracked"
+
+
+def share_fits(estimators: Iterable[Estimator]) -> None:
+    """Let those that fit rigid motions with equal settings do so once for each frame."""
+    rigids: dict[Hashable, Rigid] = {}
+    for estimator in sorted(estimators, key=lambda one: not isinstance(one, Rigid)):
+        if isinstance(estimator, Tracked):
+            estimator = estimator.incremental
+        if isinstance(estimator, Rigid):
+            rigids.setdefault(estimator.settings, estimator)
+        elif isinstance(estimator, Incremental):
+            own = estimator.rigid
+            estimator.rigid = rigids.setdefault(own.settings, own)

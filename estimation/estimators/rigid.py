@@ -77,6 +77,14 @@ class Rigid:
         self.floor = max(
             float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor
         )
+        self._fields: Fields | None = None
+        self._fits: list[tuple[Fields | None, RigidFit | None]] = []
+
+    @property
+    def settings(self) -> tuple[float | int, ...]:
+        """What its fits depend on beside the fields."""
+        floor, least = self.floor, self.min_stick_markers
+        return (self.noise_mm, self.threshold, floor, self.max_strain, least)
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame."""
@@ -105,7 +113,20 @@ class Rigid:
         return fit if fit is not None and fit.strain <= self.max_strain else None
 
     def _fit_segment(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
-        """The fit of what Eq. (15) keeps, however much it strains; None for too few markers."""
+        """The fit of what Eq. (15) keeps, however much it strains; None for too few markers.
+
+        Fits of the last fields are kept: several estimators may ask for them.
+        """
+        if fields is not self._fields:
+            self._fields, self._fits = fields, []
+        for earlier, fit in self._fits:
+            if earlier is since:
+                return fit
+        fit = self._fit_since(fields, since)
+        self._fits.append((since, fit))
+        return fit
+
+    def _fit_since(self, fields: Fields, since: Fields | None) -> "RigidFit | None":
         if since is not None:
             turned = fields.rotation - since.rotation
             contact = fields.contact & since.contact & np.isfinite(turned)

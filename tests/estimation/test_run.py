@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from rich.progress import Progress
 
+from estimation.contact import find_contact
 from estimation.estimators import METHODS
 from estimation.noise import Noise
 from estimation.report import COLUMNS, MARGIN_COLUMNS
 from estimation.run import Input, Settings, run_all
-from estimation.tracker import Tracker, estimate_angles
+from estimation.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import domed_pad, lift
 
@@ -130,18 +131,33 @@ def test_several_recordings_get_a_folder_each(tmp_path, progress):
     assert {path.name for path in tmp_path.iterdir()} == SINGLE
 
 
+def test_a_frame_is_measured_once_for_all_methods_outline_and_looking_back(
+    tmp_path, progress, monkeypatch
+):
+    measured = []
+
+    def count(*args):
+        measured.append(1)
+        return find_contact(*args)
+
+    monkeypatch.setattr("estimation.fields.find_contact", count)
+    recording = lift(ANGLES)
+    run_all([Input(recording)], tmp_path, Settings(), progress)
+    assert len(measured) == len(recording)
+
+
 def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):
     done = 0
-    update = Tracker.update
+    update = Trackers.update
 
     def update_until(self, frame):
         nonlocal done
         done += 1
-        if done > len(METHODS) * 9:
+        if done > 9:
             raise KeyboardInterrupt
         return update(self, frame)
 
-    monkeypatch.setattr(Tracker, "update", update_until)
+    monkeypatch.setattr(Trackers, "update", update_until)
     inputs = [Input(lift(ANGLES, name=name)) for name in ("left", "right")]
     outcome = run_all(inputs, tmp_path, Settings(), progress)
     assert outcome.interrupted

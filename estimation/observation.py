@@ -1,0 +1,128 @@
+"""What one frame shows, found once for every estimator and for the contact's outline."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.contact import ONSET_MM, SHARE, reaches_edge
+from estimation.fields import Fields, measure_fields
+from estimation.recording import Frame, MarkerLayout
+from estimation.softness import ScalarSoftness, Softness
+from estimation.stencils import make_stencils
+from estimation.stick import MIN_STICK_MARKERS, check_positive, check_share
+
+RIGID_OBJECT = ScalarSoftness()
+LEAST_IN_VIEW = 12
+"""Markers of a contact that is cut by the edge of the view below which too little of it is seen."""
+
+
+class Observation(NamedTuple):
+    """What one frame shows.
+
+    Attributes:
+        frame: the frame, as the softness wants to see it.
+        fields: measured on it; None where the frame cannot be used.
+        flaw: why it cannot be used; empty where it can.
+        cut: whether the contact reaches the edge of the view.
+        as_seen: displacement of the markers in the plane, before a softness has lifted it [mm];
+            None where none has.
+    """
+
+    frame: Frame
+    fields: Fields | None
+    flaw: str = ""
+    cut: bool = False
+    as_seen: Float[np.ndarray, "n 2"] | None = None
+
+
+class Observer:
+    """Inspects each frame and measures its fields."""
+
+    def __init__(
+        self,
+        layout: MarkerLayout,
+        *,
+        softness: Softness = RIGID_OBJECT,
+        onset_mm: float = ONSET_MM,
+        contact_share: float = SHARE,
+    ) -> None:
+        """Make an observer.
+
+        Args:
+            layout: the markers of the sensor.
+            softness: what the object's softness adds to what the markers show.
+            onset_mm: displacement of the stick centre from which there is contact [mm].
+            contact_share: share of the largest normal displacement that bounds the contact [-].
+
+        Raises:
+            ValueError: a value out of range, or too few markers.
+        """
+        if len(layout.reference) < MIN_STICK_MARKERS:
+            raise ValueError(
+                f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
+            )
+        self.stencils = make_stencils(layout)
+        self.onset_mm = check_positive("onset_mm", onset_mm)
+        self.contact_share = check_share("contact_share", contact_share)
+        self._lifting = softness.lifting(self.stencils.reference[:, :2])
+        self._time = -np.inf
+
+    def observe(self, frame: Frame) -> Observation:
+        """Inspect the next frame and measure its fields.
+
+        Raises:
+            ValueError: the frame is not of this layout.
+        """
+        if frame.positions.shape[0] != len(self.stencils.reference):
+            raise ValueError(
+                f"the frame has {frame.positions.shape[0]} markers, the layout "
+                f"{len(self.stencils.reference)}"
+            )
+        if flaw := frame.flaw or self._find_flaw(frame):
+            return Observation(frame, None, flaw)
+        told = frame.contact
+        cut = told is not None and reaches_edge(self.stencils.neighbours, told)
+        if told is not None and cut and told.sum() < LEAST_IN_VIEW:
+            return Observation(frame, None, "too little of the contact is in view")
+        if frame.valid.sum() < MIN_STICK_MARKERS:
+            return Observation(frame, None, f"{frame.valid.sum()} usable markers")
+        frame, as_seen = self._lift(frame)
+        fields = measure_fields(
+            self.stencils, frame, onset_mm=self.onset_mm, share=self.contact_share
+        )
+        return Observation(frame, fields, "", cut, as_seen)
+
+    def _find_flaw(self, frame: Frame) -> str:
+        """What a frame and the one before it show to be wrong; empty where nothing is."""
+        last = self._time
+        if not np.isfinite(frame.time):
+            return "no time stamp"
+        self._time = frame.time
+        if frame.time <= last:
+            return "time stamp not after the last frame's"
+        if not frame.positions.any():
+            return "all marker positions are zero"
+        return ""
+
+    def _lift(self, frame: Frame) -> tuple[Frame, Float[np.ndarray, "n 2"] | None]:
+        """The frame that the softness wants to see, and the displacement that the markers show.
+
+        A marker that is not seen counts with the mean of its neighbours.
+        """
+        if self._lifting is None:
+            return frame, None
+        moved = (frame.positions - self.stencils.reference[:, : frame.positions.shape[1]])[:, :2]
+        seen = frame.valid
+        beside = self.stencils.neighbours
+        counts = (beside >= 0) & seen[beside]
+        total = np.sum(np.where(counts[..., None], moved[beside], 0.0), axis=1)
+        mean = total / np.maximum(counts.sum(axis=1), 1)[:, None]
+        moved = np.where(seen[:, None], moved, mean)
+        positions = frame.positions.copy()
+        positions[:, :2] += self._lifting.of(moved)
+        rotation = frame.rotation
+        if rotation is not None:
+            rotation = rotation + self._lifting.rotation @ np.nan_to_num(rotation)
+        return replace(frame, positions=positions, rotation=rotation), moved
