@@ -100,25 +100,14 @@ def withdraw(
                 state[row], reason[row] = State.MACRO_SLIP, TOO_FEW_STICK
             else:
                 state[row], reason[row] = State.UNKNOWN, RESTS_OR_SLIDES if slides else UNSEEN_TURN
-    withdrawn = Withdrawn(
-        state=tuple(s if g else None for s, g in zip(result.state, gone, strict=True)),
-        angle=np.where(gone, result.angle, np.nan),
-        low=np.where(gone, result.low, np.nan),
-        high=np.where(gone, result.high, np.nan),
-        stick=result.stick & gone[:, None],
-    )
+    given = result.quantities() | result.without(~gone)
+    withdrawn = Withdrawn(**{name: given[name] for name in Withdrawn.columns()})
     result = replace(result, reason=tuple(reason), withdrawn=withdrawn)
     if keep:
         return result
     slips_now = gone & np.array([s == State.MACRO_SLIP for s in state])
-    return replace(
-        result,
-        state=tuple(state),
-        stick=result.stick & ~slips_now[:, None],
-        angle=np.where(gone, np.nan, result.angle),
-        low=np.where(gone, np.nan, result.low),
-        high=np.where(gone, np.nan, result.high),
-    )
+    stick = result.stick & ~slips_now[:, None]  # gel that rests may stick
+    return replace(result, **(result.without(gone) | {"state": tuple(state), "stick": stick}))
 
 
 def _find_doubts(

@@ -134,7 +134,8 @@ def plot_overview(
         results: by recording.
         outlines: what has been followed beside the markers, and its angle [rad], by recording.
     """
-    figure, axis = plt.subplots(figsize=(9, 4.5), layout="constrained")
+    size = (9.0, 4.5)
+    figure, axis = plt.subplots(figsize=size, gridspec_kw=_margins(size))
     for number, (name, result) in enumerate(results.items()):
         time = result.time - result.time[0]
         colour = f"C{number}"
@@ -166,8 +167,10 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
         grasp: the comparison.
         names: of the two recordings.
     """
+    size = (9.0, 5.4)
+    margins = _margins(size, top=0.15, hspace=0.06)
     figure, (top, bottom) = plt.subplots(
-        2, 1, sharex=True, figsize=(9, 5.4), height_ratios=[2.4, 1], layout="constrained"
+        2, 1, sharex=True, figsize=size, height_ratios=[2.4, 1], gridspec_kw=margins
     )
     top.fill_between(
         grasp.time, np.degrees(grasp.low), np.degrees(grasp.high), color="0.8", lw=0, label="joint"
@@ -192,8 +195,9 @@ def plot_moment(results: Mapping[str, tuple[Result, Branch | None]]) -> Figure:
     Args:
         results: by name, with moments and the branch, if it is known.
     """
+    size = (5.2 * len(results), 4.2)
     figure, axes = plt.subplots(
-        1, len(results), figsize=(5.2 * len(results), 4.2), squeeze=False, layout="constrained"
+        1, len(results), figsize=size, squeeze=False, gridspec_kw=_margins(size, wspace=0.2)
     )
     for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
         slip = np.array([state == State.MACRO_SLIP for state in result.state])
@@ -236,30 +240,22 @@ def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequen
 def _make_maps(columns: int, points: Float[np.ndarray, "n d"]) -> tuple[Figure, np.ndarray]:
     """A figure of three rows of maps.
 
-    Only the outer maps have ticks, and the maps are laid out by hand [in]: a layout engine measures
-    every tick label many times, which took a sixth of a whole run.
+    Only the outer maps have ticks, since every tick takes time.
     """
-    width, height = 2.1 * columns + 1.5, 7.2
+    size = (2.1 * columns + 1.5, 7.2)
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     rim = 0.05 * (high - low).max()
     figure, axes = plt.subplots(
         3,
         columns,
         squeeze=False,
-        figsize=(width, height),
+        figsize=size,
         subplot_kw={
             "aspect": "equal",
             "xlim": (low[0] - rim, high[0] + rim),
             "ylim": (low[1] - rim, high[1] + rim),
         },
-        gridspec_kw={
-            "left": 0.7 / width,
-            "right": 1.0 - 0.9 / width,
-            "top": 1.0 - 0.5 / height,
-            "bottom": 0.8 / height,
-            "wspace": 0.1,
-            "hspace": 0.1,
-        },
+        gridspec_kw=_margins(size, right=0.9, top=0.5, bottom=0.8, wspace=0.1, hspace=0.1),
     )
     for inner in axes[:-1].flat:
         inner.set_xticks([])
@@ -268,6 +264,35 @@ def _make_maps(columns: int, points: Float[np.ndarray, "n d"]) -> tuple[Figure, 
     for outer in {*axes[-1], *axes[:, 0]}:
         outer.tick_params(labelsize=7)
     return figure, axes
+
+
+def _margins(
+    size: tuple[float, float],
+    *,
+    right: float = 0.15,
+    top: float = 0.35,
+    bottom: float = 0.55,
+    **gaps: float,
+) -> dict[str, float]:
+    """Where a figure's axes lie.
+
+    A layout engine measures every label several times, which took a sixth of the time of a run.
+
+    Args:
+        size: of the figure [in].
+        right: margin [in].
+        top: margin [in].
+        bottom: margin, for ticks and labels [in].
+        **gaps: between axes, over their size [-].
+    """
+    width, height = size
+    return {
+        "left": 0.8 / width,
+        "right": 1.0 - right / width,
+        "top": 1.0 - top / height,
+        "bottom": bottom / height,
+        **gaps,
+    }
 
 
 def _scatter(

@@ -1,11 +1,10 @@
 """What a run writes: tables, a summary and a self-contained report."""
 
 import base64
-import csv
 import hashlib
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
@@ -32,42 +31,10 @@ from estimation.plots import (
 from estimation.recording import Recording
 from estimation.result import Result, State
 from estimation.slip import accumulate_slip, follow_gel
+from estimation.table import MARGIN_COLUMNS, csv_text, tabulate, tabulate_margin
 from estimation.virtual.recording import Truth
 
 FIRM_MARKERS = 10
-
-COLUMNS = (
-    "time_s",
-    "frame",
-    "source_index",
-    "state",
-    "reason",
-    "angle_deg",
-    "angle_low_deg",
-    "angle_high_deg",
-    "stick_markers",
-    "contact_markers",
-    "moment_Nmm",
-    "slip_deg",
-    "gel_deg",
-    "imprint_deg",
-    "withdrawn_state",
-    "withdrawn_angle_deg",
-    "withdrawn_angle_low_deg",
-    "withdrawn_angle_high_deg",
-    "withdrawn_stick_markers",
-)
-
-MARGIN_COLUMNS = (
-    "stick_ratio",
-    "angle_left_deg",
-    "angle_left_low_deg",
-    "angle_left_high_deg",
-    "moment_left_Nmm",
-    "moment_left_low_Nmm",
-    "moment_left_high_Nmm",
-)
-"""Beside the chosen method's angles; empty where they cannot be told."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +91,11 @@ def write_run(run: Run, folder: Path) -> dict[str, Any]:
         OSError: a file cannot be written; those that are there are whole.
     """
     main = run.results[run.method]
-    write_whole(folder / "angles.csv", _table(run, [run.method], margin=run.margin))
-    write_whole(folder / "angles_all.csv", _table(run, run.results, name_method=True))
+    tables = {method: _table(run, method) for method in run.results}
+    own = tables[run.method] | tabulate_margin(main, run.margin)
+    write_whole(folder / "angles.csv", csv_text([own]))
+    named = ({"method": [name] * len(main.time)} | table for name, table in tables.items())
+    write_whole(folder / "angles_all.csv", csv_text(named))
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     references = {}
@@ -162,24 +132,6 @@ def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
         "rms_Nmm": json_number(branch.rms),
         "points": branch.points,
     }
-
-
-def _margin_cells(result: Result, margin: MarginPath, frame: int) -> list[str]:
-    """A frame's `MARGIN_COLUMNS`."""
-    contact, left = result.contact[frame].sum(), margin.margins[frame]
-    ratio = np.sqrt(result.stick[frame].sum() / contact) if contact else np.nan
-    values = (ratio, *np.degrees(left[:3]), *left[3:])
-    return [f"{value:.6f}" if np.isfinite(value) else "" for value in values]
-
-
-def _withdrawn_cells(result: Result, frame: int) -> list[str]:
-    """What was answered in a frame and withdrawn; empty where nothing was."""
-    gone = result.withdrawn
-    if gone is None or not gone.rows[frame]:
-        return [""] * 5
-    degrees = np.degrees([gone.angle[frame], gone.low[frame], gone.high[frame]])
-    cells = [f"{value:.6f}" for value in degrees]
-    return [str(gone.state[frame]), *cells, str(gone.stick[frame].sum())]
 
 
 def summarise(run: Run) -> dict[str, Any]:
@@ -300,41 +252,16 @@ def json_number(value: Any) -> float | None:
     return round(float(value), 6) if np.isfinite(value) else None
 
 
-def _table(
-    run: Run,
-    methods: Iterable[str],
-    *,
-    name_method: bool = False,
-    margin: MarginPath | None = None,
-) -> str:
-    """Results as CSV, one row per frame and method; the margin beside one method's angles."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    columns = COLUMNS if margin is None else COLUMNS + MARGIN_COLUMNS
-    writer.writerow(("method", *columns) if name_method else columns)
+def _table(run: Run, method: str) -> dict[str, list[str]]:
+    """The table of one method."""
     imprint = run.recording.imprint
-    for method in methods:
-        result = run.results[method]
-        degrees = np.degrees(np.stack([result.angle, result.low, result.high], axis=1))
-        turned = np.full(len(result.time), np.nan) if imprint is None else imprint[:, 0]
-        others = np.stack([run.slip[method], run.gel[method], turned], axis=1)
-        for i, state in enumerate(result.state):
-            row = (
-                f"{result.time[i]:.6f}",
-                i,
-                result.source_index[i],
-                state,
-                result.reason[i],
-                *(f"{value:.6f}" for value in degrees[i]),
-                result.stick[i].sum(),
-                result.contact[i].sum(),
-                f"{result.moment[i]:.6f}",
-                *(f"{value:.6f}" for value in np.degrees(others[i])),
-                *_withdrawn_cells(result, i),
-                *([] if margin is None else _margin_cells(result, margin, i)),
-            )
-            writer.writerow((result.method, *row) if name_method else row)
-    return text.getvalue()
+    nothing = np.full(len(run.recording), np.nan)
+    series = {
+        "slip_deg": run.slip[method],
+        "gel_deg": run.gel[method],
+        "imprint_deg": nothing if imprint is None else imprint[:, 0],
+    }
+    return tabulate(run.results[method], series)
 
 
 def _outline_from(

@@ -1,9 +1,9 @@
 """What an estimator found: per frame the state of the contact and the object's angle."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -31,8 +31,56 @@ class State(StrEnum):
     UNKNOWN = "unknown"
 
 
-class Estimate(NamedTuple):
-    """What is known after a frame.
+class Column(NamedTuple):
+    """How a quantity of each frame is handled beside its values.
+
+    Attributes:
+        name: of its column in tables, with the unit; empty where it has none.
+        show: its cell in a frame.
+        answer: whether it is withdrawn with the frame's answer.
+    """
+
+    name: str = ""
+    show: Callable[[Any], str] = str
+    answer: bool = False
+
+
+def show_number(value: float) -> str:
+    """A table's cell of a number."""
+    return f"{value:.6f}"
+
+
+def show_degrees(value: float) -> str:
+    """A table's cell of an angle [rad]."""
+    return f"{np.degrees(value):.6f}"
+
+
+def _show_count(flags: Bool[np.ndarray, " n"]) -> str:
+    return str(flags.sum())
+
+
+def per_frame(
+    name: str = "", show: Callable[[Any], str] = str, *, answer: bool = False
+) -> dict[str, Column]:
+    """Metadata of a dataclass field that has a value in each frame; arguments as of `Column`."""
+    return {"column": Column(name, show, answer)}
+
+
+Number = TypeVar("Number")
+Whole = TypeVar("Whole")
+Flag = TypeVar("Flag")
+Label = TypeVar("Label")
+Text = TypeVar("Text")
+Values = TypeVar("Values")
+Mask = TypeVar("Mask")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
+    """What is known of a frame, or of each of several: the one declaration of these quantities.
+
+    Batches, tables and withdrawn answers follow from it; its kinds of values are one frame's in an
+    `Estimate` and arrays or tuples over frames in a `Result`.
 
     Attributes:
         time: time stamp [s].
@@ -42,47 +90,64 @@ class Estimate(NamedTuple):
         angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
         low: lower end of its 95 % interval [rad].
         high: upper end of its 95 % interval [rad].
+        stick: markers that stick.
+        contact: markers of the contact region.
         moment: moment about the contact normal [N·mm]; NaN where unknown.
         rotation: φ of each marker [rad]; NaN where unknown.
-        contact: markers of the contact region.
-        stick: markers that stick.
         stiffness_ratio: k that the angle was corrected with [-].
         load_term: L that it was corrected with [rad].
         covered: whether the softness holds for a contact like this one.
     """
 
-    time: float
-    source_index: int
-    state: State
-    reason: str
-    angle: float
-    low: float
-    high: float
-    moment: float
-    rotation: Float[np.ndarray, " n"]
-    contact: Bool[np.ndarray, " n"]
-    stick: Bool[np.ndarray, " n"]
-    stiffness_ratio: float = 0.0
-    load_term: float = 0.0
-    covered: bool = True
+    time: Number = field(metadata=per_frame("time_s", show_number))
+    source_index: Whole = field(metadata=per_frame("source_index"))
+    state: Label = field(metadata=per_frame("state", answer=True))
+    reason: Text = field(metadata=per_frame("reason"))
+    angle: Number = field(metadata=per_frame("angle_deg", show_degrees, answer=True))
+    low: Number = field(metadata=per_frame("angle_low_deg", show_degrees, answer=True))
+    high: Number = field(metadata=per_frame("angle_high_deg", show_degrees, answer=True))
+    stick: Mask = field(metadata=per_frame("stick_markers", _show_count, answer=True))
+    contact: Mask = field(metadata=per_frame("contact_markers", _show_count))
+    moment: Number = field(metadata=per_frame("moment_Nmm", show_number))
+    rotation: Values = field(metadata=per_frame())
+    stiffness_ratio: Number = field(metadata=per_frame())
+    load_term: Number = field(metadata=per_frame())
+    covered: Flag = field(metadata=per_frame())
+
+    @classmethod
+    def columns(cls) -> dict[str, Column]:
+        """The quantities that have a value in each frame, by name."""
+        return {one.name: one.metadata["column"] for one in fields(cls) if "column" in one.metadata}
+
+    def quantities(self) -> dict[str, Any]:
+        """Their values, by name."""
+        return {name: getattr(self, name) for name in self.columns()}
 
 
-class Withdrawn(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class Estimate(
+    Record[float, int, bool, State, str, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]
+):
+    """What is known after a frame; see `Record`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Withdrawn(
+    Record[
+        Float[np.ndarray, " frames"],
+        Int[np.ndarray, " frames"],
+        Bool[np.ndarray, " frames"],
+        tuple[State | None, ...],
+        tuple[str, ...],
+        Float[np.ndarray, "frames n"],
+        Bool[np.ndarray, "frames n"],
+    ]
+):
     """Answers that were given frame by frame and withdrawn once the whole recording was known.
 
-    Attributes:
-        state: state that was given; None in frames in which nothing was withdrawn.
-        angle: the object's angle that was given [rad]; NaN where nothing was withdrawn.
-        low: lower end of its 95 % interval [rad].
-        high: upper end [rad].
-        stick: markers that seemed to stick; none where nothing was withdrawn.
+    In frames in which nothing was withdrawn there is no answer: the state is None, numbers are NaN
+    and no markers stick.
     """
-
-    state: tuple[State | None, ...]
-    angle: Float[np.ndarray, " frames"]
-    low: Float[np.ndarray, " frames"]
-    high: Float[np.ndarray, " frames"]
-    stick: Bool[np.ndarray, "frames n"]
 
     @property
     def rows(self) -> Bool[np.ndarray, " frames"]:
@@ -90,68 +155,81 @@ class Withdrawn(NamedTuple):
         return np.isfinite(self.angle)
 
 
-@dataclass(frozen=True)
-class Result:
-    """Estimates of a recording, one per frame.
+@dataclass(frozen=True, kw_only=True)
+class Result(
+    Record[
+        Float[np.ndarray, " frames"],
+        Int[np.ndarray, " frames"],
+        Bool[np.ndarray, " frames"],
+        tuple[State, ...],
+        tuple[str, ...],
+        Float[np.ndarray, "frames n"],
+        Bool[np.ndarray, "frames n"],
+    ]
+):
+    """Estimates of a recording, one per frame; see `Record` for the quantities.
 
     Attributes:
         method: name of the estimator.
-        time: time stamps [s].
-        source_index: number the source gave each frame.
-        state: state of the contact.
-        reason: why there is no angle, or what speaks against the one there is; mostly empty.
-        angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
-        low: lower ends of the 95 % intervals [rad].
-        high: upper ends of the 95 % intervals [rad].
-        moment: moment about the contact normal [N·mm]; NaN where unknown.
-        rotation: φ of each marker [rad]; NaN where unknown.
-        contact: markers of the contact region.
-        stick: markers that stick.
-        stiffness_ratio: k that each angle was corrected with [-].
-        load_term: L that it was corrected with [rad].
-        covered: frames for which the softness holds.
         notes: what a reader of the angles should know, in sentences.
         withdrawn: answers that the whole recording speaks against (`estimation.lookback`); None
             where it was not asked.
+
+    Raises:
+        ValueError: the quantities are not all of equally many frames.
     """
 
     method: str
-    time: Float[np.ndarray, " frames"]
-    source_index: Int[np.ndarray, " frames"]
-    state: tuple[State, ...]
-    reason: tuple[str, ...]
-    angle: Float[np.ndarray, " frames"]
-    low: Float[np.ndarray, " frames"]
-    high: Float[np.ndarray, " frames"]
-    moment: Float[np.ndarray, " frames"]
-    rotation: Float[np.ndarray, "frames n"]
-    contact: Bool[np.ndarray, "frames n"]
-    stick: Bool[np.ndarray, "frames n"]
-    stiffness_ratio: Float[np.ndarray, " frames"]
-    load_term: Float[np.ndarray, " frames"]
-    covered: Bool[np.ndarray, " frames"]
     notes: tuple[str, ...] = ()
     withdrawn: Withdrawn | None = None
+
+    def __post_init__(self) -> None:
+        """Check that every frame has every quantity."""
+        for name, values in self.quantities().items():
+            if len(values) != len(self.time):
+                raise ValueError(f"`{name}` is of {len(values)} frames, `time` of {len(self.time)}")
 
     @classmethod
     def gather(
         cls, method: str, estimates: Sequence[Estimate], notes: tuple[str, ...] = ()
     ) -> "Result":
         """Put together the estimates of one recording, at least one."""
-        return cls(
-            method=method,
-            notes=notes,
-            withdrawn=None,
-            state=tuple(estimate.state for estimate in estimates),
-            reason=tuple(estimate.reason for estimate in estimates),
-            **{
-                name: np.array([getattr(estimate, name) for estimate in estimates])
-                for name in Estimate._fields
-                if name not in ("state", "reason")
-            },
-        )
+        columns = {name: [getattr(one, name) for one in estimates] for name in cls.columns()}
+        batch: dict[str, Any] = {
+            name: tuple(values) if isinstance(values[0], str) else np.array(values)
+            for name, values in columns.items()
+        }
+        return cls(method=method, notes=notes, **batch)
+
+    def take(self, rows: slice) -> "Result":
+        """The result of some of the frames."""
+        withdrawn = self.withdrawn
+        if withdrawn is not None:
+            withdrawn = replace(withdrawn, **_take(withdrawn, rows))
+        return replace(self, withdrawn=withdrawn, **_take(self, rows))
 
     @property
     def answered(self) -> Bool[np.ndarray, " frames"]:
         """Frames that have an angle."""
         return np.isfinite(self.angle)
+
+    def without(self, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:
+        """What makes up an answer, by name, with nothing in some of the frames."""
+        return {
+            name: _blank(getattr(self, name), rows)
+            for name, column in self.columns().items()
+            if column.answer
+        }
+
+
+def _take(record: Result | Withdrawn, rows: slice) -> dict[str, Any]:
+    return {name: values[rows] for name, values in record.quantities().items()}
+
+
+def _blank(values: Any, rows: Bool[np.ndarray, " frames"]) -> Any:
+    """Values over frames with None, NaN, False or 0 in some of them."""
+    if isinstance(values, tuple):
+        return tuple(None if gone else one for one, gone in zip(values, rows, strict=True))
+    blank = values.copy()
+    blank[rows] = np.nan if values.dtype.kind == "f" else 0
+    return blank

@@ -219,6 +219,9 @@ def _label(frame: Frame, reason: str) -> Estimate:
         rotation=np.full(len(none), np.nan),
         contact=none,
         stick=none,
+        stiffness_ratio=0.0,
+        load_term=0.0,
+        covered=True,
     )
 
 

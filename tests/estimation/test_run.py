@@ -11,12 +11,33 @@ from rich.progress import Progress
 from estimation.contact import find_contact
 from estimation.estimators import METHODS
 from estimation.noise import Noise
-from estimation.report import COLUMNS, MARGIN_COLUMNS
 from estimation.run import Input, Settings, run_all
+from estimation.table import MARGIN_COLUMNS
 from estimation.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import domed_pad, lift
 
+COLUMNS = (
+    "time_s",
+    "frame",
+    "source_index",
+    "state",
+    "reason",
+    "angle_deg",
+    "angle_low_deg",
+    "angle_high_deg",
+    "stick_markers",
+    "contact_markers",
+    "moment_Nmm",
+    "slip_deg",
+    "gel_deg",
+    "imprint_deg",
+    "withdrawn_state",
+    "withdrawn_angle_deg",
+    "withdrawn_angle_low_deg",
+    "withdrawn_angle_high_deg",
+    "withdrawn_stick_markers",
+)
 ANGLES = np.radians(np.linspace(0.0, 10.0, 20))
 FILES = {
     "angles.csv",
