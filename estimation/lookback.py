@@ -17,10 +17,10 @@ from jaxtyping import Bool, Float, Int
 
 from estimation.noise import Noise
 from estimation.onset import (
-    LEAST_MARKERS,
-    WINDOW,
+    DEFAULT_SETTINGS,
     Disc,
     MacroSlip,
+    SlipSettings,
     date_slips,
     find_held,
     follow_disc,
@@ -32,30 +32,28 @@ from estimation.result import TOO_FEW_STICK, UNSEEN_TURN, Result, State, Withdra
 FOLLOWING = ("tracked", "incremental")
 """Methods that follow the object, whose angles are withdrawn where they may have lost it."""
 
-FIRM_SHARE = 1.0 / 3.0
-"""Share of the contact's markers that stick beyond which the angle is not believed to be lost."""
-
-LEAST_MARGIN = 0.25
-"""Radius of the closing disc beyond the third marker, in pitches, from which gel that comes to rest
-is believed to rest under the object. On virtual pivots the last four discs before an unseen slip
-come below it; before a true rest they do where hardly more than three markers stick."""
-
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
 
 
-def find_slips(recording: Recording, result: Result, noise: Noise) -> list[MacroSlip]:
+def find_slips(
+    recording: Recording,
+    result: Result,
+    noise: Noise,
+    settings: SlipSettings = DEFAULT_SETTINGS,
+) -> list[MacroSlip]:
     """When fewer than three markers stuck, or may have: in order of time.
 
     Args:
         recording: the recording.
         result: of one of its methods, for the contact and the markers that stick.
         noise: of the markers.
+        settings: how slips are dated and doubted.
     """
-    discs = follow_disc(recording, result, noise)
-    slips = date_slips(discs)
+    discs = follow_disc(recording, result, noise, settings)
+    slips = date_slips(discs, settings)
     doubts = [
         doubt
-        for doubt in _find_doubts(recording, result, noise, discs)
+        for doubt in _find_doubts(recording, result, noise, discs, settings)
         if not any(slip.onset < doubt.high and doubt.low < _end(slip) for slip in slips)
     ]
     return sorted(slips + doubts)
@@ -67,6 +65,7 @@ def withdraw(
     outline: Float[np.ndarray, " frames"],
     *,
     keep: bool = False,
+    settings: SlipSettings = DEFAULT_SETTINGS,
 ) -> Result:
     """The result without the angles that were given while the object slid unseen, or may have.
 
@@ -76,6 +75,7 @@ def withdraw(
         outline: direction of the contact's outline in each frame, NaN where refused [rad].
         keep: leave angles and states as they were answered frame by frame. The reasons then say
             what speaks against them, and `Result.withdrawn` says which they are.
+        settings: how slips are doubted.
 
     Returns:
         States and reasons say why an angle is missing; `Result.withdrawn` has the answers. A slip
@@ -86,7 +86,7 @@ def withdraw(
     gone = np.zeros(len(result.time), dtype=bool)
     for slip in slips:
         begun = np.flatnonzero(result.time >= slip.onset)
-        if not len(begun) or not _lets_go(result, int(begun[0])):
+        if not len(begun) or not _lets_go(result, int(begun[0]), settings):
             continue
         rows = _contact_from(result, int(begun[0]))
         sliding = result.time[rows] < _end(slip)
@@ -111,22 +111,29 @@ def withdraw(
 
 
 def _find_doubts(
-    recording: Recording, result: Result, noise: Noise, discs: Sequence[Disc]
+    recording: Recording,
+    result: Result,
+    noise: Noise,
+    discs: Sequence[Disc],
+    settings: SlipSettings,
 ) -> list[MacroSlip]:
     """Times in which gel rests that came to rest while few markers stuck."""
-    rests = _is_at_rest(recording, result, noise)
+    rests = _is_at_rest(recording, result, noise, settings)
     doubts: list[MacroSlip] = []
     for first, last in _runs(rests):
-        begin = first - WINDOW  # the window's first frame
+        begin = first - settings.window  # the window's first frame
         moved = begin > 0 and result.contact[begin - 1].any()
-        if last - first < WINDOW or not moved:
+        if last - first < settings.window or not moved:
             continue
         lately = [
             disc.margin
             for disc in discs
-            if recording.time[max(begin - WINDOW, 0)] <= disc.time <= recording.time[first]
+            if recording.time[max(begin - settings.window, 0)] <= disc.time <= recording.time[first]
         ]
-        if _lets_go(result, begin) and min(lately[-4:], default=0.0) < LEAST_MARGIN:
+        if (
+            _lets_go(result, begin, settings)
+            and min(lately[-4:], default=0.0) < settings.least_margin
+        ):
             time = recording.time
             moves_again = last < _contact_from(result, begin)[-1]
             doubts.append(
@@ -141,21 +148,25 @@ def _find_doubts(
     return doubts
 
 
-def _lets_go(result: Result, row: int) -> bool:
+def _lets_go(result: Result, row: int, settings: SlipSettings) -> bool:
     """Whether few markers stuck in any of the frames around."""
-    around = slice(max(row - WINDOW, 0), row + WINDOW + 1)
+    around = slice(max(row - settings.window, 0), row + settings.window + 1)
     stick, contact = result.stick[around].sum(axis=1), result.contact[around].sum(axis=1)
-    return bool((stick < FIRM_SHARE * contact).any())
+    return bool((stick < settings.firm_share * contact).any())
 
 
-def _is_at_rest(recording: Recording, result: Result, noise: Noise) -> Bool[np.ndarray, " frames"]:
-    """Rows since `WINDOW` frames before which the contact's markers have not moved."""
+def _is_at_rest(
+    recording: Recording, result: Result, noise: Noise, settings: SlipSettings
+) -> Bool[np.ndarray, " frames"]:
+    """Rows since `window` frames before which the contact's markers have not moved."""
     rests = np.zeros(len(recording), dtype=bool)
     points, scale = recording.positions[..., :2], float(np.sqrt(2.0) * noise.in_plane)
-    for row in range(WINDOW, len(recording)):
-        held = find_held(recording, result, row)
-        moved = np.linalg.norm(points[row, held] - points[row - WINDOW, held], axis=-1)
-        rests[row] = len(moved) >= LEAST_MARKERS and is_still(moved, scale)
+    for row in range(settings.window, len(recording)):
+        held = find_held(recording, result, row, settings.window)
+        moved = np.linalg.norm(points[row, held] - points[row - settings.window, held], axis=-1)
+        rests[row] = len(moved) >= settings.least_markers and is_still(
+            moved, scale, settings.at_rest
+        )
     return rests
 
 

@@ -15,6 +15,7 @@ the markers as they moved, to twice their noise, there is no date.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,53 +28,62 @@ from estimation.recording import Recording
 from estimation.result import Result
 from estimation.stick import MIN_STICK_MARKERS
 
-WINDOW = 6
-"""Frames over which the motion is taken."""
 
-LEAST_MARKERS = 12
-"""Markers in contact from which a disc is fitted: it has four unknowns."""
+@dataclass(frozen=True)
+class SlipSettings:
+    """How macro slip is dated and doubted, looking back; lengths are in pitches of the markers.
 
-LOAD_CHANGE = 0.15
-"""Share by which the contact may grow or shrink over a window: pressing moves its markers too."""
+    Attributes:
+        window: over which the motion is taken [frames].
+        least_markers: markers in contact from which a disc is fitted, which has four unknowns.
+        load_change: share by which the contact may grow or shrink over a window: pressing moves its
+            markers too [-].
+        worst_misfit: misfit over noise from which the motion is not a disc's [-].
+        largest_misfit: share of the motion that the disc may leave unexplained [-].
+        largest_error: standard error of the disc's radius beyond which a window says nothing: the
+            object rests, or slides [pitches].
+        at_rest: motion of the markers about the axis, over its noise, below which the contact rests
+            [-].
+        axis_drift: how far the axis may be from where it was while nine markers stuck [pitches].
+        round_misfit: misfit of a disc, as a share of the motion beyond its noise, from which the
+            contact is not round. The disc closes while a window lasts: round virtual pivots without
+            noise show up to 0.056, contacts of 2:1 from 0.16 on [-].
+        roundness: error of the radius beyond the noise; what markers of the virtual pivots show
+            [pitches].
+        regained: margin from which markers stick again: a turn back makes all of them stick
+            [pitches].
+        around: windows before and after the date through which a line is laid [-].
+        widest: half-width of a date's interval beyond which it is no date [frames].
+        noise_frames: over which the noise is correlated [frames].
+        most_steps: evaluations of the misfit in one fit of a disc [-].
+        firm_share: share of the contact's markers that stick beyond which the angle is not believed
+            to be lost [-].
+        least_margin: radius of the closing disc beyond the third marker from which gel that comes
+            to rest is believed to rest under the object. On virtual pivots the last four discs
+            before an unseen slip come below it; before a true rest they do where hardly more than
+            three markers stick [pitches].
+    """
 
-WORST_MISFIT = 2.0
-"""Misfit over noise from which the motion is not a disc's [-]."""
+    window: int = 6
+    least_markers: int = 12
+    load_change: float = 0.15
+    worst_misfit: float = 2.0
+    largest_misfit: float = 0.5
+    largest_error: float = 0.15
+    at_rest: float = 1.5
+    axis_drift: float = 0.05
+    round_misfit: float = 0.06
+    roundness: float = 0.02
+    regained: float = 0.5
+    around: int = 6
+    widest: float = 30.0
+    noise_frames: float = 3.0
+    most_steps: int = 20
+    firm_share: float = 1.0 / 3.0
+    least_margin: float = 0.25
 
-SCALE = np.array([0.1, 0.1, 0.1, 0.01])
-"""Of the disc's axis, radius and rotation, in pitches and radians."""
 
-MOST_STEPS = 20
-"""Evaluations of the misfit in one fit of a disc."""
-
-LARGEST_ERROR = 0.15
-"""Standard error of the disc's radius, in pitches, beyond which a window says nothing: the object
-rests, or slides."""
-
-AT_REST = 1.5
-"""Motion of the twelve markers about the axis, over its noise, below which the contact rests."""
-
-AXIS_DRIFT = 0.05
-"""How far the axis may be from where it was while nine markers stuck, in pitches."""
-
-ROUND_MISFIT = 0.06
-"""Misfit of a disc, as a share of the motion beyond its noise, from which the contact is not round.
-The disc closes while a window lasts: round virtual pivots without noise show up to 0.056, contacts
-of 2:1 from 0.16 on."""
-
-ROUNDNESS = 0.02
-"""Error of the radius beyond the noise, in pitches; what markers of the virtual pivots show."""
-
-REGAINED = 0.5
-"""Margin, in pitches, from which markers stick again: a turn back makes all of them stick."""
-
-AROUND = 6
-"""Windows before and after the date through which a line is laid."""
-
-WIDEST = 30.0
-"""Half-width of a date's interval, in frames, beyond which it is no date."""
-
-NOISE_FRAMES = 3.0
-"""Frames over which the noise is correlated."""
+DEFAULT_SETTINGS = SlipSettings()
 
 
 class MacroSlip(NamedTuple):
@@ -116,26 +126,23 @@ class Disc(NamedTuple):
     error: float
     misfit: float = 0.0
 
-    @property
-    def fits(self) -> bool:
-        """Whether the motion is a disc's: its radius may then date macro slip."""
-        return self.misfit <= ROUND_MISFIT
 
-
-def date_slips(discs: Sequence[Disc]) -> list[MacroSlip]:
+def date_slips(discs: Sequence[Disc], settings: SlipSettings = DEFAULT_SETTINGS) -> list[MacroSlip]:
     """When fewer than three markers stuck, by the discs of a whole recording."""
     slips: list[MacroSlip] = []
     slipping = False
-    discs = [disc for disc in discs if disc.fits]
+    discs = [disc for disc in discs if disc.misfit <= settings.round_misfit]
     for i, disc in enumerate(discs):
         near = [d.margin for d in discs[i : i + 4]]
-        changed = [m > REGAINED if slipping else m < 0.0 for m in near]
+        changed = [m > settings.regained if slipping else m < 0.0 for m in near]
         if not changed[0] or len(near) < 2 or np.mean(changed) < 0.75:
             continue
         if slipping:
             slips[-1] = slips[-1]._replace(regained=disc.time)
             slipping = False
-        elif slip := _date(discs[max(i - AROUND, 0) : i + AROUND + 1], disc.time):
+        elif slip := _date(
+            discs[max(i - settings.around, 0) : i + settings.around + 1], disc.time, settings
+        ):
             slips.append(slip)
             slipping = True
     return slips
@@ -160,7 +167,10 @@ def _describe(slip: MacroSlip, start: float) -> str:
 
 
 def follow_disc(
-    recording: Recording, result: Result, noise: Noise, *, largest_misfit: float = 0.5
+    recording: Recording,
+    result: Result,
+    noise: Noise,
+    settings: SlipSettings = DEFAULT_SETTINGS,
 ) -> list[Disc]:
     """The disc that sticks, over every window whose motion shows one.
 
@@ -168,7 +178,7 @@ def follow_disc(
         recording: the recording.
         result: of one of its methods, for the contact.
         noise: of the markers.
-        largest_misfit: share of the motion that the disc may leave unexplained [-].
+        settings: how the disc is followed.
     """
     pitch = _pitch(recording)
     z = (recording.positions[..., 0] + 1j * recording.positions[..., 1]) / pitch
@@ -177,28 +187,35 @@ def follow_disc(
     last: np.ndarray | None = None
     axis: np.ndarray | None = None
     missed = 0
-    for i in range(WINDOW, len(recording)):
-        j = i - WINDOW
+    for i in range(settings.window, len(recording)):
+        j = i - settings.window
         either = result.contact[i] | result.contact[j]
-        both = find_held(recording, result, i) & np.isfinite(recording.time[i] + recording.time[j])
-        if both.sum() < LEAST_MARKERS or missed > 2 * WINDOW:
+        both = find_held(recording, result, i, settings.window) & np.isfinite(
+            recording.time[i] + recording.time[j]
+        )
+        if both.sum() < settings.least_markers or missed > 2 * settings.window:
             last, axis, missed = None, None, 0
-        if both.sum() < LEAST_MARKERS or both.sum() < (1.0 - LOAD_CHANGE) * either.sum():
+        if (
+            both.sum() < settings.least_markers
+            or both.sum() < (1.0 - settings.load_change) * either.sum()
+        ):
             continue
         before, after = z[j, both], z[i, both]
         moved = np.abs(after - before)
         if axis is not None:  # those near the axis move to the end
-            moved = moved[np.argsort(np.abs(before - complex(*axis)))[:LEAST_MARKERS]]
-        if is_still(moved, scale):
+            moved = moved[np.argsort(np.abs(before - complex(*axis)))[: settings.least_markers]]
+        if is_still(moved, scale, settings.at_rest):
             continue
-        best = _fit_best(before, after, scale, last, axis)
-        disc = _describe_disc(best, before, after, scale)
+        best = _fit_best(before, after, scale, last, axis, settings)
+        disc = _describe_disc(best, before, after, scale, settings)
         missed += 1
-        if disc.misfit > largest_misfit or disc.error > np.hypot(LARGEST_ERROR, ROUNDNESS):
+        if disc.misfit > settings.largest_misfit or disc.error > np.hypot(
+            settings.largest_error, settings.roundness
+        ):
             continue
         time = 0.5 * (recording.time[i] + recording.time[j])
         discs.append(disc._replace(time=float(time)))
-        if not disc.fits:
+        if disc.misfit > settings.round_misfit:  # the contact is not round
             continue
         last, missed = best.parameters, 0
         inside = np.abs(before - complex(*best.parameters[:2])) < abs(best.parameters[2])
@@ -227,36 +244,40 @@ def _describe_disc(
     before: Complex[np.ndarray, " m"],
     after: Complex[np.ndarray, " m"],
     scale: float,
+    settings: SlipSettings,
 ) -> Disc:
     """The disc of a fit; its time is not known here."""
-    misfit = float(np.sqrt(np.mean(best.residual**2))) / WORST_MISFIT
+    misfit = float(np.sqrt(np.mean(best.residual**2))) / settings.worst_misfit
     error = np.sqrt(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2]) * max(misfit, 1.0)
     distance = np.sort(np.abs(before - complex(*best.parameters[:2])))
     moved = float(np.sqrt(0.5 * np.mean(np.abs(after - before) ** 2)))  # per coordinate
-    beyond = WORST_MISFIT * scale * np.sqrt(max(misfit**2 - 1.0, 0.0))
+    beyond = settings.worst_misfit * scale * np.sqrt(max(misfit**2 - 1.0, 0.0))
     return Disc(
         time=np.nan,
         margin=float(abs(best.parameters[2]) - distance[MIN_STICK_MARKERS - 1]),
-        error=float(np.hypot(error, ROUNDNESS)),
+        error=float(np.hypot(error, settings.roundness)),
         misfit=float(beyond / moved),
     )
 
 
-def find_held(recording: Recording, result: Result, row: int) -> Bool[np.ndarray, " n"]:
+def find_held(
+    recording: Recording, result: Result, row: int, window: int
+) -> Bool[np.ndarray, " n"]:
     """Markers that are seen in contact at both ends of the window that ends with a row."""
-    both = result.contact[row] & result.contact[row - WINDOW]
-    moved = recording.positions[row, :, :2] - recording.positions[row - WINDOW, :, :2]
+    both = result.contact[row] & result.contact[row - window]
+    moved = recording.positions[row, :, :2] - recording.positions[row - window, :, :2]
     return both & np.isfinite(moved).all(axis=-1)
 
 
-def is_still(moved: Float[np.ndarray, " m"], scale: float) -> bool:
+def is_still(moved: Float[np.ndarray, " m"], scale: float, at_rest: float) -> bool:
     """Whether markers have moved over a window by hardly more than their noise.
 
     Args:
         moved: by how much each.
         scale: noise of the difference of two positions, per coordinate.
+        at_rest: motion over its noise that is hardly more [-].
     """
-    return bool(np.mean(moved**2) < 2.0 * (AT_REST * scale) ** 2)
+    return bool(np.mean(moved**2) < 2.0 * (at_rest * scale) ** 2)
 
 
 def _fit_best(
@@ -265,12 +286,13 @@ def _fit_best(
     scale: float,
     last: np.ndarray | None,
     axis: np.ndarray | None,
+    settings: SlipSettings,
 ) -> _Fit:
     """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
 
     def stack(left: Complex[np.ndarray, "m ..."], drift: Float[np.ndarray, "2 ..."]) -> np.ndarray:
         parts = [np.real(left) / scale, np.imag(left) / scale]
-        return np.concatenate(parts if axis is None else [*parts, drift / AXIS_DRIFT])
+        return np.concatenate(parts if axis is None else [*parts, drift / settings.axis_drift])
 
     def residual(parameters: np.ndarray) -> np.ndarray:
         x, y, radius, turned = parameters
@@ -303,15 +325,18 @@ def _fit_best(
             ftol=1e-8,
             xtol=1e-8,
             gtol=1e-8,
-            maxfev=MOST_STEPS,
-            diag=1.0 / SCALE,
+            maxfev=settings.most_steps,
+            diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01]),  # typical changes, pitches and rad
         )
         return _Fit(found, residual(found), jacobian(found))
 
     solutions = []
     if last is not None:
         solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0])]
-    if not solutions or min(s.squares for s in solutions) > 2.0 * len(before) * WORST_MISFIT**2:
+    if (
+        not solutions
+        or min(s.squares for s in solutions) > 2.0 * len(before) * settings.worst_misfit**2
+    ):
         centre = complex(before.mean()) if axis is None else complex(*axis)
         arm = before - centre
         turned = np.sum(np.imag(np.conj(arm) * (after - before))) / np.sum(np.abs(arm) ** 2)
@@ -336,7 +361,7 @@ def _share_slope(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.n
     return np.where(q < 1.0, 4.0 / np.pi * q**3 / np.maximum(root, 0.05), 0.0)
 
 
-def _date(discs: Sequence[Disc], near: float) -> MacroSlip | None:
+def _date(discs: Sequence[Disc], near: float, settings: SlipSettings) -> MacroSlip | None:
     """Where a line through the margins crosses zero; None where they do not tell."""
     time, margin, error = np.array([(disc.time, disc.margin, disc.error) for disc in discs]).T
     if len(time) < 3:
@@ -346,14 +371,14 @@ def _date(discs: Sequence[Disc], near: float) -> MacroSlip | None:
     slope, level = inverse @ (design.T @ (margin / error))
     left = design @ [slope, level] - margin / error
     # neighbouring windows share frames and noise
-    correlated = (WINDOW + NOISE_FRAMES) / 2.0
+    correlated = (settings.window + settings.noise_frames) / 2.0
     variance = max(float(left @ left) / max(len(time) - 2, 1), 1.0) * correlated
     onset = near - level / slope if slope < 0.0 else near
     onset = float(np.clip(onset, time[0], time[-1]))
     gradient = np.array([onset - near, 1.0]) / slope
     frame = float(np.median(np.diff(time)))  # the truth lies between two of them
     half = float(np.hypot(Z95 * np.sqrt(gradient @ inverse @ gradient * variance), frame))
-    return MacroSlip(onset, onset - half, onset + half) if half < WIDEST * frame else None
+    return MacroSlip(onset, onset - half, onset + half) if half < settings.widest * frame else None
 
 
 def _pitch(recording: Recording) -> float:

@@ -6,9 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimation.lookback import FIRM_SHARE, RESTS_OR_SLIDES, find_slips, withdraw
+from estimation.lookback import RESTS_OR_SLIDES, find_slips, withdraw
 from estimation.missing import count_missing, describe_answers
 from estimation.noise import Noise, estimate_noise
+from estimation.onset import SlipSettings
 from estimation.result import UNSEEN_TURN, State
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
@@ -89,7 +90,7 @@ def test_a_rest_with_little_grip_keeps_its_angle(friction):
     truth, live, slips, back = look_back(friction)
     assert not truth.macro_slip.any()
     grip = live.stick[60].sum() / live.contact[60].sum()  # while the object rests
-    assert grip < FIRM_SHARE  # it might have been doubted
+    assert grip < SlipSettings().firm_share  # it might have been doubted
     assert slips == []
     np.testing.assert_array_equal(back.angle, live.angle)
 
@@ -113,5 +114,7 @@ def test_a_rest_that_little_noise_shows_is_no_slip():
     noise = estimate_noise(recording)
     live = estimate_angles(recording, noise=noise)
     assert truth.stick[60].sum() >= 20
-    assert live.stick[60].sum() < FIRM_SHARE * live.contact[60].sum()  # it might have been doubted
+    assert (
+        live.stick[60].sum() < SlipSettings().firm_share * live.contact[60].sum()
+    )  # it might have been doubted
     assert find_slips(recording, live, noise) == []
