@@ -5,6 +5,7 @@ the same curve enlarged twice after a reversal ([Lubkin1951], [Masing1926]). Lim
 the moment at which the branch began are fitted to what the branch has shown so far.
 """
 
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -17,9 +18,6 @@ from estimation.estimators.measurement import Z95
 from estimation.result import Result, State
 from estimation.stick import MIN_STICK_MARKERS
 
-TURN = np.radians(1.0)
-"""Rotation back by which a reversal is believed, and forth by which a branch has begun [rad]."""
-
 LEAST_STICK_RATIO = 0.1
 """c/a to which Lubkin's curve is followed [-]; it never ends."""
 
@@ -27,18 +25,30 @@ THIRD_MARKER = (0.91, 0.092)
 """Distance of the third-nearest marker of a square grid from a point, in pitches: mean and standard
 deviation over the points."""
 
-LEAST_POINTS = 12
-MOST_POINTS = 60
-"""Points of a branch that are fitted at most; a longer one is thinned."""
 
-FURTHEST = np.log(10.0)
-"""Logarithm of limit over largest moment seen that a fit may reach."""
+@dataclass(frozen=True)
+class MarginSettings:
+    """How branches of moment against angle are found and fitted.
 
-MOST_DOUBT = 0.25
-"""Standard error of the limit's logarithm from which the data cannot tell."""
+    Attributes:
+        turn_deg: rotation back by which a reversal is believed, and forth by which a branch has
+            begun [°].
+        least_points: points of a branch from which it is fitted [-].
+        most_points: a branch of twice as many points is thinned to half of them [-].
+        largest_limit: limit over the largest moment seen that a fit may reach [-].
+        most_doubt: standard error of the limit's logarithm from which the data cannot tell [-].
+        noise_frames: over which the noise is correlated [frames].
+    """
 
-NOISE_FRAMES = 3.0
-"""Frames over which the noise is correlated."""
+    turn_deg: float = 1.0
+    least_points: int = 12
+    most_points: int = 60
+    largest_limit: float = 10.0
+    most_doubt: float = 0.25
+    noise_frames: float = 3.0
+
+
+DEFAULT_SETTINGS = MarginSettings()
 
 
 class Branch(NamedTuple):
@@ -98,8 +108,9 @@ class Margin(NamedTuple):
 class MarginTracker:
     """Follows angle and moment frame by frame; the cost of a frame is bounded."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: MarginSettings = DEFAULT_SETTINGS) -> None:
         """Begin with nothing known."""
+        self.settings = settings
         self._points: list[tuple[float, float]] = []
         self._sign = 0.0
         self._guess: Float[np.ndarray, " 3"] | None = None
@@ -107,7 +118,7 @@ class MarginTracker:
 
     def restart(self) -> None:
         """Forget everything: the object has left."""
-        self.__init__()
+        self.__init__(self.settings)
 
     def update(self, angle: float, moment: float, contact_markers: int) -> Margin:
         """What is left after a frame.
@@ -121,14 +132,14 @@ class MarginTracker:
             return Margin()
         self._points.append((angle, moment))
         self._turn()
-        if len(self._points) > 2 * MOST_POINTS:
+        if len(self._points) > 2 * self.settings.most_points:
             del self._points[1:-1:2]
         self.branch = None
-        if not self._sign or len(self._points) < LEAST_POINTS:
+        if not self._sign or len(self._points) < self.settings.least_points:
             return Margin()
         angles, moments = np.array(self._points).T
-        self.branch = fit_branch(angles, moments, self._sign, self._guess)
-        margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers))
+        self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
+        margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers), self.settings)
         # a fit that could not tell is no place to start from
         self._guess = self.branch.parameters if np.isfinite(margin.angle_left) else None
         return margin
@@ -136,12 +147,13 @@ class MarginTracker:
     def _turn(self) -> None:
         """Begin a new branch where the object has turned back."""
         angles = np.array([angle for angle, _ in self._points])
+        least = np.radians(self.settings.turn_deg)
         if not self._sign:
             travel = angles[-1] - angles[0]
-            self._sign = float(np.sign(travel)) if abs(travel) > TURN else 0.0
+            self._sign = float(np.sign(travel)) if abs(travel) > least else 0.0
             return
         furthest = int(np.argmax(self._sign * angles))
-        if self._sign * (angles[furthest] - angles[-1]) > TURN:
+        if self._sign * (angles[furthest] - angles[-1]) > least:
             self._points = self._points[furthest:]
             self._sign, self._guess = -self._sign, None
 
@@ -158,9 +170,9 @@ class MarginPath(NamedTuple):
     last: Branch | None
 
 
-def follow_margin(result: Result) -> MarginPath:
+def follow_margin(result: Result, settings: MarginSettings = DEFAULT_SETTINGS) -> MarginPath:
     """Margins of a recording, frame by frame."""
-    tracker = MarginTracker()
+    tracker = MarginTracker(settings)
     margins, last = [], None
     frames = zip(result.state, result.angle, result.moment, result.contact.sum(axis=1), strict=True)
     for state, angle, moment, contact in frames:
@@ -180,6 +192,7 @@ def fit_branch(
     moment: Float[np.ndarray, " points"],
     sign: float,
     guess: Float[np.ndarray, " 3"] | None = None,
+    settings: MarginSettings = DEFAULT_SETTINGS,
 ) -> Branch:
     """Fit limit, stiffness and first moment of the branch through measured points.
 
@@ -188,6 +201,7 @@ def fit_branch(
         moment: at these angles [N·mm].
         sign: which way the branch turns, ±1.
         guess: ln limit, ln stiffness and first moment to start from.
+        settings: of the fit.
     """
     travel = np.maximum(sign * (angle - angle[0]), 0.0)
     along = sign * moment
@@ -195,7 +209,7 @@ def fit_branch(
     if guess is None:
         rise = max(float(np.ptp(along)), 1e-3 * largest) / max(float(travel.max()), 1e-6)
         guess = np.array([np.log(1.2 * largest), np.log(1.5 * rise), along[0]])
-    highest = np.log(largest) + FURTHEST
+    highest = np.log(largest) + np.log(settings.largest_limit)
     guess = np.append(min(guess[0], highest - 0.1), guess[1:])
     solution = least_squares(
         lambda parameters: (_branch_moment(parameters, travel) - along) / largest,
@@ -207,7 +221,7 @@ def fit_branch(
     )
     left = solution.fun * largest
     rms = float(np.sqrt(np.mean(left**2)))
-    free = max(len(travel) / NOISE_FRAMES - 3.0, 1.0)
+    free = max(len(travel) / settings.noise_frames - 3.0, 1.0)
     variance = rms**2 * len(travel) / free
     covariance = np.linalg.pinv(solution.jac.T @ solution.jac) * variance / largest**2
     limit, stiffness, start_moment = solution.x
@@ -229,15 +243,18 @@ def end_stick_ratio(contact_markers: int) -> float:
     return float(np.clip(THIRD_MARKER[0] / radius, LEAST_STICK_RATIO, 0.99))
 
 
-def margin_at(branch: Branch, angle: float, end: float) -> Margin:
+def margin_at(
+    branch: Branch, angle: float, end: float, settings: MarginSettings = DEFAULT_SETTINGS
+) -> Margin:
     """What the branch has left at an angle on it; nothing while its limit cannot be told.
 
     Args:
         branch: the branch.
         angle: of the object [rad].
         end: c/a that counts as macro slip [-].
+        settings: when the limit cannot be told.
     """
-    if branch.covariance[0, 0] > MOST_DOUBT**2:
+    if branch.covariance[0, 0] > settings.most_doubt**2:
         return Margin()
     travel = max(branch.sign * (angle - branch.start), 0.0)
     best = branch.parameters

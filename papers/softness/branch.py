@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from estimation import datasets
 from estimation.estimators.measurement import Z95
-from estimation.margin import NOISE_FRAMES, Branch
+from estimation.margin import Branch, MarginSettings
 from estimation.outline import follow_outline
 from estimation.recording import Recording
 from estimation.softness import disc_radius
@@ -131,7 +131,7 @@ def _fit(
         diff_step=1e-3,
     )
     rms = float(np.sqrt(np.mean(found.fun**2)))
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * rms**2 * NOISE_FRAMES
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * rms**2 * MarginSettings().noise_frames
     return branch(found.x)._replace(covariance=covariance, rms=rms, points=len(angle))
 
 
