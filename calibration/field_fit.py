@@ -343,7 +343,9 @@ def _leave_out(problem: Problem, end: _End) -> dict[str, Float[np.ndarray, " p"]
     )
     low, high, weights = (np.asarray(a) for a in (problem.low, problem.high, problem.weights))
     priors = np.ones(len(residual) - len(weights), dtype=bool)
-    centre = problem.model.scene(problem.numbers(end.coordinates)).path.centre[-1]
+    centre = problem.model.scene(problem.numbers(end.coordinates), problem.model.grid).path.centre[
+        -1
+    ]
     found = {}
     for name, part in find_parts(problem.model, np.asarray(centre)).items():
         rest = np.concatenate([~part, priors])

@@ -13,12 +13,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from scipy.interpolate import make_interp_spline
 
 from contactmodel import (
-    AbstractBody,
     AbstractIndenter,
+    Contact,
     Cylinder,
     Domed,
     Grid,
@@ -102,23 +102,15 @@ class Scene(NamedTuple):
     """A contact experiment with its numbers filled in, as `contactmodel.solve_path` takes it.
 
     Attributes:
-        elastomer: S.
-        object_: B.
-        indenter: its shape.
+        contact: bodies, shape, friction, the grid and the markers' depth.
         path: poses from rest; the last ones are the frames that were measured.
-        friction_coefficient: μ [-].
-        depth: of the markers below the surface [mm].
     """
 
-    elastomer: AbstractBody
-    object_: AbstractBody
-    indenter: AbstractIndenter
+    contact: Contact
     path: Pose
-    friction_coefficient: Array
-    depth: Array | float
 
 
-MakeScene = Callable[[Mapping[str, Any]], Scene]
+MakeScene = Callable[[Mapping[str, Any], Grid], Scene]
 
 _SHAPES: dict[str, Callable[[Mapping[str, Any]], AbstractIndenter]] = {
     "paraboloid": lambda n: Paraboloid(n["radius"]),
@@ -150,7 +142,7 @@ def press_and_move(shape: str) -> MakeScene:
     if shape not in _SHAPES:
         raise ValueError(f"no shape {shape!r}; there are {', '.join(SHAPES)}")
 
-    def scene(numbers: Mapping[str, Any]) -> Scene:
+    def scene(numbers: Mapping[str, Any], grid: Grid) -> Scene:
         modulus, nu = numbers["shear_modulus"], numbers["poisson_ratio"]
         thickness, k = numbers.get("thickness"), numbers.get("stiffness_ratio")
         position = jnp.asarray(numbers.get("position", (0.0, 0.0)))
@@ -165,14 +157,15 @@ def press_and_move(shape: str) -> MakeScene:
         )
         pressed = Pose(frames.approach[:1], centre=position)
         path = jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames)
-        return Scene(
+        contact = Contact(
             HalfSpace(modulus, nu) if thickness is None else Layer(modulus, nu, thickness),
             Rigid() if k is None else HalfSpace(modulus / k, nu),
             indenter,
-            path,
-            jnp.asarray(numbers["friction_coefficient"]),
-            jnp.asarray(numbers["depth"]) if "depth" in numbers else 0.0,  # then much is known
+            grid,
+            numbers["friction_coefficient"],
+            numbers.get("depth"),
         )
+        return Scene(contact, path)
 
     return scene
 
@@ -199,7 +192,7 @@ class FieldModel(eqx.Module):
     """A scene, the grid it is solved on, and where its markers are.
 
     Attributes:
-        scene: makes the scene of its numbers.
+        scene: makes the scene of its numbers, on the grid.
         grid: cells; more than cover the contact, and cover the markers.
         frames: last steps of the path that are measured.
         markers: their positions in the unloaded elastomer [mm].
@@ -241,19 +234,10 @@ class FieldModel(eqx.Module):
 
     def predict(self, numbers: Mapping[str, Any]) -> Prediction:
         """What the sensor would see; differentiable in the numbers."""
-        scene = self.scene(numbers)
-        path = solve_path(
-            scene.elastomer,
-            scene.object_,
-            scene.indenter,
-            scene.path,
-            self.grid,
-            scene.friction_coefficient,
-            rtol=_SOLVER_RTOL,
-            throw=False,
-        )
-        fields = path.elastomer_displacement(scene.depth)[-self.frames :]
-        force, centre = path.force[-self.frames :], scene.path.centre[-self.frames :]
+        contact, poses = self.scene(numbers, self.grid)
+        path = solve_path(contact, poses, rtol=_SOLVER_RTOL, throw=False)
+        fields = path.elastomer_displacement(contact.marker_depth)[-self.frames :]
+        force, centre = path.force[-self.frames :], poses.centre[-self.frames :]
         inside, held = (jnp.sum(part, axis=(1, 2)) for part in (path.contact, path.stick))
         width = jnp.max(jnp.sqrt(inside / jnp.pi) - jnp.sqrt(held / jnp.pi))
         lever = centre[:, 0] * force[:, 1] - centre[:, 1] * force[:, 0]

@@ -3,6 +3,10 @@ from contactmodel.bodies import HalfSpace as HalfSpace
 from contactmodel.bodies import Layer as Layer
 from contactmodel.bodies import Rigid as Rigid
 from contactmodel.bodies import stiffness_ratio as stiffness_ratio
+from contactmodel.contact import Contact as Contact
+from contactmodel.friction import AbstractFriction as AbstractFriction
+from contactmodel.friction import Coulomb as Coulomb
+from contactmodel.friction import PowerLawFriction as PowerLawFriction
 from contactmodel.grid import Grid as Grid
 from contactmodel.indenters import AbstractIndenter as AbstractIndenter
 from contactmodel.indenters import Cylinder as Cylinder
@@ -15,14 +19,12 @@ from contactmodel.indenters import RoundPunch as RoundPunch
 from contactmodel.indenters import Sphere as Sphere
 from contactmodel.indenters import SquarePunch as SquarePunch
 from contactmodel.pose import Pose as Pose
+from contactmodel.pose import Resultants as Resultants
 from contactmodel.pose import make_path as make_path
-from contactmodel.resultant_path import solve_resultant_path as solve_resultant_path
-from contactmodel.resultants import solve_resultant as solve_resultant
-from contactmodel.sliding import solve_sliding as solve_sliding
-from contactmodel.solution import RESULTS as RESULTS
 from contactmodel.solution import ContactSolution as ContactSolution
 from contactmodel.solve import solve_contact as solve_contact
 from contactmodel.solve import solve_path as solve_path
+from contactmodel.solver.results import RESULTS as RESULTS
 from contactmodel.transfer import ScalarTransfer as ScalarTransfer
 from contactmodel.transfer import fit_scalar_transfer as fit_scalar_transfer
 from contactmodel.transfer import layer_gain as layer_gain

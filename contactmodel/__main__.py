@@ -28,8 +28,8 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Folder to write to; an interrupted run goes on.")],
 ) -> None:
     """Press, shift and twist an object along a path; write fields, a table and pictures."""
-    from contactmodel.configuration import read_simulation
-    from contactmodel.simulation import run_simulation, write_results
+    from contactmodel.simulate.configuration import read_simulation
+    from contactmodel.simulate.run import run_simulation, write_results
     from contactmodel.solution import stack_steps
 
     try:
@@ -63,11 +63,11 @@ def verify(
     ] = 128,
 ) -> None:
     """Compare the model with closed forms, laws and itself; exit status 1 if a row fails."""
-    from contactmodel.verify import CHECKS, Row, convergence
-    from contactmodel.verify_layers import LAYER_CHECKS
+    from contactmodel.verify.rows import Row
+    from contactmodel.verify.table import CHECKS, convergence
 
     rows: list[Row] = []
-    for check in track((*CHECKS, *LAYER_CHECKS), "Checking", console=errors):
+    for check in track(CHECKS, "Checking", console=errors):
         rows += check(cells)
     with errors.status("Orders of convergence from 32² to 256²"):
         rows += convergence()

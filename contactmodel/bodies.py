@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel.arrays import refuse
-from contactmodel.checks import poisson, positive
+from contactmodel.checks import known, poisson, positive
 from contactmodel.compliance import CellIntegrals, Coefficients
 from contactmodel.layer import REACH, base_kernels
 
@@ -22,18 +22,22 @@ class AbstractBody(eqx.Module):
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """Displacement of the surface by unit tractions on a cell [mm/MPa]."""
 
-    def check(self, spacing: tuple[float, float], depth: ArrayLike = 0.0) -> None:
-        """Refuse a grid's cells and a depth that the body's coefficients are not made for.
+    def checked(
+        self, spacing: tuple[float, float], depth: ArrayLike | None = None
+    ) -> "AbstractBody":
+        """The body, if its coefficients are made for a grid's cells and a depth.
 
-        Asked before a program runs, so that the error is a plain one.
+        Asked before a program runs, so that the error is a plain one, and the program calls
+        nothing on the host.
 
         Args:
             spacing: lengths of a cell [mm].
-            depth: of the displaced points below the surface [mm].
+            depth: of the displaced points below the surface; None on it [mm].
 
         Raises:
             ValueError: they are not.
         """
+        return self
 
     @property
     @abc.abstractmethod
@@ -91,27 +95,21 @@ class Layer(AbstractBody):
     thickness: Float[Array, ""] = eqx.field(converter=positive)
 
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
-        """The half-space's, and what the base changes (see `layer`).
-
-        Raises:
-            ValueError: a layer thinner than a cell, or a depth beyond it.
-        """
-        h, depth = self._checked(spacing, cell.depth)
+        """The half-space's, and what the base changes (see `layer`)."""
+        h, depth = self.thickness, jnp.asarray(cell.depth)
         half = HalfSpace(self.shear_modulus, self.poisson_ratio).coefficients(cell, spacing)
         base = self._base(cell, h, depth, spacing)
         square = (cell.offset[0] ** 2 + cell.offset[1] ** 2) / h**2
         return jax.tree.map(lambda a, b: jnp.where(square < REACH**2, a + b, 0.0), half, base)
 
-    def check(self, spacing: tuple[float, float], depth: ArrayLike = 0.0) -> None:
+    def checked(self, spacing: tuple[float, float], depth: ArrayLike | None = None) -> "Layer":
         """Refuse a layer thinner than a cell, or a depth beyond it."""
-        self._checked(spacing, depth)
-
-    def _checked(self, spacing: tuple[float, float], depth: ArrayLike) -> tuple[Array, Array]:
-        """Thickness and depth."""
         thin = "a layer must not be thinner than a cell of the grid: use smaller cells"
-        h = refuse(self.thickness, self.thickness < max(spacing), thin)
-        depth = jnp.asarray(depth)
-        return h, refuse(depth, depth > h, "a depth must not be beyond the layer's base")
+        h = refuse(self.thickness, known(self.thickness) < max(spacing), thin)
+        if depth is not None:
+            low = "a depth must not be beyond the layer's base, at its thickness"
+            h = refuse(h, known(jnp.asarray(depth)) > known(h), low)
+        return eqx.tree_at(lambda body: body.thickness, self, h)
 
     def _base(
         self, cell: CellIntegrals, h: Array, depth: Array, spacing: tuple[float, float]

@@ -16,13 +16,13 @@ Numbers = ArrayLike | Sequence[float]
 def number(value: Numbers) -> Float[Array, "*shape"]:
     """Floating-point numbers, finite."""
     array = jnp.asarray(value, dtype=_precision(value))
-    return refuse(array, ~(abs(_known(array)) < np.inf), "a value must be a finite number")
+    return refuse(array, ~(abs(known(array)) < np.inf), "a value must be a finite number")
 
 
 def positive(value: Numbers) -> Float[Array, "*shape"]:
     """Numbers above 0."""
     array = number(value)
-    return refuse(array, ~(_known(array) > 0), "a modulus, radius or length must be above 0")
+    return refuse(array, ~(known(array) > 0), "a modulus, radius or length must be above 0")
 
 
 def non_negative(value: Numbers) -> Float[Array, "*shape"]:
@@ -30,7 +30,7 @@ def non_negative(value: Numbers) -> Float[Array, "*shape"]:
     array = number(value)
     return refuse(
         array,
-        ~(_known(array) >= 0),
+        ~(known(array) >= 0),
         "a friction coefficient, edge radius or depth must not be below 0",
     )
 
@@ -38,7 +38,7 @@ def non_negative(value: Numbers) -> Float[Array, "*shape"]:
 def poisson(value: Numbers) -> Float[Array, "*shape"]:
     """Poisson's ratios from 0 to 0.5."""
     array = number(value)
-    wrong = ~((_known(array) >= 0) & (_known(array) <= 0.5))
+    wrong = ~((known(array) >= 0) & (known(array) <= 0.5))
     return refuse(array, wrong, "Poisson's ratio must lie from 0 to 0.5")
 
 
@@ -50,6 +50,6 @@ def _precision(value: Numbers) -> np.dtype:
     return jax.dtypes.canonicalize_dtype(np.float64)
 
 
-def _known(array: Array) -> AnyArray:
-    """In NumPy where the value is known: a compiled program for each check takes far longer."""
+def known(array: Array) -> AnyArray:
+    """An array in NumPy where its value is known: a compiled program for a check takes longer."""
     return array if is_traced(array) else np.asarray(array)

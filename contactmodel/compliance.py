@@ -117,8 +117,8 @@ class Deformable(Protocol):
         """Displacement by unit tractions on a cell."""
         ...
 
-    def check(self, spacing: tuple[float, float], depth: ArrayLike = 0.0) -> None:
-        """Refuse cells and a depth that they are not made for."""
+    def checked(self, spacing: tuple[float, float], depth: ArrayLike | None = None) -> "Deformable":
+        """The body, if they are made for such cells and a depth."""
         ...
 
 
@@ -203,6 +203,7 @@ def grid_coefficients(
         grid: cells.
         depth: of the displaced points below the surface; none at the surface [mm].
     """
+    body = body.checked(grid.spacing, depth)
     if depth is None:
         return body.coefficients(_at_surface(_surface_integrals(grid), grid), grid.spacing)
     x, y = jnp.meshgrid(*map(jnp.asarray, _distances(grid)), indexing="ij")
@@ -332,12 +333,7 @@ def pair_compliance(
         object_: B.
         grid: cells.
         smooth: without friction nothing is sheared, and `shear` is left at 0.
-
-    Raises:
-        ValueError: a layer thinner than a cell.
     """
-    for body in (elastomer, object_):
-        body.check(grid.spacing)
     pair = _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
     pull = pair.coupling
     if pull is None or is_traced(pull) or bool(np.any(np.asarray(pull))):

@@ -26,6 +26,17 @@ class AbstractIndenter(eqx.Module):
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """Height of the undeformed surface at points of the plane [mm]."""
 
+    def slid_height(
+        self, points: Float[Array, "2 ..."], slid: Float[Array, "2 ..."]
+    ) -> Float[Array, "..."]:
+        """Height at points of the plane above which other points of the shape have slid [mm].
+
+        Args:
+            points: of the plane [mm].
+            slid: of the shape, above them [mm].
+        """
+        return self.height(slid)
+
 
 class Paraboloid(AbstractIndenter):
     """The shape r²/2R of Hertz's theory.
@@ -204,7 +215,14 @@ class Domed(AbstractIndenter):
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """Height of the shape above the pad [mm]."""
-        return self.indenter.height(points) + Sphere(self.pad_radius).height(points)
+        return self.slid_height(points, points)
+
+    def slid_height(
+        self, points: Float[Array, "2 ..."], slid: Float[Array, "2 ..."]
+    ) -> Float[Array, "..."]:
+        """The pad stays where it is [mm]."""
+        shape = self.indenter.slid_height(points, slid)
+        return shape + Sphere(self.pad_radius).height(points)
 
 
 def _length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:

@@ -1,4 +1,4 @@
-"""How the object is moved against the elastomer."""
+"""How the object is moved against the elastomer, or which force and moment move it."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from contactmodel.checks import Numbers, number
+from contactmodel.arrays import refuse
+from contactmodel.checks import Numbers, known, number
 
 
 class Pose(eqx.Module):
@@ -16,7 +17,7 @@ class Pose(eqx.Module):
 
     Positions are those of the undeformed surface. The region where the object is pressed on stays
     on the same points of the elastomer, as points that stick do; where the object slides over more
-    than a small part of the contact, `solve_sliding` takes its shape along.
+    than a small part of the contact, solve with `sliding`, which takes its shape along.
 
     Attributes:
         approach: δ, by which the undeformed bodies would overlap [mm].
@@ -91,6 +92,77 @@ class Pose(eqx.Module):
         arm = points + moved - centre - centre_moved
         turned = _turn(arm, self.twist - last.twist, linear=False)
         return turned + self.displacement(centre) - centre_moved
+
+
+class Resultants(eqx.Module):
+    """Force and moment in place of motion, or those of each step of a path.
+
+    Attributes:
+        normal_force: pressing the bodies together, in place of the approach; under 0 N they just
+            do not touch [N].
+        shear_force: on the elastomer along x and y, in place of the shift [N].
+        moment: on the elastomer about z through the pose's centre, in place of the twist [N·mm].
+    """
+
+    normal_force: Float[Array, "*path"] | None
+    shear_force: Float[Array, "..."] | None
+    moment: Float[Array, "*path"] | None
+
+    def __init__(
+        self,
+        normal_force: Numbers | None = None,
+        shear_force: Numbers | None = None,
+        moment: Numbers | None = None,
+    ) -> None:
+        """Keep what is given.
+
+        Raises:
+            ValueError: nothing is, a number that is not finite, or a normal force below 0.
+        """
+        if normal_force is None and shear_force is None and moment is None:
+            raise ValueError("give at least one of normal_force, shear_force and moment")
+        self.normal_force = None
+        if normal_force is not None:
+            pressing = number(normal_force)
+            message = "a normal force presses: it must not be below 0 N"
+            self.normal_force = refuse(pressing, known(pressing) < 0.0, message)
+        self.shear_force = None if shear_force is None else number(shear_force)
+        self.moment = None if moment is None else number(moment)
+
+    @property
+    def given(self) -> tuple[bool, bool, bool, bool]:
+        """Which are given in place of approach, shift along x and y, and twist."""
+        normal, shear, turn = (
+            value is not None for value in (self.normal_force, self.shear_force, self.moment)
+        )
+        return normal, shear, shear, turn
+
+    def in_place_of(self, pose: Pose) -> Float[Array, "*path 4"]:
+        """What is given for each pose, 0 elsewhere [N, N, N, N·mm].
+
+        Raises:
+            ValueError: shapes that do not fit those of the pose.
+        """
+        shape, dtype = pose.approach.shape, pose.approach.dtype
+
+        def spread(name: str, shape: tuple[int, ...]) -> Array:
+            given = getattr(self, name)
+            value = jnp.zeros(()) if given is None else given
+            try:
+                return jnp.broadcast_to(value, shape).astype(dtype)
+            except ValueError as error:
+                raise ValueError(
+                    f"{name} of the {'path' if pose.approach.ndim else 'pose'} must have the shape "
+                    f"{shape}, or be the same in every step; got {value.shape}"
+                ) from error
+
+        shear = spread("shear_force", (*shape, 2))
+        parts = [
+            spread("normal_force", shape)[..., None],
+            shear,
+            spread("moment", shape)[..., None],
+        ]
+        return jnp.concatenate(parts, axis=-1)
 
 
 def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:

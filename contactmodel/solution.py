@@ -1,17 +1,17 @@
 """What users hold after solving: tractions, displacements, slip, and how the solver fared."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Real
 
-from contactmodel.arrays import AnyArray
+from contactmodel.arrays import AnyArray, is_traced
 from contactmodel.bodies import AbstractBody
-from contactmodel.checks import non_negative
 from contactmodel.compliance import (
     Coefficients,
     cell_integrals,
@@ -19,40 +19,11 @@ from contactmodel.compliance import (
     grid_coefficients,
     transform,
 )
+from contactmodel.contact import Contact, check_depth
 from contactmodel.grid import Grid
-from contactmodel.linear import Iterations
 from contactmodel.pose import Pose
-
-
-class RESULTS(eqx.Enumeration):
-    """How a solve ended. All but `successful` and `no_contact` are failures."""
-
-    successful = ""
-    no_contact = "the bodies do not touch: the approach is too small"
-    at_the_edge = (
-        "the contact reaches the edge of the grid: take a larger grid, or a smaller approach or "
-        "indenter"
-    )
-    normal_max_steps = (
-        "the pressure did not converge within max_steps: allow more, or a larger rtol"
-    )
-    friction_max_steps = (
-        "the traction did not converge within max_steps: allow more, a larger rtol, or take the "
-        "path in smaller steps"
-    )
-    coupling_max_turns = (
-        "pressure and traction did not settle on each other: take the path in smaller steps, or a "
-        "smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
-    )
-    out_of_touch = (
-        "the bodies do not touch, and carry no force and no moment: give a larger approach, or a "
-        "normal force"
-    )
-    beyond_friction = "friction cannot carry the force or moment asked for"
-    resultant_max_steps = (
-        "no motion was found for the force or moment asked for: give a first guess nearer to it, "
-        "or go there in smaller steps"
-    )
+from contactmodel.solver.linear import Iterations
+from contactmodel.solver.results import RESULTS
 
 
 class ContactSolution(eqx.Module):
@@ -62,11 +33,8 @@ class ContactSolution(eqx.Module):
     steps as its first axis; properties and methods work on it.
 
     Attributes:
-        grid: where the fields are given.
-        elastomer: S.
-        object_: B.
+        problem: what was solved: bodies, shape, grid and friction.
         pose: of the object.
-        friction_coefficient: μ [-].
         pressure: p on both bodies [MPa].
         traction: τ on the elastomer; the object carries −τ [MPa].
         gap: between the deformed surfaces [mm].
@@ -81,11 +49,8 @@ class ContactSolution(eqx.Module):
         friction: iterations of the traction, and those of both at once.
     """
 
-    grid: Grid = eqx.field(static=True)
-    elastomer: AbstractBody
-    object_: AbstractBody
+    problem: Contact
     pose: Pose
-    friction_coefficient: Float[Array, "..."]
     pressure: Float[Array, "*path nx ny"]
     traction: Float[Array, "*path 2 nx ny"]
     gap: Float[Array, "*path nx ny"]
@@ -99,9 +64,17 @@ class ContactSolution(eqx.Module):
 
     def at_step(self, index: int) -> "ContactSolution":
         """One contact of a path."""
-        constants = (self.elastomer, self.object_, self.friction_coefficient)
-        one = jax.tree.map(lambda leaf: leaf[index], eqx.tree_at(_constants, self, (None,) * 3))
-        return eqx.tree_at(_constants, one, constants, is_leaf=lambda leaf: leaf is None)
+        return self.map_steps(lambda leaf: leaf[index])
+
+    def map_steps(self, function: Callable[[Array], Array]) -> "ContactSolution":
+        """A function of every array but the problem's, which is that of all steps."""
+        bare = jax.tree.map(function, eqx.tree_at(_problem, self, None))
+        return eqx.tree_at(_problem, bare, self.problem, is_leaf=lambda leaf: leaf is None)
+
+    @property
+    def grid(self) -> Grid:
+        """Where the fields are given."""
+        return self.problem.grid
 
     @property
     def contact(self) -> Bool[Array, "*path nx ny"]:
@@ -133,22 +106,24 @@ class ContactSolution(eqx.Module):
         tau_x, tau_y = jnp.moveaxis(self.traction, -3, 0)
         return jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
 
-    def elastomer_displacement(self, depth: ArrayLike = 0.0) -> Float[Array, "*path 3 nx ny"]:
+    def elastomer_displacement(
+        self, depth: ArrayLike | None = None
+    ) -> Float[Array, "*path 3 nx ny"]:
         """Displacement of the elastomer at the centres of the cells [mm].
 
         Args:
-            depth: below its surface [mm].
+            depth: below its surface, on which there is none [mm].
         """
-        u, v, w = self._on_grid(self.elastomer, self.traction, self._below(self.elastomer, depth))
+        u, v, w = self._on_grid(*self._of_elastomer(depth))
         return jnp.stack([u, v, -w], axis=-3)
 
-    def object_displacement(self, depth: ArrayLike = 0.0) -> Float[Array, "*path 3 nx ny"]:
+    def object_displacement(self, depth: ArrayLike | None = None) -> Float[Array, "*path 3 nx ny"]:
         """The same of the object, by its deformation alone, without the pose [mm]."""
-        components = self._on_grid(self.object_, -self.traction, self._below(self.object_, depth))
+        components = self._on_grid(*self._of_object(depth))
         return jnp.stack(components, axis=-3)
 
     def elastomer_displacement_at(
-        self, points: Real[AnyArray, "n 2"], depth: ArrayLike = 0.0
+        self, points: Real[AnyArray, "n 2"], depth: ArrayLike | None = None
     ) -> Float[Array, "*path n 3"]:
         """Displacement of points of the undeformed elastomer, markers for example [mm].
 
@@ -157,36 +132,36 @@ class ContactSolution(eqx.Module):
             depth: of the points below the surface [mm].
         """
         points = jnp.asarray(points, self.pressure.dtype)
-        below = self._below(self.elastomer, depth)
-        u, v, w = self._at(self.elastomer, self.traction, points, below)
+        u, v, w = self._at(*self._of_elastomer(depth), points)
         return jnp.stack([u, v, -w], axis=-1)
 
     def object_displacement_at(
-        self, points: Real[AnyArray, "n 2"], depth: ArrayLike = 0.0
+        self, points: Real[AnyArray, "n 2"], depth: ArrayLike | None = None
     ) -> Float[Array, "*path n 3"]:
         """The same of the object, by its deformation alone [mm]."""
         points = jnp.asarray(points, self.pressure.dtype)
-        below = self._below(self.object_, depth)
-        components = self._at(self.object_, -self.traction, points, below)
+        components = self._at(*self._of_object(depth), points)
         return jnp.stack(components, axis=-1)
 
     @eqx.filter_jit
     def elastomer_rotation(self) -> Float[Array, "*path nx ny"]:
         """φ = ½ rot u_S at the centres of the cells, exact for their tractions [rad]."""
-        return self._rotation(self.elastomer, self.traction)
+        return self._rotation(self.problem.elastomer, self.traction)
 
     @eqx.filter_jit
     def object_rotation(self) -> Float[Array, "*path nx ny"]:
         """½ rot u_B by the object's deformation alone [rad]."""
-        return self._rotation(self.object_, -self.traction)
+        return self._rotation(self.problem.object_, -self.traction)
 
-    def _below(self, body: AbstractBody, depth: ArrayLike) -> Array | None:
-        """A depth below the surface, checked; None at the surface, where more is known."""
-        if isinstance(depth, int | float) and depth == 0:
-            return None
-        checked = non_negative(depth)
-        body.check(self.grid.spacing, checked)
-        return checked
+    def _of_elastomer(self, depth: ArrayLike | None) -> tuple[AbstractBody, Array, Array | None]:
+        """The elastomer, the traction on it, and a depth below its surface, checked."""
+        below = check_depth(depth)
+        return self.problem.elastomer.checked(self.grid.spacing, below), self.traction, below
+
+    def _of_object(self, depth: ArrayLike | None) -> tuple[AbstractBody, Array, Array | None]:
+        """The same of the object."""
+        below = check_depth(depth)
+        return self.problem.object_.checked(self.grid.spacing, below), -self.traction, below
 
     @eqx.filter_jit
     def _on_grid(self, body: AbstractBody, traction: Array, depth: Array | None) -> list[Array]:
@@ -201,7 +176,7 @@ class ContactSolution(eqx.Module):
 
     @eqx.filter_jit
     def _at(
-        self, body: AbstractBody, traction: Array, points: Array, depth: Array | None
+        self, body: AbstractBody, traction: Array, depth: Array | None, points: Array
     ) -> list[Array]:
         z = 0.0 if depth is None else depth
 
@@ -219,14 +194,20 @@ class ContactSolution(eqx.Module):
 
 
 def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
-    """Contacts of the same bodies one after the other, as a path."""
-    path = jax.tree.map(lambda *leaves: jnp.stack(leaves), *steps)
-    return eqx.tree_at(_constants, path, _constants(steps[0]))
+    """Contacts of one problem one after the other, as a path."""
+    bare = [eqx.tree_at(_problem, step, None) for step in steps]
+    path = jax.tree.map(_stack, *bare)
+    return eqx.tree_at(_problem, path, steps[0].problem, is_leaf=lambda leaf: leaf is None)
 
 
-def _constants(solution: Any) -> tuple[Any, Any, Any]:
-    """What does not change along a path."""
-    return solution.elastomer, solution.object_, solution.friction_coefficient
+def _stack(*leaves: Array) -> Array:
+    """In NumPy where the values are known: JAX compiles a program for each number of steps."""
+    known = not any(map(is_traced, leaves))
+    return jnp.asarray(np.stack(leaves)) if known else jnp.stack(leaves)
+
+
+def _problem(solution: Any) -> Any:
+    return solution.problem
 
 
 def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> list[Array]:

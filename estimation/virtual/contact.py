@@ -90,7 +90,7 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
         stick_radius=np.pad(np.sqrt(area / np.pi), (unloaded, 0)),
         moment=np.pad(np.asarray(path.moment), (unloaded, 0)),
         macro_slip=touching & (sticking.sum(axis=1) < MIN_STICK_MARKERS),
-        stiffness_ratio=float(stiffness_ratio(path.elastomer, path.object_)),
+        stiffness_ratio=float(stiffness_ratio(path.problem.elastomer, path.problem.object_)),
     )
 
 

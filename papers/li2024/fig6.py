@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
-from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
+from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
 from estimation.estimators import DEFAULT_METHOD
 from estimation.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
@@ -75,7 +75,7 @@ def _view(motion: Motion) -> View:
     end = Pose(motion.approach, motion.shift, np.radians(motion.angle_deg))
     path = make_path([Pose(motion.approach), end], [_STEPS])
     solution = solve_path(
-        _PAD, Rigid(), Paraboloid(motion.radius), path, _GRID, _FRICTION, rtol=1e-6
+        Contact(_PAD, Rigid(), Paraboloid(motion.radius), _GRID, _FRICTION), path, rtol=1e-6
     )
     layout = lay_out_markers(PivotModel(grid_shape=settings.MARKERS, pitch=settings.PITCH_MM))
     recording, truth = simulate_recording(

@@ -8,6 +8,7 @@ what it bends beyond.
 import numpy as np
 
 from contactmodel import (
+    Contact,
     ContactSolution,
     Domed,
     Ellipsoid,
@@ -15,7 +16,7 @@ from contactmodel import (
     HalfSpace,
     Layer,
     Pose,
-    solve_sliding,
+    solve_path,
 )
 from estimation.estimators import DEFAULT_METHOD
 from estimation.tracker import estimate_angles
@@ -88,14 +89,17 @@ def evaluate(
 def _lift(told: settings.Thing, angle: float) -> ContactSolution:
     """Pressed, turned and held, a contact per frame; the outline goes along with what slips."""
     twists = [np.zeros(1), np.linspace(0.0, angle, _TURN + 1), np.full(_HOLD, angle)]
-    return solve_sliding(
-        Layer(_SHEAR_MODULUS, _POISSON_RATIO, told.thickness),
-        HalfSpace(_SHEAR_MODULUS / max(told.stiffness_ratio, _RIGID), _POISSON_RATIO),
-        Domed(Ellipsoid(told.semi_axes), settings.DOME_MM),
+    return solve_path(
+        Contact(
+            Layer(_SHEAR_MODULUS, _POISSON_RATIO, told.thickness),
+            HalfSpace(_SHEAR_MODULUS / max(told.stiffness_ratio, _RIGID), _POISSON_RATIO),
+            Domed(Ellipsoid(told.semi_axes), settings.DOME_MM),
+            _GRID,
+            told.friction_coefficient,
+        ),
         Pose(told.approach, twist=np.concatenate(twists)),
-        _GRID,
-        told.friction_coefficient,
         rtol=1e-6,
+        sliding=True,
     )
 
 

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from contactmodel import (
     AbstractBody,
+    Contact,
     Grid,
     HalfSpace,
     Layer,
@@ -79,12 +80,8 @@ def _twist(pad: AbstractBody, object_: AbstractBody) -> tuple[Float[np.ndarray, 
     """φ by depth and moment, both by the object's twist [-, N·mm/rad]."""
     twist = 1e-3
     solution = solve_contact(
-        pad,
-        object_,
-        SquarePunch(settings.CUBE_MM),
+        Contact(pad, object_, SquarePunch(settings.CUBE_MM), _GRID, 20.0),
         Pose(0.5, twist=twist, linear=True),
-        _GRID,
-        20.0,  # so much friction that all sticks, the edges included
         rtol=1e-6,
     )
     reach = 0.5 * _INNER * settings.CUBE_MM

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from contactmodel import Grid, HalfSpace, Layer, Paraboloid, Pose, make_path, solve_path
+from contactmodel import Contact, Grid, HalfSpace, Layer, Paraboloid, Pose, make_path, solve_path
 from papers.model_error import settings
 from papers.sweeps import Study
 
@@ -55,12 +55,14 @@ def evaluate(
     turn, back = jnp.radians(TURN_DEG), jnp.radians(BACK_DEG)
     poses = [Pose(indentation, twist=twist, linear=True) for twist in (0.0, turn, back)]
     solution = solve_path(
-        Layer(modulus, nu, thickness),
-        HalfSpace(modulus / jnp.maximum(stiffness_ratio, _LEAST_RATIO), nu),
-        Paraboloid(_RADIUS),
+        Contact(
+            Layer(modulus, nu, thickness),
+            HalfSpace(modulus / jnp.maximum(stiffness_ratio, _LEAST_RATIO), nu),
+            Paraboloid(_RADIUS),
+            Grid((cells, cells), (_SIZE, _SIZE)),
+            friction,
+        ),
         make_path(poses, STEPS),
-        Grid((cells, cells), (_SIZE, _SIZE)),
-        friction,
         rtol=1e-6,
     )
     displacement = solution.elastomer_displacement()

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from contactmodel import (
+    Contact,
     ContactSolution,
     Grid,
     HalfSpace,
@@ -69,16 +70,12 @@ def _residuals(thickness: float, object_poisson: float, approach: float) -> list
     modulus, nu = settings.SHEAR_MODULUS, settings.POISSON_RATIO
     pad = HalfSpace(modulus, nu) if np.isinf(thickness) else Layer(modulus, nu, thickness)
     solution = solve_contact(
-        pad,
-        HalfSpace(modulus / K, object_poisson),
-        Paraboloid(RADIUS),
+        Contact(pad, HalfSpace(modulus / K, object_poisson), Paraboloid(RADIUS), _GRID, _FRICTION),
         Pose(approach, twist=np.radians(settings.ANGLE_DEG), linear=True),
-        _GRID,
-        _FRICTION,
         rtol=1e-7,
     )
     inner = _erode(np.asarray(solution.contact))
-    k = float(stiffness_ratio(pad, solution.object_))
+    k = float(stiffness_ratio(pad, solution.problem.object_))
     left = [_gradient(solution, "object_displacement", inner)]
     right = [k * _gradient(solution, "elastomer_displacement", inner)]
     residual, scale = left[0] + right[0], right[0]

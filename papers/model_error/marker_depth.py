@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from contactmodel import Grid, HalfSpace, Layer, Pose, Rigid, RoundPunch, solve_contact
+from contactmodel import Contact, Grid, HalfSpace, Layer, Pose, Rigid, RoundPunch, solve_contact
 from estimation.estimators.plane import fit_motion
 from papers.items import Track
 from papers.model_error import settings
@@ -68,7 +68,7 @@ def _missed(thickness: float) -> tuple[np.ndarray, np.ndarray]:
     step = side / _CELLS  # the traction is constant over a cell: no shorter differences
     grid = Grid((_CELLS, _CELLS), (side, side))
     # so much friction that all sticks, the cells at the edge included
-    solution = solve_contact(pad, Rigid(), RoundPunch(radius), pose, grid, 10.0, rtol=1e-6)
+    solution = solve_contact(Contact(pad, Rigid(), RoundPunch(radius), grid, 10.0), pose, rtol=1e-6)
     x, y = np.meshgrid(*[np.linspace(-INNER, INNER, 15) * radius] * 2)
     inner = np.hypot(x, y) < INNER * radius
     points = np.concatenate(

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from contactmodel import (
+    Contact,
     Grid,
     HalfSpace,
     HeightMap,
@@ -91,12 +92,14 @@ def evaluate(
         _lying_cylinder(points, _HALF_WIDTH**2 / approach, jnp.where(shape == 2, sizes, 5.0)),
     ])  # fmt: skip
     path = solve_path(
-        Layer(SHEAR_MODULUS, POISSON_RATIO, jnp.minimum(thickness, _THICK)),
-        HalfSpace(SHEAR_MODULUS / stiffness_ratio, POISSON_RATIO),
-        HeightMap(heights[shape], grid.spacing),
+        Contact(
+            Layer(SHEAR_MODULUS, POISSON_RATIO, jnp.minimum(thickness, _THICK)),
+            HalfSpace(SHEAR_MODULUS / stiffness_ratio, POISSON_RATIO),
+            HeightMap(heights[shape], grid.spacing),
+            grid,
+            FRICTION,
+        ),
         Pose(approach, twist=twist),
-        grid,
-        FRICTION,
         rtol=1e-6,
     )
     at = jnp.stack([jnp.asarray(markers(i)) for i in range(4)])[grasp]

@@ -2,20 +2,20 @@
 
 An ellipsoid that touches a half-space (ν = ½) in an ellipse of 2:1, 6.6 by 3.1 mm to each side,
 is lifted to 10°, held and turned back to −25°, its shape going along with what slides
-(`solve_sliding`). Frames are steps of the path, with more steps between them where it slides: the
-shape lags by one step, which is 0.1° here. Each draw lays the markers anew, with new noise.
+(`solve_path` with `sliding`). Frames are steps of the path, with more steps between them where it
+slides: the shape lags by one step, which is 0.1° here. Each draw lays the markers anew, with new
+noise.
 """
 
 from functools import cache
 from typing import NamedTuple
 
-import jax
 import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from contactmodel import Ellipsoid, Grid, HalfSpace, Pose, Rigid, make_path, solve_sliding
+from contactmodel import Contact, Ellipsoid, Grid, HalfSpace, Pose, Rigid, make_path, solve_path
 from contactmodel.solution import ContactSolution
 from estimation.estimators import DEFAULT_METHOD
 from estimation.recording import Recording
@@ -66,13 +66,12 @@ def solve_pivot(friction: float, resolution: settings.Resolution) -> ContactSolu
     steps = [n * per for n, per in zip(resolution.frames, resolution.steps, strict=True)]
     grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
     path = make_path(poses, steps)
-    solved = solve_sliding(PAD, Rigid(), OBJECT, path, grid, friction, rtol=1e-5)
+    solved = solve_path(
+        Contact(PAD, Rigid(), OBJECT, grid, friction), path, rtol=1e-5, sliding=True
+    )
     kept = np.cumsum(np.repeat(resolution.steps, resolution.frames)) - 1
 
-    def of_frames(leaf: jax.Array) -> jax.Array:
-        return leaf[kept] if leaf.ndim and len(leaf) == sum(steps) else leaf
-
-    return jax.tree.map(of_frames, solved)
+    return solved.map_steps(lambda leaf: leaf[kept])
 
 
 def simulate_elongated(

@@ -22,7 +22,7 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 from contactmodel.analytic import lubkin_moment, lubkin_twist
 from tests.benchmarks.arguments import make_parser
 
@@ -71,7 +71,7 @@ def measure(cases: int, cells: int, dtype: jnp.dtype, rtol: float) -> list[str]:
         pose = Pose(jnp.asarray(RADIUS**2 / CURVATURE, dtype), zero, twist, zero, linear=True)
         body, ball = HalfSpace(1.0, 0.5), Paraboloid(CURVATURE)
         return solve_contact(
-            body, Rigid(), ball, pose, grid, friction, rtol=rtol, throw=False
+            Contact(body, Rigid(), ball, grid, friction), pose, rtol=rtol, throw=False
         ).moment
 
     def some(twists: Array) -> Array:

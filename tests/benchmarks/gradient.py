@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from rich.console import Console
 from rich.table import Table
 
-from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 from tests.benchmarks.arguments import make_parser
 
 LAPS = 9
@@ -40,7 +40,7 @@ def measure(cells: int) -> tuple[float, float, float]:
         elastomer = HalfSpace(shear_modulus=modulus, poisson_ratio=poisson_ratio)
         pose = Pose(approach=approach, twist=twist)
         return solve_contact(
-            elastomer, Rigid(), Paraboloid(radius), pose, grid, friction, throw=False
+            Contact(elastomer, Rigid(), Paraboloid(radius), grid, friction), pose, throw=False
         ).moment
 
     values = jnp.array(VALUES)

@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from contactmodel import (
+    Contact,
     Grid,
     HalfSpace,
     Layer,
@@ -38,9 +39,9 @@ from contactmodel import (
     solve_path,
 )
 from contactmodel.compliance import pair_compliance
-from contactmodel.friction import find_sets
-from contactmodel.linear import Operator, conjugate_residuals
-from contactmodel.tangent import Tangent
+from contactmodel.solver.friction import find_sets
+from contactmodel.solver.linear import Operator, conjugate_residuals
+from contactmodel.solver.tangent import Tangent
 from tests.benchmarks.arguments import make_parser
 
 LAPS = 5
@@ -138,7 +139,7 @@ def compare_systems(cells: int, pad: str, contact: str) -> Iterator[tuple[str, .
 def make_system(cells: int, pad: Any, mu: float, twist: float) -> tuple[Tangent, Array]:
     """What `attach_derivative` solves: the change with the twist."""
     grid = Grid((cells, cells), (SIDE, SIDE))
-    end = solve_contact(pad, Rigid(), SHAPE, Pose(0.9, twist=twist), grid, mu)
+    end = solve_contact(Contact(pad, Rigid(), SHAPE, grid, mu), Pose(0.9, twist=twist))
     compliance = pair_compliance(pad, Rigid(), grid)
     sets = find_sets(end.traction, end.slip_increment, mu * end.pressure, compliance.stiffest)
     tangent = Tangent(compliance, end.contact, sets, jnp.asarray(mu))
@@ -171,12 +172,14 @@ def compare_paths(cells: int, pad: str) -> Iterator[tuple[str, ...]]:
 
     def moments(angle: Array) -> Array:
         turned = path.__class__(path.approach, path.shift, angle * path.twist, path.centre)
-        return solve_path(PADS[pad], Rigid(), SHAPE, turned, grid, 0.5, throw=False).moment
+        return solve_path(Contact(PADS[pad], Rigid(), SHAPE, grid, 0.5), turned, throw=False).moment
 
     def slope(angle: Array) -> Array:
         def turn(twist: Array) -> Array:
             pose = Pose(0.9, twist=twist)
-            return solve_contact(PADS[pad], Rigid(), SHAPE, pose, grid, 0.5, throw=False).moment
+            return solve_contact(
+                Contact(PADS[pad], Rigid(), SHAPE, grid, 0.5), pose, throw=False
+            ).moment
 
         return jax.grad(turn)(0.1 * angle)
 

@@ -18,11 +18,11 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 from contactmodel.compliance import pair_compliance
-from contactmodel.friction import find_sets, make_preconditioner
-from contactmodel.linear import conjugate_gradients
-from contactmodel.normal import pressure_residual, solve_pressure
+from contactmodel.solver.friction import find_sets, make_preconditioner
+from contactmodel.solver.linear import conjugate_gradients
+from contactmodel.solver.normal import pressure_residual, solve_pressure
 from tests.benchmarks.arguments import make_parser
 
 LAPS = 7
@@ -52,7 +52,7 @@ def linear_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
     grid = Grid((cells, cells), (20.0, 20.0))
     pad = HalfSpace(0.2, 0.48)
     pose = Pose(APPROACH, twist=TWIST)
-    end = solve_contact(pad, Rigid(), Paraboloid(40.0), pose, grid, FRICTION)
+    end = solve_contact(Contact(pad, Rigid(), Paraboloid(40.0), grid, FRICTION), pose)
     compliance = pair_compliance(pad, Rigid(), grid)
     limit = FRICTION * end.pressure
     sets = find_sets(end.traction, end.slip_increment, limit, compliance.stiffest)

@@ -20,7 +20,7 @@ from calibration.field_fit import fit_fields
 from calibration.field_result import FieldData, FieldFit
 from calibration.forward import FieldModel, Scene, Unknown, press_and_move
 from calibration.information import Z95
-from contactmodel import Domed, Ellipsoid, Grid, HalfSpace, Layer, Placed, Pose
+from contactmodel import Contact, Domed, Ellipsoid, Grid, HalfSpace, Layer, Placed, Pose
 from tests.benchmarks.arguments import make_parser
 
 GRID = Grid((22, 22), (16.0, 16.0))
@@ -102,23 +102,24 @@ def draw_contact(rng: np.random.Generator) -> Numbers:
     }
 
 
-def wide_scene(n: Mapping[str, Any]) -> Scene:
+def wide_scene(n: Mapping[str, Any], grid: Grid) -> Scene:
     """All that can differ: dome, soft object, marker depth, friction that falls with pressure."""
     at = jnp.asarray(n["position"])
     axes = n["radius"] * jnp.stack([n["aspect"], 1.0 / n["aspect"], jnp.ones(())])
     shape = Domed(Placed(Ellipsoid(axes), at), n["pad_radius"])
     frames = Pose(jnp.full(2, n["approach"]), n["shift"], n["twist"], at)
     pressed = Pose(frames.approach[:1], centre=at)
-    square = jnp.sum(jnp.asarray(GRID.points) ** 2, axis=0) / (n["radius"] * n["approach"])
+    square = jnp.sum(jnp.asarray(grid.points) ** 2, axis=0) / (n["radius"] * n["approach"])
     pressure = jnp.sqrt(jnp.maximum(1.0 - square, 0.05)) / 0.7  # Hertz's, by its mean
-    return Scene(
+    contact = Contact(
         Layer(n["shear_modulus"], n["poisson_ratio"], n["thickness"]),
         HalfSpace(n["shear_modulus"] / n["stiffness_ratio"], 0.48),
         shape,
-        jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames),
+        grid,
         n["friction_coefficient"] * pressure ** -n["weakening"],
         n["depth"],
     )
+    return Scene(contact, jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames))
 
 
 def correlated(_: Numbers, rng: np.random.Generator) -> Callable:

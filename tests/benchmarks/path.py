@@ -19,7 +19,17 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from contactmodel import Grid, HalfSpace, Layer, Paraboloid, Pose, Rigid, make_path, solve_path
+from contactmodel import (
+    Contact,
+    Grid,
+    HalfSpace,
+    Layer,
+    Paraboloid,
+    Pose,
+    Rigid,
+    make_path,
+    solve_path,
+)
 from contactmodel.bodies import AbstractBody
 from contactmodel.compliance import pair_compliance
 from tests.benchmarks.arguments import make_parser
@@ -60,7 +70,7 @@ def measure(body: AbstractBody, grid: Grid) -> list[str]:
     pressure, traction = fields[0], fields[1:]
 
     def follow():
-        return solve_path(body, Rigid(), Paraboloid(RADIUS), path, grid, FRICTION)
+        return solve_path(Contact(body, Rigid(), Paraboloid(RADIUS), grid, FRICTION), path)
 
     end = follow()
     press, both = _repeat(compliance.press, pressure), _repeat(compliance.drag, traction)

@@ -26,7 +26,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from contactmodel import ContactSolution, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel import (
+    Contact,
+    ContactSolution,
+    Grid,
+    HalfSpace,
+    Paraboloid,
+    Pose,
+    Rigid,
+    solve_contact,
+)
 from contactmodel.analytic import lubkin_twist
 from tests.benchmarks.arguments import make_parser
 
@@ -91,7 +100,9 @@ def solve(cells: int, twist: float, friction: float) -> ContactSolution:
     """Ours, from rest."""
     grid = Grid((cells, cells), (SIDE, SIDE))
     pose = Pose(RADIUS**2 / CURVATURE, twist=twist, linear=True)
-    solution = solve_contact(BODY, Rigid(), Paraboloid(CURVATURE), pose, grid, friction, rtol=RTOL)
+    solution = solve_contact(
+        Contact(BODY, Rigid(), Paraboloid(CURVATURE), grid, friction), pose, rtol=RTOL
+    )
     return jax.block_until_ready(solution)
 
 

@@ -34,9 +34,9 @@ twist_deg = {{ start = 8.6, low = 0.05, high = 34.0, prior = [8.6, 0.1] }}
 """
 
 
-def linear_twist(numbers):
+def linear_twist(numbers, grid):
     """The scene with θ × r: the contraction of a true rotation would tell θ a little."""
-    scene = press_and_move("paraboloid")(numbers)
+    scene = press_and_move("paraboloid")(numbers, grid)
     path = scene.path
     linear = Pose(path.approach, path.shift, path.twist, path.centre, linear=True)
     return scene._replace(path=linear)

@@ -7,8 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from contactmodel import __main__ as cli
-from contactmodel import verify, verify_layers
-from contactmodel.configuration import EXAMPLES, read_simulation
+from contactmodel.simulate.configuration import EXAMPLES, read_simulation
+from contactmodel.verify import table as checks
+from contactmodel.verify.rows import Row
 
 RUN = CliRunner()
 SMALL = """
@@ -105,6 +106,17 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
             "friction_coefficient: a fri",
         ),
         ("twist_deg = 4.0", "twist_deg = 4.0\nmoment_nmm = 1.0", "both moment_nmm and twist_deg"),
+        (
+            "friction_coefficient = 0.5",
+            "friction_coefficient = 0.5\npressure_exponent = 0.3",
+            "'reference_pressure_mpa' is missing",
+        ),
+        (
+            "friction_coefficient = 0.5",
+            "friction_coefficient = 0.5\npressure_exponent = 1.0\nreference_pressure_mpa = 0.1",
+            "exponent of friction that falls with pressure must be below 1",
+        ),
+        ("[motion]", "[motion]\nsliding = 1", "sliding must be true or false, got 1"),
         ("approach_mm = 0.5", "normal_force_n = 0.5", "first_approach_mm, at which the bodies"),
         ("twist_deg = 4.0", "shear_force_n = 1.0", "shear_force_n must be 2 numbers"),
         ("radius_mm", "radius_m", "unknown key"),
@@ -171,12 +183,15 @@ def test_a_failing_step_is_told(config, tmp_path):
 
 
 def test_forces_and_moments_in_place_of_motion(config, tmp_path):
-    given = SMALL.replace("[motion]", "[motion]\nfirst_approach_mm = 0.1")
+    """With all there is besides: a shape that goes along, friction that falls with pressure."""
+    given = SMALL.replace("[motion]", "[motion]\nfirst_approach_mm = 0.1\nsliding = true")
+    law = "friction_coefficient = 0.5\nreference_pressure_mpa = 0.05\npressure_exponent = 0.2"
+    given = given.replace("friction_coefficient = 0.5", law)
     given = given.replace("approach_mm = 0.5", "normal_force_n = 0.2")
     config.write_text(given.replace("twist_deg = 4.0", "moment_nmm = 0.04"), encoding="utf-8")
     resultants = read_simulation(config).resultants
-    np.testing.assert_allclose(resultants["normal_force"], [0.2, 0.2, 0.2])
-    np.testing.assert_allclose(resultants["moment"], [0.0, 0.02, 0.04])
+    np.testing.assert_allclose(resultants.normal_force, [0.2, 0.2, 0.2])
+    np.testing.assert_allclose(resultants.moment, [0.0, 0.02, 0.04])
     out = tmp_path / "out"
     result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(out)])
     assert result.exit_code == 0, result.output
@@ -198,10 +213,9 @@ def test_shipped_examples_can_be_read():
 
 @pytest.mark.parametrize(("error", "status"), [(0.5, 0), (2.0, 1), (float("nan"), 1)])
 def test_verify_tells_by_its_exit_status(monkeypatch, error, status):
-    row = verify.Row("a row " * 20, 1.234567, 1.0, error, 1.0, "nothing " * 10)
-    monkeypatch.setattr(verify, "CHECKS", (lambda count: [row],))
-    monkeypatch.setattr(verify_layers, "LAYER_CHECKS", ())
-    monkeypatch.setattr(verify, "convergence", list)
+    row = Row("a row " * 20, 1.234567, 1.0, error, 1.0, "nothing " * 10)
+    monkeypatch.setattr(checks, "CHECKS", (lambda count: [row],))
+    monkeypatch.setattr(checks, "convergence", list)
     result = RUN.invoke(cli.app, ["verify"])
     assert result.exit_code == status
     assert ("FAILED" in result.stdout) == bool(status)

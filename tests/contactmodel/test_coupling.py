@@ -7,6 +7,7 @@ import pytest
 
 from contactmodel import (
     RESULTS,
+    Contact,
     Grid,
     HalfSpace,
     Layer,
@@ -27,7 +28,7 @@ TURNED = Pose(0.3, (0.03, 0.0), 0.04, linear=True)
 
 
 def test_pressing_alone_causes_radial_slip():
-    solution = solve_contact(SOFT, STEEL, BALL, PRESSED, GRID, 0.2)
+    solution = solve_contact(Contact(SOFT, STEEL, BALL, GRID, 0.2), PRESSED)
     x, y = GRID.points
     ring = np.asarray(solution.sliding)
     assert 0.02 < float(solution.stick_ratio) < 0.5
@@ -37,27 +38,31 @@ def test_pressing_alone_causes_radial_slip():
     assert np.all(along > 0)
     assert np.abs(across).max() < 0.1 * along.max()  # a square grid of 32
     assert abs(float(solution.moment)) < 1e-12
-    alike = solve_contact(HalfSpace(1.0, 0.5), STEEL, BALL, PRESSED, GRID, 0.2)
+    alike = solve_contact(Contact(HalfSpace(1.0, 0.5), STEEL, BALL, GRID, 0.2), PRESSED)
     assert not np.any(alike.slip)
 
 
 def test_friction_stiffens_the_pressing():
     """A glued contact is stiffer than a smooth one, by some 3 % at ν = 0.3."""
-    glued, smooth = (solve_contact(SOFT, STEEL, BALL, PRESSED, GRID, mu) for mu in (2.0, 0.0))
+    glued, smooth = (
+        solve_contact(Contact(SOFT, STEEL, BALL, GRID, mu), PRESSED) for mu in (2.0, 0.0)
+    )
     assert 1.01 < float(glued.force[2] / smooth.force[2]) < 1.08
 
 
 def test_turning_while_pressing_differs_from_pressing_first():
-    first = solve_path(SOFT, STEEL, BALL, make_path([REST, PRESSED, TURNED], [4, 4]), GRID, 0.2)
-    together = solve_path(SOFT, STEEL, BALL, make_path([REST, TURNED], [8]), GRID, 0.2)
+    first = solve_path(
+        Contact(SOFT, STEEL, BALL, GRID, 0.2), make_path([REST, PRESSED, TURNED], [4, 4])
+    )
+    together = solve_path(Contact(SOFT, STEEL, BALL, GRID, 0.2), make_path([REST, TURNED], [8]))
     ratio = float(together.moment[-1] / first.moment[-1])
     assert 0.5 < ratio < 0.98
 
 
 def test_swapping_the_bodies_changes_nothing():
     back = Pose(0.3, (-0.03, 0.0), -0.04, linear=True)
-    one = solve_contact(SOFT, HARD, BALL, TURNED, GRID, 0.5)
-    other = solve_contact(HARD, SOFT, BALL, back, GRID, 0.5)
+    one = solve_contact(Contact(SOFT, HARD, BALL, GRID, 0.5), TURNED)
+    other = solve_contact(Contact(HARD, SOFT, BALL, GRID, 0.5), back)
     np.testing.assert_allclose(other.pressure, one.pressure, atol=1e-14)  # rounding
     np.testing.assert_allclose(other.traction, -one.traction, atol=1e-14)
     np.testing.assert_allclose(other.slip, -one.slip, atol=1e-14)
@@ -66,7 +71,7 @@ def test_swapping_the_bodies_changes_nothing():
 def energies(steps, bodies):
     """Work of the object, energy stored, energy dissipated."""
     path = make_path([REST, PRESSED, TURNED], [steps, steps])
-    contacts = solve_path(*bodies, BALL, path, GRID, 0.3)
+    contacts = solve_path(Contact(*bodies, BALL, GRID, 0.3), path)
     effort = np.column_stack([-contacts.force[:, 2], contacts.force[:, :2], contacts.moment])
     motion = np.column_stack([path.approach, path.shift, path.twist])
     start = np.zeros((1, 4))
@@ -93,9 +98,9 @@ def test_gradients_meet_central_differences():
     def outputs(values):
         modulus, nu, mu, twist, approach = values
         path = make_path([Pose(0.0), Pose(approach), Pose(approach, twist=twist)], [1, 1])
-        last = solve_path(HalfSpace(modulus, nu), HARD, BALL, path, GRID, mu, rtol=1e-11).at_step(
-            -1
-        )
+        last = solve_path(
+            Contact(HalfSpace(modulus, nu), HARD, BALL, GRID, mu), path, rtol=1e-11
+        ).at_step(-1)
         return last.moment + last.force[2] + 10.0 * last.dissipated_energy
 
     values = jnp.asarray([1.0, 0.2, 0.5, 0.05, 0.3])
@@ -111,9 +116,11 @@ def test_gradients_meet_central_differences():
 def test_an_incompressible_layer_couples_and_settles(thickness):
     """Pressed and then turned; the thinner one is about a cell thick."""
     layer = Layer(1.0, 0.5, thickness)
-    pressed = solve_contact(layer, STEEL, BALL, Pose(0.1), GRID, 0.3)
+    pressed = solve_contact(Contact(layer, STEEL, BALL, GRID, 0.3), Pose(0.1))
     assert np.abs(pressed.slip * np.asarray(pressed.contact)).max() > 1e-4
-    turned = solve_contact(layer, STEEL, BALL, Pose(0.1, twist=0.02), GRID, 0.3, previous=pressed)
+    turned = solve_contact(
+        Contact(layer, STEEL, BALL, GRID, 0.3), Pose(0.1, twist=0.02), previous=pressed
+    )
     assert 0.05 < float(turned.stick_ratio) < 0.95
     for solution in (pressed, turned):
         assert float(solution.normal.residual) < 1e-8
@@ -123,7 +130,7 @@ def test_an_incompressible_layer_couples_and_settles(thickness):
 
 def test_what_does_not_settle_is_told():
     soft = HalfSpace(1.0, 0.0)
-    solution = solve_contact(soft, STEEL, BALL, TURNED, GRID, 20.0, throw=False)
+    solution = solve_contact(Contact(soft, STEEL, BALL, GRID, 20.0), TURNED, throw=False)
     assert bool(solution.result == RESULTS.coupling_max_turns)
     with pytest.raises(RuntimeError, match="smaller friction coefficient"):
-        solve_contact(soft, STEEL, BALL, TURNED, GRID, 20.0)
+        solve_contact(Contact(soft, STEEL, BALL, GRID, 20.0), TURNED)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from contactmodel import (
+    Contact,
     Grid,
     HalfSpace,
     Paraboloid,
@@ -29,12 +30,12 @@ ALIKE = HalfSpace(1.0, 0.5), HalfSpace(3.0, 0.5)  # Eq. (2) is exact for each co
 
 @pytest.fixture(scope="module")
 def matched():
-    return solve_contact(SOFT, MATCHED, Paraboloid(30.0), POSE, GRID, 0.5, rtol=1e-11)
+    return solve_contact(Contact(SOFT, MATCHED, Paraboloid(30.0), GRID, 0.5), POSE, rtol=1e-11)
 
 
 @pytest.fixture(scope="module")
 def other():
-    return solve_contact(SOFT, OTHER, Paraboloid(30.0), POSE, GRID, 0.5, rtol=1e-11)
+    return solve_contact(Contact(SOFT, OTHER, Paraboloid(30.0), GRID, 0.5), POSE, rtol=1e-11)
 
 
 def gradient(field, spacing=GRID.spacing):
@@ -83,7 +84,7 @@ def test_curl_theorem_by_central_differences_converges():
     k, errors = float(stiffness_ratio(SOFT, OTHER)), []
     for count in (32, 64):
         grid = Grid((count, count), (10.0, 10.0))
-        solution = solve_contact(SOFT, OTHER, Paraboloid(30.0), POSE, grid, 0.5)
+        solution = solve_contact(Contact(SOFT, OTHER, Paraboloid(30.0), grid, 0.5), POSE)
         d_s = gradient(np.asarray(solution.elastomer_displacement()[:2]), grid.spacing)
         d_b = gradient(np.asarray(solution.object_displacement()[:2]), grid.spacing)
         left = curl(d_b - kin.object_gradient(d_s, k))
@@ -105,7 +106,7 @@ def test_rotation_field_is_half_the_curl_of_the_displacement():
     """By central differences, on points between which the traction is smooth: second order."""
     grid = Grid((32, 32), (10.0, 10.0))
     pose = Pose(0.3, twist=0.02, linear=True)
-    solution = solve_contact(SOFT, OTHER, Paraboloid(30.0), pose, grid, 0.5)
+    solution = solve_contact(Contact(SOFT, OTHER, Paraboloid(30.0), grid, 0.5), pose)
     exact = np.asarray(solution.elastomer_rotation())[18, 17]
     here = grid.points[:, 18, 17]
     errors = []
@@ -129,7 +130,7 @@ def deep_inside(stuck):
 def test_sticking_points_turn_with_the_object_whatever_slides(bodies, atol):
     k = float(stiffness_ratio(*bodies))
     pose = Pose(0.3, SHIFT, TWIST, CENTRE, linear=True)
-    contact = solve_contact(*bodies, Paraboloid(30.0), pose, GRID, 0.5, rtol=1e-11)
+    contact = solve_contact(Contact(*bodies, Paraboloid(30.0), GRID, 0.5), pose, rtol=1e-11)
     phi = kin.small_rotation(gradient(np.asarray(contact.elastomer_displacement()[:2])))
     deep = deep_inside(np.asarray(contact.stick))
     assert deep.sum() > 20
@@ -138,7 +139,9 @@ def test_sticking_points_turn_with_the_object_whatever_slides(bodies, atol):
 
 
 def test_equation_14_for_a_rigid_object_and_a_finite_rotation():
-    contact = solve_contact(ALIKE[0], Rigid(), Paraboloid(30.0), POSE, GRID, 0.5, rtol=1e-11)
+    contact = solve_contact(
+        Contact(ALIKE[0], Rigid(), Paraboloid(30.0), GRID, 0.5), POSE, rtol=1e-11
+    )
     f = np.eye(2) + gradient(np.asarray(contact.elastomer_displacement()[:2]))
     phi = kin.polar_rotation(f)[deep_inside(np.asarray(contact.stick))]
     np.testing.assert_allclose(rot.object_rotation(phi), TWIST, atol=1e-10)  # rtol 1e-11
@@ -165,7 +168,8 @@ def test_equation_3_exact_and_as_printed(matched):
 
 def test_equations_4_to_6_and_9_for_a_small_twist(matched):
     linear = solve_contact(
-        SOFT, MATCHED, Paraboloid(30.0), Pose(0.3, SHIFT, TWIST, CENTRE, linear=True), GRID, 0.5
+        Contact(SOFT, MATCHED, Paraboloid(30.0), GRID, 0.5),
+        Pose(0.3, SHIFT, TWIST, CENTRE, linear=True),
     )
     k = float(stiffness_ratio(SOFT, MATCHED))
     d_s = gradient(np.asarray(linear.elastomer_displacement()[:2]))
@@ -188,7 +192,7 @@ def test_equations_10_to_12_along_a_path_with_a_reversal():
     poses = [Pose(0.0, linear=True), Pose(0.3, linear=True)]
     poses += [Pose(0.3, twist=angle, linear=True) for angle in (0.06, -0.02)]
     path = make_path(poses, [1, 3, 4])
-    contacts = solve_path(*ALIKE, Paraboloid(30.0), path, GRID, 0.5, rtol=1e-11)
+    contacts = solve_path(Contact(*ALIKE, Paraboloid(30.0), GRID, 0.5), path, rtol=1e-11)
     phi, slip_curl, total = [], [], 0.0
     for i in range(8):
         step = contacts.at_step(i)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from contactmodel import (
+    Contact,
     Grid,
     HalfSpace,
     Paraboloid,
@@ -15,8 +16,8 @@ from contactmodel import (
     make_path,
     solve_contact,
     solve_path,
-    verify,
 )
+from contactmodel.verify.rows import RADIUS, hertz_case, solve_hertz
 
 GRID = Grid((32, 32), (10.0, 10.0))
 NAMES = ("G_S", "ν_S", "G_B", "ν_B", "R", "δ", "s_x", "s_y", "θ", "μ", "c_x", "c_y")
@@ -26,12 +27,8 @@ VALUES = jnp.asarray([1.0, 0.45, 3.0, 0.3, 30.0, 0.3, 0.01, 0.02, 0.05, 0.5, 0.3
 def solve(values, grid=GRID):
     g_s, nu_s, g_b, nu_b, radius, approach, s_x, s_y, twist, mu, c_x, c_y = values
     return solve_contact(
-        HalfSpace(g_s, nu_s),
-        HalfSpace(g_b, nu_b),
-        Paraboloid(radius),
+        Contact(HalfSpace(g_s, nu_s), HalfSpace(g_b, nu_b), Paraboloid(radius), grid, mu),
         Pose(approach, jnp.stack([s_x, s_y]), twist, jnp.stack([c_x, c_y])),
-        grid,
-        mu,
         rtol=1e-11,
     )
 
@@ -71,7 +68,7 @@ def test_any_output_along_a_path_with_a_reversal():
         poses = [Pose(0.0), Pose(0.3), Pose(0.3, twist=twist), Pose(0.3, twist=-0.5 * twist)]
         path = make_path(poses, [1, 2, 2])
         bodies = HalfSpace(g, 0.45), HalfSpace(3.0, 0.3)
-        contacts = solve_path(*bodies, Paraboloid(radius), path, GRID, mu, rtol=1e-11)
+        contacts = solve_path(Contact(*bodies, Paraboloid(radius), GRID, mu), path, rtol=1e-11)
         last = contacts.at_step(-1)
         fields = (
             last.elastomer_displacement_at(points),
@@ -132,7 +129,7 @@ def test_edge_radius_has_a_derivative():
         bodies = HalfSpace(1.0, 0.4), HalfSpace(3.0, 0.3)
         pose = Pose(0.2, twist=0.01)
         punch = SquarePunch(4.0, radius)
-        return solve_contact(*bodies, punch, pose, GRID, 0.5, rtol=1e-11).force[2]
+        return solve_contact(Contact(*bodies, punch, GRID, 0.5), pose, rtol=1e-11).force[2]
 
     radius = jnp.asarray(1.3)
     difference = (force(radius + 1e-6) - force(radius - 1e-6)) / 2e-6
@@ -143,10 +140,10 @@ def test_edge_radius_has_a_derivative():
 
 def test_slope_of_the_moment_is_that_of_the_stick_region():
     """dM/dθ = (16/3) G* c³, at the order of the grid: a row of `verify`."""
-    case = verify.hertz_case()
+    case = hertz_case()
     twist = analytic.lubkin_twist(0.7, case.friction_ratio)
-    slope = jax.grad(lambda t: verify.solve_hertz(64, twist=t).moment)(twist)
-    exact = 16.0 / 3.0 * case.shear_modulus * (0.7 * verify.RADIUS) ** 3
+    slope = jax.grad(lambda t: solve_hertz(64, twist=t).moment)(twist)
+    exact = 16.0 / 3.0 * case.shear_modulus * (0.7 * RADIUS) ** 3
     assert float(slope) == pytest.approx(exact, rel=2e-2)  # cells counted whole, 3 % of the radius
-    full = jax.grad(lambda t: verify.solve_hertz(64, twist=t).moment)(1e3 * twist)
+    full = jax.grad(lambda t: solve_hertz(64, twist=t).moment)(1e3 * twist)
     assert abs(float(full)) < 1e-6 * exact  # nothing sticks

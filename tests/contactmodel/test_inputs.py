@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from contactmodel import (
+    Contact,
     Grid,
     HalfSpace,
     Paraboloid,
@@ -30,7 +31,7 @@ BALL = Paraboloid(30.0)
 
 def solve(indenter=BALL, pose=None, **how):
     pose = pose or Pose(0.3, twist=0.05)
-    return solve_contact(PAD, Rigid(), indenter, pose, GRID, 0.5, **how)
+    return solve_contact(Contact(PAD, Rigid(), indenter, GRID, 0.5), pose, **how)
 
 
 @pytest.fixture
@@ -45,7 +46,7 @@ def unchecked():
 def path():
     """Three steps, so that a mix-up of steps and components cannot pass."""
     poses = [Pose(0.0), Pose(0.3), Pose(0.3, shift=(0.01, 0.02), twist=0.05)]
-    return solve_path(PAD, Rigid(), BALL, make_path(poses, [1, 2]), GRID, 0.5)
+    return solve_path(Contact(PAD, Rigid(), BALL, GRID, 0.5), make_path(poses, [1, 2]))
 
 
 def test_methods_of_a_path_are_those_of_its_steps(path):
@@ -100,7 +101,10 @@ def refused() -> dict[str, tuple[Any, str]]:
         "shift": (lambda _: Pose(1.0, shift=(0.1,)), "two components"),
         "centre": (lambda _: Pose(1.0, centre=(0.0, 0.0, 0.0)), "two components"),
         "shapes": (lambda _: Pose(np.ones(3), twist=np.ones(2)), "same number of steps"),
-        "no steps": (lambda _: solve_path(PAD, Rigid(), BALL, Pose(np.ones(0)), GRID, 0.5), "path"),
+        "no steps": (
+            lambda _: solve_path(Contact(PAD, Rigid(), BALL, GRID, 0.5), Pose(np.ones(0))),
+            "path",
+        ),
         "cells": (lambda n: Grid((n, 8), (1.0, 1.0)), "whole numbers"),
         "three lengths": (lambda n: Grid((8, 8, *[8] * int(n)), (1.0, 1.0)), "x and y"),
         "round edge": (lambda _: RoundPunch(2.0, 5.0), "edge radius"),

@@ -9,6 +9,7 @@ import pytest
 from scipy.special import jv
 
 from contactmodel import (
+    Contact,
     Grid,
     HalfSpace,
     Layer,
@@ -78,7 +79,7 @@ def spectral_solution(pressure, traction, spacing, body, depth, parts=5, cells=6
 
 def loaded(body, grid, pressure, traction):
     """A solution that holds given loads, for its displacements only."""
-    blank = solve_contact(body, Rigid(), BALL, Pose(-1.0), grid, 0.0)
+    blank = solve_contact(Contact(body, Rigid(), BALL, grid, 0.0), Pose(-1.0))
     return ContactSolution(
         **{**vars(blank), "pressure": jnp.asarray(pressure), "traction": jnp.asarray(traction)}
     )
@@ -155,7 +156,7 @@ def test_gradient_with_respect_to_thickness_is_that_of_the_first_term():
     def force(thickness):
         layer = Layer(1.0, nu, thickness)
         pose = Pose(approach)
-        return -solve_contact(layer, Rigid(), Paraboloid(radius), pose, grid, 0.0).force[2]
+        return -solve_contact(Contact(layer, Rigid(), Paraboloid(radius), grid, 0.0), pose).force[2]
 
     pair = 2.0 / (1.0 - nu)  # E* in G
     stiffness = 2.0 * pair * np.sqrt(radius * approach)
@@ -205,7 +206,7 @@ def test_thin_layer_is_a_foundation():
     """A compressible layer much thinner than the contact: p = 2(1−ν)G/((1−2ν)h) overlap."""
     nu, h = 0.3, 0.16
     grid = Grid((64, 64), (10.0, 10.0))
-    solution = solve_contact(Layer(1.0, nu, h), Rigid(), BALL, Pose(0.05), grid, 0.0)
+    solution = solve_contact(Contact(Layer(1.0, nu, h), Rigid(), BALL, grid, 0.0), Pose(0.05))
     overlap = np.asarray(0.05 - BALL.height(jnp.asarray(grid.points)))
     expected = 2.0 * (1.0 - nu) / ((1.0 - 2.0 * nu) * h) * np.maximum(overlap, 0.0)
     # corrections of the order (h/a)², a = 1.7 mm, away from the rim
@@ -222,7 +223,9 @@ def test_thin_layer_is_a_foundation():
 def test_thin_layers_converge(nu, friction, thickness):
     grid = Grid((64, 64), (10.0, 10.0))
     pose = Pose(0.1, twist=0.05, shift=(0.01, 0.0))
-    solution = solve_contact(Layer(1.0, nu, thickness), Rigid(), BALL, pose, grid, friction)
+    solution = solve_contact(
+        Contact(Layer(1.0, nu, thickness), Rigid(), BALL, grid, friction), pose
+    )
     if friction == 0.0:
         assert int(solution.normal.steps) <= 20
     assert float(solution.normal.residual) <= 1e-8
@@ -237,7 +240,7 @@ def test_gradients_with_history_meet_central_differences():
         thickness, nu, depth, twist = values
         path = make_path([Pose(0.0), Pose(0.3, twist=twist), Pose(0.3, twist=0.3 * twist)], [1, 1])
         bodies = Layer(1.0, nu, thickness), HalfSpace(3.0, 0.3)
-        last = solve_path(*bodies, BALL, path, grid, 0.5, rtol=1e-12).at_step(-1)
+        last = solve_path(Contact(*bodies, BALL, grid, 0.5), path, rtol=1e-12).at_step(-1)
         moved = last.elastomer_displacement_at(points, depth)
         scalars = jnp.stack([last.moment, last.force[2], 100.0 * last.dissipated_energy])
         return jnp.concatenate([scalars, 10.0 * moved.reshape(-1)])
@@ -275,7 +278,7 @@ def test_depth_of_a_half_space_under_a_twisted_disc():
 
 def test_depth_zero_and_the_base():
     body = Layer(1.0, 0.48, 2.0)
-    solution = solve_contact(body, Rigid(), BALL, Pose(0.3, twist=0.05), GRID, 0.5)
+    solution = solve_contact(Contact(body, Rigid(), BALL, GRID, 0.5), Pose(0.3, twist=0.05))
     points = np.array([[0.4, -0.3], [2.0, 1.0]])
     surface = solution.elastomer_displacement_at(points)
     np.testing.assert_allclose(
@@ -300,14 +303,14 @@ def test_wrong_layers_are_refused(wrong, words):
 
 
 def test_wrong_depths_and_thin_layers_while_solving():
-    solution = solve_contact(Layer(1.0, 0.48, 2.0), Rigid(), BALL, Pose(0.3), GRID, 0.5)
+    solution = solve_contact(Contact(Layer(1.0, 0.48, 2.0), Rigid(), BALL, GRID, 0.5), Pose(0.3))
     points = np.zeros((1, 2))
     with pytest.raises(ValueError, match="beyond the layer's base"):
         solution.elastomer_displacement_at(points, 2.1)
     with pytest.raises(ValueError, match="depth must not be below 0"):
         solution.elastomer_displacement_at(points, -0.1)
     with pytest.raises(ValueError, match="thinner than a cell"):
-        solve_contact(Layer(1.0, 0.48, 0.1), Rigid(), BALL, Pose(0.05), GRID, 0.5)
+        solve_contact(Contact(Layer(1.0, 0.48, 0.1), Rigid(), BALL, GRID, 0.5), Pose(0.05))
 
 
 def test_gain_of_a_layer_wave_by_wave():
@@ -337,10 +340,11 @@ def scalar_transfer(solution, region=None):
 def test_scalar_transfer_of_half_spaces_is_exact_and_of_a_layer_larger():
     pose = Pose(0.3, twist=0.05)
     object_ = HalfSpace(2.0, 0.3)
-    exact = scalar_transfer(solve_contact(HalfSpace(1.0, 0.48), object_, BALL, pose, GRID, 0.5))
+    thick, thin = HalfSpace(1.0, 0.48), Layer(1.0, 0.48, 2.0)
+    exact = scalar_transfer(solve_contact(Contact(thick, object_, BALL, GRID, 0.5), pose))
     assert float(exact.stiffness_ratio) == pytest.approx(0.5, rel=1e-10)
     assert abs(float(exact.load_term)) < 1e-12
-    solution = solve_contact(Layer(1.0, 0.48, 2.0), object_, BALL, pose, GRID, 0.5)
+    solution = solve_contact(Contact(thin, object_, BALL, GRID, 0.5), pose)
     fit = scalar_transfer(solution)
     assert 0.5 < float(fit.stiffness_ratio) < 1.0
     assert 0.0 < float(fit.residual) < 0.1 * 0.05  # a tenth of the twist
@@ -352,7 +356,7 @@ def test_scalar_transfer_of_half_spaces_is_exact_and_of_a_layer_larger():
     turned = object_rotation(phi.mean(), float(fit.stiffness_ratio), float(fit.load_term))
     assert turned == pytest.approx(apart.mean(), rel=1e-12)
     assert scalar_transfer(
-        solve_contact(HalfSpace(1.0, 0.48), object_, BALL, Pose(0.3), GRID, 0.5)
+        solve_contact(Contact(thick, object_, BALL, GRID, 0.5), Pose(0.3))
     ).stiffness_ratio == pytest.approx(0.0, abs=1.0)
 
 
@@ -374,7 +378,7 @@ def square_face(k, thickness, cells):
     elastomer = Layer(1.0, 0.48, thickness) if thickness else HalfSpace(1.0, 0.48)
     pose = Pose(0.1, twist=0.01, linear=True)
     solution = solve_contact(
-        elastomer, HalfSpace(1.0 / k, 0.48), SquarePunch(15.0), pose, grid, 1e8, rtol=1e-7
+        Contact(elastomer, HalfSpace(1.0 / k, 0.48), SquarePunch(15.0), grid, 1e8), pose, rtol=1e-7
     )
     inner = np.abs(grid.points).max(axis=0) < 0.7 * 7.5
     share = 100.0 * (1.0 - float(jnp.mean(solution.elastomer_rotation()[inner])) / 0.01)

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from contactmodel.linear import conjugate_residuals
+from contactmodel.solver.linear import conjugate_residuals
 
 
 def test_a_system_that_is_not_symmetric():

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 from contactmodel.compliance import pair_compliance
-from contactmodel.normal import guess_pressure, solve_pressure
+from contactmodel.solver.normal import guess_pressure, solve_pressure
 
 BALL = Paraboloid(30.0)
 BODY = HalfSpace(1.0, 0.5)
@@ -30,7 +30,7 @@ def test_stiffness_without_friction_is_that_of_hertz():
     grid = Grid((48, 48), (10.0, 10.0))
 
     def force(approach):
-        return -solve_contact(BODY, Rigid(), BALL, Pose(approach), grid, 0.0).force[2]
+        return -solve_contact(Contact(BODY, Rigid(), BALL, grid, 0.0), Pose(approach)).force[2]
 
     slope = float(jax.grad(force)(0.3))
     difference = float(force(0.3 + 1e-6) - force(0.3 - 1e-6)) / 2e-6

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
+from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
 
 
 def test_normal_contact_against_tamaas():
@@ -12,7 +12,7 @@ def test_normal_contact_against_tamaas():
     grid = Grid((cells, cells), (size, size))
     body = HalfSpace(shear_modulus=young / (2 * (1 + poisson_ratio)), poisson_ratio=poisson_ratio)
     ours = solve_contact(
-        body, Rigid(), Paraboloid(radius), Pose(approach=0.3), grid, 0.0, rtol=1e-10
+        Contact(body, Rigid(), Paraboloid(radius), grid, 0.0), Pose(approach=0.3), rtol=1e-10
     )
     x, y = grid.points
     model = tamaas.ModelFactory.createModel(

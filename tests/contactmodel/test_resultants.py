@@ -7,6 +7,7 @@ import pytest
 
 from contactmodel import (
     RESULTS,
+    Contact,
     Domed,
     Grid,
     HalfSpace,
@@ -14,33 +15,35 @@ from contactmodel import (
     Paraboloid,
     Placed,
     Pose,
+    Resultants,
     Rigid,
     Sphere,
     SquarePunch,
     make_path,
     solve_contact,
     solve_path,
-    solve_resultant,
-    solve_resultant_path,
 )
-from contactmodel.first_approach import estimate_approach
+from contactmodel.compliance import pair_compliance
+from contactmodel.solver.first_approach import estimate_approach
 
 GRID = Grid((24, 24), (10.0, 10.0))
 BODIES = HalfSpace(1.0, 0.4), HalfSpace(3.0, 0.3), Paraboloid(30.0)
+CONTACT = Contact(*BODIES, GRID, 0.5)
 TOUCHING = Pose(0.2)
 MOVED = Pose(0.3, (0.02, 0.03), 0.04)
 
 
 @pytest.fixture(scope="module")
 def moved():
-    return solve_contact(*BODIES, MOVED, GRID, 0.5)
+    return solve_contact(CONTACT, MOVED)
+
+
+def carried_by(contact):
+    return Resultants(-contact.force[2], contact.force[:2], contact.moment)
 
 
 def test_given_resultants_reproduce_their_motion(moved):
-    found = solve_resultant(
-        *BODIES, TOUCHING, GRID, 0.5,
-        normal_force=-moved.force[2], shear_force=moved.force[:2], moment=moved.moment,
-    )  # fmt: skip
+    found = solve_contact(CONTACT, TOUCHING, carried_by(moved))
     # tolerance of the resultants, 1e-7 of what friction carries
     np.testing.assert_allclose(found.pose.approach, 0.3, rtol=1e-6)
     np.testing.assert_allclose(found.pose.shift, [0.02, 0.03], rtol=1e-5)
@@ -49,9 +52,9 @@ def test_given_resultants_reproduce_their_motion(moved):
 
 
 def test_history_and_reversal(moved):
-    back = solve_resultant(*BODIES, MOVED, GRID, 0.5, moment=-0.5 * moved.moment, previous=moved)
+    back = solve_contact(CONTACT, MOVED, Resultants(moment=-0.5 * moved.moment), previous=moved)
     assert float(back.moment) == pytest.approx(-0.5 * float(moved.moment), rel=1e-6)
-    again = solve_contact(*BODIES, back.pose, GRID, 0.5, previous=moved)
+    again = solve_contact(CONTACT, back.pose, previous=moved)
     assert float(again.moment) == pytest.approx(float(back.moment), rel=1e-7)
     assert float(back.pose.twist) < 0.03
 
@@ -60,10 +63,12 @@ def test_a_path_of_given_moments_reproduces_the_motion_and_its_history():
     """Through a reversal, at a given normal force: the same moments at another twist."""
     poses = [Pose(0.3), Pose(0.3, twist=0.06), Pose(0.3, twist=0.0)]
     path = make_path(poses, [2, 2])
-    moved = solve_path(*BODIES, path, GRID, 0.5)
+    moved = solve_path(CONTACT, path)
     guess = Pose(jnp.full(4, 0.2))
-    found = solve_resultant_path(
-        *BODIES, guess, GRID, 0.5, normal_force=-moved.force[:, 2], moment=moved.moment
+    found = solve_path(
+        CONTACT,
+        guess,
+        Resultants(normal_force=-moved.force[:, 2], moment=moved.moment),
     )
     assert abs(float(moved.moment[1] - moved.moment[2])) > 1e-2
     # tolerance of the resultants, 1e-7 of what friction carries, over their slope
@@ -74,10 +79,7 @@ def test_a_path_of_given_moments_reproduces_the_motion_and_its_history():
 
 @pytest.mark.parametrize("approach", [-3.0, 0.0, 1e-9, 10.0, 1e4])
 def test_any_approach_will_do_to_begin_with(moved, approach):
-    found = solve_resultant(
-        *BODIES, Pose(approach), GRID, 0.5,
-        normal_force=-moved.force[2], shear_force=moved.force[:2], moment=moved.moment,
-    )  # fmt: skip
+    found = solve_contact(CONTACT, Pose(approach), carried_by(moved))
     assert bool(found.result == RESULTS.successful)
     np.testing.assert_allclose(found.pose.approach, 0.3, rtol=1e-6)  # as above
     np.testing.assert_allclose(found.pose.twist, 0.04, rtol=1e-5)
@@ -96,42 +98,47 @@ def test_any_approach_will_do_to_begin_with(moved, approach):
 def test_the_estimated_approach_is_near(shape, force):
     """The force there is of the right size; as maps, without friction, all are compiled once."""
     map_ = HeightMap(3.0 + shape.height(jnp.asarray(GRID.points)), GRID.spacing)
-    lowest, approach = estimate_approach(*BODIES[:2], map_, GRID, jnp.asarray(force))
+    pair = pair_compliance(*BODIES[:2], GRID, smooth=True)
+    lowest, approach = estimate_approach(pair, map_.heights, GRID, jnp.asarray(force))
     assert 3.0 <= float(lowest) < float(approach)
-    found = solve_contact(*BODIES[:2], map_, Pose(approach), GRID, 0.0)
+    found = solve_contact(Contact(*BODIES[:2], map_, GRID, 0.0), Pose(approach))
     # exact for a paraboloid; a flat face, all of whose overlap touches, is √2 stiffer
     assert 0.7 * force < -float(found.force[2]) < 1.5 * force
 
 
 def test_a_path_of_forces_begins_and_ends_out_of_touch():
     force = jnp.asarray([0.0, 3.0, 1.0, 0.0, 2.0])
-    found = solve_resultant_path(
-        *BODIES, Pose(jnp.zeros(5)), GRID, 0.5, normal_force=force, moment=jnp.zeros(5)
+    found = solve_path(
+        CONTACT,
+        Pose(jnp.zeros(5)),
+        Resultants(normal_force=force, moment=jnp.zeros(5)),
     )
     np.testing.assert_allclose(-found.force[:, 2], force, rtol=1e-7)  # of the solver
     apart = np.asarray(found.result == RESULTS.no_contact)
     assert apart.tolist() == [True, False, False, True, False]
     with pytest.raises(RuntimeError, match=r"step 1 of the path: .*do not touch"):
-        solve_resultant_path(
-            *BODIES, Pose(jnp.zeros(2)), GRID, 0.5, normal_force=0.0, moment=jnp.arange(2.0)
+        solve_path(
+            CONTACT,
+            Pose(jnp.zeros(2)),
+            Resultants(normal_force=0.0, moment=jnp.arange(2.0)),
         )
 
 
 def test_bodies_that_do_not_touch_carry_no_moment():
     pose = Pose(0.0, linear=True)
-    short = solve_resultant(*BODIES, pose, GRID, 0.5, moment=1.0, throw=False)
+    short = solve_contact(CONTACT, pose, Resultants(moment=1.0), throw=False)
     assert bool(short.result == RESULTS.out_of_touch)
     with pytest.raises(RuntimeError, match="do not touch"):
-        solve_resultant(*BODIES, pose, GRID, 0.5, moment=1.0)
+        solve_contact(CONTACT, pose, Resultants(moment=1.0))
 
 
 def test_more_force_and_moment_than_friction_carries_is_refused(moved):
     given = {"normal_force": -moved.force[2], "moment": 0.0}
     for shear in ((1e3, 0.0), -0.51 * moved.force[2] * jnp.asarray([0.6, 0.8])):
         with pytest.raises(RuntimeError, match="friction cannot carry"):
-            solve_resultant(*BODIES, Pose(0.0), GRID, 0.5, shear_force=shear, **given)
+            solve_contact(CONTACT, Pose(0.0), Resultants(shear_force=shear, **given))
     with pytest.raises(ValueError, match="must not be below 0 N"):
-        solve_resultant(*BODIES, Pose(0.0), GRID, 0.5, normal_force=-1.0)
+        solve_contact(CONTACT, Pose(0.0), Resultants(normal_force=-1.0))
 
 
 @pytest.mark.parametrize(
@@ -145,18 +152,18 @@ def test_more_force_and_moment_than_friction_carries_is_refused(moved):
 )
 def test_wrong_paths_of_resultants_are_refused(path, given, words):
     with pytest.raises(ValueError, match=words):
-        solve_resultant_path(*BODIES, path, GRID, 0.5, **given)
+        solve_path(CONTACT, path, Resultants(**given))
 
 
 def test_more_than_friction_carries_says_how_much():
     pose = Pose(0.3, linear=True)
-    largest = solve_contact(*BODIES, Pose(0.3, twist=3.0, linear=True), GRID, 0.5).moment
-    short = solve_resultant(*BODIES, pose, GRID, 0.5, moment=2.0 * largest, throw=False)
+    largest = solve_contact(CONTACT, Pose(0.3, twist=3.0, linear=True)).moment
+    short = solve_contact(CONTACT, pose, Resultants(moment=2.0 * largest), throw=False)
     assert bool(short.result == RESULTS.beyond_friction)
     assert float(short.moment) == pytest.approx(float(largest), rel=1e-4)  # all slides
     with pytest.raises(RuntimeError, match=f"moment of {float(short.moment):.4g}"):
-        solve_resultant(*BODIES, pose, GRID, 0.5, moment=2.0 * largest)
-    nearly = solve_resultant(*BODIES, pose, GRID, 0.5, moment=0.99 * largest)
+        solve_contact(CONTACT, pose, Resultants(moment=2.0 * largest))
+    nearly = solve_contact(CONTACT, pose, Resultants(moment=0.99 * largest))
     assert float(nearly.moment) == pytest.approx(0.99 * float(largest), rel=1e-6)
 
 
@@ -165,8 +172,11 @@ def test_derivatives_by_resultants_and_materials():
     def twist(values, start):
         modulus, moment, force = values
         bodies = HalfSpace(modulus, 0.5), Rigid(), Paraboloid(30.0)
-        found = solve_resultant(
-            *bodies, Pose(start), GRID, 0.5, moment=moment, normal_force=force, rtol=1e-10
+        found = solve_contact(
+            Contact(*bodies, GRID, 0.5),
+            Pose(start),
+            Resultants(moment=moment, normal_force=force),
+            rtol=1e-10,
         )
         return found.pose.twist
 
@@ -192,4 +202,4 @@ def test_derivatives_by_resultants_and_materials():
 )
 def test_wrong_resultants_are_refused(given, mu, words):
     with pytest.raises(ValueError, match=words):
-        solve_resultant(*BODIES, TOUCHING, GRID, mu, **given)
+        solve_contact(Contact(*BODIES, GRID, mu), TOUCHING, Resultants(**given))

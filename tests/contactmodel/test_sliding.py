@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from contactmodel import (
+    Contact,
     Domed,
     Ellipsoid,
     Grid,
@@ -14,9 +15,7 @@ from contactmodel import (
     Sphere,
     make_path,
     solve_path,
-    solve_sliding,
 )
-from contactmodel.sliding import Carried
 
 GRID = Grid((32, 32), (14.0, 14.0))
 PAD = HalfSpace(0.2, 0.5)
@@ -34,8 +33,8 @@ def test_the_outline_turns_with_an_object_that_slips():
     shape = Domed(Ellipsoid((20.0, 8.0, 10.0)), 60.0)
     turned = Pose(0.3, twist=0.7)
     path = make_path([REST, PRESSED, turned, turned], [1, 8, 2])
-    ahead = solve_sliding(PAD, Rigid(), shape, path, GRID, 0.02, rtol=1e-6)
-    still = solve_path(PAD, Rigid(), shape, path, GRID, 0.02, rtol=1e-6)
+    ahead = solve_path(Contact(PAD, Rigid(), shape, GRID, 0.02), path, rtol=1e-6, sliding=True)
+    still = solve_path(Contact(PAD, Rigid(), shape, GRID, 0.02), path, rtol=1e-6)
     # μ small: what the gel is taken along by is a degree; cells of 0.44 mm
     assert long_axis(ahead.pressure[-1]) == pytest.approx(0.7, abs=0.03)
     assert long_axis(still.pressure[-1]) == pytest.approx(0.0, abs=0.03)
@@ -44,7 +43,7 @@ def test_the_outline_turns_with_an_object_that_slips():
 def test_a_ball_that_slides_takes_its_contact_along():
     shifted = Pose(0.3, shift=(2.0, 0.0))
     path = make_path([REST, PRESSED, shifted, shifted], [1, 8, 3])
-    slid = solve_sliding(PAD, Rigid(), Sphere(12.0), path, GRID, 0.1, rtol=1e-6)
+    slid = solve_path(Contact(PAD, Rigid(), Sphere(12.0), GRID, 0.1), path, rtol=1e-6, sliding=True)
     pressure, slip = slid.pressure[-1], slid.slip[-1, 0]
     middle = float(jnp.sum(pressure * GRID.points[0]) / jnp.sum(pressure))
     # the ball is where it has slid to; its contact stands over it
@@ -52,9 +51,3 @@ def test_a_ball_that_slides_takes_its_contact_along():
     assert middle > 1.0
     # and presses as hard as where it touched, but for the cells that the rim cuts
     assert float(slid.force[-1, 2]) == pytest.approx(float(slid.force[0, 2]), rel=5e-3)
-
-
-def test_a_carried_shape_knows_its_grid_only():
-    shape = Carried(Sphere(12.0), jnp.zeros((2, 4, 4)))
-    with pytest.raises(ValueError, match="grid's points only"):
-        shape.height(jnp.zeros((2, 5, 5)))

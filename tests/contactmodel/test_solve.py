@@ -1,5 +1,6 @@
 """What users get from `solve_contact` and `solve_path`, and what they are told when it fails."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from contactmodel import (
     RESULTS,
+    Contact,
     Cylinder,
     Domed,
     Ellipsoid,
@@ -16,6 +18,7 @@ from contactmodel import (
     Paraboloid,
     Placed,
     Pose,
+    Resultants,
     Rigid,
     RoundPunch,
     Sphere,
@@ -25,24 +28,24 @@ from contactmodel import (
     solve_path,
     stiffness_ratio,
 )
-from contactmodel.solve import find_contact
 
 GRID = Grid((32, 32), (10.0, 10.0))
 PAD = HalfSpace(1.0, 0.45)
 STEEL = Rigid()
 BALL = Paraboloid(30.0)
+CONTACT = Contact(PAD, STEEL, BALL, GRID, 0.5)
 PRESSED = Pose(0.3, twist=0.05, shift=(0.01, 0.02))
 
 
 def solve(indenter=BALL, pose=PRESSED, mu=0.5, grid=GRID, object_=STEEL, **how):
-    return solve_contact(PAD, object_, indenter, pose, grid, mu, **how)
+    return solve_contact(Contact(PAD, object_, indenter, grid, mu), pose, **how)
 
 
 def test_a_path_is_its_steps_one_after_the_other():
     path = make_path(
         [Pose(0.0), Pose(0.3), Pose(0.3, twist=0.06), Pose(0.3, twist=-0.06)], [1, 2, 3]
     )
-    together = solve_path(PAD, STEEL, BALL, path, GRID, 0.5)
+    together = solve_path(CONTACT, path)
     last = None
     for i in range(6):
         pose = jax.tree.map(lambda leaf, i=i: leaf[i], path)
@@ -50,10 +53,8 @@ def test_a_path_is_its_steps_one_after_the_other():
         step = together.at_step(i)
         np.testing.assert_allclose(step.traction, last.traction, atol=1e-8)  # solver's tolerance
         assert float(step.moment) == pytest.approx(float(together.moment[i]), rel=1e-12)
-    resumed = solve_path(
-        PAD, STEEL, BALL, jax.tree.map(lambda leaf: leaf[3:], path), GRID, 0.5,
-        previous=together.at_step(2),
-    )  # fmt: skip
+    rest = jax.tree.map(lambda leaf: leaf[3:], path)
+    resumed = solve_path(CONTACT, rest, previous=together.at_step(2))
     np.testing.assert_allclose(resumed.moment, together.moment[3:], atol=1e-8)
 
 
@@ -130,7 +131,7 @@ def test_displacement_at_points_is_that_of_the_grid_and_decays():
 
 def test_gap_is_what_the_displacements_leave():
     # ν = ½ on a rigid object: nothing couples, so the displacements close the gap exactly
-    solution = solve_contact(HalfSpace(1.0, 0.5), STEEL, BALL, PRESSED, GRID, 0.5)
+    solution = solve_contact(Contact(HalfSpace(1.0, 0.5), STEEL, BALL, GRID, 0.5), PRESSED)
     height = BALL.height(jnp.asarray(GRID.points)) - 0.3
     gap = height - solution.elastomer_displacement()[2]
     np.testing.assert_allclose(solution.gap, gap, atol=1e-14)
@@ -164,7 +165,7 @@ def test_too_few_steps_are_told():
         solve(max_steps=2)
     path = make_path([Pose(-1.0), Pose(2.0)], [3])
     with pytest.raises(RuntimeError, match="step 1 of the path"):
-        solve_path(PAD, STEEL, BALL, path, GRID, 0.5)
+        solve_path(CONTACT, path)
     with pytest.raises(RuntimeError, match="edge of the grid"):
         jax.jit(lambda d: solve(pose=Pose(d)).moment)(5.0)
 
@@ -187,8 +188,8 @@ def test_too_few_steps_are_told():
         (lambda: solve(mu=-0.1), "friction coefficient"),
         (lambda: solve(mu=np.ones((3, 3))), "map of shape"),
         (lambda: solve(pose=make_path([Pose(0.0), Pose(0.1)], [2])), "solve_path"),
-        (lambda: solve_path(PAD, STEEL, BALL, Pose(0.1), GRID, 0.5), "make_path"),
-        (lambda: solve_contact(STEEL, STEEL, BALL, Pose(0.1), GRID, 0.5), "rigid"),
+        (lambda: solve_path(CONTACT, Pose(0.1)), "make_path"),
+        (lambda: solve_contact(Contact(STEEL, STEEL, BALL, GRID, 0.5), Pose(0.1)), "rigid"),
         (lambda: solve(previous=solve(grid=Grid((16, 16), (10.0, 10.0)))), "the contact before"),
     ],
 )
@@ -222,9 +223,9 @@ def test_single_precision_follows_a_reversal_when_asked_for():
 
     pad, ball = HalfSpace(single(1.0), single(0.45)), Paraboloid(single(30.0))
     with pytest.raises(ValueError, match="single precision"):
-        solve_path(pad, STEEL, ball, path(single), GRID, single(0.2), rtol=1e-6)
-    coarse = solve_path(pad, STEEL, ball, path(single), GRID, single(0.2), rtol=1e-4)
-    fine = solve_path(PAD, STEEL, BALL, path(np.asarray), GRID, 0.2)
+        solve_path(Contact(pad, STEEL, ball, GRID, single(0.2)), path(single), rtol=1e-6)
+    coarse = solve_path(Contact(pad, STEEL, ball, GRID, single(0.2)), path(single), rtol=1e-4)
+    fine = solve_path(Contact(PAD, STEEL, BALL, GRID, 0.2), path(np.asarray))
     assert coarse.traction.dtype == jnp.float32
     assert int(jnp.max(coarse.friction.steps)) <= 10  # as in double precision; cells at the rim
     # hold so little that rounding once hid whether they slide, and the steps ran out
@@ -234,7 +235,7 @@ def test_single_precision_follows_a_reversal_when_asked_for():
 def test_full_slip_under_a_finite_rotation_carries_what_friction_can():
     """Each point is dragged across the way that the object takes past where the point now is."""
     mu, poses = 0.1, [Pose(0.3), Pose(0.3, twist=np.radians(30.0)), Pose(0.3, twist=0.0)]
-    path = solve_path(PAD, STEEL, BALL, make_path(poses, [30, 30]), GRID, mu)
+    path = solve_path(Contact(PAD, STEEL, BALL, GRID, mu), make_path(poses, [30, 30]))
     x, y = GRID.points
     arm = np.hypot(x, y)
     most = mu * np.sum(arm * np.asarray(path.pressure[-1])) * GRID.cell_area
@@ -249,15 +250,15 @@ def test_full_slip_under_a_finite_rotation_carries_what_friction_can():
 def test_pressure_and_traction_settle_on_each_other_at_every_step(approach):
     """A traction within its tolerance must not keep the pressure just outside of its own."""
     poses = [Pose(approach), Pose(approach, twist=np.radians(30.0)), Pose(approach, twist=0.0)]
-    path = solve_path(PAD, STEEL, BALL, make_path(poses, [30, 30]), GRID, 0.1)
+    path = solve_path(Contact(PAD, STEEL, BALL, GRID, 0.1), make_path(poses, [30, 30]))
     assert float(jnp.max(path.normal.residual)) <= 1e-8
     assert float(jnp.max(path.friction.residual)) <= 1e-8
 
 
 def test_at_rest_everything_sticks():
     poses = [PRESSED, PRESSED]
-    turned = solve_contact(PAD, STEEL, BALL, poses[0], GRID, 0.1)
-    held = solve_contact(PAD, STEEL, BALL, poses[1], GRID, 0.1, previous=turned)
+    turned = solve_contact(Contact(PAD, STEEL, BALL, GRID, 0.1), poses[0])
+    held = solve_contact(Contact(PAD, STEEL, BALL, GRID, 0.1), poses[1], previous=turned)
     assert bool(turned.sliding.any())
     assert not bool(held.sliding.any())
     np.testing.assert_allclose(held.traction, turned.traction, atol=1e-9)
@@ -282,8 +283,9 @@ def test_bodies_that_just_touch_are_not_pressed(ulps):
 def test_compiled_solves_call_nothing_on_the_host():
     """JAX's compilation cache keeps only programs without callbacks."""
 
-    def search(pose, friction):  # as `solve_resultant` does, inside one program
-        return find_contact(PAD, STEEL, BALL, pose, GRID, friction, None, 1e-8, 200)
+    def search(pose, friction):  # as a solve for force and moment does, inside one program
+        contact = eqx.tree_at(lambda c: c.friction_coefficient.coefficient, CONTACT, friction)
+        return solve_contact(contact, pose, Resultants(moment=1.0), throw=False)
 
     program = str(jax.make_jaxpr(search)(PRESSED, jnp.asarray(0.5)))
     assert "while" in program

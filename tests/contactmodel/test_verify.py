@@ -3,12 +3,20 @@
 import numpy as np
 import pytest
 
-from contactmodel import verify
-from contactmodel.verify_layers import LAYER_CHECKS, check_thin_layer
+from contactmodel.verify import friction, laws, layers
+from contactmodel.verify.rows import Row
+from contactmodel.verify.table import CHECKS, convergence
 
-# the gradients' rows have tests of their own, against the same differences
-FAST = [check for check in verify.CHECKS if check is not verify.check_gradients]
-FAST += [check_thin_layer]  # the other extensions have tests of their own, too
+# these have tests of their own, the gradients against the same differences
+OTHERS = {
+    friction.check_power_law_gradients,
+    laws.check_gradients,
+    laws.check_coupling,
+    laws.check_resultant,
+    layers.check_thick_layer,
+    layers.check_depth,
+}
+FAST = [check for check in CHECKS if check not in OTHERS]
 
 
 @pytest.mark.parametrize("check", FAST, ids=lambda check: check.__name__)
@@ -18,19 +26,17 @@ def test_rows_agree(check):
 
 
 def test_wrong_numbers_do_not_pass():
-    row = verify.Row("nothing", np.nan, 1.0, np.nan, 1.0, "")
+    row = Row("nothing", np.nan, 1.0, np.nan, 1.0, "")
     assert not row.passed
     assert not row._replace(error=1.1).passed
 
 
 @pytest.mark.slow
 def test_rows_agree_at_the_published_grid():
-    rows = [
-        row for check in (*verify.CHECKS, *LAYER_CHECKS) for row in check(128)
-    ] + verify.convergence()
+    rows = [row for check in CHECKS for row in check(128)] + convergence()
     assert not [row for row in rows if not row.passed]
 
 
 def test_errors_converge():
-    rows = verify.convergence((16, 32, 64))
+    rows = convergence((16, 32, 64))
     assert not [row for row in rows if not row.passed]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contactmodel import Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
+from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
 from estimation.recording import MarkerLayout
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, lay_out_markers, simulate_pivot
@@ -22,12 +22,14 @@ def path():
     poses = [Pose(0.0), Pose(MODEL.approach)]
     poses += [Pose(MODEL.approach, twist=np.radians(angle)) for angle in (6.0, 3.0)]
     return solve_path(
-        HalfSpace(MODEL.shear_modulus, MODEL.poisson_ratio),
-        Rigid(),
-        Paraboloid(radius),
+        Contact(
+            HalfSpace(MODEL.shear_modulus, MODEL.poisson_ratio),
+            Rigid(),
+            Paraboloid(radius),
+            Grid((64, 64), (14.0, 14.0)),
+            friction,
+        ),
         make_path(poses, [2, 3, 2]),
-        Grid((64, 64), (14.0, 14.0)),
-        friction,
     )
 
 

@@ -200,10 +200,15 @@ def make_simulation() -> Input:
                 "spacing_mm": [0.4, 0.4],
                 "angle_deg": 5.0,
             },
-            "contact": {"friction_coefficient_file": "friction.npy"},
+            "contact": {
+                "friction_coefficient_file": "friction.npy",
+                "reference_pressure_mpa": 0.05,
+                "pressure_exponent": 0.3,
+            },
             "motion": {
                 "centre_mm": [0.0, 0.0],
                 "first_approach_mm": 0.1,
+                "sliding": True,
                 "legs": [{"steps": 2, "normal_force_n": 1.0}, {"steps": 2, "twist_deg": 4.0}],
             },
         },

@@ -10,7 +10,7 @@ import numpy as np
 from calibration.experiment import read_experiment
 from calibration.softness.references import read_reference
 from calibration.softness.squeeze import Bodies, read_travel, squeeze_by_travel
-from contactmodel.configuration import read_simulation
+from contactmodel.simulate.configuration import read_simulation
 from estimation.estimators import METHODS, RIVALS
 from estimation.images.stereo import read_rig, triangulate
 from estimation.noise import Noise
@@ -140,7 +140,7 @@ KINDS = {
     "stereo": Kind(inputs.make_stereo, use_stereo, "stereo.toml"),
     "simulation": Kind(inputs.make_simulation, use_simulation, "simulation.toml"),
     "shipped simulation": Kind(
-        partial(inputs.make_shipped, "contactmodel", "pivoting_cube"),
+        partial(inputs.make_shipped, "contactmodel.simulate", "pivoting_cube"),
         use_simulation,
         "example.toml",
     ),

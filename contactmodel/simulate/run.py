@@ -16,10 +16,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from contactmodel import plots
-from contactmodel.configuration import Simulation
 from contactmodel.inputs import read_text
-from contactmodel.resultant_path import continue_motion
-from contactmodel.resultants import solve_resultant
+from contactmodel.simulate.configuration import Simulation
 from contactmodel.solution import ContactSolution
 from contactmodel.solve import solve_contact
 from contactmodel.stored import read_arrays
@@ -46,15 +44,16 @@ def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, 
         raise ValueError(f"{folder} holds another simulation; choose an empty folder")
     _write(copy, lambda part: part.write_text(simulation.text, encoding="utf-8"))
     last: ContactSolution | None = None
+    skeleton = _make_skeleton(simulation)
     for index in range(len(simulation)):
         file = steps / f"{index + 1:04d}.npz"
-        done = _load_if_whole(simulation, file)
+        done = _load_if_whole(skeleton, file)
         if done is None:
             try:
                 done = _solve(simulation, index, last)
             except RuntimeError as error:
                 raise RuntimeError(f"step {index + 1} of {len(simulation)}: {error}") from error
-            save_step(simulation, done, file)
+            save_step(done, file)
         last = done
         yield index + 1, last
 
@@ -79,51 +78,61 @@ def write_results(path: ContactSolution, folder: Path) -> None:
         _write(folder / f"{name}.png", lambda part, f=figure: f.savefig(part, dpi=150))
 
 
-def save_step(simulation: Simulation, solution: ContactSolution, file: Path) -> None:
+def save_step(solution: ContactSolution, file: Path) -> None:
     """Write the arrays of a contact under their names, and `u_marker`.
 
     That is the displacement of the elastomer at the markers' depth under the cells [mm].
     """
-    leaves = jax.tree_util.tree_leaves_with_path(solution)
+    bare = eqx.tree_at(lambda s: s.problem, solution, None)
+    leaves = jax.tree_util.tree_leaves_with_path(bare)
     arrays: dict[str, Any] = {_key(path): np.asarray(leaf) for path, leaf in leaves}
-    arrays["u_marker"] = np.asarray(solution.elastomer_displacement(simulation.marker_depth))
+    moved = solution.elastomer_displacement(solution.problem.marker_depth)
+    arrays["u_marker"] = np.asarray(moved)
     _write(file, lambda part: np.savez_compressed(part, **arrays))
 
 
-def load_step(simulation: Simulation, file: Path) -> ContactSolution:
+def load_step(skeleton: ContactSolution, file: Path) -> ContactSolution:
     """Read what `save_step` has written.
+
+    Args:
+        skeleton: a contact of the same simulation, or its shapes.
+        file: to read.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: it is damaged, or of another simulation.
     """
-    skeleton = eqx.filter_eval_shape(lambda: _solve(simulation, 0, None))
-    leaves, tree = jax.tree_util.tree_flatten_with_path(skeleton)
+    bare = eqx.tree_at(lambda s: s.problem, skeleton, None)
+    leaves, tree = jax.tree_util.tree_flatten_with_path(bare)
     arrays = read_arrays(file)
     for path, leaf in leaves:
         stored = arrays.get(_key(path))
         if stored is None or (stored.shape, stored.dtype) != (leaf.shape, leaf.dtype):
             raise ValueError(f"{file} holds no {_key(path)} of this simulation")
-    return jax.tree.unflatten(tree, [jnp.asarray(arrays[_key(path)]) for path, _ in leaves])
+    read = jax.tree.unflatten(tree, [jnp.asarray(arrays[_key(path)]) for path, _ in leaves])
+    return eqx.tree_at(
+        lambda s: s.problem, read, skeleton.problem, is_leaf=lambda leaf: leaf is None
+    )
 
 
-def _load_if_whole(simulation: Simulation, file: Path) -> ContactSolution | None:
+def _make_skeleton(simulation: Simulation) -> ContactSolution:
+    """The shapes of a step, with the problem that is solved."""
+    shapes = eqx.filter_eval_shape(lambda: _solve(simulation, 0, None))
+    return eqx.tree_at(lambda s: s.problem, shapes, simulation.contact)
+
+
+def _load_if_whole(skeleton: ContactSolution, file: Path) -> ContactSolution | None:
     """A step that was solved before, if its file is there and can be read."""
     try:
-        return load_step(simulation, file)
+        return load_step(skeleton, file)
     except (FileNotFoundError, ValueError):
         return None
 
 
 def _solve(simulation: Simulation, index: int, previous: ContactSolution | None) -> ContactSolution:
-    pose = jax.tree.map(lambda leaf: leaf[index], simulation.path)
-    bodies = simulation.elastomer, simulation.object_, simulation.indenter
-    grid, friction = simulation.grid, simulation.friction_coefficient
-    if not simulation.resultants:
-        return solve_contact(*bodies, pose, grid, friction, previous=previous)
-    given: dict[str, Any] = {name: rows[index] for name, rows in simulation.resultants.items()}
-    pose = continue_motion(pose, previous, **given)
-    return solve_resultant(*bodies, pose, grid, friction, **given, previous=previous)
+    pose, given = jax.tree.map(lambda leaf: leaf[index], (simulation.path, simulation.resultants))
+    how = {"previous": previous, "sliding": simulation.sliding}
+    return solve_contact(simulation.contact, pose, given, **how)
 
 
 def _write_table(path: ContactSolution, file: Path) -> None:

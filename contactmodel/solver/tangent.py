@@ -1,8 +1,9 @@
 """Small changes of pressure and traction while every cell stays as it is.
 
-Where a cell touches, the gap stays 0; where it sticks, its slip too; where it slides, |τ| stays μp
-and τ turns with the slip. These are linear equations for the changes of both: dp and, on sliding
-cells with n = τ/|τ|, dτ = w + μ dp n, w along their circle. But for μ dp n they are symmetric.
+Where a cell touches, the gap stays 0; where it sticks, its slip too; where it slides, |τ| stays at
+the limit of friction f(p), μp by Coulomb's law, and τ turns with the slip. These are linear
+equations for the changes of both: dp and, on sliding cells with n = τ/|τ|, dτ = w + f′ dp n, w
+along their circle. But for f′ dp n they are symmetric.
 """
 
 from typing import NamedTuple
@@ -12,9 +13,24 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from contactmodel.compliance import Compliance
-from contactmodel.friction import Sets, blend
+from contactmodel.friction import AbstractFriction
 from contactmodel.grid import dot
-from contactmodel.linear import Operator
+from contactmodel.solver.friction import Sets, blend
+from contactmodel.solver.linear import Operator
+
+
+class Load(NamedTuple):
+    """What a step of a contact is solved for.
+
+    Attributes:
+        gap: between the undeformed bodies, below 0 where they overlap [mm].
+        motion: of the rigid object since the last step, with what was then left of the slip [mm].
+        friction: between the bodies.
+    """
+
+    gap: Float[Array, "nx ny"]
+    motion: Float[Array, "2 nx ny"]
+    friction: AbstractFriction
 
 
 class Tangent(NamedTuple):
@@ -24,13 +40,13 @@ class Tangent(NamedTuple):
         compliance: of the pair.
         contact: cells that touch.
         sets: how they do.
-        friction: μ [-].
+        slope: f′, of the limit of friction by the pressure; μ by Coulomb's law [-].
     """
 
     compliance: Compliance
     contact: Bool[Array, "nx ny"]
     sets: Sets
-    friction: Float[Array, "..."]
+    slope: Float[Array, "..."]
 
     def apply(self, unknown: Float[Array, "3 nx ny"]) -> Float[Array, "3 nx ny"]:
         """What the unknowns change in gap and slip. They are 0 where nothing may change."""
@@ -72,7 +88,7 @@ class Tangent(NamedTuple):
     @property
     def _by_pressure(self) -> Array:
         """dτ by dp of sliding cells."""
-        return self.friction * self.sets.normal
+        return self.slope * self.sets.normal
 
     def _join(self, normal: Array, tangential: Array, free: ArrayLike) -> Array:
         """What of both may change, and what does so already."""

@@ -6,53 +6,64 @@ Conjugate residuals solve the equations of `tangent` for both at once, and
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel.compliance import Compliance
-from contactmodel.friction import Sets, find_sets
 from contactmodel.grid import dot
-from contactmodel.linear import Operator, conjugate_gradients, conjugate_residuals
-from contactmodel.tangent import Tangent
+from contactmodel.solver.friction import Sets, find_sets
+from contactmodel.solver.linear import Operator, conjugate_gradients, conjugate_residuals
+from contactmodel.solver.tangent import Load, Tangent
 
 
 def attach_derivative(
     pressure: Float[Array, "nx ny"],
     traction: Float[Array, "2 nx ny"],
     compliance: Compliance,
-    gap: Float[Array, "nx ny"],
-    motion: Float[Array, "2 nx ny"],
-    friction: Float[Array, "..."],
+    load: Load,
     *,
-    rtol: float,
-    max_steps: int,
+    smooth: bool,
+    rtol: ArrayLike,
+    max_steps: ArrayLike,
 ) -> tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]:
-    """The solution, differentiable with respect to compliance, gap, motion and friction.
+    """The solution, differentiable with respect to the compliance and the load.
 
     Args:
         pressure: the solution [MPa].
         traction: the solution [MPa].
         compliance: of the pair.
-        gap: between the undeformed bodies [mm].
-        motion: of the rigid object since the last step, with what was then left of the slip [mm].
-        friction: μ [-].
+        load: shape, motion and friction.
+        smooth: whether there is no friction; then only the pressure changes.
         rtol: tolerance of the linear solve [-].
         max_steps: of the linear solve at most.
     """
-    p, t = jax.lax.stop_gradient((pressure, traction))
-    fixed, mu = jax.lax.stop_gradient((compliance, friction))
-    sets = _find_sets(p, t, fixed, jax.lax.stop_gradient(motion), mu)
+    found = jax.lax.stop_gradient((pressure, traction))
+    if smooth:
+        return _attach_smooth(found[0], compliance, load.gap, rtol, max_steps), found[1]
+    return _attach_both(*found, compliance, load, rtol, max_steps)
 
-    limit = friction * p
-    carried = t + (limit - jax.lax.stop_gradient(limit)) * sets.normal  # μ acts on what slides
+
+def _attach_both(
+    p: Array,
+    t: Array,
+    compliance: Compliance,
+    load: Load,
+    rtol: ArrayLike,
+    max_steps: ArrayLike,
+) -> tuple[Array, Array]:
+    """Of pressure and traction, by conjugate residuals."""
+    fixed, law = jax.lax.stop_gradient((compliance, load.friction))
+    sets = _find_sets(p, t, fixed, jax.lax.stop_gradient(load.motion), law.limit(p))
+    limit = load.friction.limit(p)
+    carried = t + (limit - jax.lax.stop_gradient(limit)) * sets.normal  # it acts on what slides
     w, u = compliance.displace(p, carried)
-    tangent = Tangent(fixed, p > 0.0, sets, mu)
-    defect = tangent.restrict(w + gap, u - motion)
+    tangent = Tangent(fixed, p > 0.0, sets, law.slope(p))
+    defect = tangent.restrict(w + load.gap, u - load.motion)
     change = jax.lax.stop_gradient(defect) - defect  # 0, but its derivative is not
     precondition = tangent.make_preconditioner()
 
     def solve(operator: Operator, rhs: Array) -> Array:
-        how = {"rtol": rtol, "max_steps": max_steps}
-        return conjugate_residuals(operator, rhs, precondition, **how)[0]
+        return conjugate_residuals(operator, rhs, precondition, rtol=rtol, max_steps=max_steps)[0]
 
     def solve_transposed(_: Operator, rhs: Array) -> Array:  # JAX's transpose takes longer
         return solve(tangent.apply_transposed, rhs)
@@ -62,24 +73,11 @@ def attach_derivative(
     return p + dp, carried + dt
 
 
-def attach_smooth(
-    pressure: Float[Array, "nx ny"],
-    compliance: Compliance,
-    gap: Float[Array, "nx ny"],
-    *,
-    rtol: float,
-    max_steps: int,
-) -> Float[Array, "nx ny"]:
-    """The same of the pressure without friction, by conjugate gradients.
-
-    Args:
-        pressure: the solution [MPa].
-        compliance: of the pair.
-        gap: between the undeformed bodies [mm].
-        rtol: tolerance of the linear solve [-].
-        max_steps: of the linear solve at most.
-    """
-    p, fixed = jax.lax.stop_gradient((pressure, compliance))
+def _attach_smooth(
+    p: Array, compliance: Compliance, gap: Array, rtol: ArrayLike, max_steps: ArrayLike
+) -> Array:
+    """Of the pressure without friction, by conjugate gradients."""
+    fixed = jax.lax.stop_gradient(compliance)
     contact, inverse = p > 0.0, fixed.inverse()
     gap = compliance.press(p) + gap
     change = jnp.where(contact, jax.lax.stop_gradient(gap) - gap, 0.0)
@@ -95,11 +93,10 @@ def attach_smooth(
 
 
 def _find_sets(
-    pressure: Array, traction: Array, compliance: Compliance, motion: Array, friction: Array
+    pressure: Array, traction: Array, compliance: Compliance, motion: Array, limit: Array
 ) -> Sets:
-    """The sets of the solution; where μ = 0, what touches slides along its slip."""
+    """The sets of the solution; where friction is 0, what touches slides along its slip."""
     slip = motion - compliance.displace(pressure, traction)[1]
-    limit = friction * pressure
     sets = find_sets(traction, slip, limit, compliance.stiffest)
     square = dot(slip, slip)
     smooth = (pressure > 0.0) & (limit <= 0.0) & (square > 0.0)

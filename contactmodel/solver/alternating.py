@@ -1,11 +1,11 @@
 """Pressure and traction together, each bound to the other.
 
 Pressing pulls the surfaces of dissimilar bodies past each other, and friction lifts them. From a
-start that is near, Newton's method finds both at once (`joint`). It needs one: for a given traction
-the pressure is the minimum of one convex energy, for a given pressure the traction that of another
-(`normal`, `friction`), and solving these in turn comes nearer from anywhere, though slowly, as the
-two together are not one minimum. So a turn goes before each attempt that has nothing to start from
-or got stuck. Bodies with the same (1−2ν)/G need one turn only.
+start that is near, Newton's method finds both at once (`newton`). It needs one: for a given
+traction the pressure is the minimum of one convex energy, for a given pressure the traction that
+of another (`normal`, `friction`), and solving these in turn comes nearer from anywhere, though
+slowly, as the two together are not one minimum. So a turn goes before each attempt that has nothing
+to start from or got stuck. Bodies with the same (1−2ν)/G need one turn only.
 """
 
 from typing import NamedTuple
@@ -13,14 +13,16 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
-from contactmodel.derivative import attach_derivative, attach_smooth
-from contactmodel.friction import solve_traction
-from contactmodel.joint import Load, solve_jointly
-from contactmodel.linear import Iterations
-from contactmodel.normal import pressure_residual, solve_pressure
+from contactmodel.solver.derivative import attach_derivative
+from contactmodel.solver.friction import solve_traction
+from contactmodel.solver.linear import Iterations
+from contactmodel.solver.newton import solve_jointly
+from contactmodel.solver.normal import pressure_residual, solve_pressure
+from contactmodel.solver.tangent import Load
 
 MAX_TURNS = 60
 _FORCING = 0.03  # tolerance of both solvers by the residual of the turn before
@@ -54,8 +56,9 @@ def solve_tractions(
     load: Load,
     *,
     start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
-    rtol: float,
-    max_steps: int,
+    smooth: bool,
+    rtol: ArrayLike,
+    max_steps: ArrayLike,
 ) -> Tractions:
     """Pressure and traction that fulfil the laws of contact and of friction.
 
@@ -63,24 +66,54 @@ def solve_tractions(
         compliance: of the pair.
         load: shape, motion and friction.
         start: pressure and traction to begin with [MPa].
+        smooth: whether there is no friction; then the pressure alone is solved for.
         rtol: tolerance on the residuals of `normal` and `friction` [-].
         max_steps: of each solver in each turn.
 
     Returns:
         Pressure and traction, differentiable with respect to the compliance and the load.
     """
-    return _take_turns((compliance, load), start, rtol, max_steps)
+    return _solve((compliance, load), start, smooth, rtol, max_steps)
 
 
 @eqx.filter_custom_jvp
-def _take_turns(
+def _solve(
     task: tuple[Compliance, Load],
     start: tuple[Array, Array],
-    rtol: float,
-    max_steps: int,
+    smooth: bool,
+    rtol: ArrayLike,
+    max_steps: ArrayLike,
 ) -> Tractions:
-    """Both at once, and in turn where that does not do."""
-    compliance, load = task
+    return find_tractions(*task, start=start, smooth=smooth, rtol=rtol, max_steps=max_steps)
+
+
+@_solve.def_jvp
+def _solve_jvp(primals, tangents):
+    """The derivative of what was found; that of the start is 0."""
+    task, _, smooth, rtol, max_steps = primals
+    end = _solve(*primals)
+
+    def attach(task: tuple[Compliance, Load]) -> tuple[Array, Array]:
+        how = {"smooth": smooth, "rtol": rtol, "max_steps": max_steps}
+        return attach_derivative(end.pressure, end.traction, *task, **how)
+
+    _, (dpressure, dtraction) = eqx.filter_jvp(attach, (task,), (tangents[0],))
+    still = jax.tree.map(lambda _: None, end)
+    return end, still._replace(pressure=dpressure, traction=dtraction)
+
+
+def find_tractions(
+    compliance: Compliance,
+    load: Load,
+    *,
+    start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
+    smooth: bool,
+    rtol: ArrayLike,
+    max_steps: ArrayLike,
+) -> Tractions:
+    """The same, without a derivative: both at once, and in turn where that does not do."""
+    if smooth:
+        return _press(compliance, load, start, rtol, max_steps)
     coupled = compliance.coupling is not None
     acts = jnp.any(compliance.coupling != 0.0) if coupled else jnp.zeros((), bool)
 
@@ -94,7 +127,7 @@ def _take_turns(
         pressure, normal = solve_pressure(compliance, gap, start=found.pressure, **how)
         drive = load.motion - compliance.pull(pressure)
         traction, tangential = solve_traction(
-            compliance, drive, load.friction * pressure, start=found.traction, **how
+            compliance, drive, load.friction.limit(pressure), start=found.traction, **how
         )
         pressed, rubbed = (
             end.residual <= jnp.maximum(how["rtol"], rtol) for end in (normal, tangential)
@@ -126,59 +159,34 @@ def _take_turns(
         more = (found.turns < MAX_TURNS) & found.pressed & found.rubbed
         return ~settled(found) & more
 
-    zero = jnp.zeros((), jnp.int32)
-    none = Iterations(zero, zero, jnp.full((), jnp.inf, load.gap.dtype))
-    true = jnp.ones((), bool)
-    begin = Tractions(*start, none, none, zero, true, true)
+    begin = begin_with(start)
     return jax.lax.while_loop(go_on, attempt, begin) if coupled else turn(begin)
 
 
-def solve_smooth(
-    compliance: Compliance,
-    gap: Float[Array, "nx ny"],
-    *,
-    start: Float[Array, "nx ny"],
-    rtol: float,
-    max_steps: int,
-) -> Tractions:
-    """The pressure alone, without friction; as `solve_tractions`."""
-    pressure, normal = _press((compliance, gap), start, rtol, max_steps)
-    zero, true = jnp.zeros((), jnp.int32), jnp.ones((), bool)
-    still = Iterations(zero, zero, jnp.zeros((), gap.dtype))
-    none = jnp.zeros((2, *gap.shape), gap.dtype)
-    return Tractions(pressure, none, normal, still, zero + 1, normal.residual <= rtol, true)
-
-
-@eqx.filter_custom_jvp
 def _press(
-    task: tuple[Compliance, Array], start: Array, rtol: float, max_steps: int
-) -> tuple[Array, Iterations]:
-    return solve_pressure(*task, start=start, rtol=rtol, max_steps=max_steps)
+    compliance: Compliance,
+    load: Load,
+    start: tuple[Array, Array],
+    rtol: ArrayLike,
+    max_steps: ArrayLike,
+) -> Tractions:
+    """The pressure alone, without friction."""
+    how = {"rtol": rtol, "max_steps": max_steps}
+    pressure, normal = solve_pressure(compliance, load.gap, start=start[0], **how)
+    begin = begin_with(start)
+    still = begin.tangential._replace(residual=jnp.zeros_like(normal.residual))
+    return begin._replace(
+        pressure=pressure,
+        traction=jnp.zeros_like(start[1]),
+        normal=normal,
+        tangential=still,
+        turns=begin.turns + 1,
+        pressed=normal.residual <= rtol,
+    )
 
 
-@_press.def_jvp
-def _press_jvp(primals, tangents):
-    """The derivative of the pressure; that of the start is 0."""
-    task, start, rtol, max_steps = primals
-    pressure, done = _press(task, start, rtol, max_steps)
-
-    def attach(task: tuple[Compliance, Array]) -> Array:
-        return attach_smooth(pressure, *task, rtol=rtol, max_steps=max_steps)
-
-    _, change = eqx.filter_jvp(attach, (task,), (tangents[0],))
-    return (pressure, done), (change, jax.tree.map(lambda _: None, done))
-
-
-@_take_turns.def_jvp
-def _take_turns_jvp(primals, tangents):
-    """The derivative of what was found; that of the start is 0."""
-    task, start, rtol, max_steps = primals
-    end = _take_turns(task, start, rtol, max_steps)
-
-    def attach(task: tuple[Compliance, Load]) -> tuple[Array, Array]:
-        found = end.pressure, end.traction
-        return attach_derivative(*found, task[0], *task[1], rtol=rtol, max_steps=max_steps)
-
-    _, (dpressure, dtraction) = eqx.filter_jvp(attach, (task,), (tangents[0],))
-    still = jax.tree.map(lambda _: None, end)
-    return end, still._replace(pressure=dpressure, traction=dtraction)
+def begin_with(start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]) -> Tractions:
+    """Pressure and traction to begin with [MPa], before anything is solved."""
+    zero, true = jnp.zeros((), jnp.int32), jnp.ones((), bool)
+    none = Iterations(zero, zero, jnp.full((), jnp.inf, start[0].dtype))
+    return Tractions(*start, none, none, zero, true, true)

@@ -2,7 +2,8 @@
 
 `examples/` next to this module holds some with comments. Legs may give `normal_force_n`,
 `shear_force_n` and `moment_nmm` in place of `approach_mm`, `shift_mm` and `twist_deg`, in all legs
-alike; they run straight from the leg before, from 0 at first.
+alike; they run straight from the leg before, from 0 at first. With `sliding = true` the object's
+shape goes along as it slides.
 """
 
 import hashlib
@@ -14,8 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from contactmodel.bodies import AbstractBody, HalfSpace, Layer, Rigid
+from contactmodel.bodies import HalfSpace, Layer, Rigid
 from contactmodel.checks import Numbers, non_negative, number, poisson, positive
+from contactmodel.contact import Contact
+from contactmodel.friction import PowerLawFriction
 from contactmodel.grid import Grid
 from contactmodel.indenters import (
     AbstractIndenter,
@@ -30,6 +33,7 @@ from contactmodel.indenters import (
     SquarePunch,
 )
 from contactmodel.inputs import (
+    as_flag,
     as_list,
     as_number,
     as_numbers,
@@ -40,7 +44,7 @@ from contactmodel.inputs import (
     read_text,
     read_toml,
 )
-from contactmodel.pose import Pose, make_path
+from contactmodel.pose import Pose, Resultants, make_path
 from contactmodel.stored import read_array
 
 SHAPES: dict[str, tuple[type[AbstractIndenter], tuple[str, ...]]] = {
@@ -58,7 +62,7 @@ IN_PLACE_OF = {
 }
 PLANAR = ("shear_force_n",)
 Check = Callable[[Numbers], Any]
-EXAMPLES = resources.files("contactmodel") / "examples"
+EXAMPLES = resources.files("contactmodel.simulate") / "examples"
 MOST_STEPS = 100_000
 """Steps of a motion, each a file of its own."""
 
@@ -69,25 +73,17 @@ class Simulation:
 
     Attributes:
         text: the file, and below it the hashes of the maps that it names.
-        grid: cells.
-        elastomer: S.
-        object_: B.
-        indenter: shape of B, where it touches.
+        contact: bodies, shape, grid, friction and the depth at which `u_marker` is written.
         path: motion of B.
-        resultants: given in place of some of it, for each step [N, N·mm].
-        friction_coefficient: μ, a number or a map of the grid [-].
-        marker_depth: below the elastomer's surface, where `u_marker` is written [mm].
+        resultants: given in place of some of it, for each step.
+        sliding: whether the shape goes along with what slides.
     """
 
     text: str
-    grid: Grid
-    elastomer: AbstractBody
-    object_: AbstractBody
-    indenter: AbstractIndenter
+    contact: Contact
     path: Pose
-    resultants: dict[str, np.ndarray]
-    friction_coefficient: float | np.ndarray
-    marker_depth: float
+    resultants: Resultants | None
+    sliding: bool
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -141,31 +137,35 @@ def _parse(content: dict[str, Any], text: str, maps: _Maps) -> Simulation:
     object_ = _body(tables["object"], "object", set()) if tables["object"] else Rigid()
     _check_thickness(tables["elastomer"], "elastomer", cells, size)
     _check_thickness(tables["object"], "object", cells, size)
+    depth = _number({"marker_depth_mm": 0.0} | tables["elastomer"], "marker_depth_mm", non_negative)
+    space = Grid(_whole(cells), (float(size[0]), float(size[1])))
     path, resultants = _path(tables["motion"])
     return Simulation(
         text=text + maps.hashes,
-        grid=Grid(_whole(cells), (float(size[0]), float(size[1]))),
-        elastomer=elastomer,
-        object_=object_,
-        indenter=indenter,
+        contact=Contact(elastomer, object_, indenter, space, friction, depth),
         path=path,
         resultants=resultants,
-        friction_coefficient=friction,
-        marker_depth=_number(
-            {"marker_depth_mm": 0.0} | tables["elastomer"], "marker_depth_mm", non_negative
-        ),
+        sliding=as_flag({"sliding": False, **tables["motion"]}["sliding"], "sliding"),
     )
 
 
-def _friction(table: dict[str, Any], maps: _Maps, cells: tuple[int, int]) -> float | np.ndarray:
-    _only(table, "contact", {"friction_coefficient", "friction_coefficient_file"})
+def _friction(
+    table: dict[str, Any], maps: _Maps, cells: tuple[int, int]
+) -> float | np.ndarray | PowerLawFriction:
+    """The coefficient, or the law by which it falls with pressure."""
+    falls = {"reference_pressure_mpa", "pressure_exponent"}
+    _only(table, "contact", {"friction_coefficient", "friction_coefficient_file", *falls})
     if "friction_coefficient_file" in table:
-        values = maps.read(table, "friction_coefficient_file")
-        if values.shape != cells:
-            raise ValueError(f"friction must be a map of shape {cells}, got {values.shape}")
-        _name("friction_coefficient_file", non_negative, values)
-        return values
-    return _number(table, "friction_coefficient", non_negative)
+        coefficient = maps.read(table, "friction_coefficient_file")
+        if coefficient.shape != cells:
+            raise ValueError(f"friction must be a map of shape {cells}, got {coefficient.shape}")
+        _name("friction_coefficient_file", non_negative, coefficient)
+    else:
+        coefficient = _number(table, "friction_coefficient", non_negative)
+    if not falls & set(table):
+        return coefficient
+    reference = _number(table, "reference_pressure_mpa", positive)
+    return PowerLawFriction(coefficient, reference, _number(table, "pressure_exponent"))
 
 
 def _body(table: dict[str, Any], name: str, others: set[str]) -> HalfSpace | Layer:
@@ -225,9 +225,9 @@ def _size(table: dict[str, Any], key: str) -> Any:
     return _number(table, key, non_negative if key == "edge_radius_mm" else positive)
 
 
-def _path(table: dict[str, Any]) -> tuple[Pose, dict[str, np.ndarray]]:
+def _path(table: dict[str, Any]) -> tuple[Pose, Resultants | None]:
     """The motion, and the resultants in place of some of it; both run straight along each leg."""
-    _only(table, "motion", {"centre_mm", "first_approach_mm", "legs"})
+    _only(table, "motion", {"centre_mm", "first_approach_mm", "sliding", "legs"})
     legs = [as_table(leg, "each leg") for leg in as_list(table["legs"], "legs")]
     if not legs:
         raise ValueError("the motion has no legs")
@@ -257,22 +257,27 @@ def _path(table: dict[str, Any]) -> tuple[Pose, dict[str, np.ndarray]]:
             raise ValueError(f"{name}: {sum(steps)} steps; {MOST_STEPS} are the most there may be")
         try:
             _pose(state, centre)
-            _resultants(state, used)
+            _resultants({key: _given(state, key) for key in IN_PLACE_OF if key in used})
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
         states.append(state)
     path = make_path([_pose(state, centre) for state in states], steps)
-    corners = [_resultants(state, used) for state in states]
-    return path, {name: _ramp([corner[name] for corner in corners], steps) for name in corners[0]}
-
-
-def _resultants(state: dict[str, Any], used: set[str]) -> dict[str, Any]:
-    """The resultants that the legs give, under the names of `solve_resultant`."""
-    return {
-        key.rpartition("_")[0]: _list(state, key, "xy") if key in PLANAR else _number(state, key)
+    given = {
+        key: _ramp([_given(state, key) for state in states], steps)
         for key in IN_PLACE_OF
         if key in used
     }
+    return path, _resultants(given)
+
+
+def _given(state: dict[str, Any], key: str) -> Any:
+    """A resultant of a leg."""
+    return _list(state, key, "xy") if key in PLANAR else _number(state, key)
+
+
+def _resultants(given: dict[str, Any]) -> Resultants | None:
+    """Under the names of `Resultants`."""
+    return Resultants(**{key.rpartition("_")[0]: v for key, v in given.items()}) if given else None
 
 
 def _ramp(corners: list[Any], steps: list[int]) -> np.ndarray:

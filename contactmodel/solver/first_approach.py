@@ -8,16 +8,13 @@ half of that area for a paraboloid; here the overlap is counted in cells, for an
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from contactmodel.bodies import AbstractBody
-from contactmodel.compliance import cell_integrals
-from contactmodel.grid import Grid, make_points
-from contactmodel.indenters import AbstractIndenter
+from contactmodel.compliance import Compliance, cell_integrals
+from contactmodel.grid import Grid
 
 
 def estimate_approach(
-    elastomer: AbstractBody,
-    object_: AbstractBody,
-    indenter: AbstractIndenter,
+    compliance: Compliance,
+    heights: Float[Array, "nx ny"],
     grid: Grid,
     normal_force: Float[Array, ""],
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
@@ -27,23 +24,22 @@ def estimate_approach(
     face and too large on a layer that is thin beside the contact.
 
     Args:
-        elastomer: S.
-        object_: B, made of this.
-        indenter: and of this shape.
+        compliance: of the pair.
+        heights: of the object's undeformed surface [mm].
         grid: cells.
         normal_force: pressing the bodies together, 0 or more [N].
 
     Returns:
         Both approaches [mm].
     """
-    heights = jnp.sort(jnp.ravel(indenter.height(make_points(grid, normal_force.dtype))))
+    heights = jnp.sort(jnp.ravel(heights))
     cell = cell_integrals(jnp.zeros(()), jnp.zeros(()), grid.spacing)
-    sunk = sum(body.coefficients(cell, grid.spacing).zz for body in (elastomer, object_))
-    modulus = (cell.xx + cell.yy + cell.zz) / (jnp.pi * sunk)  # E*
-    overlap = grid.cell_area * jnp.arange(1, heights.size + 1)
+    sunk = compliance.press(jnp.zeros(grid.shape, heights.dtype).at[0, 0].set(1.0))[0, 0]
+    modulus = (cell.xx + cell.yy + cell.zz).astype(heights.dtype) / (jnp.pi * sunk)  # E*
+    overlap = grid.cell_area * jnp.arange(1, heights.size + 1, dtype=heights.dtype)
     stiffness = 2.0 * modulus * jnp.sqrt(overlap / (2.0 * jnp.pi))
     gained = jnp.cumsum(stiffness[:-1] * jnp.diff(heights))
-    force = jnp.concatenate([jnp.zeros(1), gained])
+    force = jnp.concatenate([jnp.zeros_like(gained[:1]), gained])
     last = jnp.searchsorted(force, normal_force, side="right") - 1
     estimate = heights[last] + (normal_force - force[last]) / stiffness[last]
     return heights[0], estimate.astype(normal_force.dtype)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
 from contactmodel.grid import Grid
-from contactmodel.linear import Iterations
+from contactmodel.solver.linear import Iterations
 
 _LARGE = 128  # cells along a side, from which on a coarse grid pays; measured
 _RATIO = 4
@@ -44,7 +44,7 @@ def solve_pressure(
     *,
     start: Float[Array, "nx ny"],
     rtol: ArrayLike,
-    max_steps: int,
+    max_steps: ArrayLike,
 ) -> tuple[Float[Array, "nx ny"], Iterations]:
     """Pressure p ≥ 0 that leaves a gap ≥ 0, and none where p > 0, by conjugate gradients.
 

@@ -3,39 +3,26 @@
 Each step takes what touches, sticks and slides from the present pressure and traction and solves
 the equations of `tangent` roughly. It may lead away a little, since cells that change their state
 on the way often change it back. There is no energy that both make least, hence no promise: from
-afar, and where a step leads far away, `coupling` solves them in turn.
+afar, and where a step leads far away, `alternating` solves them in turn.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from contactmodel.compliance import Compliance
-from contactmodel.friction import confine, find_sets, friction_residual
-from contactmodel.linear import Iterations, conjugate_residuals
-from contactmodel.normal import gap_residual
-from contactmodel.tangent import Tangent
+from contactmodel.solver.friction import confine, find_sets, friction_residual
+from contactmodel.solver.linear import Iterations, conjugate_residuals
+from contactmodel.solver.normal import gap_residual
+from contactmodel.solver.tangent import Load, Tangent
 
 _FORCING = 0.05  # each step solves its linear system to this; tighter buys nothing
 _LINEAR_STEPS = 6  # of that solver at most
 _NEWTON_STEPS = 12
 _RISE = 2.0  # of the residual in a step at most
-
-
-class Load(NamedTuple):
-    """What a step of a contact is solved for.
-
-    Attributes:
-        gap: between the undeformed bodies, below 0 where they overlap [mm].
-        motion: of the rigid object since the last step, with what was then left of the slip [mm].
-        friction: μ [-].
-    """
-
-    gap: Float[Array, "nx ny"]
-    motion: Float[Array, "2 nx ny"]
-    friction: Float[Array, "..."]
 
 
 class Joint(NamedTuple):
@@ -83,7 +70,7 @@ def solve_jointly(
     *,
     start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]],
     near: Bool[Array, ""],
-    rtol: float,
+    rtol: ArrayLike,
 ) -> Joint:
     """Come nearer to pressure and traction that fulfil both laws. Derivatives stop here.
 
@@ -98,9 +85,9 @@ def solve_jointly(
         What was found; the start if that is not nearer.
     """
     compliance, load, start = jax.lax.stop_gradient((compliance, load, start))
-    mu = load.friction
+    limit_of = load.friction.limit
     pressure = jnp.maximum(start[0], 0.0)
-    traction = confine(start[1], mu * pressure)
+    traction = confine(start[1], limit_of(pressure))
     undeformed = load.gap + compliance.lift(traction)  # what the residuals are relative to
     drive = load.motion - compliance.pull(pressure)
 
@@ -108,7 +95,7 @@ def solve_jointly(
         w, u = compliance.displace(pressure, traction)
         gap, slip = load.gap + w, load.motion - u
         normal = gap_residual(pressure, gap, undeformed)
-        tangential = friction_residual(compliance, traction, slip, mu * pressure, drive)
+        tangential = friction_residual(compliance, traction, slip, limit_of(pressure), drive)
         return _State(pressure, traction, gap, slip, normal, tangential)
 
     def step(search: _Search) -> _Search:
@@ -116,10 +103,10 @@ def solve_jointly(
         astray = ~(new.worst < _RISE * search.last)
         best = jax.tree.map(lambda a, b: jnp.where(new.worst < best.worst, a, b), new, best)
         ended = astray | (new.worst <= rtol)
-        limit = mu * new.pressure
+        limit = limit_of(new.pressure)
         sets = find_sets(new.traction, new.slip, limit, compliance.stiffest)
         touching = (new.pressure > 0.0) | (new.gap < 0.0)
-        tangent = Tangent(compliance, touching, sets, mu)
+        tangent = Tangent(compliance, touching, sets, load.friction.slope(new.pressure))
         defect = tangent.restrict(-new.gap, new.slip)
         change, inner = conjugate_residuals(
             tangent.apply,
@@ -127,13 +114,14 @@ def solve_jointly(
             tangent.make_preconditioner(),
             rtol=jnp.maximum(_FORCING, 0.5 * rtol / new.worst),
             max_steps=_LINEAR_STEPS,
+            kept=_LINEAR_STEPS,
         )
         dp, dt = tangent.changes(change)
         origin = jnp.where(sets.slide, limit * sets.normal, new.traction)
         pressure = jnp.maximum(new.pressure + dp, 0.0)
         return _Search(
             best=best,
-            next=(pressure, confine(origin + dt, mu * pressure)),
+            next=(pressure, confine(origin + dt, limit_of(pressure))),
             last=new.worst,
             steps=search.steps + 1,
             applications=search.applications + 2 * inner + 1,

@@ -20,8 +20,6 @@ from jaxtyping import Array, Float, Int
 
 Operator = Callable[[Array], Array]
 
-_KEPT = 16  # directions of `conjugate_residuals`
-
 
 class Iterations(NamedTuple):
     """What a solver did.
@@ -55,8 +53,8 @@ def conjugate_gradients(
     rhs: Float[Array, "*shape"],
     preconditioner: Operator,
     *,
-    rtol: float,
-    max_steps: int,
+    rtol: ArrayLike,
+    max_steps: ArrayLike,
 ) -> tuple[Float[Array, "*shape"], Int[Array, ""]]:
     """Solve a symmetric positive definite system by preconditioned conjugate gradients.
 
@@ -109,7 +107,8 @@ def conjugate_residuals(
     preconditioner: Operator,
     *,
     rtol: ArrayLike,
-    max_steps: int,
+    max_steps: ArrayLike,
+    kept: int = 16,
 ) -> tuple[Float[Array, "*shape"], Int[Array, ""]]:
     """Solve a system that need not be symmetric by conjugate residuals ([Eisenstat1983], Orthomin).
 
@@ -119,43 +118,43 @@ def conjugate_residuals(
         preconditioner: applies roughly the inverse.
         rtol: of the defect's norm by that of the right-hand side [-].
         max_steps: iterations at most.
+        kept: directions that a new one is made conjugate to.
 
     Returns:
         The solution and the number of iterations, each with one application of both.
     """
     limit = rtol**2 * jnp.sum(rhs**2)
-    size = min(_KEPT, max_steps)
 
-    def go_on(kept: _Kept) -> Array:
-        return (jnp.sum(kept.defect**2) > limit) & (kept.steps < max_steps)
+    def go_on(done: _Kept) -> Array:
+        return (jnp.sum(done.defect**2) > limit) & (done.steps < max_steps)
 
-    def part(kept: _Kept) -> Callable:
+    def part(done: _Kept) -> Callable:
         """Takes a kept direction's share out of a new one."""
 
         def take_out(i: Array, pair: tuple[Array, Array]) -> tuple[Array, Array]:
-            share = jnp.sum(kept.images[i] * pair[1])
-            return pair[0] - share * kept.directions[i], pair[1] - share * kept.images[i]
+            share = jnp.sum(done.images[i] * pair[1])
+            return pair[0] - share * done.directions[i], pair[1] - share * done.images[i]
 
         return take_out
 
-    def step(kept: _Kept) -> _Kept:
-        direction = preconditioner(kept.defect)
+    def step(done: _Kept) -> _Kept:
+        direction = preconditioner(done.defect)
         image = operator(direction)
-        count = jnp.minimum(kept.steps, size)
-        direction, image = jax.lax.fori_loop(0, count, part(kept), (direction, image))
+        count = jnp.minimum(done.steps, kept)
+        direction, image = jax.lax.fori_loop(0, count, part(done), (direction, image))
         unit = 1.0 / jnp.sqrt(jnp.sum(image**2))
         direction, image = unit * direction, unit * image
-        length = jnp.sum(kept.defect * image)
-        place = kept.steps % size
+        length = jnp.sum(done.defect * image)
+        place = done.steps % kept
         return _Kept(
-            solution=kept.solution + length * direction,
-            defect=kept.defect - length * image,
-            directions=kept.directions.at[place].set(direction),
-            images=kept.images.at[place].set(image),
-            steps=kept.steps + 1,
+            solution=done.solution + length * direction,
+            defect=done.defect - length * image,
+            directions=done.directions.at[place].set(direction),
+            images=done.images.at[place].set(image),
+            steps=done.steps + 1,
         )
 
-    none = jnp.zeros((size, *rhs.shape), rhs.dtype)
+    none = jnp.zeros((kept, *rhs.shape), rhs.dtype)
     start = _Kept(jnp.zeros_like(rhs), rhs, none, none, jnp.zeros((), jnp.int32))
     end = jax.lax.while_loop(go_on, step, start)
     return end.solution, end.steps

@@ -1,0 +1,1 @@
+"""`python -m contactmodel simulate`: a configuration file, and what is written of its contact."""

@@ -1,0 +1,1 @@
+"""`python -m contactmodel verify`: the model against closed forms, laws and itself."""
