@@ -8,4 +8,4 @@ from calibration.softness.trials import Trial as Trial
 from calibration.softness.trials import make_trials as make_trials
 from calibration.softness.two_fingers import TwoFingers as TwoFingers
 from calibration.softness.two_fingers import fit_two_fingers as fit_two_fingers
-from contactmodel.version import __version__ as __version__
+from contactmodel.common.version import __version__ as __version__

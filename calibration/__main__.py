@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.softness import LOAD_MODELS
-from contactmodel.command_line import errors, make_app, run_app, say
+from contactmodel.common.command_line import errors, make_app, run_app, say
 from estimation.files import check_writable
 from estimation.recording import Recording
 from estimation.result_folder import renew_results

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from calibration.field_result import FieldData
 from calibration.forward import UNITS, FieldModel, Unknown, press_and_move
 from contactmodel import Grid
-from contactmodel.inputs import (
+from contactmodel.common.inputs import (
     as_flag,
     as_list,
     as_matrix,

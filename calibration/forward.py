@@ -33,7 +33,7 @@ from contactmodel import (
     SquarePunch,
     solve_path,
 )
-from contactmodel.arrays import AnyArray
+from contactmodel.common.arrays import AnyArray
 from contactmodel.solution import RESULTS
 
 UNITS = {

@@ -9,6 +9,6 @@ The library never touches `jax.config`; use double precision:
 `jax.config.update("jax_enable_x64", True)`.
 """
 
-from contactmodel.lazy import public_names
+from contactmodel.common.lazy import public_names
 
 __getattr__, __dir__, __all__ = public_names(__name__, __file__)

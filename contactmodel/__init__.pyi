@@ -1,9 +1,13 @@
-from contactmodel.bodies import AbstractBody as AbstractBody
-from contactmodel.bodies import HalfSpace as HalfSpace
-from contactmodel.bodies import Layer as Layer
-from contactmodel.bodies import Rigid as Rigid
-from contactmodel.bodies import stiffness_ratio as stiffness_ratio
+from contactmodel.common.version import __version__ as __version__
 from contactmodel.contact import Contact as Contact
+from contactmodel.elasticity.bodies import AbstractBody as AbstractBody
+from contactmodel.elasticity.bodies import HalfSpace as HalfSpace
+from contactmodel.elasticity.bodies import Layer as Layer
+from contactmodel.elasticity.bodies import Rigid as Rigid
+from contactmodel.elasticity.bodies import stiffness_ratio as stiffness_ratio
+from contactmodel.elasticity.transfer import ScalarTransfer as ScalarTransfer
+from contactmodel.elasticity.transfer import fit_scalar_transfer as fit_scalar_transfer
+from contactmodel.elasticity.transfer import layer_gain as layer_gain
 from contactmodel.friction import AbstractFriction as AbstractFriction
 from contactmodel.friction import Coulomb as Coulomb
 from contactmodel.friction import PowerLawFriction as PowerLawFriction
@@ -25,7 +29,3 @@ from contactmodel.solution import ContactSolution as ContactSolution
 from contactmodel.solve import solve_contact as solve_contact
 from contactmodel.solve import solve_path as solve_path
 from contactmodel.solver.results import RESULTS as RESULTS
-from contactmodel.transfer import ScalarTransfer as ScalarTransfer
-from contactmodel.transfer import fit_scalar_transfer as fit_scalar_transfer
-from contactmodel.transfer import layer_gain as layer_gain
-from contactmodel.version import __version__ as __version__

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Column, Table
 
-from contactmodel.command_line import errors, make_app, run_app, say_error
+from contactmodel.common.command_line import errors, make_app, run_app, say_error
 
 app = make_app("Contact of two elastic bodies with friction.")
 console = Console()

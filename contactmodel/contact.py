@@ -6,9 +6,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import is_traced
-from contactmodel.bodies import AbstractBody, Rigid
-from contactmodel.checks import Numbers, non_negative
+from contactmodel.common.arrays import is_traced
+from contactmodel.common.checks import Numbers, non_negative
+from contactmodel.elasticity.bodies import AbstractBody, Rigid
 from contactmodel.friction import AbstractFriction, as_friction
 from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import is_traced, refuse
-from contactmodel.checks import Numbers, known, non_negative, positive
+from contactmodel.common.arrays import is_traced, refuse
+from contactmodel.common.checks import Numbers, known, non_negative, positive
 
 
 class AbstractFriction(eqx.Module):

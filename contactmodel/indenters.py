@@ -13,8 +13,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import is_traced, refuse
-from contactmodel.checks import Numbers, non_negative, number, positive
+from contactmodel.common.arrays import is_traced, refuse
+from contactmodel.common.checks import Numbers, non_negative, number, positive
 
 _SIDE_SLOPE = 1e3
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import refuse
-from contactmodel.checks import Numbers, known, number
+from contactmodel.common.arrays import refuse
+from contactmodel.common.checks import Numbers, known, number
 
 
 class Pose(eqx.Module):

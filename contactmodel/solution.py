@@ -10,16 +10,11 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Real
 
-from contactmodel.arrays import AnyArray, is_traced
-from contactmodel.bodies import AbstractBody
-from contactmodel.compliance import (
-    Coefficients,
-    cell_integrals,
-    convolve,
-    grid_coefficients,
-    transform,
-)
+from contactmodel.common.arrays import AnyArray, is_traced
 from contactmodel.contact import Contact, check_depth
+from contactmodel.elasticity.bodies import AbstractBody
+from contactmodel.elasticity.cells import Coefficients, cell_integrals
+from contactmodel.elasticity.compliance import convolve, grid_coefficients, transform
 from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from contactmodel.solver.linear import Iterations

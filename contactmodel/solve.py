@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import is_traced
-from contactmodel.compliance import pair_compliance
+from contactmodel.common.arrays import is_traced
 from contactmodel.contact import Contact
+from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.friction import is_smooth
 from contactmodel.pose import Pose, Resultants
 from contactmodel.solution import ContactSolution, stack_steps

@@ -4,6 +4,6 @@ Angles are counter-clockwise, seen from the object looking at the pad, in rad (d
 name ends in `_deg`); lengths are in mm.
 """
 
-from contactmodel.lazy import public_names
+from contactmodel.common.lazy import public_names
 
 __getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -1,4 +1,4 @@
-from contactmodel.version import __version__ as __version__
+from contactmodel.common.version import __version__ as __version__
 from estimation.datasets import fetch as fetch
 from estimation.estimators import METHODS as METHODS
 from estimation.estimators import RIVALS as RIVALS

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from contactmodel.command_line import errors, make_app, run_app, say
+from contactmodel.common.command_line import errors, make_app, run_app, say
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
-from contactmodel.cache import cache_folder
+from contactmodel.common.cache import cache_folder
 
 _PUBLISHED = tomllib.loads((files("estimation") / "datasets.toml").read_text("utf-8"))
 _WHEEL: dict[str, str] = _PUBLISHED["wheel"]

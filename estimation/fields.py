@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from contactmodel.kinematics import mean_line_rotation, polar_rotation
+from contactmodel.equations import mean_line_rotation, polar_rotation
 from estimation.contact import ONSET_MM, SHARE, find_contact, known_contact
 from estimation.recording import Frame
 from estimation.stencils import Stencils, cross, in_space, unit

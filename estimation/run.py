@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.progress import Progress
 
-from contactmodel.rotation import object_rotation
+from contactmodel.equations import object_rotation
 from estimation import datasets
 from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS

@@ -40,7 +40,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.inputs import (
+from contactmodel.common.inputs import (
     as_flag,
     as_matrix,
     as_number,

@@ -7,7 +7,7 @@ Visuotactile Sensing During In-Hand Object Pivoting", Eq. (9).
 import numpy as np
 from jaxtyping import Float, Int
 
-from contactmodel.rotation import object_rotation, slip_curl_of_rotation
+from contactmodel.equations import object_rotation, slip_curl_of_rotation
 from estimation.result import Result, State
 
 FEWEST = 5

@@ -1,1 +1,1 @@
-from contactmodel.version import __version__ as __version__
+from contactmodel.common.version import __version__ as __version__

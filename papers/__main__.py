@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
-from contactmodel.command_line import errors, make_app, run_app, say, say_error
+from contactmodel.common.command_line import errors, make_app, run_app, say, say_error
 from estimation.extras import MissingExtraError, require_extra
 from estimation.files import check_writable, write_whole
 from estimation.result_folder import renew_results

@@ -5,7 +5,7 @@ It stands in the last package, which may import the others.
 
 from calibration.__main__ import app as calibration
 from contactmodel.__main__ import app as contactmodel
-from contactmodel.command_line import make_app, run_app
+from contactmodel.common.command_line import make_app, run_app
 from estimation.__main__ import app as estimation
 from papers.__main__ import app as papers
 

@@ -83,7 +83,7 @@ def test_version_is_told(words):
 def compile_with(folder, **environment):
     """Run a command's set-up and compile a function, in a process of its own."""
     code = (
-        "from contactmodel.command_line import run_app\n"
+        "from contactmodel.common.command_line import run_app\n"
         "run_app(lambda: None)\n"
         "import jax, jax.numpy as jnp\n"
         "jax.config.update('jax_persistent_cache_min_compile_time_secs', 0.0)\n"

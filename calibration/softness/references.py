@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.inputs import cell_number, read_rows
+from contactmodel.common.inputs import cell_number, read_rows
 from estimation.outline import follow_outline
 from estimation.recording import Recording
 

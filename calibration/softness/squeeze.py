@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from scipy.stats import t
 
 from calibration.findings import write_findings
-from contactmodel.inputs import cell_number, read_rows
+from contactmodel.common.inputs import cell_number, read_rows
 from estimation.estimators.measurement import Z95
 from estimation.fields import measure_fields
 from estimation.recording import Recording

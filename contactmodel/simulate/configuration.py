@@ -15,9 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from contactmodel.bodies import HalfSpace, Layer, Rigid
-from contactmodel.checks import Numbers, non_negative, number, poisson, positive
+from contactmodel.common.checks import Numbers, non_negative, number, poisson, positive
+from contactmodel.common.inputs import (
+    as_flag,
+    as_list,
+    as_number,
+    as_numbers,
+    as_table,
+    as_text,
+    expect_keys,
+    naming,
+    read_text,
+    read_toml,
+)
+from contactmodel.common.stored import read_array
 from contactmodel.contact import Contact
+from contactmodel.elasticity.bodies import HalfSpace, Layer, Rigid
 from contactmodel.friction import PowerLawFriction
 from contactmodel.grid import Grid
 from contactmodel.indenters import (
@@ -32,20 +45,7 @@ from contactmodel.indenters import (
     Sphere,
     SquarePunch,
 )
-from contactmodel.inputs import (
-    as_flag,
-    as_list,
-    as_number,
-    as_numbers,
-    as_table,
-    as_text,
-    expect_keys,
-    naming,
-    read_text,
-    read_toml,
-)
 from contactmodel.pose import Pose, Resultants, make_path
-from contactmodel.stored import read_array
 
 SHAPES: dict[str, tuple[type[AbstractIndenter], tuple[str, ...]]] = {
     "paraboloid": (Paraboloid, ("radius",)),

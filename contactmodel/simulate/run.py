@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from contactmodel import plots
-from contactmodel.inputs import read_text
+from contactmodel.common.inputs import read_text
+from contactmodel.common.stored import read_arrays
 from contactmodel.simulate.configuration import Simulation
 from contactmodel.solution import ContactSolution
 from contactmodel.solve import solve_contact
-from contactmodel.stored import read_arrays
 
 
 def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, ContactSolution]]:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from contactmodel.compliance import Compliance
+from contactmodel.elasticity.compliance import Compliance
 from contactmodel.solver.derivative import attach_derivative
 from contactmodel.solver.friction import solve_traction
 from contactmodel.solver.linear import Iterations

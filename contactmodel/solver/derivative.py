@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.compliance import Compliance
+from contactmodel.elasticity.compliance import Compliance
 from contactmodel.grid import dot
 from contactmodel.solver.friction import Sets, find_sets
 from contactmodel.solver.linear import Operator, conjugate_gradients, conjugate_residuals

@@ -8,7 +8,8 @@ half of that area for a paraboloid; here the overlap is counted in cells, for an
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from contactmodel.compliance import Compliance, cell_integrals
+from contactmodel.elasticity.cells import cell_integrals
+from contactmodel.elasticity.compliance import Compliance
 from contactmodel.grid import Grid
 
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from contactmodel.compliance import Compliance
+from contactmodel.elasticity.compliance import Compliance
 from contactmodel.grid import dot
 from contactmodel.solver.linear import Iterations, Operator, conjugate_gradients
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from contactmodel.compliance import Compliance
+from contactmodel.elasticity.compliance import Compliance
 from contactmodel.solver.friction import confine, find_sets, friction_residual
 from contactmodel.solver.linear import Iterations, conjugate_residuals
 from contactmodel.solver.normal import gap_residual

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from contactmodel.compliance import Compliance
+from contactmodel.elasticity.compliance import Compliance
 from contactmodel.grid import Grid
 from contactmodel.solver.linear import Iterations
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from contactmodel.compliance import Compliance
+from contactmodel.elasticity.compliance import Compliance
 from contactmodel.friction import AbstractFriction
 from contactmodel.grid import Grid, make_points
 from contactmodel.indenters import AbstractIndenter

@@ -10,8 +10,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from contactmodel import analytic
-from contactmodel.bodies import HalfSpace, Rigid
 from contactmodel.contact import Contact
+from contactmodel.elasticity.bodies import HalfSpace, Rigid
 from contactmodel.grid import Grid
 from contactmodel.indenters import Cylinder, RoundPunch
 from contactmodel.pose import Pose, make_path

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from contactmodel import analytic
-from contactmodel.bodies import HalfSpace
 from contactmodel.contact import Contact
+from contactmodel.elasticity.bodies import HalfSpace
 from contactmodel.grid import Grid
 from contactmodel.indenters import Paraboloid, Placed, SquarePunch
 from contactmodel.pose import Pose, Resultants, make_path

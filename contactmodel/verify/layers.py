@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import quad
 
-from contactmodel.bodies import HalfSpace, Layer, Rigid
 from contactmodel.contact import Contact
+from contactmodel.elasticity.bodies import HalfSpace, Layer, Rigid
+from contactmodel.elasticity.transfer import base_transfer
 from contactmodel.grid import Grid
 from contactmodel.indenters import RoundPunch
 from contactmodel.pose import Pose
 from contactmodel.solve import solve_contact
-from contactmodel.transfer import base_transfer
 from contactmodel.verify.rows import APPROACH, BALL, CURVATURE, RADIUS, SIDE, Row, by_cell
 
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from contactmodel import analytic
-from contactmodel.arrays import AnyArray
-from contactmodel.bodies import HalfSpace, stiffness_ratio
+from contactmodel.common.arrays import AnyArray
 from contactmodel.contact import Contact
+from contactmodel.elasticity.bodies import HalfSpace, stiffness_ratio
 from contactmodel.grid import Grid
 from contactmodel.indenters import Paraboloid
 from contactmodel.pose import Pose

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from contactmodel.inputs import (
+from contactmodel.common.inputs import (
     as_flag,
     as_number,
     as_numbers,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from contactmodel.inputs import as_matrix, as_numbers, as_table, expect_keys
+from contactmodel.common.inputs import as_matrix, as_numbers, as_table, expect_keys
 from estimation.fields import Fields
 
 Range = tuple[float, float]

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.inputs import as_text, naming, read_toml
+from contactmodel.common.inputs import as_text, naming, read_toml
 from estimation.files import toml_text, write_whole
 from estimation.softness.contact import Contact, Lifting
 from estimation.softness.layered import read_layered

@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.inputs import as_number, as_table, expect_keys
+from contactmodel.common.inputs import as_number, as_table, expect_keys
 from estimation.softness.contact import (
     Contact,
     Lifting,

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from contactmodel.transfer import layer_gain
+from contactmodel.elasticity.transfer import layer_gain
 from estimation.softness.contact import Lifting
 
 _RESOLUTION = 0.5  # standard deviation, in pitches, of what markers resolve

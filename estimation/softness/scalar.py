@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.inputs import as_flag, as_number, as_table, expect_keys
-from contactmodel.rotation import object_rotation
+from contactmodel.common.inputs import as_flag, as_number, as_table, expect_keys
+from contactmodel.equations import object_rotation
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.softness.contact import (
     Contact,

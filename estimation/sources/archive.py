@@ -16,7 +16,7 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from contactmodel.stored import read_arrays
+from contactmodel.common.stored import read_arrays
 from estimation.files import write_whole
 from estimation.recording import MarkerLayout, Recording, declared_arrays
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Shaped
 from PIL import Image, UnidentifiedImageError
 
-from contactmodel.inputs import cell_number, cell_whole, read_rows
+from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.extras import require_extra
 from estimation.sources.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
 

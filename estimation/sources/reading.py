@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from contactmodel.inputs import naming
+from contactmodel.common.inputs import naming
 from estimation.inspection import inspect_recording
 from estimation.recording import Recording
 from estimation.sources.archive import SUFFIX, read_archive

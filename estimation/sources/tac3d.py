@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from contactmodel.stored import read_array
+from contactmodel.common.stored import read_array
 from estimation.recording import Recording, layout_markers
 
 POSITIONS = "3D_Positions"

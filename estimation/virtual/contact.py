@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import interpn
 
-from contactmodel.bodies import stiffness_ratio
+from contactmodel.elasticity.bodies import stiffness_ratio
 from contactmodel.solution import ContactSolution
 from estimation.recording import MarkerLayout, Recording
 from estimation.stick import MIN_STICK_MARKERS

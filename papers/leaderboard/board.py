@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from contactmodel.inputs import cell_number, cell_whole, read_rows
+from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.estimators import METHODS, RIVALS
 from estimation.files import write_whole
 from estimation.noise import Noise, find_noise

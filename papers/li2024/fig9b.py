@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from contactmodel.rotation import object_rotation
+from contactmodel.equations import object_rotation
 from estimation.estimators import DEFAULT_METHOD
 from papers.items import Track
 from papers.li2024 import settings

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from contactmodel.kinematics import (
+from contactmodel.equations import (
     mean_line_rotation,
     polar_rotation,
     slip_shear,

@@ -38,7 +38,7 @@ from contactmodel import (
     solve_contact,
     solve_path,
 )
-from contactmodel.compliance import pair_compliance
+from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.solver.friction import find_sets
 from contactmodel.solver.linear import Operator, conjugate_residuals
 from contactmodel.solver.tangent import Tangent

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
-from contactmodel.compliance import pair_compliance
+from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.solver.friction import find_sets, make_preconditioner
 from contactmodel.solver.linear import conjugate_gradients
 from contactmodel.solver.normal import pressure_residual, solve_pressure

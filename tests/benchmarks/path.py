@@ -30,8 +30,8 @@ from contactmodel import (
     make_path,
     solve_path,
 )
-from contactmodel.bodies import AbstractBody
-from contactmodel.compliance import pair_compliance
+from contactmodel.elasticity.bodies import AbstractBody
+from contactmodel.elasticity.compliance import pair_compliance
 from tests.benchmarks.arguments import make_parser
 
 SIDE, RADIUS, APPROACH, FRICTION = 13.0, 20.0, 0.6, 0.6

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import dblquad
 
 from contactmodel import Grid, HalfSpace, Rigid
-from contactmodel.compliance import (
-    cell_integrals,
+from contactmodel.elasticity.cells import cell_integrals
+from contactmodel.elasticity.compliance import (
     convolve,
     grid_coefficients,
     pair_compliance,

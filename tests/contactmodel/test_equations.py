@@ -16,8 +16,7 @@ from contactmodel import (
     solve_path,
     stiffness_ratio,
 )
-from contactmodel import kinematics as kin
-from contactmodel import rotation as rot
+from contactmodel import equations as eqs
 
 GRID = Grid((64, 64), (10.0, 10.0))
 SHIFT, TWIST, CENTRE = np.array([0.02, -0.01]), 0.05, np.array([0.4, 0.2])
@@ -57,11 +56,11 @@ def test_both_stick_and_slip_are_present(matched, other):
 def test_equation_1_is_the_slip_exactly(matched):
     u_s = jnp.moveaxis(matched.elastomer_displacement()[:2], 0, -1)
     u_b = jnp.moveaxis(matched.object_displacement()[:2], 0, -1)
-    turn = kin.rotation_change(jnp.asarray(TWIST))
+    turn = eqs.rotation_change(jnp.asarray(TWIST))
     # the object's frame turns with it and has its origin on the axis of the twist
     in_object = u_b @ (turn + jnp.eye(2))  # Rᵀ u_B
     position = jnp.moveaxis(jnp.asarray(GRID.points), 0, -1) - CENTRE
-    slip = kin.pair_slip(u_s, in_object, position, jnp.asarray(SHIFT), turn)
+    slip = eqs.pair_slip(u_s, in_object, position, jnp.asarray(SHIFT), turn)
     np.testing.assert_allclose(jnp.moveaxis(slip, -1, 0), matched.slip, atol=1e-14)  # rounding
     stuck = np.asarray(matched.stick)
     assert np.abs(np.asarray(slip)[stuck]).max() < 1e-10  # the solver's tolerance
@@ -71,7 +70,7 @@ def test_equation_2_has_a_residual_and_its_curl_has_none(other):
     k = float(stiffness_ratio(SOFT, OTHER))
     d_s = gradient(np.asarray(other.elastomer_displacement()[:2]))
     d_b = gradient(np.asarray(other.object_displacement()[:2]))
-    left = d_b - kin.object_gradient(d_s, k)
+    left = d_b - eqs.object_gradient(d_s, k)
     inside = np.asarray(other.contact)[1:-1, 1:-1]
     share = np.sqrt(np.mean(left[inside] ** 2) / np.mean(d_s[inside] ** 2))
     # different Poisson's ratios and the pressure: 10 % or so, far from rounding
@@ -87,7 +86,7 @@ def test_curl_theorem_by_central_differences_converges():
         solution = solve_contact(Contact(SOFT, OTHER, Paraboloid(30.0), grid, 0.5), POSE)
         d_s = gradient(np.asarray(solution.elastomer_displacement()[:2]), grid.spacing)
         d_b = gradient(np.asarray(solution.object_displacement()[:2]), grid.spacing)
-        left = curl(d_b - kin.object_gradient(d_s, k))
+        left = curl(d_b - eqs.object_gradient(d_s, k))
         errors.append(np.sqrt(np.mean(left**2) / np.mean(curl(d_s) ** 2)))
     assert errors[-1] < 4e-3
     assert min(np.log2(np.divide(errors[:-1], errors[1:]))) > 0.8
@@ -98,7 +97,7 @@ def test_curl_theorem_with_the_coefficients_of_the_rotation(other):
     phi, object_phi = other.elastomer_rotation(), other.object_rotation()
     assert float(jnp.max(jnp.abs(object_phi + k * phi))) < 1e-10 * float(jnp.max(jnp.abs(phi)))
     np.testing.assert_allclose(
-        kin.object_gradient(phi, k), object_phi, atol=1e-10 * float(jnp.max(jnp.abs(phi)))
+        eqs.object_gradient(phi, k), object_phi, atol=1e-10 * float(jnp.max(jnp.abs(phi)))
     )
 
 
@@ -131,11 +130,11 @@ def test_sticking_points_turn_with_the_object_whatever_slides(bodies, atol):
     k = float(stiffness_ratio(*bodies))
     pose = Pose(0.3, SHIFT, TWIST, CENTRE, linear=True)
     contact = solve_contact(Contact(*bodies, Paraboloid(30.0), GRID, 0.5), pose, rtol=1e-11)
-    phi = kin.small_rotation(gradient(np.asarray(contact.elastomer_displacement()[:2])))
+    phi = eqs.small_rotation(gradient(np.asarray(contact.elastomer_displacement()[:2])))
     deep = deep_inside(np.asarray(contact.stick))
     assert deep.sum() > 20
-    np.testing.assert_allclose(rot.object_rotation(phi[deep], k), TWIST, atol=atol)
-    np.testing.assert_allclose(rot.clockwise_object_angle(phi[deep], k), -TWIST, atol=atol)
+    np.testing.assert_allclose(eqs.object_rotation(phi[deep], k), TWIST, atol=atol)
+    np.testing.assert_allclose(eqs.clockwise_object_angle(phi[deep], k), -TWIST, atol=atol)
 
 
 def test_equation_14_for_a_rigid_object_and_a_finite_rotation():
@@ -143,9 +142,9 @@ def test_equation_14_for_a_rigid_object_and_a_finite_rotation():
         Contact(ALIKE[0], Rigid(), Paraboloid(30.0), GRID, 0.5), POSE, rtol=1e-11
     )
     f = np.eye(2) + gradient(np.asarray(contact.elastomer_displacement()[:2]))
-    phi = kin.polar_rotation(f)[deep_inside(np.asarray(contact.stick))]
-    np.testing.assert_allclose(rot.object_rotation(phi), TWIST, atol=1e-10)  # rtol 1e-11
-    small = kin.small_rotation(f)[deep_inside(np.asarray(contact.stick))]
+    phi = eqs.polar_rotation(f)[deep_inside(np.asarray(contact.stick))]
+    np.testing.assert_allclose(eqs.object_rotation(phi), TWIST, atol=1e-10)  # rtol 1e-11
+    small = eqs.small_rotation(f)[deep_inside(np.asarray(contact.stick))]
     np.testing.assert_allclose(small, np.sin(TWIST), atol=1e-10)  # ½ rot of a rotation
 
 
@@ -154,15 +153,15 @@ def test_equation_3_exact_and_as_printed(matched):
     k = float(stiffness_ratio(SOFT, MATCHED))
     d_s = gradient(np.asarray(matched.elastomer_displacement()[:2]))[..., 0, 1]
     d_b = gradient(np.asarray(matched.object_displacement()[:2]))[..., 0, 1]
-    load = d_b - kin.object_gradient(d_s, k)  # l_yx, what Eq. (2) leaves over
+    load = d_b - eqs.object_gradient(d_s, k)  # l_yx, what Eq. (2) leaves over
     slip = gradient(np.asarray(matched.slip))[..., 0, 1]
-    exact = kin.slip_shear(d_s, k, load, clockwise)
+    exact = eqs.slip_shear(d_s, k, load, clockwise)
     np.testing.assert_allclose(exact, slip, atol=1e-12)  # rounding of differences
-    printed = kin.slip_shear_as_printed(d_s, k, load, clockwise)
+    printed = eqs.slip_shear_as_printed(d_s, k, load, clockwise)
     miss = (np.cos(TWIST) - 1.0) * np.sin(TWIST) + np.sin(TWIST) * np.cos(TWIST) - np.sin(TWIST)
     np.testing.assert_allclose(printed - exact, -miss, atol=1e-12)
     zero, angle = np.zeros(()), np.radians(20.0)
-    rigid = kin.slip_shear_as_printed(zero, 0.0, 0.0, np.asarray(angle)) / np.sin(angle)
+    rigid = eqs.slip_shear_as_printed(zero, 0.0, 0.0, np.asarray(angle)) / np.sin(angle)
     assert float(rigid) == pytest.approx(0.88, abs=0.005)  # 12 % low
 
 
@@ -175,16 +174,16 @@ def test_equations_4_to_6_and_9_for_a_small_twist(matched):
     d_s = gradient(np.asarray(linear.elastomer_displacement()[:2]))
     d_b = gradient(np.asarray(linear.object_displacement()[:2]))
     d_slip = gradient(np.asarray(linear.slip))
-    left = d_b - kin.object_gradient(d_s, k)
-    across, along = kin.small_slip_shears(d_s, k, (left[..., 0, 1], left[..., 1, 0]), -TWIST)
+    left = d_b - eqs.object_gradient(d_s, k)
+    across, along = eqs.small_slip_shears(d_s, k, (left[..., 0, 1], left[..., 1, 0]), -TWIST)
     np.testing.assert_allclose(across, d_slip[..., 0, 1], atol=1e-12)
     np.testing.assert_allclose(along, d_slip[..., 1, 0], atol=1e-12)
-    by_differences = kin.slip_curl(curl(d_s), k, curl(left), -TWIST)
+    by_differences = eqs.slip_curl(curl(d_s), k, curl(left), -TWIST)
     np.testing.assert_allclose(by_differences, curl(d_slip), atol=1e-12)
     phi = linear.elastomer_rotation()  # the exact curl needs no load term
     exact = 2.0 * (TWIST + linear.object_rotation() - phi)
-    np.testing.assert_allclose(kin.slip_curl(2.0 * phi, k, 0.0, -TWIST), exact, atol=1e-12)
-    np.testing.assert_allclose(rot.slip_curl_of_rotation(phi, k, 0.0, -TWIST), exact, atol=1e-12)
+    np.testing.assert_allclose(eqs.slip_curl(2.0 * phi, k, 0.0, -TWIST), exact, atol=1e-12)
+    np.testing.assert_allclose(eqs.slip_curl_of_rotation(phi, k, 0.0, -TWIST), exact, atol=1e-12)
 
 
 def test_equations_10_to_12_along_a_path_with_a_reversal():
@@ -196,22 +195,22 @@ def test_equations_10_to_12_along_a_path_with_a_reversal():
     phi, slip_curl, total = [], [], 0.0
     for i in range(8):
         step = contacts.at_step(i)
-        phi.append(kin.small_rotation(gradient(np.asarray(step.elastomer_displacement()[:2]))))
+        phi.append(eqs.small_rotation(gradient(np.asarray(step.elastomer_displacement()[:2]))))
         slip_curl.append(curl(gradient(np.asarray(step.slip))))
     centre = (30, 30)
     for i in range(8):
         # Eq. (11), and between two steps Eq. (10)
         difference = phi[i] - phi[i][centre]
-        expected = rot.rotation_difference(slip_curl[i] - slip_curl[i][centre], k)
+        expected = eqs.rotation_difference(slip_curl[i] - slip_curl[i][centre], k)
         np.testing.assert_allclose(difference, expected, atol=1e-12)
         np.testing.assert_allclose(
-            rot.slip_curl_difference(phi[i], phi[i][centre], k) + slip_curl[i][centre],
+            eqs.slip_curl_difference(phi[i], phi[i][centre], k) + slip_curl[i][centre],
             slip_curl[i],
             atol=1e-12,
         )
     for i in range(1, 8):  # Eq. (12): what sticks between two steps follows the object
         deep = deep_inside(np.asarray(contacts.stick[i]))
-        turn = rot.object_rotation((phi[i] - phi[i - 1])[deep], k)
+        turn = eqs.object_rotation((phi[i] - phi[i - 1])[deep], k)
         assert deep.any()
         total += float(np.mean(turn))
         assert total == pytest.approx(float(path.twist[i]), abs=1e-9)
@@ -219,8 +218,8 @@ def test_equations_10_to_12_along_a_path_with_a_reversal():
 
 def test_equations_7_and_8_for_finite_strain():
     turn, stretch = 0.3, np.array([[1.1, 0.05], [0.05, 0.9]])
-    f = (kin.rotation_change(np.asarray(turn)) + np.eye(2)) @ stretch
-    along_x, along_y = kin.line_element_rotations(f)
-    assert float(kin.mean_line_rotation(f)) == pytest.approx(0.5 * float(along_x + along_y))
-    assert float(kin.polar_rotation(f)) == pytest.approx(turn, rel=1e-14)
-    assert abs(float(kin.mean_line_rotation(f)) - turn) > 1e-3  # strain misleads the two elements
+    f = (eqs.rotation_change(np.asarray(turn)) + np.eye(2)) @ stretch
+    along_x, along_y = eqs.line_element_rotations(f)
+    assert float(eqs.mean_line_rotation(f)) == pytest.approx(0.5 * float(along_x + along_y))
+    assert float(eqs.polar_rotation(f)) == pytest.approx(turn, rel=1e-14)
+    assert abs(float(eqs.mean_line_rotation(f)) - turn) > 1e-3  # strain misleads the two elements

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contactmodel import inputs
-from contactmodel.stored import read_array, read_arrays
+from contactmodel.common.stored import read_array, read_arrays
 
 
 @pytest.mark.parametrize(

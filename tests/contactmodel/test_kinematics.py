@@ -4,13 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contactmodel.kinematics import (
+from contactmodel.equations import (
+    clockwise_object_angle,
     line_element_rotations,
     mean_line_rotation,
+    object_rotation,
     polar_rotation,
+    slip_curl_difference,
     small_rotation,
 )
-from contactmodel.rotation import clockwise_object_angle, object_rotation, slip_curl_difference
 
 angles = st.floats(-1.2, 1.2)
 stretches = st.floats(0.7, 1.4)

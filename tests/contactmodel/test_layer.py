@@ -23,11 +23,12 @@ from contactmodel import (
     solve_contact,
     solve_path,
 )
-from contactmodel.compliance import cell_integrals, grid_coefficients
-from contactmodel.layer import base_kernels
-from contactmodel.rotation import object_rotation
+from contactmodel.elasticity.cells import cell_integrals
+from contactmodel.elasticity.compliance import grid_coefficients
+from contactmodel.elasticity.layer import base_kernels
+from contactmodel.elasticity.transfer import base_transfer, half_space_transfer
+from contactmodel.equations import object_rotation
 from contactmodel.solution import ContactSolution
-from contactmodel.transfer import base_transfer, half_space_transfer
 
 GRID = Grid((32, 32), (10.0, 10.0))
 BALL = Paraboloid(30.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, solve_contact
-from contactmodel.compliance import pair_compliance
+from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.solver.normal import guess_pressure, solve_pressure
 
 BALL = Paraboloid(30.0)

@@ -23,7 +23,7 @@ from contactmodel import (
     solve_contact,
     solve_path,
 )
-from contactmodel.compliance import pair_compliance
+from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.solver.first_approach import estimate_approach
 
 GRID = Grid((24, 24), (10.0, 10.0))

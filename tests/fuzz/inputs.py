@@ -12,7 +12,7 @@ from typing import Any
 import av
 import numpy as np
 
-from contactmodel.stored import read_arrays
+from contactmodel.common.stored import read_arrays
 from estimation.images.render import Camera, render_dots
 from estimation.recording import Recording
 from estimation.sources import write_archive

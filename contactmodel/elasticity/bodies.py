@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import refuse
-from contactmodel.checks import known, poisson, positive
-from contactmodel.compliance import CellIntegrals, Coefficients
-from contactmodel.layer import REACH, base_kernels
+from contactmodel.common.arrays import refuse
+from contactmodel.common.checks import known, poisson, positive
+from contactmodel.elasticity.cells import CellIntegrals, Coefficients
+from contactmodel.elasticity.layer import REACH, base_kernels
 
 
 class AbstractBody(eqx.Module):

@@ -7,7 +7,7 @@ wave number and h the thickness; a compliance is δ/(Gq).
 In Fourier space (e^{+iq·r}) the traction along q (L) and the pressure couple, the traction across
 q (T) does not: û_L = C_LL τ_L + iC_Lp p, ŵ = C_zz p − iC_zL τ_L, û_T = C_TT τ_T.
 
-[Li2024] is the paper of `kinematics`: Eq. (2) and (13) have a number k = G_S/G_B and a load term L.
+[Li2024] is the paper of `equations`: Eq. (2) and (13) have a number k = G_S/G_B and a load term L.
 On bodies that are alike along the surface only the transverse part of the traction turns it, and
 every wave q of it turns S and B in opposite senses in the ratio k̂(q) of their transverse
 compliances, whatever slides. Of two half-spaces k̂ is k; of a layer it depends on q, and the number
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Bool, Float
 
-from contactmodel.arrays import AnyArray, Value, as_arrays
+from contactmodel.common.arrays import AnyArray, Value, as_arrays
 
 
 class Transfer(NamedTuple):

@@ -1,7 +1,5 @@
 """Displacement of a surface under tractions that are uniform on each cell of a grid.
 
-[Love1929] A. E. H. Love, "The stress produced in a semi-infinite solid by pressure on part of the
-boundary"; the integrals of Boussinesq's and Cerruti's solutions over a rectangle.
 [Vollebregt2014] E. A. H. Vollebregt, "A new solver for the elastic normal contact problem using
 conjugate gradients, deflation, and an FFT-based preconditioner".
 
@@ -10,7 +8,7 @@ The convolution runs by FFT on a grid of twice the size, so that there are no pe
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,79 +17,10 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import AnyArray, is_traced
+from contactmodel.common.arrays import AnyArray, is_traced
+from contactmodel.elasticity.bodies import AbstractBody
+from contactmodel.elasticity.cells import CellIntegrals, Coefficients, cell_integrals
 from contactmodel.grid import Grid
-
-
-class CellIntegrals(NamedTuple):
-    """Integrals over a cell at the surface, r from a point of the cell to a point at the depth z.
-
-    At the surface flat_xx is yy and flat_xy is −xy, and what has z in it is 0.
-
-    Attributes:
-        offset: field point minus centre of the cell along x, y [mm].
-        depth: z of the field point [mm].
-        xx: ∬x²/r³ [mm].
-        yy: ∬y²/r³ [mm].
-        xy: ∬xy/r³ [mm].
-        zz: ∬z²/r³ [mm].
-        xz: ∬xz/r³ [mm].
-        yz: ∬yz/r³ [mm].
-        x: ∬x/r(r+z) [mm].
-        y: ∬y/r(r+z) [mm].
-        flat_xx: ∬∂/∂x x/(r+z) [mm].
-        flat_yy: ∬∂/∂y y/(r+z) [mm].
-        flat_xy: ∬∂/∂x y/(r+z) [mm].
-        turn_x: ∬y/r³ [-].
-        turn_y: −∬x/r³ [-].
-    """
-
-    offset: tuple[AnyArray, AnyArray]
-    depth: AnyArray
-    xx: AnyArray
-    yy: AnyArray
-    xy: AnyArray
-    zz: AnyArray
-    xz: AnyArray
-    yz: AnyArray
-    x: AnyArray
-    y: AnyArray
-    flat_xx: AnyArray
-    flat_yy: AnyArray
-    flat_xy: AnyArray
-    turn_x: AnyArray
-    turn_y: AnyArray
-
-
-class Coefficients(NamedTuple):
-    """Displacement of a body by unit tractions on a cell [mm/MPa].
-
-    w is the displacement into the body. At the surface, w/τ = −u/p by reciprocity.
-
-    Attributes:
-        zz: w/p.
-        xx: u_x/τ_x.
-        yy: u_y/τ_y.
-        xy: u_x/τ_y = u_y/τ_x.
-        xz: u_x/p.
-        yz: u_y/p.
-        zx: w/τ_x.
-        zy: w/τ_y.
-        turn_x: ½ rot u / τ_x [1/MPa].
-        turn_y: ½ rot u / τ_y [1/MPa].
-    """
-
-    zz: Array
-    xx: Array
-    yy: Array
-    xy: Array
-    xz: Array
-    yz: Array
-    zx: Array
-    zy: Array
-    turn_x: Array
-    turn_y: Array
-
 
 _ROWS = 32  # of a large grid at a time; 16 to 64 take as long
 _EVEN, _ODD_X, _ODD_Y, _ODD = (1, 1), (-1, 1), (1, -1), (-1, -1)
@@ -109,92 +38,8 @@ _PARITY = {  # along x and y: +1 even, -1 odd
 }
 
 
-@runtime_checkable
-class Deformable(Protocol):
-    """What a body must be able to say."""
-
-    def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
-        """Displacement by unit tractions on a cell."""
-        ...
-
-    def checked(self, spacing: tuple[float, float], depth: ArrayLike | None = None) -> "Deformable":
-        """The body, if they are made for such cells and a depth."""
-        ...
-
-
-def cell_integrals(
-    x: Float[AnyArray, "*shape"],
-    y: Float[AnyArray, "*shape"],
-    spacing: tuple[float, float],
-    depth: ArrayLike = 0.0,
-) -> CellIntegrals:
-    """The integrals at the distance (x, y) from the centre of a cell ([Love1929]) [mm].
-
-    Args:
-        x: field point minus centre of the cell [mm].
-        y: the same along y [mm].
-        spacing: length of the cell along x and y [mm].
-        depth: z of the field point below the surface [mm].
-    """
-    xp = x.__array_namespace__()
-    z = xp.asarray(depth)
-    right, left = x + 0.5 * spacing[0], x - 0.5 * spacing[0]
-    upper, lower = y + 0.5 * spacing[1], y - 0.5 * spacing[1]
-
-    def corners(primitive):
-        across = primitive(right, upper) - primitive(left, upper)
-        return across - primitive(right, lower) + primitive(left, lower)
-
-    def length(s, t):  # √(s²+t²+z²), its derivative 0 at 0
-        square = s**2 + t**2 + z**2
-        return xp.where(square > 0.0, xp.sqrt(xp.where(square > 0.0, square, 1.0)), 0.0)
-
-    def logarithm(s, t):  # ln(s + r), free of cancellation for s < 0; r = |s| left out
-        square = t**2 + z**2
-        t = xp.sqrt(xp.where(square > 0.0, square, 1.0))
-        return xp.asinh(s / t) + xp.log(t)
-
-    def angle(s, t):  # of the solid angle of the corner
-        below = z * length(s, t)
-        steep = 0.5 * xp.pi * xp.sign(s * t)
-        return xp.where(below > 0.0, xp.atan(s * t / xp.where(below > 0.0, below, 1.0)), steep)
-
-    def turned(s, t):  # atan(t/s) − atan(zt/sr)
-        r = length(s, t)
-        up, along = s * t * (r - z), s**2 * r + z * t**2
-        return xp.atan(up / xp.where(along > 0.0, along, 1.0)) * (along > 0.0)
-
-    def depth_log(s, t):  # ln(r + z)
-        total = length(s, t) + z
-        return xp.log(xp.where(total > 0.0, total, 1.0))
-
-    def flux(s, t):
-        return t * depth_log(s, t) + z * logarithm(t, s) + s * turned(s, t)
-
-    def flat(s, t):
-        return s * logarithm(t, s) - z * turned(s, t)
-
-    return CellIntegrals(
-        offset=(x, y),
-        depth=z,
-        xx=corners(lambda s, t: t * logarithm(s, t) - z * angle(s, t)),
-        yy=corners(lambda s, t: s * logarithm(t, s) - z * angle(s, t)),
-        xy=-corners(length),
-        zz=corners(lambda s, t: z * angle(s, t)),
-        xz=-corners(lambda s, t: z * logarithm(t, s)),
-        yz=-corners(lambda s, t: z * logarithm(s, t)),
-        x=corners(flux),
-        y=corners(lambda s, t: flux(t, s)),
-        flat_xx=corners(flat),
-        flat_yy=corners(lambda s, t: flat(t, s)),
-        flat_xy=corners(lambda s, t: length(s, t) - z * depth_log(s, t)),
-        turn_x=-corners(logarithm),
-        turn_y=corners(lambda s, t: logarithm(t, s)),
-    )
-
-
 def grid_coefficients(
-    body: Deformable, grid: Grid, depth: Float[Array, ""] | None = None
+    body: AbstractBody, grid: Grid, depth: Float[Array, ""] | None = None
 ) -> Coefficients:
     """A body's coefficients for every distance on a grid that is not negative along x and y.
 
@@ -321,7 +166,7 @@ class Compliance(eqx.Module):
 
 
 def pair_compliance(
-    elastomer: Deformable, object_: Deformable, grid: Grid, *, smooth: bool = False
+    elastomer: AbstractBody, object_: AbstractBody, grid: Grid, *, smooth: bool = False
 ) -> Compliance:
     """Compliance of two bodies pressed against each other: the sum of theirs.
 
@@ -343,8 +188,8 @@ def pair_compliance(
 
 @eqx.filter_jit
 def _pair(
-    elastomer: Deformable,
-    object_: Deformable,
+    elastomer: AbstractBody,
+    object_: AbstractBody,
     integrals: Mapping[str, AnyArray],
     grid: Grid,
     smooth: bool,

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.arrays import AnyArray, is_traced, refuse
+from contactmodel.common.arrays import AnyArray, is_traced, refuse
 
 Numbers = ArrayLike | Sequence[float]
 

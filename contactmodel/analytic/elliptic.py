@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from contactmodel.arrays import AnyArray, Value, as_arrays
+from contactmodel.common.arrays import AnyArray, Value, as_arrays
 
 _TINY = 1e-9  # κ below which K = ln(4/κ) and E = 1 to rounding
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.arrays import AnyArray, Value, as_arrays
+from contactmodel.common.arrays import AnyArray, Value, as_arrays
 
 
 def gauss(count: int) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:

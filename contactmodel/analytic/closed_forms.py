@@ -18,11 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from contactmodel.arrays import AnyArray, Value, as_arrays, refuse
-from contactmodel.elliptic import complete_elliptic
-from contactmodel.quadrature import POINTS, WEIGHTS, gauss, space_by_ratio
-from contactmodel.reversals import masing as masing
-from contactmodel.reversals import open_turns as open_turns
+from contactmodel.analytic.elliptic import complete_elliptic
+from contactmodel.analytic.quadrature import POINTS, WEIGHTS, gauss, space_by_ratio
+from contactmodel.common.arrays import AnyArray, Value, as_arrays, refuse
 
 Density = Callable[[Any], Any]
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from typer.core import TyperGroup
 
-from contactmodel.cache import cache_folder
+from contactmodel.common.cache import cache_folder
 
 errors = Console(stderr=True)
 say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)

@@ -15,8 +15,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 from scipy.special import jv
 
-from contactmodel.arrays import AnyArray
-from contactmodel.transfer import base_transfer
+from contactmodel.common.arrays import AnyArray
+from contactmodel.elasticity.transfer import base_transfer
 
 REACH = 40.0  # in thicknesses; beyond, a layer's displacement is below 1e-12 of the half-space's
 _WAVES = 22.0  # the integrands fall at least like e^{−x}

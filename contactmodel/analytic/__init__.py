@@ -1,0 +1,5 @@
+"""Closed forms of axisymmetric contact, and what a twist to and fro leaves."""
+
+from contactmodel.common.lazy import public_names
+
+__getattr__, __dir__, __all__ = public_names(__name__, __file__)

@@ -1,0 +1,1 @@
+"""What the modules of all four packages share: files, checks, commands, versions."""

@@ -1,0 +1,1 @@
+"""How the two bodies give way: their laws, and the displacement of a grid's cells."""
