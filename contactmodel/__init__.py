@@ -1,4 +1,4 @@
-"""Differentiable contact of two elastic bodies with Coulomb friction, in JAX.
+"""Differentiable contact of two elastic bodies with friction, in JAX.
 
 Lengths are in mm, forces in N, stresses in MPa, angles in rad (degrees only where a name ends in
 `_deg`). Rotations are counter-clockwise positive, seen from the object looking at the elastomer

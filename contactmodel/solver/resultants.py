@@ -4,6 +4,12 @@ Newton's method on the motion, with the derivative of the resultants that the so
 From rest it approaches from below, as friction gives way under growing motion. Once everything
 slides and the resultants are still short, friction carries no more. A normal force begins at the
 approach that was given or, where that is far too small or too large, at an estimate of it.
+
+The loop is our own: optimistix's root finders have neither the longest steps nor the verdicts. On
+four cases of the tests that can be met (24², all four given) this one solves the contact 5 to 7
+times, its Newton's method 10 to 14, Dogleg 12 to 16, Levenberg–Marquardt 24 to 50; where friction
+cannot carry what is asked for it says so after 4 to 14, they after all the steps they may take.
+Compiling takes as long.
 """
 
 from typing import NamedTuple

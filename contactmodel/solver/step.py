@@ -7,6 +7,7 @@ there, with the slip of the step before.
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -106,8 +107,9 @@ def rest(pose: Pose, grid: Grid) -> Memory:
     dtype = pose.approach.dtype
     zero, none = jnp.zeros((), dtype), jnp.zeros(grid.shape, dtype)
     still = jnp.zeros((2, *grid.shape), dtype)
-    centre = jnp.asarray(pose.centre).reshape(-1, 2)[0]
-    before = Pose(zero, still[:, 0, 0], zero, centre, pose.linear)
+    centre = pose.centre.reshape(-1, 2)[0]
+    parts = (zero, jnp.zeros(2, dtype), zero, centre)  # not by `Pose`, which would check them
+    before = eqx.tree_at(lambda p: (p.approach, p.shift, p.twist, p.centre), pose, parts)
     earlier = Earlier(before, none, still)
     return Memory(jnp.zeros((), bool), before, none, still, still, zero, earlier)
 

@@ -32,13 +32,12 @@ from contactmodel import (
     Paraboloid,
     Pose,
     Rigid,
-    derivative,
-    joint,
     make_path,
     solve_contact,
     solve_path,
 )
 from contactmodel.elasticity.compliance import pair_compliance
+from contactmodel.solver import derivative, newton
 from contactmodel.solver.friction import find_sets
 from contactmodel.solver.linear import Operator, conjugate_residuals
 from contactmodel.solver.tangent import Tangent
@@ -78,7 +77,8 @@ def by_lineax(name: str) -> Callable[..., tuple[Array, Array]]:
         preconditioner: Operator,
         *,
         rtol: ArrayLike,
-        max_steps: int,
+        max_steps: ArrayLike,
+        kept: int = 0,
     ) -> tuple[Array, Array]:
         structure = jax.eval_shape(lambda: rhs)
         tags = lineax.positive_semidefinite_tag if name == "CG" else ()
@@ -86,7 +86,8 @@ def by_lineax(name: str) -> Callable[..., tuple[Array, Array]]:
         matrix = lineax.FunctionLinearOperator(operator, structure, tags)
         inverse = lineax.FunctionLinearOperator(preconditioner, structure, inverse_tags)
         options = {"preconditioner": inverse}
-        solver = SOLVERS[name](rtol * norm(rhs), max_steps)  # lineax's rtol is cell by cell
+        most = kept or MOST  # lineax wants a known number; Newton's method keeps all of its few
+        solver = SOLVERS[name](rtol * norm(rhs), most)  # lineax's rtol is cell by cell
         end = lineax.linear_solve(matrix, rhs, solver, options=options, throw=False)
         return end.value, end.stats["num_steps"].astype(jnp.int32)
 
@@ -200,7 +201,7 @@ def compare_paths(cells: int, pad: str) -> Iterator[tuple[str, ...]]:
 def replaced(solver: Callable) -> Iterator[None]:
     """Another linear solver in Newton's method and in the derivative, compiled anew."""
     jax.clear_caches()
-    homes = (joint, derivative)
+    homes = (newton, derivative)
     for home in homes:
         home.conjugate_residuals = solver
     try:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contactmodel import inputs
+from contactmodel.common import inputs
 from contactmodel.common.stored import read_array, read_arrays
 
 
