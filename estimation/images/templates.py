@@ -3,7 +3,9 @@
 Most dots of a sensor look alike. The model and its derivatives are tabulated once, for centres on
 a grid finer than a pixel and for some radii; a dot is then fitted by linear least squares about
 the nearest entry, twice. An error of the entry's shape changes the dot evenly on both sides of its
-centre, so that to first order it leaves the centre alone.
+centre, so that to first order it leaves the centre alone. To second order it does not: dots that
+are far from round, as under a camera that looks from the side, are fitted once more in a frame in
+which they are round.
 """
 
 from functools import lru_cache
@@ -19,6 +21,8 @@ PARTS = 8
 """Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
 SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
 """Radii tabulated, as multiples of the typical one."""
+ELONGATED, LINE = 1.15, 3.0
+"""Ratio of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
 DAMPING = 1e-5
 """Share of each diagonal element that is added to it, as in the full fit."""
 
@@ -98,7 +102,51 @@ def fit_alike(
     centre = np.clip(centre + moved / np.maximum(far, 1.0)[:, None], -0.499, limit)
     radius = np.sqrt(np.abs(np.linalg.det(rough.axes))) / style.radius
     size = np.abs(np.log(np.maximum(radius, 1e-3))[:, None] - np.log(SIZES)).argmin(axis=1)
-    return _fit_linear(padded, margin, templates, centre, size, style)
+    dots = _fit_linear(padded, margin, templates, centre, size, style)
+    return _refit_elongated(grey, templates, dots, style)
+
+
+def _refit_elongated(
+    grey: Float[np.ndarray, "h w"], templates: Templates, dots: Dots, style: DotStyle
+) -> Dots:
+    """Fit elongated dots about the entry for a dot in the middle, each as its own frame shows it.
+
+    Dots that the picture's border cuts stay as they are.
+    """
+    longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
+    far = np.flatnonzero((longest > ELONGATED * shortest) & (longest < LINE * shortest))
+    frame = dots.axes[far] / style.radius
+    window = np.stack([templates.dx, templates.dy]).astype(float)
+    place = dots.centre[far, :, None] + frame @ window
+    last = np.array(grey.shape[::-1])[:, None] - 1.0
+    inside = ((place >= 0.0) & (place <= last)).all(axis=(1, 2))
+    far, frame, place = far[inside], frame[inside], place[inside]
+    if not len(far):
+        return dots
+    x, y = place.astype(np.float32).transpose(1, 0, 2)
+    value = cv2.remap(grey, x, y, cv2.INTER_LINEAR)
+    value -= value.mean(axis=1, keepdims=True)
+    entry = (SIZES.index(1.0) * (PARTS + 1) + PARTS // 2) * (PARTS + 1) + PARTS // 2
+    gram, inverse = templates.gram[[entry]], templates.inverse[[entry]]
+    found = (value @ templates.solver[entry].T).astype(float)
+    own = _to_dots(found, value, gram, inverse, 1.0 / style.radius, style, float(value.shape[1]))
+    beside = place % 1.0  # what interpolation leaves of the noise; samples are not one a pixel
+    left = ((1.0 - beside) ** 2 + beside**2).prod(axis=1).mean(axis=1) * np.linalg.det(frame)
+    turned = frame.transpose(0, 2, 1)
+    better = own._replace(
+        centre=dots.centre[far] + np.einsum("nij,nj->ni", frame, own.centre),
+        covariance=frame @ own.covariance @ turned / left[:, None, None],
+        axes=_symmetric(frame @ own.axes),
+    )
+    for values, new in zip(dots, better, strict=True):
+        values[far] = new
+    return dots
+
+
+def _symmetric(axes: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 2 2"]:
+    """The symmetric matrices that take the unit circle to the same ellipses."""
+    turn, stretch, _ = np.linalg.svd(axes)
+    return turn * stretch[:, None] @ turn.transpose(0, 2, 1)
 
 
 def _fit_linear(
@@ -134,19 +182,43 @@ def _fit_linear(
         inverse[cut] = _invert(gram[cut])
         products = np.matmul(jacobian, value[cut][..., None])
         found[cut] = np.matmul(inverse[cut], products)[..., 0]
+    start_inverse = 1.0 / (style.radius * np.asarray(SIZES)[size])
+    dots = _to_dots(found, value, gram, inverse, start_inverse, style, count)
+    return dots._replace(centre=pixel + part / PARTS - 0.5 + dots.centre)
+
+
+def _to_dots(
+    found: Float[np.ndarray, "n 10"],
+    value: Float[np.ndarray, "n pixels"],
+    gram: Float[np.ndarray, "#n 10 10"],
+    inverse: Float[np.ndarray, "#n 10 10"],
+    start_inverse: Float[np.ndarray, " n"] | float,
+    style: DotStyle,
+    count: Float[np.ndarray, " n"] | float,
+) -> Dots:
+    """What linear fits say, the centres counted from those of the entries.
+
+    Args:
+        found: the fits' parameters.
+        value: grey levels of the windows, less their mean.
+        gram: of the entries.
+        inverse: of the entries.
+        start_inverse: 1 / radius of the entries [1/px].
+        style: typical blur, and whether the dots are dark.
+        count: pixels of each window.
+    """
     right = np.matmul(gram, found[..., None])[..., 0]
     spread = np.einsum("np,np->n", value, value).astype(float)
     misfit = np.maximum(spread - np.einsum("ni,ni->n", found, right), 0.0)
     height = np.where(np.abs(found[:, 6]) > 1e-3, found[:, 6], 1e-3)
     change = found[:, :6] / height[:, None]
-    start_inverse = 1.0 / (style.radius * np.asarray(SIZES)[size])
     xx, yy, xy = change[:, 2] + start_inverse, change[:, 3] + start_inverse, change[:, 4]
     determinant = xx * yy - xy * xy
     determinant = np.where(np.abs(determinant) > 1e-6, determinant, 1e-6)
     axes = np.stack([yy, -xy, -xy, xx], axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
     variance = misfit / np.maximum(count - 10.0, 1.0) / height**2
     return Dots(
-        centre=pixel + part / PARTS - 0.5 + change[:, :2],
+        centre=change[:, :2],
         covariance=inverse[:, :2, :2] * variance[:, None, None],
         axes=axes,
         contrast=-height if style.dark else height,

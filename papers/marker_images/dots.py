@@ -1,9 +1,12 @@
-"""Dots: both fits beside what no estimator can do better.
+"""Dots: both fits and other programs beside what no estimator can do better.
 
-Pictures of 300 dots of radius 4.3 px, shifted at random within their pixels, drawn on a finer grid
-without the fit's own model. The radius told to the fits is not the true one.
+Pictures of 300 dots of radius 4.3 px, drawn on a finer grid without the fit's own model, shifted at
+random within their pixels: round ones, and ellipses of that area, as a camera that looks from the
+side sees them. The radius told to the fits is not the true one. A dot that a program does not find
+within a radius is missed, and left out of its errors.
 """
 
+from itertools import product
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -17,35 +20,46 @@ from estimation.images.render import Camera, render_dots
 from estimation.images.templates import fit_alike
 from papers.items import Track
 from papers.marker_images import settings
+from papers.marker_images.rivals import RIVALS
 
-FITS = {"in full": fit_dots, "by the table": fit_alike}
+FITS = {"in full": fit_dots, "by the table": fit_alike, **RIVALS}
 RADIUS, TOLD = 4.3, 4.0
 """Radius of the dots, and what the fits start from [px]."""
+SHAPES = {"round": np.eye(2), "1.3 to 1": np.array([[1.056, 0.126], [0.126, 0.962]])}
+"""What takes the unit circle to the dots' rims, by their radius; the areas are equal."""
 
 
 class DotErrors(NamedTuple):
-    """Measured minus true positions [px], and what the fits claim of a coordinate [px]."""
+    """Measured minus true positions [px], and what the fits claim of a coordinate [px].
 
-    position: Float[np.ndarray, "noises fits dots 2"]
-    claimed: Float[np.ndarray, "noises fits dots"]
+    NaN where a dot was missed, or nothing is claimed.
+    """
+
+    position: Float[np.ndarray, "noises shapes fits dots 2"]
+    claimed: Float[np.ndarray, "noises shapes fits dots"]
 
 
-def position_limit(noise: float, radius: float, contrast: float, blur: float) -> float:
-    """Cramér–Rao bound of a coordinate [px].
+def position_limit(
+    noise: float, axes: Float[np.ndarray, "2 2"], contrast: float, blur: float
+) -> float:
+    """Cramér–Rao bound of a coordinate, root mean square of both [px].
 
-    Amplitude, background, radius and blur are orthogonal to the position by symmetry. Information
-    on x is ∫ (∂I/∂x)² dA / noise², with the profile of an edge under the blur.
+    Amplitude, background, size and blur are orthogonal to the position by symmetry. Information is
+    ∫ ∇I ∇Iᵀ dA / noise², along the rim, with the profile of a straight edge under the blur.
 
     Args:
         noise: of each pixel, white [grey levels].
-        radius: of the dot [px].
+        axes: takes the unit circle to the dot's rim [px].
         contrast: of dot and background [grey levels].
         blur: standard deviation of the point spread [px].
     """
-    step = 0.02
-    r = np.arange(step, radius + 8.0 * blur, step)
-    slope = contrast * np.exp(-0.5 * ((r - radius) / blur) ** 2) / (blur * np.sqrt(2.0 * np.pi))
-    return float((np.pi * np.sum(slope**2 * r) * step / noise**2) ** -0.5)
+    turn = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    along = axes @ np.array([-np.sin(turn), np.cos(turn)])  # of the rim, by turn
+    length = np.hypot(*along)
+    normal = np.array([along[1], -along[0]]) / length
+    rim = (normal * length) @ normal.T * (turn[1] - turn[0])
+    information = contrast**2 / (2.0 * np.sqrt(np.pi) * blur * noise**2) * rim
+    return float(np.sqrt(0.5 * np.trace(np.linalg.inv(information))))
 
 
 def compute(quick: bool = False, track: Track = iter) -> DotErrors:
@@ -53,56 +67,80 @@ def compute(quick: bool = False, track: Track = iter) -> DotErrors:
     rng = np.random.default_rng(1)
     grid = np.stack(np.meshgrid(np.arange(20) * 30 + 35, np.arange(15) * 30 + 30), -1)
     grid = grid.reshape(-1, 2)
-    style, errors, claimed = DotStyle(dark=True, radius=TOLD), [], []
-    for noise in track(settings.NOISES):
+    cases = [(noise, shape) for noise in settings.NOISES for shape in SHAPES.values()]
+    errors, claimed = [], []
+    for noise, shape in track(cases):
         camera = Camera(noise=noise, blur=settings.BLUR, contrast=settings.CONTRAST)
         parts = []
         for _ in range(3 if quick else 20):
             truth = grid + rng.uniform(-0.5, 0.5, grid.shape)
-            axes = np.broadcast_to(RADIUS * np.eye(2), (len(grid), 2, 2))
-            grey = to_grey(render_dots(camera, truth, axes, rng), dark=True)
-            seeds = find_seeds(grey, style)
-            for fit in FITS.values():
-                dots = fit(grey, seeds, style)
-                nearest = KDTree(dots.centre).query(truth)[1]
-                deviation = np.sqrt(dots.covariance[nearest, 0, 0])
-                parts.append((dots.centre[nearest] - truth, deviation))
-        of_fit = [parts[i :: len(FITS)] for i in range(len(FITS))]
-        errors.append([np.concatenate([one[0] for one in some]) for some in of_fit])
-        claimed.append([np.concatenate([one[1] for one in some]) for some in of_fit])
-    return DotErrors(np.array(errors), np.array(claimed))
+            parts.append(_measure(camera, truth, RADIUS * shape, rng))
+        errors.append(np.concatenate([error for error, _ in parts], axis=1))
+        claimed.append(np.concatenate([deviation for _, deviation in parts], axis=1))
+    size = (len(settings.NOISES), len(SHAPES), len(FITS), -1)
+    return DotErrors(np.reshape(errors, (*size, 2)), np.reshape(claimed, size))
+
+
+def _measure(
+    camera: Camera,
+    truth: Float[np.ndarray, "n 2"],
+    axes: Float[np.ndarray, "2 2"],
+    rng: np.random.Generator,
+) -> tuple[Float[np.ndarray, "fits n 2"], Float[np.ndarray, "fits n"]]:
+    """Errors of all fits in one picture, and what they claim; NaN where a dot was missed."""
+    style = DotStyle(dark=True, radius=TOLD)
+    shapes = np.broadcast_to(axes, (len(truth), 2, 2))
+    grey = to_grey(render_dots(camera, truth, shapes, rng), dark=True)
+    seeds = find_seeds(grey, style)
+    errors, claimed = [], []
+    for fit in FITS.values():
+        dots = fit(grey, seeds, style)
+        distance, nearest = KDTree(dots.centre).query(truth)
+        seen = np.where(distance < RADIUS, 1.0, np.nan)
+        errors.append(seen[:, None] * (dots.centre[nearest] - truth))
+        claimed.append(seen * np.sqrt(0.5 * np.trace(dots.covariance[nearest], axis1=1, axis2=2)))
+    return np.array(errors), np.array(claimed)
 
 
 def tables(result: DotErrors) -> dict[str, list[dict[str, object]]]:
-    """One row per noise and fit."""
+    """One row per noise, shape and fit."""
     rows = []
-    for n, noise in enumerate(settings.NOISES):
-        limit = position_limit(noise, RADIUS, settings.CONTRAST, settings.BLUR)
+    for (n, noise), (s, shape) in product(enumerate(settings.NOISES), enumerate(SHAPES)):
+        limit = position_limit(noise, RADIUS * SHAPES[shape], settings.CONTRAST, settings.BLUR)
         for f, fit in enumerate(FITS):
-            error = result.position[n, f]
-            bias = float(np.abs(error.mean(axis=0)).max())
+            error, claimed = result.position[n, s, f], result.claimed[n, s, f]
+            seen = np.isfinite(error[:, 0])
+            told = claimed[np.isfinite(claimed)]
+            error, bias = error[seen], float(np.abs(error[seen].mean(axis=0)).max())
             rows.append(
                 {
                     "noise": noise,
+                    "shape": shape,
                     "fit": fit,
-                    "dots": len(error),
+                    "dots": len(seen),
+                    "missed": int((~seen).sum()),
                     "position [px]": round(float(error.std()), 5),
                     "bound [px]": round(limit, 5),
                     "over the bound": round(float(error.std()) / limit, 3),
                     "bias [px]": round(bias, 5),
                     "bias over the bound": round(bias / limit, 3),
-                    "claimed [px]": round(float(np.sqrt(np.mean(result.claimed[n, f] ** 2))), 5),
+                    "claimed [px]": round(float(np.sqrt(np.mean(told**2))), 5) if len(told) else "",
                 }
             )
     return {"": rows}
 
 
 def plot(result: DotErrors) -> Figure:
-    """Distribution of the errors of each fit at each noise."""
-    figure, axes = plt.subplots(1, len(settings.NOISES), figsize=(9, 3), layout="constrained")
-    for n, (axis, noise) in enumerate(zip(axes, settings.NOISES, strict=True)):
+    """Distribution of the errors of each fit, by noise and shape."""
+    figure, axes = plt.subplots(
+        len(SHAPES), len(settings.NOISES), figsize=(9, 5), sharex="col", layout="constrained"
+    )
+    for (s, shape), (n, noise) in product(enumerate(SHAPES), enumerate(settings.NOISES)):
         for f, fit in enumerate(FITS):
-            axis.hist(result.position[n, f].ravel(), 60, histtype="step", density=True, label=fit)
-        axis.set(title=f"noise {noise:g} levels", xlabel="position error [px]")
-    axes[0].legend()
+            error = result.position[n, s, f].ravel()
+            error = error[np.isfinite(error)]
+            axes[s, n].hist(error, 60, histtype="step", density=True, label=fit)
+        axes[s, n].set(title=f"{shape}, noise {noise:g} levels")
+        axes[-1, n].set_xlabel("position error [px]")
+    axes[0, 0].legend(fontsize=8)
     return figure
