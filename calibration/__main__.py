@@ -96,14 +96,16 @@ def softness(
     ] = 0.0,
 ) -> None:
     """Fit k and L of objects to references: softness.toml for --softness, and a report."""
+    from functools import partial
+
     from rich.progress import Progress
 
+    from calibration.softness.readings import Layer
     from calibration.softness.report import (
         ReferenceSettings,
         fit_objects,
-        gather_trials,
+        gather_grasps,
         write_fits,
-        write_layered,
         write_two_fingers,
     )
     from estimation.noise import Noise
@@ -111,21 +113,19 @@ def softness(
     check_writable(out)
     told = None if noise_um is None else Noise.given(noise_um * 1e-3)
     found = _read(recordings)
-    settings = ReferenceSettings(flip, zeroed, same_clock)
+    files = ["softness.toml"]
     with _results(out, "softness") as folder:
         if second_ratio is not None:
             lines = write_two_fingers(found, second_ratio, told, clock_search, folder)
             files = ["first.toml", "second.toml"]
-        elif thickness_mm is not None:
-            layer = (thickness_mm, depth_mm)
-            lines = write_layered(found, reference or [], settings, told, layer, folder)
-            files = ["softness.toml"]
         else:
+            settings = ReferenceSettings(flip, zeroed, same_clock)
+            grasps = gather_grasps(found, reference or [], thing or [], settings, told)
+            layer = None if thickness_mm is None else Layer(thickness_mm, depth_mm)
             with Progress(console=errors) as progress:
-                tracked = progress.track(found, description="recordings")
-                trials = gather_trials(found, reference or [], thing or [], settings, told, tracked)
-            lines = write_fits(fit_objects(trials, load, clock_search), folder)
-            files = ["softness.toml"]
+                track = partial(progress.track, description="recordings")
+                fits = fit_objects(grasps, load, clock_search, layer, track)
+            lines = write_fits(fits, folder)
     _conclude(lines, out, *files)
 
 

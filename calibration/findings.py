@@ -1,4 +1,4 @@
-"""The report of a fit: one picture, what was found, and notes."""
+"""The report of a fit: its pictures, what was found, and notes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,36 +12,33 @@ from estimation.report import figure_png, render_page
 
 def write_findings(
     out: Path,
-    name: str,
-    figure: Figure,
+    figures: Mapping[str, tuple[Figure, str]],
     *,
     title: str,
     lead: Sequence[str],
-    caption: str,
     lists: Mapping[str, Sequence[str]] | None = None,
     tables: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write the picture and a self-contained report.html with it.
+    """Write the pictures and a self-contained report.html with them.
 
     Args:
         out: folder.
-        name: file of the picture.
-        figure: the picture.
+        figures: the pictures by the names of their files, each with its caption.
         title: of the page.
         lead: lines of what was found.
-        caption: below the picture.
         lists: lines under headings of their own.
         tables: rows under headings of their own.
     """
-    image = figure_png(figure)
+    images = {name: figure_png(figure) for name, (figure, _) in figures.items()}
     page = render_page(
         "findings.html",
-        {name: image},
+        images,
         title=title,
         lead=lead,
         lists=lists or {},
-        captions={name: caption},
+        captions={name: caption for name, (_, caption) in figures.items()},
         tables=tables or {},
     )
-    write_whole(out / name, image)
+    for name, image in images.items():
+        write_whole(out / name, image)
     write_whole(out / "report.html", page)

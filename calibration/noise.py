@@ -220,13 +220,12 @@ def write_noise(found: RestNoise, out: Path) -> list[str]:
         f"smallest rotation between two frames that is no noise (95 %): {smallest}",
         f"suggested: --angle-floor-deg {found.angle_floor_deg:.2g} --onset-mm {found.onset:.2g}",
     ]
+    caption = "Noise by axis about mean and drift; its correlation in time."
     write_findings(
         out,
-        "noise.png",
-        plot_noise(found),
+        {"noise.png": (plot_noise(found), caption)},
         title="Noise of the sensor at rest",
         lead=lines,
-        caption="Noise by axis about mean and drift; its correlation in time.",
         lists={"notes": found.notes},
     )
     write_whole(out / "noise.toml", toml_text(found.content()))

@@ -179,15 +179,16 @@ def write_calibration(found: Calibrated, lines: Sequence[str], out: Path) -> Non
         OSError: a file cannot be written.
     """
     lens = found.sensor.lens
+    caption = (
+        "The first picture and the dots found in it; how far each is off a regular lattice, which "
+        "may be bent a little: all alike, a lens not taken off; one by itself, misprinted or found "
+        "badly" + ("." if lens is None else "; how far the lens moves points.")
+    )
     write_findings(
         out,
-        "sensor.png",
-        plot_sensor(found),
+        {"sensor.png": (plot_sensor(found), caption)},
         title="Calibration of a sensor",
         lead=[*lines, *found.remarks],
-        caption="The first picture and the dots found in it; how far each is off a regular "
-        "lattice, which may be bent a little: all alike, a lens not taken off; one by itself, "
-        "misprinted or found badly" + ("." if lens is None else "; how far the lens moves points."),
     )
     write_sensor(found.sensor, out / "sensor.toml")
 

@@ -10,6 +10,7 @@ from estimation.contact import ONSET_MM, SHARE, reaches_edge
 from estimation.fields import Fields, measure_fields
 from estimation.recording import Frame, MarkerLayout
 from estimation.softness import ScalarSoftness, Softness
+from estimation.softness.lifting import displacement_as_seen
 from estimation.stencils import make_stencils
 from estimation.stick import MIN_STICK_MARKERS, check_positive, check_share
 
@@ -67,6 +68,7 @@ class Observer:
         self.onset_mm = check_positive("onset_mm", onset_mm)
         self.contact_share = check_share("contact_share", contact_share)
         self._lifting = softness.lifting(self.stencils.reference[:, :2])
+        self._layout = layout
         self._time = -np.inf
 
     def observe(self, frame: Frame) -> Observation:
@@ -107,19 +109,10 @@ class Observer:
         return ""
 
     def _lift(self, frame: Frame) -> tuple[Frame, Float[np.ndarray, "n 2"] | None]:
-        """The frame that the softness wants to see, and the displacement that the markers show.
-
-        A marker that is not seen counts with the mean of its neighbours.
-        """
+        """The frame that the softness wants to see, and the displacement that the markers show."""
         if self._lifting is None:
             return frame, None
-        moved = (frame.positions - self.stencils.reference[:, : frame.positions.shape[1]])[:, :2]
-        seen = frame.valid
-        beside = self.stencils.neighbours
-        counts = (beside >= 0) & seen[beside]
-        total = np.sum(np.where(counts[..., None], moved[beside], 0.0), axis=1)
-        mean = total / np.maximum(counts.sum(axis=1), 1)[:, None]
-        moved = np.where(seen[:, None], moved, mean)
+        moved = displacement_as_seen(self._layout, frame.positions, frame.valid)
         positions = frame.positions.copy()
         positions[:, :2] += self._lifting.of(moved)
         rotation = frame.rotation

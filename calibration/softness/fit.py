@@ -2,42 +2,40 @@
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (12) and (13).
-[DerSimonian1986] R. DerSimonian, N. Laird, "Meta-analysis in clinical trials", for the scatter
-between grasps; [Hartung2001] J. Hartung, G. Knapp, Statistics in Medicine 20, for its interval.
 
 Eq. (12), of increments, differs from Eq. (13), of totals, by an unknown start: a reference with a
-zero of its own gets a free zero in every trial, and tells k, not L.
+zero of its own gets a free zero in every trial, and tells k, not L. On an elastomer of finite
+thickness the same line is fitted to what lifting makes of the rotation; h → ∞ is the thick one.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
-from calibration.softness.checks import check_frames, check_line, check_points, check_sensors
-from calibration.softness.references import NO_REFERENCE
-from calibration.softness.regression import (
-    Columns,
-    Line,
-    Series,
-    find_clock_offset,
-    fit_line,
-    total_error,
+from calibration.softness.checks import (
+    check_frames,
+    check_line,
+    check_points,
+    check_sensors,
+    report_findings,
 )
+from calibration.softness.readings import (
+    HALF_SPACE,
+    Layer,
+    find_clock_offset,
+    make_series,
+)
+from calibration.softness.references import NO_REFERENCE
+from calibration.softness.regression import Columns, Line, Problem, fit_line, total_error
+from calibration.softness.scatter import Slope, combine_slopes
 from calibration.softness.trials import Trial
 from estimation.estimators.measurement import Z95
-from estimation.softness import ScalarSoftness, Validity
+from estimation.softness import LayeredSoftness, ScalarSoftness, Validity
 from estimation.softness.scalar import Covariance
-
-MOST_COVERED = 0.5
-"""Share of the frames from which a reference counts as long as the recording."""
-
-SCATTER_LEVEL = 0.02
-"""Chance of such disagreement between equal grasps below which they count as unequal."""
 
 
 class Candidate(NamedTuple):
@@ -106,7 +104,7 @@ class SoftnessFit:
         line: the fit behind it.
     """
 
-    softness: ScalarSoftness
+    softness: ScalarSoftness | LayeredSoftness
     stiffness_ratio: float
     low: float
     high: float
@@ -121,17 +119,24 @@ class SoftnessFit:
 
 
 def fit_softness(
-    trials: Sequence[Trial], *, model: str | None = None, clock_search: float = 1.0
+    trials: Sequence[Trial],
+    *,
+    model: str | None = None,
+    clock_search: float = 1.0,
+    layer: Layer | None = None,
 ) -> SoftnessFit:
     """Fit k and L of one object, or of a class of them, to one or more trials.
 
-    Both variables have errors (functional relation, [York2004] of `softness_line`), readings far
+    Both variables have errors (functional relation, [York2004] of `regression`), readings far
     off count less or not at all, and the clocks of trials that have two are brought together.
 
     Args:
         trials: grasps of the object.
         model: one of `LOAD_MODELS`; the one with the lowest BIC unless given.
         clock_search: how far two clocks may be apart at most [s].
+        layer: the elastomer that the trials' frames were lifted for, which has no load term
+            besides; thickness and depth are fitted too as far as they are uncertain. None for a
+            thick one.
 
     Raises:
         ValueError: what the trials hold cannot give k; the message says what to measure instead.
@@ -140,14 +145,21 @@ def fit_softness(
         raise ValueError(f"no trial: {NO_REFERENCE}")
     check_sensors(trials)
     check_frames(trials)
-    series = [_series(trial, clock_search) for trial in trials]
-    offsets = np.array([find_clock_offset(one) for one in series])
-    check_points(trials, series, offsets)
-    single = [_fit_alone(one, offset) for one, offset in zip(series, offsets, strict=True)]
+    model = model if layer is None else "none"
+    pad = layer or HALF_SPACE
+    series = [make_series(trial, clock_search) for trial in trials]
+    offsets = np.array([find_clock_offset(one, pad) for one in series])
+    check_points(trials, series, offsets, pad, zeroed=model == "none")
+    known = pad._replace(thickness_error=0.0, depth_error=0.0)
+    single = [
+        fit_line(Problem([one], _alone(trial, model), known), np.array([offset]))
+        for trial, one, offset in zip(trials, series, offsets, strict=True)
+    ]
     for trial, one, line in zip(trials, series, single, strict=True):
         check_line(trial, one, line)
     offsets = np.array([line.clock_offsets[0] for line in single])
-    lines = {name: fit_line(series, columns, offsets) for name, columns in _models(trials).items()}
+    columns = _models(trials) if layer is None else {"none": _models(trials)["none"]}
+    lines = {name: fit_line(Problem(series, one, pad), offsets) for name, one in columns.items()}
     candidates = _rank(lines)
     chosen = model or candidates[0].model
     if chosen not in lines:
@@ -156,38 +168,15 @@ def fit_softness(
             "references that count from the contact; 'by force' takes recorded forces that differ "
             "from trial to trial, 'per grasp' more than one trial"
         )
-    return _conclude(trials, single, chosen, candidates, lines[chosen])
+    slope = combine_slopes(trials, single, lines[chosen])
+    grasps = list(zip(trials, single, strict=True))
+    return _conclude(grasps, slope, chosen, candidates, lines[chosen], layered=layer is not None)
 
 
-def _series(trial: Trial, clock_search: float) -> Series:
-    """A trial's points on the recording's clock, at no more readings than there are frames."""
-    reference = trial.reference
-    origin = trial.start if reference.same_clock else reference.time[0]
-    time, angle, error = reference.time - origin, reference.angle, reference.error
-    interval = float(np.median(np.diff(trial.time)))
-    if np.median(np.diff(time)) < 0.6 * interval:
-        bins = np.floor((time - time[0]) / interval).astype(int)
-        known = np.isfinite(angle)
-        count = np.bincount(bins[known], minlength=bins.max() + 1)
-        full = count > 0
-        time, angle, error = (
-            np.bincount(bins[known], value[known], minlength=len(count))[full] / count[full]
-            for value in (time, angle, error)
-        )
-    return Series(
-        time=time,
-        reference=angle,
-        reference_error=error,
-        frame_time=trial.time - trial.start,
-        rotation=trial.rotation,
-        rotation_error=np.maximum(trial.error, 1e-9),
-        search=0.0 if reference.same_clock else clock_search,
-    )
-
-
-def _fit_alone(one: Series, offset: float) -> Line:
-    """A trial by itself, its zero free."""
-    return fit_line([one], Columns(np.zeros(1, dtype=int), np.ones(1)), np.array([offset]))
+def _alone(trial: Trial, model: str | None) -> Columns:
+    """Beside the slope of a trial by itself: its zero, unless that is known to be 0."""
+    known = model == "none" and trial.reference.zeroed
+    return Columns(np.array([-1 if known else 0]), np.ones(1))
 
 
 def _models(trials: Sequence[Trial]) -> dict[str, Columns]:
@@ -235,62 +224,16 @@ def _rank(lines: Mapping[str, Line]) -> tuple[Candidate, ...]:
     return tuple(sorted(found, key=lambda one: one.bic))
 
 
-class _Slope(NamedTuple):
-    """Slope over trials: its variance, freedom, the scatter between trials and its chance."""
-
-    value: float
-    variance: float
-    freedom: float
-    scatter: float
-    chance: float
-
-
-def _combine(trials: Sequence[Trial], single: Sequence[Line], line: Line) -> _Slope:
-    """The common slope; where trials, or objects, disagree the mean of the scattered ones."""
-    common = _Slope(line.slope, float(line.covariance[0, 0]), line.freedom, 0.0, float("nan"))
-    things = sorted({trial.thing for trial in trials})
-    parts = [
-        _average([one for one, trial in zip(single, trials, strict=True) if trial.thing == thing])
-        for thing in things
-    ]
-    whole = parts[0] if len(parts) == 1 else _average(parts)
-    if any(part.scatter for part in (*parts, whole)):
-        return whole
-    return common._replace(chance=whole.chance)
-
-
-def _average(parts: Sequence[Line | _Slope]) -> _Slope:
-    """Mean of slopes, random effects where they disagree ([DerSimonian1986], [Hartung2001])."""
-    slopes = np.array([part.slope if isinstance(part, Line) else part.value for part in parts])
-    variances = np.array(
-        [part.covariance[0, 0] if isinstance(part, Line) else part.variance for part in parts]
-    )
-    count = len(slopes)
-    freedom = float(np.sum([part.freedom for part in parts]))
-    weight = 1.0 / variances
-    mean = float(weight @ slopes / weight.sum())
-    if count == 1:
-        return _Slope(mean, float(variances[0]), freedom, 0.0, float("nan"))
-    disagreement = float(weight @ (slopes - mean) ** 2)
-    chance = float(scipy.stats.chi2.sf(disagreement, count - 1))
-    if chance >= SCATTER_LEVEL:
-        return _Slope(mean, float(1.0 / weight.sum()), freedom, 0.0, chance)
-    excess = disagreement - (count - 1)
-    between = excess / float(weight.sum() - (weight**2).sum() / weight.sum())
-    weight = 1.0 / (variances + between)
-    mean = float(weight @ slopes / weight.sum())
-    variance = float(weight @ (slopes - mean) ** 2 / ((count - 1) * weight.sum()))
-    return _Slope(mean, variance, count - 1.0, float(np.sqrt(max(between, 0.0))), chance)
-
-
 def _conclude(
-    trials: Sequence[Trial],
-    single: Sequence[Line],
+    grasps: Sequence[tuple[Trial, Line]],
+    slope: Slope,
     model: str,
     candidates: tuple[Candidate, ...],
     line: Line,
+    *,
+    layered: bool,
 ) -> SoftnessFit:
-    slope = _combine(trials, single, line)
+    trials = [trial for trial, _ in grasps]
     half = float(scipy.stats.t.ppf(0.975, slope.freedom) * np.sqrt(slope.variance))
     k = slope.value - 1.0
     zeroed = np.array([trial.reference.zeroed for trial in trials])
@@ -298,25 +241,24 @@ def _conclude(
     # coefficients follow the slope where the scatter has moved it
     follow = line.covariance[0, 1:] / line.covariance[0, 0]
     moved = line.coefficients + follow[: len(line.coefficients)] * (slope.value - line.slope)
-    load, covariance = _load_term(line, moved[:loads], follow[:loads], slope)
-    softness = ScalarSoftness(
-        stiffness_ratio=max(k, 0.0),
-        load_term=load,
-        covariance=covariance,
-        load_by_force=model == "by force",
-        validity=_validity(trials),
-        provenance={
-            "contactmodel": version("contactmodel"),
-            "recordings": [trial.name for trial in trials],
-            "objects": sorted({trial.thing for trial in trials}),
-            "references": sorted({trial.reference.source for trial in trials}),
-            "load_model": model,
-            "scatter_between_grasps": slope.scatter,
-            "stiffness_ratio_as_fitted": k,
-            "stiffness_ratio_95": [k - half, k + half],
-        },
-    )
-    undetermined, notes = _tell(trials, slope, half, line, loads)
+    provenance = {
+        "contactmodel": version("contactmodel"),
+        "recordings": [trial.name for trial in trials],
+        "objects": sorted({trial.thing for trial in trials}),
+        "references": sorted({trial.reference.source for trial in trials}),
+        "load_model": model,
+        "scatter_between_grasps": slope.scatter,
+        "stiffness_ratio_as_fitted": k,
+        "stiffness_ratio_95": [k - half, k + half],
+    }
+    if layered:
+        softness = _layered(line, slope, _validity(trials), provenance)
+    else:
+        load, covariance = _load_term(line, moved[:loads], follow[:loads], slope)
+        softness = ScalarSoftness(
+            max(k, 0.0), load, covariance, model == "by force", _validity(trials), provenance
+        )
+    undetermined, notes = report_findings(trials, slope, half, line, loads)
     shown = moved[np.minimum(np.cumsum(zeroed) - 1, loads - 1)] if loads else np.zeros(len(zeroed))
     return SoftnessFit(
         softness=softness,
@@ -327,7 +269,7 @@ def _conclude(
         candidates=candidates,
         grasps=tuple(
             _grasp(trial, alone, float(shown[i]) if zeroed[i] else float("nan"))
-            for i, (trial, alone) in enumerate(zip(trials, single, strict=True))
+            for i, (trial, alone) in enumerate(grasps)
         ),
         scatter=slope.scatter,
         scatter_chance=slope.chance,
@@ -337,12 +279,45 @@ def _conclude(
     )
 
 
+def _widened(slope: Slope) -> float:
+    """Variance of k for the next grasp, few degrees of freedom included, as normal errors have."""
+    widen = (float(scipy.stats.t.ppf(0.975, slope.freedom)) / Z95) ** 2
+    return (slope.variance + slope.scatter**2) * widen
+
+
+def _layered(
+    line: Line, slope: Slope, validity: Validity, provenance: Mapping[str, Any]
+) -> LayeredSoftness:
+    """k, and thickness and depth as far as they were free, with their covariance."""
+    free = np.flatnonzero(line.layer.errors)
+    rows = len(line.covariance) - len(free) + np.arange(len(free))
+    follow = line.covariance[0, rows] / line.covariance[0, 0]
+    values = line.layer.values
+    values[free] += follow * (slope.value - line.slope)
+    pad = line.layer.at(values) if len(free) else line.layer
+    ways = np.zeros((3, 1 + len(free)))  # of k, thickness and depth
+    ways[0, 0], ways[1 + free, 0] = 1.0, follow
+    ways[1 + free, 1 + np.arange(len(free))] = 1.0
+    own = line.covariance[np.ix_(rows, rows)]
+    own = own - np.outer(follow, follow) * line.covariance[0, 0]
+    whole = scipy.linalg.block_diag(_widened(slope), own) if len(free) else [[_widened(slope)]]
+    covariance = ways @ np.asarray(whole) @ ways.T
+    return LayeredSoftness(
+        stiffness_ratio=max(slope.value - 1.0, 0.0),
+        thickness=pad.thickness,
+        depth=pad.depth,
+        covariance=tuple(map(tuple, (0.5 * (covariance + covariance.T)).tolist())),
+        validity=validity,
+        provenance=provenance,
+    )
+
+
 def _load_term(
-    line: Line, loads: np.ndarray, follow: np.ndarray, slope: _Slope
+    line: Line, loads: np.ndarray, follow: np.ndarray, slope: Slope
 ) -> tuple[float, Covariance]:
     """L for the next grasp, and the covariance of (k, L), scatter and few freedoms included."""
     widen = (float(scipy.stats.t.ppf(0.975, slope.freedom)) / Z95) ** 2
-    spread = (slope.variance + slope.scatter**2) * widen
+    spread = _widened(slope)
     if not len(loads):
         return 0.0, ((spread, 0.0), (0.0, 0.0))
     count = len(loads)
@@ -358,17 +333,20 @@ def _load_term(
 
 
 def _validity(trials: Sequence[Trial]) -> Validity:
+    """The contacts that were fitted."""
+
     def ends(values: np.ndarray) -> tuple[float, float]:
         known = values[np.isfinite(values)]
         return (float(known.min()), float(known.max())) if len(known) else (-np.inf, np.inf)
 
-    columns = ([getattr(one, name) for one in trials] for name in
-               ("rotation", "normal_force", "radius"))  # fmt: skip
-    return Validity(*(ends(np.concatenate(column)) for column in columns))
+    # the regression leaves out small turns of lifted frames, which k holds for as well
+    rotation = [np.append(one.rotation, [0.0] * bool(one.seen)) for one in trials]
+    others = ([getattr(one, name) for one in trials] for name in ("normal_force", "radius"))
+    return Validity(*(ends(np.concatenate(column)) for column in (rotation, *others)))
 
 
 def _grasp(trial: Trial, line: Line, load: float) -> GraspFit:
-    free = len(line.covariance) > 2
+    free = len(line.covariance) > 1 + len(line.coefficients)
     return GraspFit(
         name=trial.name,
         thing=trial.thing,
@@ -376,80 +354,8 @@ def _grasp(trial: Trial, line: Line, load: float) -> GraspFit:
         standard_error=float(np.sqrt(line.covariance[0, 0])),
         load_term=load,
         clock_offset=float(line.clock_offsets[0]),
-        clock_error=float(np.sqrt(line.covariance[2, 2])) if free else 0.0,
+        clock_error=float(np.sqrt(line.covariance[-1, -1])) if free else 0.0,
         points=len(line.weight),
         outliers=int((line.weight == 0).sum()),
         excluded=trial.excluded,
     )
-
-
-def _tell(
-    trials: Sequence[Trial],
-    slope: _Slope,
-    half: float,
-    line: Line,
-    loads: int,
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the data cannot tell, and what a reader should know."""
-    undetermined, notes = [], []
-    if half > 0.5 * slope.value:
-        undetermined.append(
-            f"k is only known to ±{half:.2g}: turn further without slip, or take more grasps"
-        )
-    if not any(trial.reference.zeroed for trial in trials):
-        undetermined.append(
-            "L: the references have zeros of their own, so only changes of the angle were used "
-            "(Eq. 12); for L count the reference from the onset of contact"
-        )
-    errors = np.sqrt(np.diag(line.covariance))
-    correlation = np.abs(line.covariance[0, 1:] / (errors[0] * np.maximum(errors[1:], 1e-300)))
-    if loads and (correlation[:loads] > 0.99).any():
-        undetermined.append(
-            "k and L apart: their errors are correlated by more than 0.99; turn both ways from the "
-            "zero, and through more angle"
-        )
-    if loads == 1 and len(line.covariance) > 1 + len(line.coefficients):
-        clocks = slice(1 + len(line.coefficients), None)
-        mixed = np.abs(line.covariance[1, clocks]) / (errors[1] * errors[clocks])
-        if (mixed > 0.99).any():
-            undetermined.append(
-                "L and the clock offset apart: at a steady rate they are the same; hold the object "
-                "still for a moment or turn it back"
-            )
-    if len(trials) == 1:
-        notes.append(
-            "one grasp: the interval holds the noise of the readings, not how k differs from grasp "
-            "to grasp; take three or more"
-        )
-    elif slope.scatter > 0.0:
-        notes.append(
-            f"the grasps disagree (chance {slope.chance:.2g} were k the same): k scatters by "
-            f"{slope.scatter:.3g} between them, and the interval is that of their mean"
-        )
-    else:
-        notes.append(f"the grasps agree within their errors (chance {slope.chance:.2g})")
-    if slope.value < 1.0:
-        notes.append(
-            f"k was fitted as {slope.value - 1.0:.3g}, which no object has; 0 lies within its "
-            "interval and is applied"
-        )
-    excluded = Counter[str]()
-    for number, trial in enumerate(trials):
-        excluded.update(trial.excluded)
-        read = line.points.time[line.points.trial == number]
-        frames = trial.time - trial.start
-        covered = np.mean((frames >= read.min()) & (frames <= read.max()))
-        if covered < MOST_COVERED:
-            notes.append(
-                f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames that "
-                "stick: record it over the whole recording"
-            )
-    notes += [f"left out: {count} frames {reason}" for reason, count in excluded.items()]
-    if outliers := int((line.weight == 0).sum()):
-        notes.append(f"no weight: {outliers} of {len(line.weight)} readings lie far off the line")
-    noise = float(np.median(line.points.rotation_error**2) / np.var(line.points.rotation))
-    notes.append(
-        f"errors of the elastomer's rotation taken into account; least squares without them would "
-        f"read 1 + k low by {100.0 * noise:.2g} %"
-    )
-    return tuple(undetermined), tuple(notes)

@@ -1,4 +1,4 @@
-"""A line through points with errors in both variables, robustly, with clocks that may be apart.
+"""The one regression of softness: a line through readings with errors in both variables, robustly.
 
 [York2004] D. York et al., "Unified equations for the slope, intercept, and standard errors of the
 best straight line", Am. J. Phys. 72 (2004): the functional relation, which treats the true
@@ -7,7 +7,8 @@ low by the share that the rotation's error has in its variance.
 [Huber1981] P. J. Huber, "Robust Statistics", Section 7.6: the covariance of an M-estimate.
 [Beaton1974] A. E. Beaton, J. W. Tukey, Technometrics 16 (1974): the weights.
 
-The line is reference = slope · rotation + columns · coefficients, in trials of their own clocks.
+The line is reference = slope · rotation − load + columns · coefficients, in trials of their own
+clocks; the slope is 1 + k (`readings` has the rotation and the load).
 """
 
 from collections.abc import Sequence
@@ -17,58 +18,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from calibration.softness.readings import HALF_SPACE, Layer, Points, Series, gather_points
+
 BIWEIGHT_CUT = 4.685
 """95 % efficiency for normal errors ([Beaton1974])."""
 
 MAX_STEPS = 60
 HUBER_STEPS = 5
-SEARCH_STEPS = 61
 _CORRELATED = 1.645  # standard errors of a correlation that white noise exceeds in 5 %
 _LEAST_POINTS = 8  # of a trial that tells a correlation
-
-
-class Series(NamedTuple):
-    """One trial's points, by the reference's readings.
-
-    Attributes:
-        time: of the readings, since the trial's first frame [s].
-        reference: the object's angle [rad].
-        reference_error: standard error of the reading [rad]; NaN where unknown.
-        frame_time: of the frames, since the first [s].
-        rotation: φ in the frames [rad].
-        rotation_error: standard error of φ [rad].
-        search: how far the clocks may be apart [s]; 0 where they are one.
-    """
-
-    time: Float[np.ndarray, " readings"]
-    reference: Float[np.ndarray, " readings"]
-    reference_error: Float[np.ndarray, " readings"]
-    frame_time: Float[np.ndarray, " frames"]
-    rotation: Float[np.ndarray, " frames"]
-    rotation_error: Float[np.ndarray, " frames"]
-    search: float
-
-
-class Points(NamedTuple):
-    """All readings that have a rotation, at given clock offsets.
-
-    Attributes:
-        rotation: φ [rad].
-        rate: dφ/dt [rad/s].
-        rotation_error: [rad].
-        reference: [rad].
-        reference_error: [rad]; NaN where unknown.
-        trial: number of the trial.
-        time: of the frames' clock [s].
-    """
-
-    rotation: Float[np.ndarray, " points"]
-    rate: Float[np.ndarray, " points"]
-    rotation_error: Float[np.ndarray, " points"]
-    reference: Float[np.ndarray, " points"]
-    reference_error: Float[np.ndarray, " points"]
-    trial: Int[np.ndarray, " points"]
-    time: Float[np.ndarray, " points"]
 
 
 @dataclass(frozen=True)
@@ -79,7 +37,8 @@ class Line:
         slope: [-].
         coefficients: of the columns [rad].
         clock_offsets: reference's clock less the recording's, by trial [s].
-        covariance: of slope, coefficients and the clock offsets that were free.
+        layer: the elastomer, its free numbers as fitted.
+        covariance: of slope, coefficients and what was free of the clock offsets and the layer.
         freedom: independent points less parameters.
         scale: standard deviation of a residual over its expected error [-], or of the residual
             itself where no reference error is known [rad].
@@ -94,6 +53,7 @@ class Line:
     slope: float
     coefficients: Float[np.ndarray, " columns"]
     clock_offsets: Float[np.ndarray, " trials"]
+    layer: Layer
     covariance: Float[np.ndarray, "parameters parameters"]
     freedom: float
     scale: float
@@ -105,72 +65,111 @@ class Line:
     length: float
 
 
-def gather_points(series: Sequence[Series], clock_offsets: Float[np.ndarray, " trials"]) -> Points:
-    """The readings that fall between frames, with the rotation interpolated to them.
+class Problem(NamedTuple):
+    """What is fitted.
 
-    The rotation is interpolated, not the reference: it is the less noisy of the two. Readings in
-    gaps of more than three frame intervals have none.
+    Attributes:
+        series: the trials.
+        columns: what stands beside the slope, at given points.
+        layer: the elastomer, as it is known beforehand.
     """
-    parts: list[tuple[np.ndarray, ...]] = []
-    for number, (one, offset) in enumerate(zip(series, clock_offsets, strict=True)):
-        at = one.time - offset
-        step = np.diff(one.frame_time)
-        left = np.clip(np.searchsorted(one.frame_time, at) - 1, 0, len(step) - 1)
-        inside = (at >= one.frame_time[0]) & (at <= one.frame_time[-1])
-        inside &= (step[left] <= 3.0 * np.median(step)) & np.isfinite(one.reference)
-        rate = np.gradient(one.rotation, one.frame_time)
-        found = (
-            np.interp(at, one.frame_time, one.rotation),
-            np.interp(at, one.frame_time, rate),
-            np.interp(at, one.frame_time, one.rotation_error),
-            one.reference,
-            one.reference_error,
-            np.full(len(at), number),
-            at,
-        )
-        parts.append(tuple(value[inside] for value in found))
-    return Points(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    series: Sequence[Series]
+    columns: "Columns"
+    layer: Layer = HALF_SPACE
 
 
-def fit_line(
-    series: Sequence[Series],
-    columns: "Columns",
-    clock_offsets: Float[np.ndarray, " trials"],
-) -> Line:
+class _State(NamedTuple):
+    """A line under way."""
+
+    slope: float
+    coefficients: Float[np.ndarray, " columns"]
+    offsets: Float[np.ndarray, " trials"]
+    layer: Layer
+
+    def moved(self, change: np.ndarray, clocks: np.ndarray, numbers: np.ndarray) -> "_State":
+        """After a step of slope, coefficients and what is free of clocks and layer."""
+        parts = np.split(change, np.cumsum([1, len(self.coefficients), clocks.sum()]))
+        offsets, values = self.offsets.copy(), self.layer.values
+        offsets[clocks] += parts[2]
+        values[numbers] += parts[3]
+        layer = self.layer.at(values) if numbers.any() else self.layer
+        slope = self.slope + float(parts[0][0])
+        return _State(slope, self.coefficients + parts[1], offsets, layer)
+
+
+class _Residual(NamedTuple):
+    """A line's residuals, over their errors, and their derivatives by its parameters."""
+
+    points: Points
+    left: Float[np.ndarray, " points"]
+    scaled: Float[np.ndarray, " points"]
+    jacobian: Float[np.ndarray, "points parameters"]
+
+
+def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
+    """Residuals and derivatives; [York2004]: the slope's column is the adjusted rotation."""
+    points = gather_points(problem.series, state.offsets, state.layer)
+    design = problem.columns(points)
+    slope, clocks = state.slope, _free_clocks(problem)
+    left = points.reference - (slope * points.rotation - points.load + design @ state.coefficients)
+    error = total_error(points, slope, found_error)
+    columns = [points.rotation + slope * points.rotation_error**2 * left / error**2, *design.T]
+    columns += [-slope * points.rate * (points.trial == trial) for trial in np.flatnonzero(clocks)]
+    for number in np.flatnonzero(problem.layer.errors):
+        step = 1e-3 * (1.0 + abs(state.layer.values[number])) * np.eye(2)[number]
+        ends = [
+            gather_points(problem.series, state.offsets, state.layer.at(state.layer.values + shift))
+            for shift in (step, 0.0 * step)
+        ]
+        first, last = (slope * one.rotation - one.load for one in ends)
+        columns.append((first - last) / step.sum())
+    return _Residual(points, left, left / error, np.stack(columns, axis=1) / error[:, None])
+
+
+def _free_clocks(problem: Problem) -> Bool[np.ndarray, " trials"]:
+    """Whose clocks are free."""
+    return np.array([one.search > 0.0 for one in problem.series])
+
+
+def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> Line:
     """Fit the line by iteratively reweighted Gauss–Newton steps, from clock offsets near the truth.
 
     Args:
-        series: the trials.
-        columns: what stands beside the slope, at given points.
+        problem: what is fitted.
         clock_offsets: to start from; those with a search of 0 stay.
     """
-    free = np.array([one.search > 0.0 for one in series])
+    clocks, numbers = _free_clocks(problem), problem.layer.errors > 0.0
     offsets = np.array(clock_offsets, dtype=float)
-    points = gather_points(series, offsets)
-    design = columns(points)
-    slope, coefficients, found_error = 1.0, np.zeros(design.shape[1]), np.nan
-    weight = np.ones(len(points.rotation))
+    state = _State(1.0, np.zeros(problem.columns.count), offsets, problem.layer)
+    found_error = np.nan
     for step in range(MAX_STEPS):
-        if step and free.any():
-            points = gather_points(series, offsets)
-            design = columns(points)
-        error = total_error(points, slope, found_error)
-        residual = points.reference - slope * points.rotation - design @ coefficients
-        scaled = residual / error
-        scale = _spread(scaled) if step else _spread(scaled, least=1e-12)
-        weight = _weights(scaled / scale, huber=step < HUBER_STEPS)
-        # [York2004]: the slope's column is the adjusted rotation
-        adjusted = points.rotation + slope * points.rotation_error**2 * residual / error**2
-        jacobian = _jacobian(points, adjusted, design, slope, free) / error[:, None]
-        left = jacobian.T @ (weight[:, None] * jacobian)
-        change = np.linalg.pinv(left, rcond=1e-13) @ (jacobian.T @ (weight * scaled))
-        slope += float(change[0])
-        coefficients = coefficients + change[1 : 1 + design.shape[1]]
-        offsets[free] += change[1 + design.shape[1] :]
-        found_error = _reference_error(points, residual, slope, weight)
-        if step > HUBER_STEPS + 1 and np.abs(change).max() < 1e-7 * max(1.0, abs(slope)):
+        now = _residual(problem, state, found_error)
+        scale = _spread(now.scaled) if step else _spread(now.scaled, least=1e-12)
+        weight = _weights(now.scaled / scale, huber=step < HUBER_STEPS)
+        known, pull = _prior(problem.layer, state.layer, scale, now.jacobian.shape[1])
+        information = now.jacobian.T @ (weight[:, None] * now.jacobian) + known
+        change = np.linalg.pinv(information, rcond=1e-13) @ (
+            now.jacobian.T @ (weight * now.scaled) + pull
+        )
+        found_error = _reference_error(now.points, now.left, state.slope + float(change[0]), weight)
+        state = state.moved(change, clocks, numbers)
+        if step > HUBER_STEPS + 1 and np.abs(change).max() < 1e-7 * max(1.0, abs(state.slope)):
             break
-    return _describe(series, columns, slope, coefficients, offsets, found_error)
+    return _describe(problem, state, found_error)
+
+
+def _prior(
+    before: Layer, now: Layer, scale: float, parameters: int
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """Information that was there beforehand, and its pull, by residuals of this scale."""
+    free = before.errors > 0.0
+    known, pull = np.zeros((parameters, parameters)), np.zeros(parameters)
+    if free.any():
+        weight = (scale / before.errors[free]) ** 2
+        known[-len(weight) :, -len(weight) :] = np.diag(weight)
+        pull[-len(weight) :] = weight * (before.values - now.values)[free]
+    return known, pull
 
 
 class Columns:
@@ -197,89 +196,40 @@ class Columns:
         return picked * self.factor[points.trial][:, None]
 
 
-def find_clock_offset(one: Series) -> float:
-    """The clock offset at which a line fits one trial best, by search [s]."""
-    if one.search == 0.0:
-        return 0.0
-    candidates = np.linspace(-one.search, one.search, SEARCH_STEPS)
-    most = max(len(gather_points([one], np.array([c])).rotation) for c in candidates)
-    best, cost = 0.0, np.inf
-    still = one._replace(search=0.0)
-    for candidate in candidates:
-        points = gather_points([still], np.array([candidate]))
-        if len(points.rotation) < 0.6 * most:
-            continue
-        design = np.stack([points.rotation, np.ones(len(points.rotation))], axis=1)
-        weight = np.ones(len(design))
-        residual = weight
-        for _ in range(5):  # least absolute deviations
-            weighted = weight[:, None] * design
-            found = np.linalg.pinv(design.T @ weighted) @ (weighted.T @ points.reference)
-            residual = points.reference - design @ found
-            weight = 1.0 / np.maximum(np.abs(residual), 1e-6)
-        if (mean := float(np.abs(residual).mean())) < cost:
-            best, cost = float(candidate), mean
-    return best
-
-
-def _describe(
-    series: Sequence[Series],
-    columns: Columns,
-    slope: float,
-    coefficients: np.ndarray,
-    offsets: np.ndarray,
-    found_error: float,
-) -> Line:
+def _describe(problem: Problem, state: _State, found_error: float) -> Line:
     """The line at its solution, with the covariance of an M-estimate of correlated points."""
-    free = np.array([one.search > 0.0 for one in series])
-    points = gather_points(series, offsets)
-    design = columns(points)
-    error = total_error(points, slope, found_error)
-    residual = points.reference - slope * points.rotation - design @ coefficients
-    scaled = residual / error
+    now = _residual(problem, state, found_error)
+    scaled, jacobian = now.scaled, now.jacobian
     scale = _spread(scaled)
     weight = _weights(scaled / scale)
-    adjusted = points.rotation + slope * points.rotation_error**2 * residual / error**2
-    jacobian = _jacobian(points, adjusted, design, slope, free) / error[:, None]
-    length = _correlated_length(np.where(weight > 0, scaled, 0.0), points.trial)
-    parameters = jacobian.shape[1]
+    length = _correlated_length(np.where(weight > 0, scaled, 0.0), now.points.trial)
+    known, _ = _prior(problem.layer, state.layer, 1.0, jacobian.shape[1])
+    parameters = jacobian.shape[1] - np.count_nonzero(np.diag(known))
     independent = float((weight > 0).sum() / length)
     freedom = max(independent - parameters, 1.0)
     cut = scaled / (BIWEIGHT_CUT * scale)
     slope_of_psi = np.where(weight > 0, (1.0 - cut**2) * (1.0 - 5.0 * cut**2), 0.0)
-    psi = scaled * weight
+    psi = np.hypot(scaled * weight, 1e-9)  # exact readings get some error, too
     # [Huber1981]: K² [Σψ²/(n−p)] / [mean ψ′]² (XᵀX)⁻¹, with the number of independent points
     gain = max(float(slope_of_psi.mean()), 0.05)
     bend = 1.0 + parameters / independent * float(slope_of_psi.var()) / gain**2
     inner = float(np.mean(psi**2)) * independent / freedom * (bend / gain) ** 2
-    left = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)
-    covariance = inner * length * left
+    each = inner * length
     return Line(
-        slope=slope,
-        coefficients=coefficients,
-        clock_offsets=offsets,
-        covariance=covariance,
+        slope=state.slope,
+        coefficients=state.coefficients,
+        clock_offsets=state.offsets,
+        layer=state.layer,
+        covariance=each * np.linalg.pinv(jacobian.T @ jacobian + each * known, rcond=1e-14),
         freedom=freedom,
         scale=scale,
         found_error=found_error,
         independent=independent,
-        points=points,
-        residual=residual,
+        points=now.points,
+        residual=now.left,
         weight=weight,
         length=length,
     )
-
-
-def _jacobian(
-    points: Points,
-    adjusted: Float[np.ndarray, " points"],
-    design: Float[np.ndarray, "points columns"],
-    slope: float,
-    free: Bool[np.ndarray, " trials"],
-) -> Float[np.ndarray, "points parameters"]:
-    """Derivative of the line by slope, coefficients and free clock offsets."""
-    clocks = (points.trial[:, None] == np.flatnonzero(free)) * (-slope * points.rate)[:, None]
-    return np.concatenate([adjusted[:, None], design, clocks], axis=1)
 
 
 def total_error(points: Points, slope: float, found: float) -> Float[np.ndarray, " points"]:

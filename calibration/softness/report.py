@@ -1,7 +1,7 @@
 """Softness of objects from recordings and references: `python -m calibration softness`."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -11,21 +11,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
-from calibration.softness.fit import MOST_COVERED, SoftnessFit, fit_softness
-from calibration.softness.layered import Grasp, LayeredFit, fit_layered_softness
+from calibration.softness.fit import SoftnessFit, fit_softness
+from calibration.softness.layered import Grasp, fit_layered_softness
+from calibration.softness.readings import Layer
 from calibration.softness.references import (
     NO_REFERENCE,
     Reference,
     outline_reference,
     read_reference,
 )
-from calibration.softness.trials import Trial, make_trials
+from calibration.softness.trials import make_trials
 from calibration.softness.two_fingers import fit_two_fingers
 from estimation.files import write_whole
-from estimation.noise import Noise, estimate_noise
+from estimation.noise import Noise
 from estimation.recording import Recording
-from estimation.report import figure_png, render_page
-from estimation.softness import write_softness
+from estimation.softness import LayeredSoftness, write_softness
 
 POOLED = "all objects"
 
@@ -44,15 +44,14 @@ class ReferenceSettings(NamedTuple):
     same_clock: bool = False
 
 
-def gather_trials(
+def gather_grasps(
     recordings: Sequence[Recording],
     references: Sequence[str],
     things: Sequence[str],
     settings: ReferenceSettings,
     noise: Noise | None,
-    track: Iterable[Recording] | None = None,
-) -> list[Trial]:
-    """The trials of all recordings.
+) -> list[Grasp]:
+    """Every recording with its reference and its object.
 
     Args:
         recordings: the recordings.
@@ -60,10 +59,9 @@ def gather_trials(
         things: name of the object in each recording, or one for all.
         settings: how the CSVs are read.
         noise: of the markers; estimated from each recording unless given.
-        track: the recordings again, by what shows how far the work is.
 
     Raises:
-        ValueError: numbers that do not match, or a recording or reference that cannot be used.
+        ValueError: numbers that do not match, or a reference that cannot be used.
         OSError: a CSV cannot be read.
     """
     if not references:
@@ -77,11 +75,10 @@ def gather_trials(
             )
     if len(recordings) > 1 and len(references) == 1 and references[0] != "outline":
         raise ValueError(f"one CSV for {len(recordings)} recordings: give one for each")
-    trials = []
-    for recording, source, thing in zip(track or recordings, each, named, strict=True):
-        reference = _read(recording, source, settings)
-        trials += make_trials(recording, reference, thing=thing, noise=noise)
-    return trials
+    return [
+        Grasp(recording, _read(recording, source, settings), noise, thing)
+        for recording, source, thing in zip(recordings, each, named, strict=True)
+    ]
 
 
 def _read(recording: Recording, source: str, settings: ReferenceSettings) -> Reference:
@@ -92,25 +89,54 @@ def _read(recording: Recording, source: str, settings: ReferenceSettings) -> Ref
 
 
 def fit_objects(
-    trials: Sequence[Trial], model: str | None, clock_search: float
+    grasps: Sequence[Grasp],
+    model: str | None,
+    clock_search: float,
+    layer: Layer | None = None,
+    track: Callable[[Iterable[Grasp]], Iterable[Grasp]] = iter,
 ) -> dict[str, SoftnessFit]:
     """Each object by itself, and all of them together where there are several.
 
+    Args:
+        grasps: of all objects.
+        model: how L is taken, one of `LOAD_MODELS`; by BIC unless given.
+        clock_search: how far two clocks may be apart at most [s].
+        layer: the elastomer; a thick one unless given.
+        track: shows how far the work is.
+
     Raises:
-        ValueError: what the trials hold cannot give k.
+        ValueError: what the grasps hold cannot give k.
     """
-    things = list(dict.fromkeys(trial.thing for trial in trials))
-    fits = {
-        thing: fit_softness(
-            [trial for trial in trials if trial.thing == thing],
+    things = list(dict.fromkeys(grasp.thing for grasp in grasps))
+    groups = {thing: [one for one in grasps if one.thing == thing] for thing in things}
+    if len(things) > 1:
+        groups[POOLED] = list(grasps)
+    if layer is not None:
+        if not all(one.reference.zeroed and one.reference.same_clock for one in grasps):
+            raise ValueError(
+                "on an elastomer of finite thickness the references must be CSVs that count from "
+                "the onset of contact on the recording's clock (--zeroed --same-clock)"
+            )
+        if model not in (None, "none"):
+            raise ValueError(
+                f"an elastomer of finite thickness has no load term {model!r}: leave out --load"
+            )
+        return {
+            name: fit_layered_softness(group, layer, clock_search=clock_search)
+            for name, group in groups.items()
+        }
+    trials = {
+        id(one): make_trials(one.recording, one.reference, thing=one.thing, noise=one.noise)
+        for one in track(grasps)
+    }
+    return {
+        name: fit_softness(
+            [trial for one in group for trial in trials[id(one)]],
             model=model,
             clock_search=clock_search,
         )
-        for thing in things
+        for name, group in groups.items()
     }
-    if len(things) > 1:
-        fits[POOLED] = fit_softness(trials, model=model, clock_search=clock_search)
-    return fits
 
 
 def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
@@ -122,13 +148,6 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
     Raises:
         OSError: a file cannot be written.
     """
-    pictures = {f"{_file(name)}.png": figure_png(plot_fit(fit)) for name, fit in fits.items()}
-    captions = {
-        f"{_file(name)}.png": f"{name}: left, reference over the elastomer's rotation, zeros and "
-        "loads taken off, with the line 1 + k; middle, what the line leaves; right, k of each "
-        "grasp by itself with its 95 % interval, and that of all (band)."
-        for name in fits
-    }
     lists = {
         f"{name}: {what}": lines
         for name, fit in fits.items()
@@ -139,9 +158,9 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
         tables[f"{name}: grasps"] = _grasps(fit)
         tables[f"{name}: ways to take L"] = _candidates(fit)
     lines = [f"{name}: {_state(fit)}" for name, fit in fits.items()]
-    page = render_page(
-        "findings.html",
-        pictures,
+    write_findings(
+        out,
+        {f"{_file(name)}.png": (plot_fit(fit), f"{name}: {CAPTION}") for name, fit in fits.items()},
         title="Softness of objects",
         lead=[
             *lines,
@@ -149,13 +168,9 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
             "φ and sticks to it (Eq. 13).",
         ],
         lists=lists,
-        captions=captions,
         tables=tables,
     )
     summary = {name: summarise_fit(fit) for name, fit in fits.items()}
-    for name, image in pictures.items():
-        write_whole(out / name, image)
-    write_whole(out / "report.html", page)
     write_whole(out / "softness.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     main = POOLED if POOLED in fits else next(iter(fits))
     for name, fit in fits.items():
@@ -163,6 +178,13 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
         write_softness(fit.softness, out / file)
     said = [f"  {line}" for fit in fits.values() for line in (*fit.undetermined, *fit.notes)]
     return [*lines, *said]
+
+
+CAPTION = (
+    "left, reference over the elastomer's rotation, zeros and loads taken off, with the line 1 + k;"
+    " middle, what the line leaves; right, k of each grasp by itself with its 95 % interval, and "
+    "that of all (band)."
+)
 
 
 def write_two_fingers(
@@ -196,11 +218,14 @@ def write_two_fingers(
     ]
     write_findings(
         out,
-        "two-fingers.png",
-        plot_fit(found.fit),
+        {
+            "two-fingers.png": (
+                plot_fit(found.fit),
+                "The softer finger's rotation over the other's.",
+            )
+        },
         title="Softness from two fingers",
         lead=lines,
-        caption="The softer finger's rotation over the other's.",
         lists={"notes": found.fit.notes},
         tables={"grasps": _grasps(found.fit)},
     )
@@ -209,104 +234,17 @@ def write_two_fingers(
     return lines
 
 
-def write_layered(
-    recordings: Sequence[Recording],
-    references: Sequence[str],
-    settings: ReferenceSettings,
-    noise: Noise | None,
-    layer: tuple[float, float],
-    out: Path,
-) -> list[str]:
-    """Write `softness.toml` of an elastomer of known thickness, and a report.
-
-    Args:
-        recordings: grasps of one object, each from the unloaded state on.
-        references: a CSV for each.
-        settings: how they are read; they count from the onset of contact on the recording's clock.
-        noise: of the markers; estimated from each recording unless given.
-        layer: thickness of the elastomer and depth of its markers [mm].
-        out: folder to write to.
-
-    Returns:
-        Lines for the terminal.
-
-    Raises:
-        ValueError: references that do not fit, or nothing that tells k.
-        OSError: a file cannot be read or written.
-    """
-    if not references:
-        raise ValueError(f"no --reference: {NO_REFERENCE}")
-    if not (settings.same_clock and settings.zeroed):
-        raise ValueError(
-            "on an elastomer of finite thickness frames are fitted one by one: the references must "
-            "count from the onset of contact on the recording's clock (--zeroed --same-clock)"
-        )
-    if len(references) != len(recordings):
-        raise ValueError(f"{len(references)} references for {len(recordings)} recordings")
-    grasps, errors, notes = [], [], []
-    for recording, source in zip(recordings, references, strict=True):
-        found = _read(recording, source, settings)
-        if not (found.same_clock and found.zeroed):
-            raise ValueError(f"{found.source} has a zero of its own: give a CSV")
-        angle = np.interp(recording.time, found.time, found.angle, left=np.nan, right=np.nan)
-        if not np.isfinite(angle).any():
-            raise ValueError(
-                f"{recording.name}: the reference runs from {found.time[0]:.2f} to "
-                f"{found.time[-1]:.2f} s, the recording from {recording.time[0]:.2f} to "
-                f"{recording.time[-1]:.2f} s: record both over the same time, on one clock"
-            )
-        known = np.isfinite(angle)
-        if known.mean() < MOST_COVERED:
-            notes.append(
-                f"{recording.name}: the reference covers {known.sum()} of {len(known)} frames"
-            )
-        grasps.append(Grasp(recording, angle, noise or estimate_noise(recording)))
-        errors.append(found.error)
-    known = np.concatenate(errors)
-    known = known[np.isfinite(known)]
-    error = {"reference_error": float(np.median(known))} if len(known) else {}
-    thickness, depth = layer
-    fit = fit_layered_softness(grasps, (thickness, 0.0), (depth, 0.0), **error)
-    lines = [
-        f"k = {fit.softness.stiffness_ratio:.4f} (95 %: {fit.low[0]:.4f} to {fit.high[0]:.4f}) on "
-        f"{thickness:g} mm, markers {depth:g} mm deep, from {len(fit.residual)} frames of "
-        f"{len(grasps)} grasps"
-    ]
-    if fit.slipping:
-        notes.append(f"left out: {fit.slipping} frames in macro slip, the gel standing still")
-    write_findings(
-        out,
-        "layered.png",
-        plot_layered(fit),
-        title="Softness of an object on a thin elastomer",
-        lead=lines,
-        caption="What the fit leaves of the object's angle, frame by frame.",
-        lists={"notes": notes},
-    )
-    write_softness(fit.softness, out / "softness.toml")
-    return [*lines, *notes]
-
-
-def plot_layered(fit: LayeredFit) -> Figure:
-    """What is left of the object's angle."""
-    figure, axis = plt.subplots(figsize=(6, 3.5), layout="constrained")
-    axis.plot(np.degrees(fit.reference), np.degrees(fit.residual), ".")
-    axis.axhline(0.0, color="k", lw=1)
-    axis.set_xlabel("object's angle [°]")
-    axis.set_ylabel("corrected − object's angle [°]")
-    axis.grid(alpha=0.3)
-    return figure
-
-
 def _state(fit: SoftnessFit) -> str:
     """The result in a line."""
-    load = ""
-    if fit.model != "none":
-        error = fit.softness.covariance[1][1] ** 0.5
-        unit = "rad/N" if fit.softness.load_by_force else "rad"
-        load = f", L = {fit.softness.load_term:.4f} ± {1.96 * error:.4f} {unit} ({fit.model})"
+    made, more = fit.softness, ""
+    if isinstance(made, LayeredSoftness):
+        more = f" on {made.thickness:.4g} mm, markers {made.depth:.4g} mm deep,"
+    elif fit.model != "none":
+        error = made.covariance[1][1] ** 0.5
+        unit = "rad/N" if made.load_by_force else "rad"
+        more = f", L = {made.load_term:.4f} ± {1.96 * error:.4f} {unit} ({fit.model})"
     return (
-        f"k = {fit.stiffness_ratio:.4f} (95 %: {fit.low:.4f} to {fit.high:.4f}){load} from "
+        f"k = {fit.stiffness_ratio:.4f} (95 %: {fit.low:.4f} to {fit.high:.4f}){more} from "
         f"{len(fit.grasps)} grasps"
     )
 
@@ -318,7 +256,7 @@ def summarise_fit(fit: SoftnessFit) -> dict[str, object]:
         "low": fit.low,
         "high": fit.high,
         "load_model": fit.model,
-        "load_term": fit.softness.load_term,
+        "load_term": getattr(fit.softness, "load_term", 0.0),
         "covariance": [list(row) for row in fit.softness.covariance],
         "scatter_between_grasps": fit.scatter,
         "residual_deg": float(np.degrees(1.4826 * np.median(np.abs(fit.line.residual)))),

@@ -287,11 +287,9 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
     ]
     write_findings(
         out,
-        "squeeze.png",
-        plot_squeeze(found),
+        {"squeeze.png": (plot_squeeze(found), found.source)},
         title="Softness from pressing",
         lead=lines,
-        caption=found.source,
         lists={"notes": found.notes},
     )
     write_softness(softness, out / "softness.toml")

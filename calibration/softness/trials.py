@@ -3,29 +3,51 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from calibration.softness.references import Reference
 from estimation.estimators.measurement import Z95
 from estimation.noise import Noise, estimate_noise
+from estimation.observation import RIGID_OBJECT
 from estimation.recording import Recording
-from estimation.result import State
-from estimation.softness import disc_radius
+from estimation.result import Result, State
+from estimation.softness import LayeredSoftness, disc_radius
+from estimation.softness.lifting import Seen, displacement_as_seen
 from estimation.tracker import estimate_angles
-
-LEAST_STICK = 9
-"""Markers that must stick: with fewer the angle hangs on what cannot be seen to slip."""
 
 FEWEST_POINTS = 6
 """Readings of one trial: slope, zero and clock leave three to tell the scatter."""
 
+FEWEST_ZEROED = 4
+"""Readings of one trial whose zero and clock are known: the slope leaves three."""
+
 SLIP_TURN = np.radians(2.0)
 SLIP_SHARE = 0.1
 
+MOST_STILL = 2.0 / 3.0
+"""Share of the frames that stick in which the gel may stand still under the turning object."""
+
 METHOD = "incremental"
 """It knows nothing of the object but what sticks to it: `tracked` asks the outline, too."""
+
+
+class Selection(NamedTuple):
+    """Which frames are used.
+
+    Attributes:
+        least_stick: markers that must stick: with few the angle hangs on what cannot be seen to
+            slip [-].
+        least_turn_deg: of the elastomer, below which a frame is left out [deg].
+    """
+
+    least_stick: int = 9
+    least_turn_deg: float = 0.0
+
+
+ALL_FIRM = Selection()
 
 
 @dataclass(frozen=True)
@@ -37,7 +59,7 @@ class Trial:
         thing: name of the object.
         start: time of the recording's first frame [s].
         time: of the usable frames [s].
-        rotation: φ of what sticks [rad, counter-clockwise].
+        rotation: φ of what sticks, in frames lifted for `lifted_for` [rad, counter-clockwise].
         error: its standard error [rad].
         normal_force: in those frames [N]; NaN where unknown.
         radius: of the contact in those frames [mm]; NaN where unknown.
@@ -45,6 +67,9 @@ class Trial:
         excluded: frames that are not used, by why.
         markers: number of the sensor's markers; 0 where unknown.
         pitch: distance between them [mm]; NaN where unknown.
+        lifted_for: what the frames were lifted for; None on a thick elastomer.
+        seen: what the markers of those frames showed; empty where they were not lifted.
+        held: sticking markers in all those frames together; 0 where unknown.
     """
 
     name: str
@@ -59,6 +84,9 @@ class Trial:
     excluded: Mapping[str, int]
     markers: int = 0
     pitch: float = float("nan")
+    lifted_for: LayeredSoftness | None = None
+    seen: tuple[Seen, ...] = ()
+    held: int = 0
 
 
 def make_trials(
@@ -67,6 +95,8 @@ def make_trials(
     *,
     thing: str = "object",
     noise: Noise | None = None,
+    lifted_for: LayeredSoftness | None = None,
+    selection: Selection = ALL_FIRM,
 ) -> list[Trial]:
     """The trials of a recording, one for each contact: what sticks, without macro slip.
 
@@ -75,64 +105,132 @@ def make_trials(
         reference: its angle.
         thing: name of the object.
         noise: of the markers; estimated from the recording unless given.
+        lifted_for: what the frames are lifted for before anything is sought in them: soft objects
+            on thin elastomers do not seem to stick to markers that are not lifted.
+        selection: which frames are used.
 
     Raises:
-        ValueError: the recording is too short to tell its noise.
+        ValueError: the recording is too short to tell its noise, no frame can be used, or the gel
+            stands still while the reference turns.
     """
-    result = estimate_angles(recording, METHOD, noise=noise or estimate_noise(recording))
-    touching = np.array([s not in (State.NO_CONTACT, State.UNKNOWN) for s in result.state])
-    sticks = result.stick.sum(axis=1)
-    usable = touching & result.answered & (sticks >= LEAST_STICK)
-    still = usable & stands_still(recording.time, result.angle, reference)
-    usable &= ~still
-    apart = np.array([state == State.NO_CONTACT for state in result.state])
-    contact = np.cumsum(np.diff(apart.astype(int), prepend=0) < 0)
-    points = recording.layout.reference
-    neighbours = recording.layout.neighbours
-    first = neighbours[:, 0]
-    edges = np.linalg.norm(points[first] - points, axis=1)[first >= 0]
-    contacts = zip(recording.positions[..., :2], result.contact, strict=True)
-    radius = np.array([disc_radius(plane[inside]) for plane, inside in contacts])
-    force = np.full(len(recording), np.nan) if recording.force is None else -recording.force[:, 2]
-    numbers, counts = np.unique(contact[usable], return_counts=True)
+    result = estimate_angles(
+        recording,
+        METHOD,
+        noise=noise or estimate_noise(recording),
+        softness=lifted_for or RIGID_OBJECT,
+    )
+    frames = _sort_frames(recording, result, reference, selection)
+    still, used = np.count_nonzero(frames.still), np.count_nonzero(frames.usable)
+    if still > MOST_STILL * (still + used):
+        raise ValueError(
+            f"{recording.name}: in {still} of {still + used} frames the gel stands still while the "
+            "reference turns: it does not follow this object, or most of the recording is slip. "
+            "Check that both are of one grasp and on one clock, or press harder"
+        )
+    numbers, counts = np.unique(frames.contact[frames.usable], return_counts=True)
+    if not len(numbers):
+        shown = ", ".join(f"{count} {reason}" for reason, count in Counter(frames.reason).items())
+        raise ValueError(
+            f"{recording.name}: no frame in which {selection.least_stick} markers stick and their "
+            f"rotation is known ({shown}): press harder, or turn less"
+        )
     short = counts < FEWEST_POINTS
     touches = numbers[short] if not short.all() else numbers[:0]
+    kept = np.setdiff1d(numbers, touches)
+    points, first = recording.layout.reference, recording.layout.neighbours[:, 0]
+    edges = np.linalg.norm(points[first] - points, axis=1)[first >= 0]
     trials = []
-    for number in np.setdiff1d(numbers, touches):
-        mine = contact == number
-        reasons = Counter(
-            "in macro slip" if still[i] else _reason(result.state[i], int(sticks[i]))
-            for i in np.flatnonzero(mine & ~usable)
-        )
-        if touched := int((usable & np.isin(contact, touches)).sum()) * (not trials):
-            reasons["of a touch too short to fit"] = touched
-        rows = np.flatnonzero(mine & usable)
+    for number in kept:
+        mine = frames.contact == number
+        rows = np.flatnonzero(mine & frames.usable)
+        excluded = Counter(frames.reason[i] for i in np.flatnonzero(mine & ~frames.usable))
+        touched = int((frames.usable & np.isin(frames.contact, touches)).sum())
+        if touched and not trials:
+            excluded["of a touch too short to fit"] = touched
+        place = f", contact {len(trials) + 1}" if len(kept) > 1 else ""
         trials.append(
             Trial(
-                name=recording.name
-                if len(numbers) - len(touches) == 1
-                else f"{recording.name}, contact {len(trials) + 1}",
+                name=recording.name + place,
                 thing=thing,
                 start=float(recording.time[0]),
                 time=recording.time[rows],
-                rotation=result.angle[rows],
-                error=0.5 * (result.high - result.low)[rows] / Z95,
-                normal_force=force[rows],
-                radius=radius[rows],
                 reference=reference,
-                excluded=dict(reasons),
+                excluded=dict(excluded),
                 markers=len(points),
                 pitch=float(np.median(edges)) if len(edges) else float("nan"),
+                lifted_for=lifted_for,
+                held=int(result.stick[rows].sum()),
+                **_columns(recording, result, rows, lifted_for),
             )
         )
-    if not trials:
-        states = Counter(_reason(s, int(n)) for s, n in zip(result.state, sticks, strict=True))
-        shown = ", ".join(f"{count} {reason}" for reason, count in states.items())
-        raise ValueError(
-            f"{recording.name}: no frame in which {LEAST_STICK} markers stick and their rotation "
-            f"is known ({shown}): press harder, or turn less"
-        )
     return trials
+
+
+class _Frames(NamedTuple):
+    """What becomes of each frame."""
+
+    usable: Bool[np.ndarray, " frames"]
+    still: Bool[np.ndarray, " frames"]
+    reason: list[str]
+    contact: Int[np.ndarray, " frames"]
+
+
+def _sort_frames(
+    recording: Recording, result: Result, reference: Reference, selection: Selection
+) -> _Frames:
+    """Which frames are used, why the others are not, and the number of each one's contact."""
+    rotation = _elastomer_rotation(result)
+    sticks = result.stick.sum(axis=1)
+    apart = np.array([state == State.NO_CONTACT for state in result.state])
+    unknown = np.array([state == State.UNKNOWN for state in result.state])
+    firm = ~apart & ~unknown & result.answered & (sticks >= selection.least_stick)
+    still = firm & stands_still(recording.time, rotation, reference)
+    small = firm & ~still & (np.abs(rotation) < np.radians(selection.least_turn_deg))
+    few = f"held by fewer than {selection.least_stick} markers"
+    reason = [
+        few if state in (State.STICK, State.INCIPIENT) and count < selection.least_stick
+        else _REASONS.get(state, "unusable")
+        for state, count in zip(result.state, sticks, strict=True)
+    ]  # fmt: skip
+    for i in np.flatnonzero(still):
+        reason[i] = "in macro slip"
+    for i in np.flatnonzero(small):
+        reason[i] = f"in which the elastomer turns by less than {selection.least_turn_deg:g}°"
+    contact = np.cumsum(np.diff(apart.astype(int), prepend=0) < 0)
+    return _Frames(firm & ~still & ~small, still, reason, contact)
+
+
+_REASONS = {State.MACRO_SLIP: "in macro slip", State.NO_CONTACT: "without contact"}
+
+
+def _elastomer_rotation(result: Result) -> Float[np.ndarray, " frames"]:
+    """φ, before the softness that was applied [rad]."""
+    return (result.angle + 0.5 * result.load_term) / (1.0 + result.stiffness_ratio)
+
+
+def _columns(
+    recording: Recording,
+    result: Result,
+    rows: Int[np.ndarray, " rows"],
+    lifted_for: LayeredSoftness | None,
+) -> dict[str, Any]:
+    """The frames' columns of a trial."""
+    layout, unknown = recording.layout, np.full(len(rows), np.nan)
+    seen = []
+    for row in rows if lifted_for is not None else ():
+        moved = displacement_as_seen(layout, recording.positions[row], recording.valid[row])
+        known = np.isfinite(moved[:, 0])
+        points = layout.reference[:, :2]
+        seen.append(Seen(points[result.stick[row] & known], points[known], moved[known]))
+    planes = zip(recording.positions[rows][..., :2], result.contact[rows], strict=True)
+    error = 0.5 * (result.high - result.low) / Z95 / (1.0 + result.stiffness_ratio)
+    return {
+        "rotation": _elastomer_rotation(result)[rows],
+        "error": error[rows],
+        "normal_force": unknown if recording.force is None else -recording.force[rows, 2],
+        "radius": np.array([disc_radius(plane[inside]) for plane, inside in planes]),
+        "seen": tuple(seen),
+    }
 
 
 def stands_still(
@@ -162,12 +260,3 @@ def stands_still(
         if np.isfinite(gel).any() and np.ptp(gel[np.isfinite(gel)]) < SLIP_SHARE * turned[far[0]]:
             still[first : last + 1] = True
     return still
-
-
-def _reason(state: State, sticks: int) -> str:
-    """Why a frame is not used."""
-    if state == State.MACRO_SLIP:
-        return "in macro slip"
-    if state in (State.NO_CONTACT, State.UNKNOWN):
-        return "without contact" if state == State.NO_CONTACT else "unusable"
-    return f"held by fewer than {LEAST_STICK} markers" if sticks < LEAST_STICK else "unusable"

@@ -6,6 +6,7 @@ same and the elastomers are, their rotations tell k₂, and with it k₁ and θ.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -124,4 +125,4 @@ def _beside(one: Trial, two: Trial) -> Trial:
         same_clock=False,
         source=f"second finger {two.name}",
     )
-    return Trial(**{**vars(one), "reference": reference})
+    return replace(one, reference=reference)

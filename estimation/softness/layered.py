@@ -25,7 +25,7 @@ squeeze, by its symmetry, is no part.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -41,7 +41,7 @@ from estimation.softness.contact import (
     read_validity,
     show_validity,
 )
-from estimation.softness.lifting import Added, lifting_kernels, lifting_turns
+from estimation.softness.lifting import Seen, lifting_kernels
 from estimation.softness.scalar import ScalarSoftness
 
 _STEP = 1e-3  # of thickness, for derivatives
@@ -102,7 +102,7 @@ class LayeredSoftness:
 
     def at(self, contact: Contact) -> ScalarSoftness:
         """k and L for a frame that has been lifted; in L's covariance that of h and z."""
-        seen = _Seen.of(contact)
+        seen = _seen(contact)
         if seen is None:
             spread = self.covariance[0][0]
             return ScalarSoftness(
@@ -118,7 +118,7 @@ class LayeredSoftness:
             k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity
         )
 
-    def _slopes(self, seen: "_Seen") -> list[float]:
+    def _slopes(self, seen: Seen) -> list[float]:
         """Derivatives of the object's angle by thickness and depth, where these are uncertain."""
         k, found = self.stiffness_ratio, []
         for place, name in ((1, "thickness"), (2, "depth")):
@@ -147,26 +147,15 @@ class LayeredSoftness:
         }
 
 
-class _Seen(NamedTuple):
-    """Markers of a contact before they were lifted: those that stick, all, and how these moved."""
-
-    at: Float[np.ndarray, "m 2"]
-    points: Float[np.ndarray, "n 2"]
-    moved: Float[np.ndarray, "n 2"]
-
-    @classmethod
-    def of(cls, contact: Contact) -> "_Seen | None":
-        """None where nothing has been lifted or nothing sticks."""
-        fields, moved = contact.fields, contact.as_seen
-        region = fields.contact if contact.stick is None else contact.stick
-        points = (fields.positions - fields.displacement)[:, :2]
-        known = np.isfinite(points[:, 0])
-        if moved is None or np.count_nonzero(region & known) < _FEWEST:
-            return None
-        return cls(points[region & known], points[known], moved[known])
-
-    def turns(self, thickness: float, depth: float) -> Added:
-        return lifting_turns(self.at, self.points, self.moved, thickness, depth)
+def _seen(contact: Contact) -> Seen | None:
+    """What a frame's markers showed; None where nothing has been lifted or nothing sticks."""
+    fields, moved = contact.fields, contact.as_seen
+    region = fields.contact if contact.stick is None else contact.stick
+    points = (fields.positions - fields.displacement)[:, :2]
+    known = np.isfinite(points[:, 0])
+    if moved is None or np.count_nonzero(region & known) < _FEWEST:
+        return None
+    return Seen(points[region & known], points[known], moved[known])
 
 
 def read_layered(content: dict[str, Any]) -> LayeredSoftness:

@@ -6,9 +6,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from contactmodel.elasticity.transfer import layer_gain
+from estimation.recording import MarkerLayout
 from estimation.softness.contact import Lifting
 
 _RESOLUTION = 0.5  # standard deviation, in pitches, of what markers resolve
@@ -62,24 +63,46 @@ class Added(NamedTuple):
     along: float
 
 
-def lifting_turns(
-    at: Float[np.ndarray, "m 2"],
-    points: Float[np.ndarray, "n 2"],
-    moved: Float[np.ndarray, "n 2"],
-    thickness: float,
-    depth: float,
-) -> Added:
-    """Rotation of some markers that is lacking in what all of them show.
+class Seen(NamedTuple):
+    """Markers of a contact as they are seen, before they are lifted.
 
-    Args:
+    Attributes:
         at: markers that turn as one body, some of `points` [mm].
         points: all markers in the unloaded elastomer [mm].
-        moved: their displacement, as seen [mm].
-        thickness: h [mm].
-        depth: z [mm].
+        moved: their displacement [mm].
     """
-    kernels = lifting_kernels(at, points, thickness, depth)
-    return Added(*(small_turn(at, kernel.of(moved)) for kernel in kernels))
+
+    at: Float[np.ndarray, "m 2"]
+    points: Float[np.ndarray, "n 2"]
+    moved: Float[np.ndarray, "n 2"]
+
+    def turns(self, thickness: float, depth: float) -> Added:
+        """Rotation of what turns as one body that is lacking in what the markers show.
+
+        Args:
+            thickness: h [mm].
+            depth: z [mm].
+        """
+        kernels = lifting_kernels(self.at, self.points, thickness, depth)
+        return Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
+
+
+def displacement_as_seen(
+    layout: MarkerLayout, positions: Float[np.ndarray, "n d"], valid: Bool[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 2"]:
+    """Displacement of all markers in the plane; unseen ones have the mean of their neighbours [mm].
+
+    Args:
+        layout: of the markers.
+        positions: in one frame [mm].
+        valid: whether each is seen.
+    """
+    moved = positions[:, :2] - layout.reference[:, :2]
+    beside = layout.neighbours
+    counts = (beside >= 0) & valid[beside]
+    total = np.sum(np.where(counts[..., None], moved[beside], 0.0), axis=1)
+    mean = total / np.maximum(counts.sum(axis=1), 1)[:, None]
+    return np.where(valid[:, None], moved, mean)
 
 
 def small_turn(points: Float[np.ndarray, "m 2"], moved: Float[np.ndarray, "m 2"]) -> float:

@@ -16,9 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from calibration.softness.layered import Grasp, fit_layered_softness
+from calibration.softness.readings import Layer
+from calibration.softness.references import Reference
 from estimation.noise import Noise
 from estimation.recording import MarkerLayout, Recording, grid_neighbours
-from estimation.softness import LayeredSoftness, ScalarSoftness, Softness
+from estimation.softness import ScalarSoftness, Softness
 from estimation.tracker import estimate_angles
 from papers.items import Track
 from papers.softness import contacts
@@ -31,6 +33,9 @@ UNLOADED, HELD = 10, 12
 
 SHARE, FLOOR_DEG = 0.02, 0.1
 """What is asked of the error: a share of the angle, or so much, whichever is larger."""
+
+REFERENCE_ERROR, MODEL_ERROR = 1e-3, 5e-3
+"""What the fit is told of the angle's error [rad], and of its share that the models may be off."""
 
 WAYS = ("none", "scalar", "layered")
 
@@ -152,11 +157,15 @@ def _test(first: dict, grasps: list[_Seen], noise: float) -> Cell:
     return Cell(contacts.SHAPES[first["shape"]], k, h, noise, (ks[0], ks[1]), error, within, frames)
 
 
-def _fit(grasps: list[_Seen], noise: Noise, thickness: float) -> LayeredSoftness | None:
+def _fit(grasps: list[_Seen], noise: Noise, thickness: float) -> Softness | None:
     """k on an elastomer of known thickness; none where the fit refuses."""
-    turns = [Grasp(one.recording, one.angle, noise) for one in grasps]
+    turns = []
+    for one in grasps:
+        error = np.hypot(REFERENCE_ERROR, MODEL_ERROR * one.angle)
+        truth = Reference(one.recording.time, one.angle, error, True, True, "truth")
+        turns.append(Grasp(one.recording, truth, noise))
     try:
-        return fit_layered_softness(turns, (thickness, 0.0)).softness
+        return fit_layered_softness(turns, Layer(thickness)).softness
     except ValueError:
         return None
 

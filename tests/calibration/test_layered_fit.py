@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
+from calibration.softness.fit import fit_softness
 from calibration.softness.layered import Grasp, fit_layered_softness
-from calibration.softness.layered_checks import check_turns
+from calibration.softness.readings import HALF_SPACE, Layer
+from calibration.softness.references import Reference
+from calibration.softness.trials import Trial, make_trials
 from estimation import LayeredSoftness
 from estimation.fields import Fields
 from estimation.noise import Noise
@@ -125,17 +128,52 @@ def test_longitudinal_waves_add_to_the_turn_of_long_contacts_only():
     assert turn(np.zeros(len(points), dtype=bool)) == 0.0  # nothing sticks, nothing turns
 
 
+def grasp_of(recording, angle):
+    unknown = np.full(len(recording), np.nan)
+    reference = Reference(recording.time, angle, unknown, True, True, "stage")
+    return Grasp(recording, reference, Noise.given(1e-3))
+
+
 def test_gel_that_stands_still_under_the_object_tells_nothing_of_k():
     turned = np.radians(np.linspace(0.0, 12.0, 31))
     recording = lift(np.minimum(turned, np.radians(6.0)))
     angle = np.concatenate([np.full(5, np.nan), 1.5 * turned])
-    fit = fit_layered_softness([Grasp(recording, angle, Noise.given(1e-3))], (np.inf, 0.0))
-    assert fit.slipping >= 13  # of the 15 frames; told over stretches in which the object turns 2°
+    fit = fit_layered_softness([grasp_of(recording, angle)], HALF_SPACE)
+    # of the 15 frames; told over stretches in which the object turns 2°
+    assert fit.grasps[0].excluded["in macro slip"] >= 13
     wild = angle + np.radians(20.0) * np.random.default_rng(0).normal(size=len(angle))
     with pytest.raises(ValueError, match="does not follow this object"):
-        fit_layered_softness([Grasp(recording, wild, Noise.given(1e-3))], (np.inf, 0.0))
-    assert fit.low[0] < 0.5 < fit.high[0]
+        fit_layered_softness([grasp_of(recording, wild)], HALF_SPACE)
+    assert fit.low < 0.5 < fit.high
     assert fit.softness.stiffness_ratio == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_number_k_is_what_a_layer_has_that_is_thick():
+    """The same trials, lifted for a layer of 100 m and not at all: one k, one interval."""
+    angles = np.radians(np.linspace(0.0, 8.0, 15))
+    thin, deep = Layer(1e5), LayeredSoftness(0.5, 1e5)
+    trials = []
+    for lifted_for in (None, deep):
+        trials.append([])
+        for seed in (0, 1):
+            recording = lift(angles, seed=seed, name=str(seed))
+            error = 1e-3 * np.random.default_rng(seed).normal(size=len(recording))
+            angle = np.concatenate([np.zeros(5), 1.5 * angles]) + error
+            one = grasp_of(recording, angle)
+            trials[-1] += make_trials(
+                one.recording, one.reference, noise=one.noise, lifted_for=lifted_for
+            )
+    scalar = fit_softness(trials[0], model="none")
+    layered = fit_softness(trials[1], layer=thin)
+    for name in ("stiffness_ratio", "low", "high", "scatter"):
+        # waves as long as the field of markers are lifted by their length over the thickness
+        assert getattr(layered, name) == pytest.approx(getattr(scalar, name), rel=1e-4, abs=1e-6)
+    variances = [fit.softness.covariance[0][0] for fit in (scalar, layered)]
+    assert variances[1] == pytest.approx(variances[0], rel=1e-3)
+    # what is known of the thickness stays as it is where the turns tell nothing of it
+    free = fit_softness(trials[1], layer=thin._replace(thickness_error=10.0))
+    assert free.stiffness_ratio == pytest.approx(layered.stiffness_ratio, rel=1e-6)
+    assert free.softness.covariance[1][1] ** 0.5 == pytest.approx(10.0, rel=1e-3)
 
 
 def test_layered_files(tmp_path):
@@ -171,8 +209,8 @@ def test_errors_of_k_thickness_and_depth_widen_the_interval():
     gradient = np.array([gel, -0.5])
     # 1e-2: finite differences
     assert gradient @ np.array(found.covariance) @ gradient == pytest.approx(expected, rel=1e-2)
-    with pytest.raises(ValueError, match="0 frames"):
-        fit_layered_softness([], (4.0, 0.0))
+    with pytest.raises(ValueError, match="0 grasps"):
+        fit_layered_softness([], Layer(4.0))
 
 
 @pytest.mark.parametrize(
@@ -185,10 +223,17 @@ def test_errors_of_k_thickness_and_depth_widen_the_interval():
     ],
 )
 def test_references_that_are_not_the_objects_angle_are_told(angle, message):
-    recording, phi = lift(np.radians(np.zeros(1))), np.radians(np.linspace(1.0, 8.0, 20))
-    error = np.full(20, 1e-4)
+    phi, unknown = np.radians(np.linspace(1.0, 8.0, 20)), np.full(20, np.nan)
+    time = np.arange(20.0)
+
+    def fit(phi, theta):
+        reference = Reference(time, theta, unknown, True, True, "stage")
+        error = np.full(20, 1e-4)
+        trial = Trial("a", "thing", 0.0, time, phi, error, unknown, unknown, reference, {})
+        return fit_softness([trial], layer=HALF_SPACE)
+
     with pytest.raises(ValueError, match=message):
-        check_turns(recording, phi, error, angle(phi))
+        fit(phi, angle(phi))
     with pytest.raises(ValueError, match="at one angle"):
-        check_turns(recording, 0.0 * phi + phi[0], error, 1.5 * phi)
-    assert check_turns(recording, phi, error, 1.5 * phi).markers == 400
+        fit(0.0 * phi + phi[0], 1.5 * phi)
+    assert fit(phi, 1.5 * phi).stiffness_ratio == pytest.approx(0.5)

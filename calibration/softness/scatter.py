@@ -1,0 +1,65 @@
+"""One slope from several grasps, which may disagree.
+
+[DerSimonian1986] R. DerSimonian, N. Laird, "Meta-analysis in clinical trials", for the scatter
+between grasps; [Hartung2001] J. Hartung, G. Knapp, Statistics in Medicine 20, for its interval.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from calibration.softness.regression import Line
+from calibration.softness.trials import Trial
+
+SCATTER_LEVEL = 0.02
+"""Chance of such disagreement between equal grasps below which they count as unequal."""
+
+
+class Slope(NamedTuple):
+    """Slope over trials: its variance, freedom, the scatter between trials and its chance."""
+
+    value: float
+    variance: float
+    freedom: float
+    scatter: float
+    chance: float
+
+
+def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) -> Slope:
+    """The common slope; where trials, or objects, disagree the mean of the scattered ones."""
+    common = Slope(line.slope, float(line.covariance[0, 0]), line.freedom, 0.0, float("nan"))
+    things = sorted({trial.thing for trial in trials})
+    parts = [
+        _average([one for one, trial in zip(single, trials, strict=True) if trial.thing == thing])
+        for thing in things
+    ]
+    whole = parts[0] if len(parts) == 1 else _average(parts)
+    if any(part.scatter for part in (*parts, whole)):
+        return whole
+    return common._replace(chance=whole.chance)
+
+
+def _average(parts: Sequence[Line | Slope]) -> Slope:
+    """Mean of slopes, random effects where they disagree ([DerSimonian1986], [Hartung2001])."""
+    slopes = np.array([part.slope if isinstance(part, Line) else part.value for part in parts])
+    variances = np.array(
+        [part.covariance[0, 0] if isinstance(part, Line) else part.variance for part in parts]
+    )
+    count = len(slopes)
+    freedom = float(np.sum([part.freedom for part in parts]))
+    weight = 1.0 / variances
+    mean = float(weight @ slopes / weight.sum())
+    if count == 1:
+        return Slope(mean, float(variances[0]), freedom, 0.0, float("nan"))
+    disagreement = float(weight @ (slopes - mean) ** 2)
+    chance = float(scipy.stats.chi2.sf(disagreement, count - 1))
+    if chance >= SCATTER_LEVEL:
+        return Slope(mean, float(1.0 / weight.sum()), freedom, 0.0, chance)
+    excess = disagreement - (count - 1)
+    between = excess / float(weight.sum() - (weight**2).sum() / weight.sum())
+    weight = 1.0 / (variances + between)
+    mean = float(weight @ slopes / weight.sum())
+    variance = float(weight @ (slopes - mean) ** 2 / ((count - 1) * weight.sum()))
+    return Slope(mean, variance, count - 1.0, float(np.sqrt(max(between, 0.0))), chance)
