@@ -3,6 +3,7 @@
 from importlib.util import find_spec
 
 EXTRAS: dict[str, tuple[str, ...]] = {
+    "peers": ("trackpy",),
     "video": ("av",),
     "sweeps": ("dask", "distributed", "zarr"),
 }
