@@ -9,9 +9,9 @@ import typer
 
 from calibration.softness import LOAD_MODELS
 from contactmodel.common.command_line import errors, make_app, run_app, say
-from estimation.files import check_writable
-from estimation.recording import Recording
-from estimation.result_folder import renew_results
+from estimation.frames.files import check_writable
+from estimation.frames.recording import Recording
+from estimation.output.result_folder import renew_results
 
 app = make_app("What must be found out about sensor and object before angles can be trusted.")
 
@@ -108,7 +108,7 @@ def softness(
         write_fits,
         write_two_fingers,
     )
-    from estimation.noise import Noise
+    from estimation.frames.noise import Noise
 
     check_writable(out)
     told = None if noise_um is None else Noise.given(noise_um * 1e-3)
@@ -223,7 +223,7 @@ def stereo(
 ) -> None:
     """Calibrate both views of a mirror-split picture and write them to stereo.toml."""
     from calibration.stereo import calibrate_from_pictures
-    from estimation.images.stereo import write_rig
+    from estimation.pictures.rig import write_rig
 
     check_writable(out)
     rig, left_out = calibrate_from_pictures(

@@ -26,7 +26,7 @@ from contactmodel.common.inputs import (
     naming,
     read_toml,
 )
-from estimation.recording import Recording
+from estimation.frames.recording import Recording
 
 FORMAT_VERSION = 1
 _KEYS = {"shape", "cells", "size_mm", "frames", "markers", "errors", "numbers"}

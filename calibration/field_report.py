@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from calibration.field_result import FieldData, FieldFit
 from calibration.forward import UNITS
 from calibration.identifiability import Identifiability
-from estimation.files import write_whole
-from estimation.report import figure_png
+from estimation.frames.files import write_whole
+from estimation.output.report import figure_png
 
 _MOST_FRAMES = 4
 _HELPS = 3
@@ -182,7 +182,7 @@ def _write(
         name: "data:image/png;base64," + base64.b64encode(image).decode()
         for name, image in images.items()
     }
-    loaders = [jinja2.PackageLoader(package) for package in ("calibration", "estimation")]
+    loaders = [jinja2.PackageLoader(package) for package in ("calibration", "estimation.output")]
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader(loaders),
         autoescape=True,

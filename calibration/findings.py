@@ -6,8 +6,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from estimation.files import write_whole
-from estimation.report import figure_png, render_page
+from estimation.frames.files import write_whole
+from estimation.output.report import figure_png, render_page
 
 
 def write_findings(

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
 from estimation.estimators.rigid import THRESHOLD
-from estimation.files import toml_text, write_whole
-from estimation.noise import Noise, estimate_noise
-from estimation.recording import Recording
-from estimation.stencils import make_stencils
-from estimation.stick import ANGLE_FLOOR_DEG
+from estimation.fields.stencils import make_stencils
+from estimation.fields.stick import ANGLE_FLOOR_DEG
+from estimation.frames.files import toml_text, write_whole
+from estimation.frames.noise import Noise, estimate_noise
+from estimation.frames.recording import Recording
 
 LAGS = 10
 ENOUGH_SECONDS = 9.5

@@ -17,13 +17,13 @@ from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
-from estimation.images.dots import to_grey
-from estimation.images.lattice import fit_lattice, index_lattice, make_reference
-from estimation.images.matching import match_dots
-from estimation.images.style import find_dots, find_style
-from estimation.noise import Noise
-from estimation.sensor import Lens, Sensor, write_sensor
-from estimation.sources.pictures import read_pictures
+from estimation.frames.noise import Noise
+from estimation.pictures.dots.matching import match_dots
+from estimation.pictures.dots.style import find_dots, find_style
+from estimation.pictures.lattice import fit_lattice, index_lattice, make_reference
+from estimation.pictures.light import to_grey
+from estimation.pictures.sensor import Lens, Sensor, write_sensor
+from estimation.pictures.stream import read_pictures
 
 FEWEST_POSES = 4
 WORST = 1.0

@@ -18,12 +18,13 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from scipy.optimize import least_squares
 
-from estimation.images.board import connect_corners, read_cells
-from estimation.images.corner_tracking import find_corner_style, to_light
-from estimation.images.corners import find_corners
-from estimation.images.pattern import Pattern
-from estimation.images.stereo import Rig, View, check_mirrored, rotation_matrix, split_views
-from estimation.sources.pictures import read_pictures
+from estimation.pictures.corners.board import connect_corners, read_cells
+from estimation.pictures.corners.fit import find_corners
+from estimation.pictures.corners.pattern import Pattern
+from estimation.pictures.corners.tracking import find_corner_style
+from estimation.pictures.light import to_light
+from estimation.pictures.rig import Rig, View, check_mirrored, rotation_matrix, split_views
+from estimation.pictures.stream import read_pictures
 
 FEWEST_POSES = 4
 COVERED = 0.05

@@ -8,10 +8,11 @@ from typing import Annotated, Any
 import typer
 
 from contactmodel.common.command_line import errors, make_app, run_app, say
-from estimation import datasets
-from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
-from estimation.images.kinds import MARKER_KINDS
+from estimation.fields.contact import SHARE
+from estimation.frames import datasets
+from estimation.frames.recording import ONSET_MM
+from estimation.pictures.kinds import MARKER_KINDS
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, method_constants
 
 app = make_app("From frames of a tactile sensor to the angle of the object it holds.")
@@ -203,12 +204,12 @@ def run(
     """Estimate the object's angle in recordings and write tables, a summary and a report."""
     from rich.progress import Progress
 
-    from estimation.images.stereo import read_rig
-    from estimation.noise import Noise
+    from estimation.frames.noise import Noise
+    from estimation.pictures.reader import ImageSettings
+    from estimation.pictures.rig import read_rig
+    from estimation.pictures.sensor import Sensor, read_sensor
     from estimation.run import Settings, gather_recordings, run_all
-    from estimation.sensor import Sensor, read_sensor
     from estimation.softness import read_softness
-    from estimation.sources import ImageSettings
 
     constants = {
         "threshold": threshold,

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from estimation.recording import MarkerLayout
-from estimation.result import Estimate
-from estimation.sources.markers import MarkerReader, Row
+from estimation.estimators.result import Estimate
+from estimation.frames.recording import MarkerLayout
+from estimation.pictures.reader import MarkerReader, Row
 from estimation.tracker import Tracker
 
 HEADER = "time_s,source_index,state,angle_deg,angle_low_deg,angle_high_deg,reason"

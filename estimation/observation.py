@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from estimation.contact import ONSET_MM, SHARE, reaches_edge
-from estimation.fields import Fields, measure_fields
-from estimation.recording import Frame, MarkerLayout
+from estimation.fields.contact import SHARE, reaches_edge
+from estimation.fields.measure import Fields, measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.fields.stick import MIN_STICK_MARKERS, check_positive, check_share
+from estimation.frames.recording import ONSET_MM, Frame, MarkerLayout
 from estimation.softness import ScalarSoftness, Softness
 from estimation.softness.lifting import displacement_as_seen
-from estimation.stencils import make_stencils
-from estimation.stick import MIN_STICK_MARKERS, check_positive, check_share
 
 RIGID_OBJECT = ScalarSoftness()
 LEAST_IN_VIEW = 12

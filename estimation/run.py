@@ -9,27 +9,28 @@ import numpy as np
 from rich.progress import Progress
 
 from contactmodel.equations import object_rotation
-from estimation import datasets
-from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import DEFAULT_METHOD, METHODS
-from estimation.grasp import compare_fingers
-from estimation.images.preview import find_encoder, write_preview
+from estimation.estimators.grasp import compare_fingers
+from estimation.estimators.result import Estimate, Result, State
+from estimation.fields.contact import SHARE
+from estimation.fields.outline import OutlineFollower
+from estimation.frames import datasets
+from estimation.frames.names import name_recordings, number_alike
+from estimation.frames.noise import Noise, find_noise
+from estimation.frames.recording import ONSET_MM, Recording
 from estimation.live import LiveAngles
-from estimation.lookback import FOLLOWING, find_slips, withdraw
-from estimation.margin import follow_margin
-from estimation.missing import describe_answers
-from estimation.noise import Noise, find_noise
-from estimation.onset import describe_slips
-from estimation.outline import OutlineFollower
-from estimation.overview import write_overview
-from estimation.recording import Recording
-from estimation.report import FIRM_MARKERS, Run, write_run
-from estimation.result import Estimate, Result, State
-from estimation.result_folder import renew_results
+from estimation.output.missing import describe_answers
+from estimation.output.overview import write_overview
+from estimation.output.preview import find_encoder, write_preview
+from estimation.output.report import FIRM_MARKERS, Run, write_run
+from estimation.output.result_folder import renew_results
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.stream import is_camera, is_pictures
+from estimation.slip.lookback import FOLLOWING, find_slips, withdraw
+from estimation.slip.margin import follow_margin
+from estimation.slip.onset import describe_slips
 from estimation.softness import Softness
-from estimation.sources import ImageSettings, find_recordings, read_recording
-from estimation.sources.names import name_recordings, number_alike
-from estimation.sources.pictures import is_camera, is_pictures
+from estimation.sources import find_recordings, read_recording
 from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Trackers
 from estimation.virtual.recording import Truth, simulate_pivot
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators import (
     DEFAULT_METHOD,
     METHODS,
@@ -15,14 +14,15 @@ from estimation.estimators import (
     Measurement,
     share_fits,
 )
-from estimation.fields import Fields
-from estimation.noise import Noise, find_noise
+from estimation.estimators.result import TOO_FEW_STICK, Estimate, Result, State
+from estimation.fields.contact import SHARE
+from estimation.fields.measure import Fields
+from estimation.fields.stencils import Stencils
+from estimation.fields.stick import check_share
+from estimation.frames.noise import Noise, find_noise
+from estimation.frames.recording import ONSET_MM, Frame, MarkerLayout, Recording
 from estimation.observation import RIGID_OBJECT, Observation, Observer
-from estimation.recording import Frame, MarkerLayout, Recording
-from estimation.result import TOO_FEW_STICK, Estimate, Result, State
 from estimation.softness import Contact, Softness
-from estimation.stencils import Stencils
-from estimation.stick import check_share
 
 STICK_SHARE = 0.9
 

@@ -14,9 +14,9 @@ from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
 from contactmodel.common.command_line import errors, make_app, run_app, say, say_error
-from estimation.extras import MissingExtraError, require_extra
-from estimation.files import check_writable, write_whole
-from estimation.result_folder import renew_results
+from estimation.frames.extras import MissingExtraError, require_extra
+from estimation.frames.files import check_writable, write_whole
+from estimation.output.result_folder import renew_results
 from papers.items import EXTRAS, ITEMS, STUDIES, choose_items
 from papers.published import compare, read_published
 
@@ -46,7 +46,7 @@ def run(
     Items are left out if they need an extra that is not installed or data that cannot be fetched.
     Each is reported, the extras before anything is computed, and named at the end, exit status 2.
     """
-    from estimation.report import figure_png
+    from estimation.output.report import figure_png
 
     chosen = choose_items(paper, item)
     check_writable(out)
@@ -101,7 +101,7 @@ def leaderboard(
     ] = None,
 ) -> None:
     """Compare all methods and the published rivals on virtual pivots and real recordings."""
-    from estimation.report import figure_png
+    from estimation.output.report import figure_png
     from papers.leaderboard import alarms, board, cases, settings
 
     check_writable(out)

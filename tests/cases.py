@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from jaxtyping import Bool, Float
 
-from estimation import datasets
-from estimation.recording import Frame, MarkerLayout, Recording, grid_neighbours
-from estimation.stencils import Stencils, make_stencils
+from estimation.fields.stencils import Stencils, make_stencils
+from estimation.frames import datasets
+from estimation.frames.recording import Frame, MarkerLayout, Recording, grid_neighbours
 
 
 def find_published(name: str) -> Path:

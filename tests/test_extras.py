@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.extras import EXTRAS, MissingExtraError, require_extra
+from estimation.frames.extras import EXTRAS, MissingExtraError, require_extra
 from estimation.sources import read_recording
 from papers import items
 from papers.__main__ import main

@@ -17,8 +17,8 @@ from calibration.softness.trials import (
     Trial,
     make_trials,
 )
-from estimation.noise import Noise
-from estimation.recording import Recording
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness
 
 SELECTION = Selection(least_stick=6, least_turn_deg=0.5)

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from contactmodel.common.inputs import cell_number, read_rows
-from estimation.outline import follow_outline
-from estimation.recording import Recording
+from estimation.fields.outline import follow_outline
+from estimation.frames.recording import Recording
 
 NO_REFERENCE = (
     "without a reference angle k cannot be had: with the pressure given, the twist of one "

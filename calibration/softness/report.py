@@ -22,9 +22,9 @@ from calibration.softness.references import (
 )
 from calibration.softness.trials import make_trials
 from calibration.softness.two_fingers import fit_two_fingers
-from estimation.files import write_whole
-from estimation.noise import Noise
-from estimation.recording import Recording
+from estimation.frames.files import write_whole
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness, write_softness
 
 POOLED = "all objects"

@@ -21,10 +21,10 @@ from scipy.stats import t
 from calibration.findings import write_findings
 from contactmodel.common.inputs import cell_number, read_rows
 from estimation.estimators.measurement import Z95
-from estimation.fields import measure_fields
-from estimation.recording import Recording
+from estimation.fields.measure import measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness, write_softness
-from estimation.stencils import make_stencils
 
 FEWEST_READINGS = 5
 FARTHEST = 1e6

@@ -10,10 +10,10 @@ from jaxtyping import Bool, Float, Int
 
 from calibration.softness.references import Reference
 from estimation.estimators.measurement import Z95
-from estimation.noise import Noise, estimate_noise
+from estimation.estimators.result import Result, State
+from estimation.frames.noise import Noise, estimate_noise
+from estimation.frames.recording import Recording
 from estimation.observation import RIGID_OBJECT
-from estimation.recording import Recording
-from estimation.result import Result, State
 from estimation.softness import LayeredSoftness, disc_radius
 from estimation.softness.lifting import Seen, displacement_as_seen
 from estimation.tracker import estimate_angles

@@ -10,7 +10,7 @@ from estimation.estimators.paper import STRICT_THRESHOLD, Paper
 from estimation.estimators.rigid import Rigid
 from estimation.estimators.rivals import Castano, Dong, Kabsch, Kolamuri
 from estimation.estimators.tracked import Tracked
-from estimation.fields import Fields
+from estimation.fields.measure import Fields
 
 __all__ = [
     "DEFAULT_METHOD",

@@ -18,10 +18,10 @@ from jaxtyping import Bool
 
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD, Rigid, RigidFit
-from estimation.fields import Fields
-from estimation.noise import Noise
-from estimation.stencils import Stencils
-from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_count
+from estimation.fields.measure import Fields
+from estimation.fields.stencils import Stencils
+from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_count
+from estimation.frames.noise import Noise
 
 KEYFRAME_INTERVAL = 5
 MATURE_AGE = 8

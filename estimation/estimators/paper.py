@@ -12,16 +12,16 @@ from collections import deque
 import numpy as np
 
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.fields import Fields, rotation_sensitivity
-from estimation.noise import Noise
-from estimation.stencils import Stencils
-from estimation.stick import (
+from estimation.fields.measure import Fields, rotation_sensitivity
+from estimation.fields.stencils import Stencils
+from estimation.fields.stick import (
     ANGLE_FLOOR_DEG,
     MIN_STICK_MARKERS,
     check_count,
     check_positive,
     grow_stick_region,
 )
+from estimation.frames.noise import Noise
 
 STRICT_THRESHOLD = float(np.radians(0.4))
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from estimation.fields import Fields, tilt
-from estimation.stencils import Stencils, cross
+from estimation.fields.measure import Fields, tilt
+from estimation.fields.stencils import Stencils, cross
 
 
 class Motion(NamedTuple):

@@ -16,18 +16,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from estimation.contact import find_stick_centre
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.plane import Motion, fit_motion, in_contact_plane
-from estimation.fields import Fields, Stencils
-from estimation.noise import Noise
-from estimation.stick import (
+from estimation.fields.contact import find_stick_centre
+from estimation.fields.measure import Fields, Stencils
+from estimation.fields.stick import (
     ANGLE_FLOOR_DEG,
     MIN_STICK_MARKERS,
     check_count,
     check_positive,
     grow_stick_region,
 )
+from estimation.frames.noise import Noise
 
 CORE_MARKERS = 9
 BIWEIGHT_CUT = 5.0

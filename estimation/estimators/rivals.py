@@ -20,11 +20,11 @@ from jaxtyping import Bool, Float
 
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
-from estimation.fields import Fields
-from estimation.noise import Noise
-from estimation.outline import LEAST_MARKERS
-from estimation.stencils import Stencils
-from estimation.stick import MIN_STICK_MARKERS, check_positive
+from estimation.fields.measure import Fields
+from estimation.fields.outline import LEAST_MARKERS
+from estimation.fields.stencils import Stencils
+from estimation.fields.stick import MIN_STICK_MARKERS, check_positive
+from estimation.frames.noise import Noise
 
 ROUND = "the contact has no distinct long axis"
 

@@ -1,7 +1,7 @@
 """The tracked estimator: increments while something sticks, the outline while all slips.
 
 The gel cannot tell an object that slips from one that rests: in both cases it stands still. The
-contact's outline can: it turns with the object (`estimation.outline`).
+contact's outline can: it turns with the object (`estimation.fields.outline`).
 """
 
 from collections import deque
@@ -12,13 +12,13 @@ from jaxtyping import Bool
 
 from estimation.estimators.incremental import KEYFRAME_INTERVAL, MATURE_AGE, Incremental
 from estimation.estimators.measurement import Z95, Measurement
+from estimation.estimators.result import UNSEEN_TURN
 from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD
-from estimation.fields import Fields
-from estimation.noise import Noise
-from estimation.outline import Axis, find_axis, turn_error, unwrap
-from estimation.result import UNSEEN_TURN
-from estimation.stencils import Stencils
-from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
+from estimation.fields.measure import Fields
+from estimation.fields.outline import Axis, find_axis, turn_error, unwrap
+from estimation.fields.stencils import Stencils
+from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
+from estimation.frames.noise import Noise
 
 MEMORY = 60
 WIDEST = np.radians(10.0)

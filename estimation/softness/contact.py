@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from contactmodel.common.inputs import as_matrix, as_numbers, as_table, expect_keys
-from estimation.fields import Fields
+from estimation.fields.measure import Fields
 
 Range = tuple[float, float]
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from contactmodel.common.inputs import as_text, naming, read_toml
-from estimation.files import toml_text, write_whole
+from estimation.frames.files import toml_text, write_whole
 from estimation.softness.contact import Contact, Lifting
 from estimation.softness.layered import read_layered
 from estimation.softness.scalar import ScalarSoftness, read_scalar

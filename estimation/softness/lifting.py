@@ -9,7 +9,7 @@ import scipy
 from jaxtyping import Bool, Float
 
 from contactmodel.elasticity.transfer import layer_gain
-from estimation.recording import MarkerLayout
+from estimation.frames.recording import MarkerLayout
 from estimation.softness.contact import Lifting
 
 _RESOLUTION = 0.5  # standard deviation, in pitches, of what markers resolve

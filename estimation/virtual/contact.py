@@ -5,8 +5,8 @@ from scipy.interpolate import interpn
 
 from contactmodel.elasticity.bodies import stiffness_ratio
 from contactmodel.solution import ContactSolution
-from estimation.recording import MarkerLayout, Recording
-from estimation.stick import MIN_STICK_MARKERS
+from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.frames.recording import MarkerLayout, Recording
 from estimation.virtual.recording import Camera, Truth, record
 
 

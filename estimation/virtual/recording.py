@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from contactmodel import analytic
-from estimation.recording import Frame, MarkerLayout, Recording, grid_neighbours
-from estimation.stick import MIN_STICK_MARKERS
+from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.frames.recording import Frame, MarkerLayout, Recording, grid_neighbours
 
 
 class PivotModel(NamedTuple):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.slip_warnings import WARNINGS
+from estimation.slip.warnings import WARNINGS
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.leaderboard import settings
 

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.estimators import METHODS, RIVALS
-from estimation.files import write_whole
-from estimation.noise import Noise, find_noise
-from estimation.sources import write_archive
+from estimation.frames.archive import write_archive
+from estimation.frames.files import write_whole
+from estimation.frames.noise import Noise, find_noise
 from estimation.tracker import RIGID_OBJECT, Tracker
 from papers.items import Track
 from papers.leaderboard import settings

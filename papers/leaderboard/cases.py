@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from estimation import datasets
-from estimation.extras import MissingExtraError
-from estimation.outline import follow_outline
-from estimation.recording import Recording
+from estimation.fields.outline import follow_outline
+from estimation.frames import datasets
+from estimation.frames.extras import MissingExtraError
+from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness
 from estimation.sources import find_recordings, read_recording
 from estimation.virtual.recording import Camera, Truth, simulate_pivot

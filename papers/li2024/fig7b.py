@@ -14,7 +14,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
-from estimation.noise import Noise
+from estimation.frames.noise import Noise
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
-from estimation.recording import Recording
-from estimation.result import Result, State
+from estimation.estimators.result import Result, State
+from estimation.frames.recording import Recording
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 from papers.items import Track

@@ -10,9 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimation.contact import ONSET_MM, SHARE
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper
-from estimation.stick import ANGLE_FLOOR_DEG
+from estimation.fields.contact import SHARE
+from estimation.fields.stick import ANGLE_FLOOR_DEG
+from estimation.frames.recording import ONSET_MM
 from papers.items import Track
 
 Method = dict[str, float]

@@ -12,11 +12,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimation import datasets
-from estimation.noise import estimate_noise
-from estimation.recording import Recording
-from estimation.result import Result, State
-from estimation.slip import follow_gel
+from estimation.estimators.result import Result, State
+from estimation.frames import datasets
+from estimation.frames.noise import estimate_noise
+from estimation.frames.recording import Recording
+from estimation.slip.motion import follow_gel
 from estimation.sources import read_recording
 from estimation.tracker import Tracker
 from papers.items import Track

@@ -14,10 +14,15 @@ from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 from scipy.special import erf
 
-from estimation.images.corners import ROUND, CornerStyle, fit_corners
-from estimation.images.pattern import CornerTruth, Pattern, project_corners, render_pattern
-from estimation.images.render import Camera
-from estimation.images.rings import find_saddles, read_rings
+from estimation.pictures.corners.fit import ROUND, CornerStyle, fit_corners
+from estimation.pictures.corners.pattern import (
+    CornerTruth,
+    Pattern,
+    project_corners,
+    render_pattern,
+)
+from estimation.pictures.corners.rings import find_saddles, read_rings
+from estimation.pictures.render import Camera
 from papers.items import Track
 from papers.marker_images import settings
 

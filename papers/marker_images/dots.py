@@ -15,9 +15,10 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 
-from estimation.images.dots import DotStyle, find_seeds, fit_dots, to_grey
-from estimation.images.render import Camera, render_dots
-from estimation.images.templates import fit_alike
+from estimation.pictures.dots.find import DotStyle, find_seeds, fit_dots
+from estimation.pictures.dots.templates import fit_alike
+from estimation.pictures.light import to_grey
+from estimation.pictures.render import Camera, render_dots
 from papers.items import Track
 from papers.marker_images import settings
 from papers.marker_images.rivals import RIVALS

@@ -14,15 +14,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
-from estimation.images.pattern import Pattern, render_pattern
-from estimation.images.render import Camera
-from estimation.images.stereo import Rig, View
-from estimation.noise import Noise
-from estimation.sensor import Sensor
-from estimation.sources.corners import CornerReader
-from estimation.sources.markers import ImageSettings, MarkerReader
-from estimation.sources.pictures import Picture
-from estimation.sources.stereo import StereoReader
+from estimation.frames.noise import Noise
+from estimation.pictures.corners.pattern import Pattern, render_pattern
+from estimation.pictures.corners.reader import CornerReader
+from estimation.pictures.reader import ImageSettings, MarkerReader
+from estimation.pictures.render import Camera
+from estimation.pictures.rig import Rig, View
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.stereo import StereoReader
+from estimation.pictures.stream import Picture
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import Motion, simulate_surface

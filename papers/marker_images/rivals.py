@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimation.images.dots import Dots, DotStyle
+from estimation.pictures.dots.find import Dots, DotStyle
 
 UNKNOWN_SHAPE = np.nan * np.eye(2)
 

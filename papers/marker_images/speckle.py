@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from estimation.images.render import Camera, project_discs, render_dots, scatter_speckle
-from estimation.images.speckle import SpeckleTracker
-from estimation.images.subsets import make_subsets, polar_angle
+from estimation.pictures.render import Camera, project_discs, render_dots, scatter_speckle
+from estimation.pictures.speckle.subsets import make_subsets, polar_angle
+from estimation.pictures.speckle.tracking import SpeckleTracker
 from papers.items import Track
 from papers.marker_images import settings
 

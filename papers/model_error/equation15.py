@@ -21,9 +21,9 @@ from matplotlib.figure import Figure
 from contactmodel.analytic import lubkin_twist
 from estimation.estimators.paper import STRICT_THRESHOLD
 from estimation.estimators.rivals import erode
-from estimation.fields import measure_fields
-from estimation.stencils import make_stencils
-from estimation.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
+from estimation.fields.measure import measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit

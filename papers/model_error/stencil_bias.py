@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from contactmodel.analytic import lubkin_twist
 from estimation.estimators.plane import fit_motion
-from estimation.fields import measure_fields
-from estimation.stencils import make_stencils
+from estimation.fields.measure import measure_fields
+from estimation.fields.stencils import make_stencils
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit

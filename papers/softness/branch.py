@@ -19,11 +19,11 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from estimation import datasets
 from estimation.estimators.measurement import Z95
-from estimation.margin import Branch, MarginSettings
-from estimation.outline import follow_outline
-from estimation.recording import Recording
+from estimation.fields.outline import follow_outline
+from estimation.frames import datasets
+from estimation.frames.recording import Recording
+from estimation.slip.margin import Branch, MarginSettings
 from estimation.softness import disc_radius
 from estimation.sources import find_recordings, read_recording
 from estimation.tracker import estimate_angles

@@ -18,8 +18,8 @@ from matplotlib.patches import Rectangle
 from calibration.softness.layered import Grasp, fit_layered_softness
 from calibration.softness.readings import Layer
 from calibration.softness.references import Reference
-from estimation.noise import Noise
-from estimation.recording import MarkerLayout, Recording, grid_neighbours
+from estimation.frames.noise import Noise
+from estimation.frames.recording import MarkerLayout, Recording, grid_neighbours
 from estimation.softness import ScalarSoftness, Softness
 from estimation.tracker import estimate_angles
 from papers.items import Track

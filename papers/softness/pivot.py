@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from calibration.softness.fit import SoftnessFit, fit_softness
 from calibration.softness.references import outline_reference
 from calibration.softness.trials import Trial, make_trials
-from estimation import datasets
+from estimation.frames import datasets
 from estimation.sources import find_recordings, read_recording
 
 

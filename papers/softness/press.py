@@ -19,8 +19,8 @@ from calibration.experiment import Experiment, read_experiment
 from calibration.field_fit import fit_fields
 from calibration.field_result import FieldFit
 from contactmodel import Grid
-from estimation import datasets
-from estimation.recording import Recording
+from estimation.frames import datasets
+from estimation.frames.recording import Recording
 from estimation.sources import find_recordings, read_recording
 from papers.items import Track
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from calibration.softness.fit import fit_softness
 from calibration.softness.references import Reference
 from calibration.softness.trials import make_trials
-from estimation.noise import Noise
-from estimation.recording import Recording
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot

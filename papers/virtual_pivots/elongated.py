@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from contactmodel import Contact, Ellipsoid, Grid, HalfSpace, Pose, Rigid, make_path, solve_path
 from contactmodel.solution import ContactSolution
 from estimation.estimators import DEFAULT_METHOD
-from estimation.recording import Recording
-from estimation.result import State
+from estimation.estimators.result import State
+from estimation.frames.recording import Recording
 from estimation.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Truth, lay_out_markers

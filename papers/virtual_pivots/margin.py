@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from estimation.margin import follow_margin
+from estimation.slip.margin import follow_margin
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
 from papers.items import Track

@@ -15,13 +15,13 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import METHODS
-from estimation.images.render import Camera, project_discs, render_dots
-from estimation.noise import Noise
-from estimation.recording import Frame, MarkerLayout
-from estimation.sensor import Sensor
-from estimation.sources.images import DotReader
-from estimation.sources.markers import ImageSettings
-from estimation.sources.pictures import Picture
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Frame, MarkerLayout
+from estimation.pictures.dots.reader import DotReader
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.render import Camera, project_discs, render_dots
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.stream import Picture
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel, deform, lay_out_markers
 from papers.items import Track

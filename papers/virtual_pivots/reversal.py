@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
-from estimation.lookback import find_slips, withdraw
-from estimation.noise import Noise, estimate_noise
-from estimation.recording import Recording
-from estimation.result import Result, State
+from estimation.estimators.result import Result, State
+from estimation.frames.noise import Noise, estimate_noise
+from estimation.frames.recording import Recording
+from estimation.slip.lookback import find_slips, withdraw
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 from papers.items import Track

@@ -25,21 +25,21 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-import estimation.images.corner_tracking as corner_tracking
-import estimation.images.speckle as speckle
-import estimation.images.style as style
-import estimation.sources.corners as corners
-import estimation.sources.images as images
-import estimation.sources.speckle as speckle_source
-from estimation import datasets
-from estimation.images.imprint import ImprintFollower
-from estimation.images.pattern import Pattern, render_pattern
-from estimation.images.render import Camera, project_discs, render_dots, scatter_speckle
-from estimation.images.tracking import DotTracker
-from estimation.noise import Noise
-from estimation.sensor import Sensor
-from estimation.sources.markers import ImageSettings
-from estimation.sources.pictures import Picture, read_pictures
+import estimation.pictures.corners.reader as corners
+import estimation.pictures.corners.tracking as corner_tracking
+import estimation.pictures.dots.style as style
+import estimation.pictures.reading as images
+import estimation.pictures.speckle.reader as speckle_source
+import estimation.pictures.speckle.tracking as speckle
+from estimation.frames import datasets
+from estimation.frames.noise import Noise
+from estimation.pictures.corners.pattern import Pattern, render_pattern
+from estimation.pictures.dots.tracking import DotTracker
+from estimation.pictures.imprint import ImprintFollower
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.render import Camera, project_discs, render_dots, scatter_speckle
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.stream import Picture, read_pictures
 from estimation.tracker import Tracker
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import Motion, simulate_surface

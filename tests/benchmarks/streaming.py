@@ -16,14 +16,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from estimation.contact import ONSET_MM, SHARE, find_contact
 from estimation.estimators import METHODS, Rigid
 from estimation.estimators.rigid import fit_rigid_rotation
-from estimation.fields import measure_fields
-from estimation.noise import Noise
-from estimation.recording import Frame, Recording
-from estimation.stencils import make_stencils
-from estimation.stick import grow_stick_region
+from estimation.fields.contact import SHARE, find_contact
+from estimation.fields.measure import measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.fields.stick import grow_stick_region
+from estimation.frames.noise import Noise
+from estimation.frames.recording import ONSET_MM, Frame, Recording
 from estimation.tracker import Tracker
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser

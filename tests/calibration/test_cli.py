@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from calibration.__main__ import app
 from estimation import LayeredSoftness
+from estimation.frames.archive import write_archive
 from estimation.softness import read_softness
-from estimation.sources import write_archive
 from tests.cases import lift
 
 

@@ -13,8 +13,8 @@ from calibration.softness.readings import HALF_SPACE, Layer
 from calibration.softness.references import Reference
 from calibration.softness.trials import Trial, make_trials
 from estimation import LayeredSoftness
-from estimation.fields import Fields
-from estimation.noise import Noise
+from estimation.fields.measure import Fields
+from estimation.frames.noise import Noise
 from estimation.softness import Contact, read_softness, write_softness
 from estimation.softness.lifting import small_turn
 from tests.cases import lift

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from calibration.__main__ import app
 from calibration.sensor import calibrate_sensor, fit_lens
-from estimation.sensor import Lens, read_sensor
-from tests.estimation.images.scenes import PITCH, REST, picture
+from estimation.pictures.sensor import Lens, read_sensor
+from tests.estimation.pictures.scenes import PITCH, REST, picture
 
 MATRIX = np.array([[400.0, 0.0, 158.0], [0.0, 405.0, 122.0], [0.0, 0.0, 1.0]])
 LENS = Lens(MATRIX, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]))

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.lookback import find_slips
-from estimation.margin import follow_margin
-from estimation.noise import Noise
-from estimation.result import State
+from estimation.estimators.result import State
+from estimation.frames.noise import Noise
+from estimation.slip.lookback import find_slips
+from estimation.slip.margin import follow_margin
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 

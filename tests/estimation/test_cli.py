@@ -3,7 +3,7 @@ import sys
 import pytest
 
 from estimation.__main__ import main
-from estimation.sources import write_archive
+from estimation.frames.archive import write_archive
 from tests.cases import lift
 
 

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from estimation.result_folder import renew_results
+from estimation.output.result_folder import renew_results
 
 RUN = "estimation run"
 

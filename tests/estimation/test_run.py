@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from rich.progress import Progress
 
-from estimation.contact import find_contact
 from estimation.estimators import METHODS
-from estimation.noise import Noise
+from estimation.fields.contact import find_contact
+from estimation.frames.noise import Noise
+from estimation.output.table import MARGIN_COLUMNS
 from estimation.run import Input, Settings, run_all
-from estimation.table import MARGIN_COLUMNS
 from estimation.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import domed_pad, lift
@@ -161,7 +161,7 @@ def test_a_frame_is_measured_once_for_all_methods_outline_and_looking_back(
         measured.append(1)
         return find_contact(*args)
 
-    monkeypatch.setattr("estimation.fields.find_contact", count)
+    monkeypatch.setattr("estimation.fields.measure.find_contact", count)
     recording = lift(ANGLES)
     run_all([Input(recording)], tmp_path, Settings(), progress)
     assert len(measured) == len(recording)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.fields import measure_fields
-from estimation.noise import Noise
-from estimation.result import State
+from estimation.estimators.result import State
+from estimation.fields.measure import measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.frames.noise import Noise
 from estimation.softness import (
     Contact,
     ScalarSoftness,
@@ -16,7 +17,6 @@ from estimation.softness import (
     read_softness,
     write_softness,
 )
-from estimation.stencils import make_stencils
 from estimation.tracker import estimate_angles
 from tests.cases import domed_pad, frame_of, lift
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.estimators import METHODS
-from estimation.inspection import inspect_recording
-from estimation.noise import Noise
-from estimation.result import State
+from estimation.estimators.result import State
+from estimation.frames.inspection import inspect_recording
+from estimation.frames.noise import Noise
 from estimation.tracker import Tracker, estimate_angles
 from tests.cases import domed_pad, lift
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
-from estimation.recording import MarkerLayout
+from estimation.frames.recording import MarkerLayout
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, lay_out_markers, simulate_pivot
 

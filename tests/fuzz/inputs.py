@@ -13,11 +13,11 @@ import av
 import numpy as np
 
 from contactmodel.common.stored import read_arrays
-from estimation.images.render import Camera, render_dots
-from estimation.recording import Recording
-from estimation.sources import write_archive
+from estimation.frames.archive import write_archive
+from estimation.frames.recording import Recording
+from estimation.pictures.render import Camera, render_dots
 from tests.cases import domed_pad, lift
-from tests.estimation.images.rigs import make_rig
+from tests.estimation.pictures.rigs import make_rig
 from tests.fuzz.contents import Input
 
 FRAMES = 8

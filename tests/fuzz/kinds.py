@@ -12,12 +12,13 @@ from calibration.softness.references import read_reference
 from calibration.softness.squeeze import Bodies, read_travel, squeeze_by_travel
 from contactmodel.simulate.configuration import read_simulation
 from estimation.estimators import METHODS, RIVALS
-from estimation.images.stereo import read_rig, triangulate
-from estimation.noise import Noise
-from estimation.result import Result
-from estimation.sensor import Sensor, read_sensor
+from estimation.estimators.result import Result
+from estimation.frames.noise import Noise
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.rig import read_rig, triangulate
+from estimation.pictures.sensor import Sensor, read_sensor
 from estimation.softness import read_softness
-from estimation.sources import ImageSettings, read_recording
+from estimation.sources import read_recording
 from estimation.tracker import estimate_angles
 from papers.leaderboard.board import read_answers, tabulate
 from papers.leaderboard.cases import Case

@@ -4,9 +4,9 @@ import sys
 import numpy as np
 import pytest
 
-from estimation import datasets
 from estimation.estimators import METHODS, RIVALS
-from estimation.sources import read_archive
+from estimation.frames import datasets
+from estimation.frames.archive import read_archive
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.__main__ import main
 from papers.leaderboard import alarms, board, cases, settings

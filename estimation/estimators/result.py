@@ -1,0 +1,235 @@
+"""What an estimator found: per frame the state of the contact and the object's angle."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+TOO_FEW_STICK = "too few markers stick"
+UNSEEN_TURN = "holds again, but how far the object turned before is unseen"
+"""Reasons why an angle is missing that more than one place gives."""
+
+
+class State(StrEnum):
+    """State of the contact in a frame.
+
+    `no_contact`: the stick centre has moved by less than the onset. `stick`: at least the share
+    `stick_share` of the contact region's markers stick. `incipient`: fewer, but at least three.
+    `macro_slip`: fewer than three; frame by frame it is seen some frames late (3 in the median of
+    round virtual pivots, up to 9 in 95 %), since the last markers slip alike, and only
+    `estimation.slip.lookback` dates it, looking back. `unknown`: the frame cannot be
+    used, or what seems to stick moves as no one body; the reason says which.
+    """
+
+    NO_CONTACT = "no_contact"
+    STICK = "stick"
+    INCIPIENT = "incipient"
+    MACRO_SLIP = "macro_slip"
+    UNKNOWN = "unknown"
+
+
+class Column(NamedTuple):
+    """How a quantity of each frame is handled beside its values.
+
+    Attributes:
+        name: of its column in tables, with the unit; empty where it has none.
+        show: its cell in a frame.
+        answer: whether it is withdrawn with the frame's answer.
+    """
+
+    name: str = ""
+    show: Callable[[Any], str] = str
+    answer: bool = False
+
+
+def show_number(value: float) -> str:
+    """A table's cell of a number."""
+    return f"{value:.6f}"
+
+
+def show_degrees(value: float) -> str:
+    """A table's cell of an angle [rad]."""
+    return f"{np.degrees(value):.6f}"
+
+
+def _show_count(flags: Bool[np.ndarray, " n"]) -> str:
+    return str(flags.sum())
+
+
+def per_frame(
+    name: str = "", show: Callable[[Any], str] = str, *, answer: bool = False
+) -> dict[str, Column]:
+    """Metadata of a dataclass field that has a value in each frame; arguments as of `Column`."""
+    return {"column": Column(name, show, answer)}
+
+
+Number = TypeVar("Number")
+Whole = TypeVar("Whole")
+Flag = TypeVar("Flag")
+Label = TypeVar("Label")
+Text = TypeVar("Text")
+Values = TypeVar("Values")
+Mask = TypeVar("Mask")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
+    """What is known of a frame, or of each of several: the one declaration of these quantities.
+
+    Batches, tables and withdrawn answers follow from it; its kinds of values are one frame's in an
+    `Estimate` and arrays or tuples over frames in a `Result`.
+
+    Attributes:
+        time: time stamp [s].
+        source_index: number the source gave the frame.
+        state: state of the contact.
+        reason: why there is no angle, or what speaks against the one there is; mostly empty.
+        angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
+        low: lower end of its 95 % interval [rad].
+        high: upper end of its 95 % interval [rad].
+        stick: markers that stick.
+        contact: markers of the contact region.
+        moment: moment about the contact normal [N·mm]; NaN where unknown.
+        rotation: φ of each marker [rad]; NaN where unknown.
+        stiffness_ratio: k that the angle was corrected with [-].
+        load_term: L that it was corrected with [rad].
+        covered: whether the softness holds for a contact like this one.
+    """
+
+    time: Number = field(metadata=per_frame("time_s", show_number))
+    source_index: Whole = field(metadata=per_frame("source_index"))
+    state: Label = field(metadata=per_frame("state", answer=True))
+    reason: Text = field(metadata=per_frame("reason"))
+    angle: Number = field(metadata=per_frame("angle_deg", show_degrees, answer=True))
+    low: Number = field(metadata=per_frame("angle_low_deg", show_degrees, answer=True))
+    high: Number = field(metadata=per_frame("angle_high_deg", show_degrees, answer=True))
+    stick: Mask = field(metadata=per_frame("stick_markers", _show_count, answer=True))
+    contact: Mask = field(metadata=per_frame("contact_markers", _show_count))
+    moment: Number = field(metadata=per_frame("moment_Nmm", show_number))
+    rotation: Values = field(metadata=per_frame())
+    stiffness_ratio: Number = field(metadata=per_frame())
+    load_term: Number = field(metadata=per_frame())
+    covered: Flag = field(metadata=per_frame())
+
+    @classmethod
+    def columns(cls) -> dict[str, Column]:
+        """The quantities that have a value in each frame, by name."""
+        return {one.name: one.metadata["column"] for one in fields(cls) if "column" in one.metadata}
+
+    def quantities(self) -> dict[str, Any]:
+        """Their values, by name."""
+        return {name: getattr(self, name) for name in self.columns()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate(
+    Record[float, int, bool, State, str, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]
+):
+    """What is known after a frame; see `Record`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Withdrawn(
+    Record[
+        Float[np.ndarray, " frames"],
+        Int[np.ndarray, " frames"],
+        Bool[np.ndarray, " frames"],
+        tuple[State | None, ...],
+        tuple[str, ...],
+        Float[np.ndarray, "frames n"],
+        Bool[np.ndarray, "frames n"],
+    ]
+):
+    """Answers that were given frame by frame and withdrawn once the whole recording was known.
+
+    In frames in which nothing was withdrawn there is no answer: the state is None, numbers are NaN
+    and no markers stick.
+    """
+
+    @property
+    def rows(self) -> Bool[np.ndarray, " frames"]:
+        """Frames whose answer was withdrawn."""
+        return np.isfinite(self.angle)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result(
+    Record[
+        Float[np.ndarray, " frames"],
+        Int[np.ndarray, " frames"],
+        Bool[np.ndarray, " frames"],
+        tuple[State, ...],
+        tuple[str, ...],
+        Float[np.ndarray, "frames n"],
+        Bool[np.ndarray, "frames n"],
+    ]
+):
+    """Estimates of a recording, one per frame; see `Record` for the quantities.
+
+    Attributes:
+        method: name of the estimator.
+        notes: what a reader of the angles should know, in sentences.
+        withdrawn: answers that the whole recording speaks against; None where it was not asked
+            (`estimation.slip.lookback`).
+
+    Raises:
+        ValueError: the quantities are not all of equally many frames.
+    """
+
+    method: str
+    notes: tuple[str, ...] = ()
+    withdrawn: Withdrawn | None = None
+
+    def __post_init__(self) -> None:
+        """Check that every frame has every quantity."""
+        for name, values in self.quantities().items():
+            if len(values) != len(self.time):
+                raise ValueError(f"`{name}` is of {len(values)} frames, `time` of {len(self.time)}")
+
+    @classmethod
+    def gather(
+        cls, method: str, estimates: Sequence[Estimate], notes: tuple[str, ...] = ()
+    ) -> "Result":
+        """Put together the estimates of one recording, at least one."""
+        columns = {name: [getattr(one, name) for one in estimates] for name in cls.columns()}
+        batch: dict[str, Any] = {
+            name: tuple(values) if isinstance(values[0], str) else np.array(values)
+            for name, values in columns.items()
+        }
+        return cls(method=method, notes=notes, **batch)
+
+    def take(self, rows: slice) -> "Result":
+        """The result of some of the frames."""
+        withdrawn = self.withdrawn
+        if withdrawn is not None:
+            withdrawn = replace(withdrawn, **_take(withdrawn, rows))
+        return replace(self, withdrawn=withdrawn, **_take(self, rows))
+
+    @property
+    def answered(self) -> Bool[np.ndarray, " frames"]:
+        """Frames that have an angle."""
+        return np.isfinite(self.angle)
+
+    def without(self, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:
+        """What makes up an answer, by name, with nothing in some of the frames."""
+        return {
+            name: _blank(getattr(self, name), rows)
+            for name, column in self.columns().items()
+            if column.answer
+        }
+
+
+def _take(record: Result | Withdrawn, rows: slice) -> dict[str, Any]:
+    return {name: values[rows] for name, values in record.quantities().items()}
+
+
+def _blank(values: Any, rows: Bool[np.ndarray, " frames"]) -> Any:
+    """Values over frames with None, NaN, False or 0 in some of them."""
+    if isinstance(values, tuple):
+        return tuple(None if gone else one for one, gone in zip(values, rows, strict=True))
+    blank = values.copy()
+    blank[rows] = np.nan if values.dtype.kind == "f" else 0
+    return blank

@@ -1,0 +1,176 @@
+"""Orientation of the contact's outline: an angle of the object that does not come from the twist.
+
+Inside the contact the pad takes the object's shape: the indentation is the approach less the gap
+between the two, however the pad deforms around it. The principal axes of its curvature are those
+of the object's face (the pad's own dome adds the same to both), and so is the long axis of the
+ellipse that the two touch in ([Johnson1985] K. L. Johnson, "Contact Mechanics", Section 4.1). They
+turn with the object, whether the markers stick or not.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.fields.measure import Fields, measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.frames.recording import Recording
+
+LEAST_MARKERS = 9
+LEAST_ELONGATION = 1.2
+LARGEST_ERROR_DEG = 3.0
+KEYFRAME_ERROR = np.radians(0.3)
+"""Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
+the correlation lacks. Errors add up over keyframes."""
+
+
+class Axis(NamedTuple):
+    """Long axis of the contact.
+
+    Attributes:
+        angle: its direction, −π/2 to π/2 [rad, counter-clockwise from x]; NaN where refused.
+        standard_error: of the direction, from the misfit of the shape [rad].
+        elongation: long over short axis of the outline [-]; NaN where unknown.
+        curvature: of the object against the pad across the long axis [1/mm].
+        reason: why there is no direction; empty where there is one.
+        drifts: whether the error is that of all that was added up since the first frame, and most
+            of it common to one frame and the next.
+    """
+
+    angle: float
+    standard_error: float
+    elongation: float
+    curvature: float
+    reason: str = ""
+    drifts: bool = False
+
+
+def turn_error(before: Axis, after: Axis, readings: int = 1) -> float:
+    """Standard error of the turn from one sight of the axis, or the mean of some, to another [rad].
+
+    Of errors that add up from frame to frame only those count that came in between.
+    """
+    if not after.drifts:
+        return float(np.hypot(after.standard_error, before.standard_error / np.sqrt(readings)))
+    between = abs(after.standard_error**2 - before.standard_error**2)
+    return float(np.sqrt(between + (1.0 + 1.0 / readings) * KEYFRAME_ERROR**2))
+
+
+def find_axis(fields: Fields) -> Axis:
+    """A direction that turns with the object: its imprint's where there is one, else the outline's.
+
+    An imprint is read from the object's edges or texture: the contact's shape plays no part in it,
+    and its curvature counts as unchanged.
+    """
+    angle, error = fields.imprint
+    if not np.isfinite(angle):
+        return measure_axis(fields)
+    return Axis(angle, error, np.nan, 1.0, drifts=True)
+
+
+class Outline(NamedTuple):
+    """Long axis of the contact in each frame.
+
+    Attributes:
+        angle: its direction [rad, counter-clockwise], followed without jumps; NaN where refused.
+        standard_error: of the direction [rad].
+        elongation: long over short axis [-].
+    """
+
+    angle: Float[np.ndarray, " frames"]
+    standard_error: Float[np.ndarray, " frames"]
+    elongation: Float[np.ndarray, " frames"]
+
+
+def measure_axis(fields: Fields) -> Axis:
+    """Long axis of the contact in one frame, from a quadratic through the indentation.
+
+    Markers count by how much deeper they are than the shallowest, so that the axis does not jump
+    where one of the rim comes or goes. Refused where the contact has too few markers, is too
+    round, or the shape fits too badly.
+    """
+    nothing = Axis(np.nan, np.nan, np.nan, np.nan)
+    points = fields.positions[fields.contact, :2]
+    if len(points) < LEAST_MARKERS:
+        return nothing._replace(reason=f"{len(points)} markers in contact")
+    if not fields.indentation[fields.contact].any():
+        return nothing._replace(reason="one view tells no indentation")
+    x, y = (points - points.mean(axis=0)).T
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    depth = fields.indentation[fields.contact]
+    weights = depth - depth.min()
+    solve = np.linalg.pinv(design.T @ (weights[:, None] * design)) @ (design.T * weights)
+    shape = solve @ depth
+    misfit = depth - design @ shape
+    variance = float(weights @ misfit**2) / max(float(weights.sum()), 1e-30)
+    covariance = (solve @ solve.T)[3:, 3:] * variance * len(x) / (len(x) - 6)
+    xx, xy, yy = shape[3:]
+    spread = float(np.hypot(xx - yy, xy))
+    short, long = xx + yy - spread, xx + yy + spread  # twice the principal values, both below 0
+    if long >= 0.0 or spread == 0.0:
+        return nothing._replace(reason="the contact is not rounded both ways")
+    elongation = float(np.sqrt(short / long))
+    gradient = np.array([-xy, xx - yy, xy]) / (2.0 * spread**2)
+    error = float(np.sqrt(gradient @ covariance @ gradient))
+    axis = Axis(0.5 * float(np.arctan2(xy, xx - yy)), error, elongation, -short)
+    if elongation < LEAST_ELONGATION:
+        return axis._replace(angle=np.nan, reason=f"the contact is too round: {elongation:.2f}:1")
+    if error > np.radians(LARGEST_ERROR_DEG):
+        return axis._replace(
+            angle=np.nan, reason=f"its direction is only known to {np.degrees(error):.1f}°"
+        )
+    return axis
+
+
+def unwrap(angle: float, near: float) -> float:
+    """An axis' direction, by half turns as near to another as can be [rad]."""
+    return angle + np.pi * round((near - angle) / np.pi)
+
+
+class OutlineFollower:
+    """Follows the long axis of the contact frame by frame, anew with every contact."""
+
+    def __init__(self) -> None:
+        """Begin with no frame."""
+        self._axes: list[tuple[float, float, float]] = []
+        self._last = np.nan
+
+    def update(self, fields: Fields | None) -> None:
+        """Follow it through the next frame.
+
+        Args:
+            fields: of the frame; None where it cannot be used.
+        """
+        nothing = (np.nan, np.nan, np.nan)
+        if fields is None or not fields.contact.any():
+            self._last = self._last if fields is None else np.nan
+            self._axes.append(nothing)
+            return
+        axis = measure_axis(fields)
+        if np.isfinite(axis.angle):
+            self._last = unwrap(axis.angle, self._last) if np.isfinite(self._last) else axis.angle
+            self._axes.append((self._last, axis.standard_error, axis.elongation))
+        else:
+            self._axes.append((np.nan, np.nan, axis.elongation))
+
+    def outline(self, recording: Recording) -> Outline:
+        """The axis in every frame of a recording, which have all been followed.
+
+        Where the source has the object's imprint, that takes its place.
+        """
+        if recording.imprint is not None:
+            nothing = np.full(len(recording), np.nan)
+            return Outline(recording.imprint[:, 0], recording.imprint[:, 1], nothing)
+        return Outline(*np.reshape(self._axes[: len(recording)], (-1, 3)).T)
+
+
+def follow_outline(recording: Recording) -> Outline:
+    """Follow the long axis of the contact through a recording, anew with every contact.
+
+    Where the source has the object's imprint, that is followed in its place.
+    """
+    follower, stencils = OutlineFollower(), make_stencils(recording.layout)
+    if recording.imprint is None:
+        for frame in recording:
+            follower.update(None if frame.flaw else measure_fields(stencils, frame))
+    return follower.outline(recording)

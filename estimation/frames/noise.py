@@ -1,0 +1,187 @@
+"""Marker noise, told from the recording itself.
+
+Markers move while they are measured, and their errors are correlated over about three frames:
+trackers of this kind smooth over that many. Motion is smooth in space and slow; noise is neither.
+So the noise is what is left of second differences in time, three frames apart, when a smooth
+surface through each marker's surroundings is taken off.
+
+Errors that change more slowly than over three frames, such as a bias that depends on where a dot
+lies between the camera's pixels, cannot be told from motion this way and are not in the figure.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from jaxtyping import Float, Int
+
+from estimation.frames.recording import Recording
+
+SURROUNDINGS = 12
+"""Nearest markers that a quadratic surface is fitted to: two rings of a square grid."""
+
+WHITE_LAGS = range(3, 9)
+"""Frames apart at which errors count as independent, the first that the recording offers: the
+trackers' running mean is three frames long."""
+
+FEWEST_SAMPLES = 300
+"""Residuals per coordinate needed: their median is then good to about 7 %."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Random error of marker positions.
+
+    Attributes:
+        in_plane: standard deviation of x and of y [mm].
+        normal: standard deviation of z [mm]; NaN in two dimensions.
+        correlation: correlation in time of a marker's errors, one and two frames of the source
+            apart; NaN where the recording has too few such frames. Beyond two it counts as zero.
+        frames: number of frames that the estimate uses.
+    """
+
+    in_plane: float
+    normal: float
+    correlation: tuple[float, float]
+    frames: int
+
+    @classmethod
+    def given(cls, in_plane: float) -> "Noise":
+        """Noise of which only the standard deviation in the plane is known [mm].
+
+        Raises:
+            ValueError: it is not above 0.
+        """
+        if not 0.0 < in_plane < float("inf"):
+            raise ValueError(f"the noise is {in_plane} mm; it must be a number above 0")
+        unknown = float("nan")
+        return cls(in_plane, normal=unknown, correlation=(unknown, unknown), frames=0)
+
+
+def find_noise(recording: Recording) -> tuple[Noise | None, tuple[str, ...]]:
+    """The noise of a recording, or notes of why it is unknown and what follows from that."""
+    try:
+        return estimate_noise(recording), ()
+    except ValueError as error:
+        return None, (f"{error}. The intervals come from the misfit within each frame instead.",)
+
+
+def estimate_noise(recording: Recording) -> Noise:
+    """Estimate the noise of a recording in which the markers may move.
+
+    Frame distances are counted in the source's frame numbers, so that dropped frames do no harm.
+    Frames that repeat the reference exactly (some sensors report that while unloaded) carry no
+    noise and are left out, as are markers that are not valid. The medians forgive a minority of
+    markers and frames that jump.
+
+    Raises:
+        ValueError: too few markers, too few frames of the right distance, or no scatter.
+    """
+    layout = recording.layout
+    displacement = recording.positions - layout.reference
+    repeats = (displacement == 0).all(axis=(1, 2))
+    usable = recording.valid & ~repeats[:, None]
+    rough = _take_off_smooth(
+        np.where(usable[..., None], displacement, np.nan), *_surroundings(layout.reference)
+    )
+    rows = np.flatnonzero(np.isfinite(rough).any(axis=(1, 2)))
+    number_to_row = dict(zip(recording.source_index[rows].tolist(), rows.tolist(), strict=True))
+    for lag in WHITE_LAGS:
+        triples = _triples(number_to_row, lag)
+        white = _second_difference_variance(rough, triples)
+        if np.isfinite(white).all():
+            break
+    else:
+        raise ValueError(
+            f"the noise cannot be estimated from {len(recording)} frames: it takes frames "
+            f"i, i + {WHITE_LAGS.start} and i + {2 * WHITE_LAGS.start} of the source that show "
+            f"{FEWEST_SAMPLES} markers; give the noise, or record longer"
+        )
+    if not (white[:2] > 0).all():
+        raise ValueError(
+            "the noise cannot be estimated: the positions do not scatter, as if rounded or "
+            "repeated; give the noise"
+        )
+    variance = white / 6  # of x[t+l] − 2 x[t] + x[t−l] with the three independent
+    plane = float(variance[:2].mean())
+    # with correlation ρ the variance at lag l is (6 − 8 ρ(l) + 2 ρ(2l)) σ²
+    one, two = (
+        _second_difference_variance(rough, _triples(number_to_row, lag))[:2].mean()
+        for lag in (1, 2)
+    )
+    rho_two = (6 - _ratio(two, plane)) / 8
+    rho_one = (6 - _ratio(one, plane) + 2 * rho_two) / 8
+    return Noise(
+        in_plane=float(np.sqrt(plane)),
+        normal=float(np.sqrt(variance[2])) if len(variance) == 3 else float("nan"),
+        correlation=(float(rho_one), float(rho_two)),
+        frames=len(np.unique(triples)),
+    )
+
+
+def _surroundings(
+    reference: Float[np.ndarray, "n d"],
+) -> tuple[Float[np.ndarray, "m k"], Int[np.ndarray, "m k"]]:
+    """Values and columns of what takes each marker's own quadratic surroundings off, gain one.
+
+    Row i is (x_i − Σ w_j x_j) / √(1 + Σ w_j²) with weights that reproduce quadratics. Markers
+    whose value would have to be extrapolated (corners) have no row.
+    """
+    plane = reference[:, :2]
+    if len(plane) <= SURROUNDINGS:
+        raise ValueError(
+            f"the noise cannot be estimated from {len(plane)} markers: more than {SURROUNDINGS} "
+            "are needed; give the noise"
+        )
+    near = np.asarray(scipy.spatial.KDTree(plane).query(plane, SURROUNDINGS + 1)[1])[:, 1:]
+    offset = plane[near] - plane[:, None]
+    x, y = np.moveaxis(offset / np.abs(offset).mean(), -1, 0)
+    quadratic = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-2)
+    weights = np.linalg.pinv(quadratic, rcond=1e-6)[..., 0]
+    gain = 1 + (weights**2).sum(axis=1)
+    rows = np.flatnonzero(gain < 2)
+    scale = np.sqrt(gain[rows])[:, None]
+    values = np.concatenate([np.ones_like(scale), -weights[rows]], axis=1) / scale
+    return values, np.concatenate([rows[:, None], near[rows]], axis=1)
+
+
+def _take_off_smooth(
+    displacement: Float[np.ndarray, "frames n d"],
+    values: Float[np.ndarray, "m k"],
+    columns: Int[np.ndarray, "m k"],
+) -> Float[np.ndarray, "frames m d"]:
+    """The sparse rows applied in every frame; NaN where one of the surroundings is NaN."""
+    frames, markers, dimensions = displacement.shape
+    starts = np.arange(0, columns.size + 1, SURROUNDINGS + 1)
+    operator = scipy.sparse.csr_array(
+        (values.ravel(), columns.ravel(), starts), shape=(len(columns), markers)
+    )
+    stacked = displacement.transpose(1, 0, 2).reshape(markers, frames * dimensions)
+    return (operator @ stacked).reshape(-1, frames, dimensions).transpose(1, 0, 2)
+
+
+def _triples(row: dict[int, int], lag: int) -> Int[np.ndarray, "triples 3"]:
+    """Rows of frames whose numbers at the source are `lag` and twice `lag` apart."""
+    found = [
+        (i, row[number + lag], row[number + 2 * lag])
+        for number, i in row.items()
+        if number + lag in row and number + 2 * lag in row
+    ]
+    return np.array(found, dtype=int).reshape(-1, 3)
+
+
+def _second_difference_variance(
+    rough: Float[np.ndarray, "frames m d"], triples: Int[np.ndarray, "triples 3"]
+) -> Float[np.ndarray, " d"]:
+    """Variance of second differences in time per coordinate, from the median deviation."""
+    before, now, after = (rough[triples[:, i]] for i in range(3))
+    difference = (before - 2 * now + after).reshape(-1, rough.shape[-1])
+    difference = difference[np.isfinite(difference).all(axis=-1)]
+    if len(difference) < FEWEST_SAMPLES:
+        return np.full(rough.shape[-1], np.nan)
+    return (1.4826 * np.median(np.abs(difference), axis=0)) ** 2
+
+
+def _ratio(variance: float, white: float) -> float:
+    """Their ratio; that of independent errors where there is no noise at all."""
+    return variance / white if white > 0 else 6.0

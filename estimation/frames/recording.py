@@ -1,0 +1,343 @@
+"""What a sensor has seen: marker positions over time, and how the markers are laid out."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import get_args, get_type_hints
+
+import numpy as np
+import scipy
+from jaxtyping import AbstractArray, Bool, Float, Int
+
+
+def _expect_shape(name: str, array: np.ndarray, *shape: int) -> None:
+    """Raise a ValueError unless `array` is as large as the rest of its object says it must be."""
+    if array.shape != shape:
+        raise ValueError(f"`{name}` has shape {array.shape}; it must be {shape} to fit the rest")
+
+
+def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
+    """Raise a ValueError unless every valid marker is somewhere."""
+    if not np.isfinite(positions[valid]).all():
+        raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
+
+
+ONSET_MM = 0.1
+"""Displacement from which a marker has been moved by an object [mm]."""
+LARGEST = 1e9
+"""Length, force, moment or angle from which on a value is no measurement [mm, N, N·mm, rad]."""
+
+
+def expect_places(reference: Float[np.ndarray, "n d"]) -> None:
+    """Check that every marker at rest is where one can be.
+
+    Raises:
+        ValueError: one is not.
+    """
+    if not (np.abs(reference) < LARGEST).all():
+        raise ValueError(
+            "`reference` has positions that are not finite, or too far away: leave those markers "
+            "out"
+        )
+
+
+@cache
+def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
+    """The arrays that a class declares, by name, each with its declared type and shape.
+
+    Args:
+        owner: a dataclass whose arrays are annotated with jaxtyping; they may be optional.
+    """
+    return {
+        name: kind
+        for name, hint in get_type_hints(owner).items()
+        for kind in get_args(hint) or (hint,)
+        if isinstance(kind, type) and issubclass(kind, AbstractArray)
+    }
+
+
+@dataclass(frozen=True)
+class MarkerLayout:
+    """The markers of a sensor in its unloaded state.
+
+    Attributes:
+        reference: unloaded positions [mm].
+        neighbours: indices of each marker's neighbours, −1 where there is none.
+        grid_shape: rows and columns where the markers form a regular grid (marker
+            `row * columns + column`), else None.
+
+    Raises:
+        ValueError: the arrays do not fit each other, a reference position is not finite, or a
+            neighbour is not a marker.
+    """
+
+    reference: Float[np.ndarray, "n d"]
+    neighbours: Int[np.ndarray, "n k"]
+    grid_shape: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit."""
+        if self.reference.ndim != 2 or self.reference.shape[1] not in (2, 3):
+            raise ValueError(
+                f"`reference` has shape {self.reference.shape}; it must be (markers, 2) or "
+                "(markers, 3)"
+            )
+        if not np.isfinite(self.reference).all():
+            raise ValueError(
+                "`reference` has positions that are not finite: leave those markers out"
+            )
+        markers = len(self.reference)
+        if self.neighbours.ndim != 2 or len(self.neighbours) != markers:
+            raise ValueError(
+                f"`neighbours` has shape {self.neighbours.shape}; it must have a row for each of "
+                f"the {markers} markers"
+            )
+        if (
+            self.neighbours.size
+            and not -1 <= self.neighbours.min() <= self.neighbours.max() < markers
+        ):
+            raise ValueError(f"`neighbours` must be −1 or the index of one of {markers} markers")
+        if self.grid_shape is not None and (
+            len(self.grid_shape) != 2
+            or min(self.grid_shape) < 1
+            or self.grid_shape[0] * self.grid_shape[1] != markers
+        ):
+            raise ValueError(
+                f"`grid_shape` is {self.grid_shape}: its rows and columns do not hold {markers} "
+                "markers"
+            )
+
+
+def grid_neighbours(shape: tuple[int, int]) -> Int[np.ndarray, "n 4"]:
+    """The four neighbours of each marker of a regular grid.
+
+    Args:
+        shape: rows and columns.
+
+    Returns:
+        For marker `row * columns + column` the ones in the row before, the row after, the column
+        before and the column after; −1 beyond the rim.
+    """
+    rows, columns = shape
+    index = np.pad(np.arange(rows * columns).reshape(shape), 1, constant_values=-1)
+    around = (index[:-2, 1:-1], index[2:, 1:-1], index[1:-1, :-2], index[1:-1, 2:])
+    return np.stack(around, axis=-1).reshape(-1, 4)
+
+
+def delaunay_neighbours(
+    reference: Float[np.ndarray, "n d"], longest: float = 1.8
+) -> Int[np.ndarray, "n k"]:
+    """The neighbours of each marker in the Delaunay triangulation of x and y.
+
+    Args:
+        reference: unloaded positions [mm].
+        longest: edges longer than this multiple of the median edge are left out: they span gaps
+            and the hollows of the hull. The diagonal of a square cell, √2, stays.
+
+    Returns:
+        Indices in ascending order, filled up with −1.
+
+    Raises:
+        ValueError: fewer than three markers, or all on one line.
+    """
+    try:
+        simplices = scipy.spatial.Delaunay(reference[:, :2]).simplices
+    except (scipy.spatial.QhullError, ValueError) as error:
+        raise ValueError(
+            f"{len(reference)} markers give no triangulation: at least three are needed, not all "
+            "on one line"
+        ) from error
+    edges = np.concatenate([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]])
+    edges = np.unique(np.sort(edges, axis=1), axis=0)
+    length = np.linalg.norm(np.diff(reference[edges, :2], axis=1)[:, 0], axis=-1)
+    edges = edges[length <= longest * np.median(length)]
+    edges = np.concatenate([edges, edges[:, ::-1]])
+    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
+    count = np.bincount(edges[:, 0], minlength=len(reference))
+    slot = np.arange(len(edges)) - np.repeat(np.cumsum(count) - count, count)
+    neighbours = np.full((len(reference), count.max(initial=0)), -1)
+    neighbours[edges[:, 0], slot] = edges[:, 1]
+    return neighbours
+
+
+def find_grid(reference: Float[np.ndarray, "n d"]) -> tuple[int, int] | None:
+    """Rows and columns of markers that lie row by row on a regular grid, else None.
+
+    The grid may be turned, mirrored and distorted: every step along a row, and every step along a
+    column, must be within 0.35 of the mean step (published pads reach 0.08), and the two mean steps
+    must be neither nearly parallel nor of very different length.
+    """
+    points = reference[:, :2]
+    for rows in range(2, len(points) // 2 + 1):
+        columns, rest = divmod(len(points), rows)
+        if rest:
+            continue
+        lattice = points.reshape(rows, columns, 2)
+        means, regular = [], True
+        for step in (np.diff(lattice, axis=0), np.diff(lattice, axis=1)):
+            mean = step.mean(axis=(0, 1))
+            regular &= bool(
+                (np.linalg.norm(step - mean, axis=-1) < 0.35 * np.linalg.norm(mean)).all()
+            )
+            means.append(mean)
+        (ax, ay), (bx, by) = means
+        area = abs(ax * by - ay * bx)
+        if regular and area > 0.5 * max(ax**2 + ay**2, bx**2 + by**2):
+            return rows, columns
+    return None
+
+
+def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
+    """The layout of markers at `reference` [mm]: a regular grid where there is one, else Delaunay.
+
+    Raises:
+        ValueError: a position is not finite or too far away, or the markers span no plane.
+    """
+    expect_places(reference)
+    shape = find_grid(reference)
+    neighbours = delaunay_neighbours(reference) if shape is None else grid_neighbours(shape)
+    return MarkerLayout(reference, neighbours, shape)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a recording, as a camera delivers it.
+
+    Attributes:
+        positions: marker positions [mm]; NaN where a marker was not seen.
+        valid: which markers can be used.
+        time: time stamp [s].
+        source_index: number the source gave the frame.
+        moment: moment about the contact normal [N·mm], NaN where unknown.
+        normal_force: pressing force [N], NaN where unknown.
+        flaw: why the frame cannot be used, empty where it can.
+        contact: the contact region, where the source knows it; else the displacements tell.
+        imprint: rotation of what the object prints through the gel, and its standard error [rad];
+            NaN where unknown.
+        rotation: of the line features at each marker [rad], where the source measures it and the
+            markers' neighbours need not tell; NaN where unknown.
+
+    Raises:
+        ValueError: the arrays do not fit each other, or a valid marker has no position.
+    """
+
+    positions: Float[np.ndarray, "n d"]
+    valid: Bool[np.ndarray, " n"]
+    time: float
+    source_index: int
+    moment: float = float("nan")
+    normal_force: float = float("nan")
+    flaw: str = ""
+    contact: Bool[np.ndarray, " n"] | None = None
+    imprint: tuple[float, float] = (float("nan"), float("nan"))
+    rotation: Float[np.ndarray, " n"] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit."""
+        _expect_shape("valid", self.valid, *self.positions.shape[:1])
+        _expect_positions(self.positions, self.valid)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Marker positions over time.
+
+    The sensor frame has x and y in the contact plane and z out of the elastomer towards the
+    object. In two dimensions the positions are those of x and y.
+
+    Attributes:
+        layout: the markers' reference positions and neighbours.
+        positions: marker positions [mm]; NaN where a marker was not seen.
+        valid: which marker of which frame can be used.
+        time: time stamps [s].
+        source_index: number the source gave each frame; gaps are dropped frames.
+        force: resultant force on the sensor [N], if the source has it.
+        moment: resultant moment on the sensor [N·mm], if the source has it.
+        forces: force at each marker [N], if the source has it.
+        flaws: per frame, why it cannot be used; empty where it can.
+        contact: the contact region in each frame, if the source knows it.
+        imprint: rotation of what the object prints through the gel, and its standard error [rad],
+            in each frame, if the source has it; NaN where it has lost its place.
+        rotation: of the line features at each marker [rad], if the source measures it.
+        unit: of lengths, mm, or px where the source has no scale.
+        name: short name, used for folders and titles.
+        source: where the recording came from.
+        convention: how the source's axes lie, and what was turned to get to the sensor frame.
+        notes: what a reader or user of the recording should know, in sentences.
+        warnings: what is assumed about the recording or looks wrong with it, in sentences; commands
+            print them as well.
+
+    Raises:
+        ValueError: the arrays do not fit each other, or a valid marker has no position.
+    """
+
+    layout: MarkerLayout
+    positions: Float[np.ndarray, "frames n d"]
+    valid: Bool[np.ndarray, "frames n"]
+    time: Float[np.ndarray, " frames"]
+    source_index: Int[np.ndarray, " frames"]
+    force: Float[np.ndarray, "frames 3"] | None = None
+    moment: Float[np.ndarray, "frames 3"] | None = None
+    forces: Float[np.ndarray, "frames n d"] | None = None
+    flaws: tuple[str, ...] = ()
+    contact: Bool[np.ndarray, "frames n"] | None = None
+    imprint: Float[np.ndarray, "frames 2"] | None = None
+    rotation: Float[np.ndarray, "frames n"] | None = None
+    unit: str = "mm"
+    name: str = "recording"
+    source: str = ""
+    convention: str = "z out of the elastomer towards the object"
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit."""
+        if self.positions.ndim != 3 or len(self.positions) == 0:
+            raise ValueError(
+                f"`positions` has shape {self.positions.shape}; it must be (frames, markers, 2) or "
+                "(frames, markers, 3) with at least one frame"
+            )
+        frames = len(self.positions)
+        size = dict(zip(("n", "d"), self.layout.reference.shape, strict=True)) | {"frames": frames}
+        for name, kind in declared_arrays(Recording).items():
+            if (array := getattr(self, name)) is not None:
+                shape = (size[one] if one in size else int(one) for one in kind.dim_str.split())
+                _expect_shape(name, array, *shape)
+        if self.unit not in ("mm", "px"):
+            raise ValueError(f"`unit` is {self.unit!r}; it must be mm or px")
+        if self.flaws and len(self.flaws) != frames:
+            raise ValueError(f"{len(self.flaws)} `flaws` for {frames} frames: give one for each")
+        _expect_positions(self.positions, self.valid)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.time)
+
+    def head(self, frames: int) -> "Recording":
+        """The recording's first frames."""
+        arrays = declared_arrays(Recording).items()
+        per_frame = [name for name, kind in arrays if kind.dim_str.split()[0] == "frames"]
+        cut = {
+            name: value[:frames]
+            for name in (*per_frame, "flaws")
+            if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **cut)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames in order, as `Tracker.update` takes them."""
+        for i in range(len(self)):
+            yield Frame(
+                positions=self.positions[i],
+                valid=self.valid[i],
+                time=float(self.time[i]),
+                source_index=int(self.source_index[i]),
+                moment=float("nan") if self.moment is None else float(self.moment[i, 2]),
+                normal_force=float("nan") if self.force is None else -float(self.force[i, 2]),
+                flaw=self.flaws[i] if self.flaws else "",
+                contact=None if self.contact is None else self.contact[i],
+                imprint=(np.nan, np.nan)
+                if self.imprint is None
+                else (float(self.imprint[i, 0]), float(self.imprint[i, 1])),
+                rotation=None if self.rotation is None else self.rotation[i],
+            )

@@ -1,0 +1,55 @@
+"""Why frames have no angle, in a few words and counts."""
+
+from collections import Counter
+
+import numpy as np
+
+from estimation.estimators.result import UNSEEN_TURN, Result, State
+from estimation.slip.lookback import RESTS_OR_SLIDES
+
+
+def count_missing(result: Result) -> dict[str, int]:
+    """How many frames have no angle, by the reason; the most frequent reason first."""
+    touched = np.maximum.accumulate([state != State.NO_CONTACT for state in result.state])
+    missing = np.flatnonzero(~result.answered)
+    counts = Counter(_name_reason(result, int(row), bool(touched[row])) for row in missing)
+    return dict(counts.most_common())
+
+
+def describe_answers(result: Result, most: int = 3) -> str:
+    """How many frames are answered, in which states, and why the others are not.
+
+    Args:
+        result: of one method.
+        most: reasons that are named; frames with a rarer one are counted together.
+    """
+    answered = result.answered
+    states = Counter(state for state, has in zip(result.state, answered, strict=True) if has)
+    text = f"{answered.sum()} of {len(answered)} frames answered"
+    if states:
+        text += f" ({_list({str(state): n for state, n in states.most_common()})})"
+    missing = list(count_missing(result).items())
+    if not missing:
+        return text
+    named, others = dict(missing[:most]), sum(n for _, n in missing[most:])
+    if others:
+        named["for other reasons"] = others
+    return f"{text}; {(~answered).sum()} without an angle: {_list(named)}"
+
+
+def _name_reason(result: Result, row: int, touched: bool) -> str:
+    state, reason = result.state[row], result.reason[row]
+    withdrawn = result.withdrawn is not None and bool(result.withdrawn.rows[row])
+    if state == State.NO_CONTACT:
+        return "without contact" if touched else "before contact"
+    if state == State.MACRO_SLIP:
+        return "withdrawn in macro slip" if withdrawn else "in macro slip"
+    if reason == RESTS_OR_SLIDES:
+        return "withdrawn after a pause"
+    if reason == UNSEEN_TURN:
+        return "withdrawn after an unseen turn" if withdrawn else "after an unseen turn"
+    return reason.split(":")[0]
+
+
+def _list(counts: dict[str, int]) -> str:
+    return ", ".join(f"{n} {name}" for name, n in counts.items())

@@ -1,0 +1,131 @@
+"""What a run of several recordings writes: them side by side, and two fingers as one grasp."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.estimators.grasp import Fit, Grasp
+from estimation.frames.files import write_whole
+from estimation.output.plots import plot_grasp, plot_moment, plot_overview
+from estimation.output.report import (
+    Run,
+    describe_branch,
+    figure_png,
+    json_number,
+    render_page,
+    summarise,
+)
+
+COMPARISON_COLUMNS = (
+    "time_s",
+    "first_deg",
+    "second_deg",
+    "joint_deg",
+    "joint_low_deg",
+    "joint_high_deg",
+    "holds",
+)
+
+
+def write_overview(
+    runs: Sequence[Run], folder: Path, grasp: Grasp | None = None, note: str = ""
+) -> None:
+    """Write `overview.png` and `report.html`: the angles of several recordings side by side.
+
+    Of a grasp also `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`.
+
+    Args:
+        runs: of recordings named after the folders in `folder` that hold their reports.
+        folder: to write to.
+        grasp: two of them brought together as the fingers of a grasp, the first's clock for both.
+        note: a sentence for the head of the report.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    named = {run.recording.name: run for run in runs}
+    figure = plot_overview(
+        {name: run.results[run.method] for name, run in named.items()},
+        {name: (run.turns, run.outline) for name, run in named.items()},
+    )
+    images = {"overview.png": figure_png(figure)}
+    figures = None
+    if grasp is not None:
+        figures = _describe_grasp(grasp, named)
+        text = json.dumps(figures, indent=2, ensure_ascii=False) + "\n"
+        write_whole(folder / "grasp.json", text)
+        write_whole(folder / "comparison.csv", _comparison(grasp))
+        branches = {name: (run.results[run.method], run.margin.last) for name, run in named.items()}
+        images["grasp.png"] = figure_png(plot_grasp(grasp, list(named)))
+        images["moment.png"] = figure_png(plot_moment(branches))
+    for name, image in images.items():
+        write_whole(folder / name, image)
+    page = render_page(
+        "overview.html",
+        images,
+        runs=[summarise(run) for run in runs],
+        grasp=figures,
+        angles=[] if grasp is None else _sample(grasp),
+        note=note,
+    )
+    write_whole(folder / "report.html", page)
+
+
+def _describe_grasp(grasp: Grasp, runs: Mapping[str, Run]) -> dict[str, Any]:
+    """The figures of a grasp, ready for JSON: None where there is no number."""
+    first, second = runs
+    return {
+        "first": first,
+        "second": second,
+        "slope_fixed": _describe_fit(grasp.fixed),
+        "slope_free": _describe_fit(grasp.free),
+        "branches": {name: describe_branch(run.margin.last) for name, run in runs.items()},
+    }
+
+
+def _describe_fit(fit: Fit) -> dict[str, Any]:
+    """A fit of two fingers, in the units of the command line."""
+    slope_error, clock_error, angle_error = fit.errors
+    return {
+        "rms_difference_deg": json_number(np.degrees(fit.rms)),
+        "slope": json_number(fit.slope),
+        "slope_standard_error": json_number(slope_error),
+        "clock_offset_s": json_number(fit.clock_offset),
+        "clock_offset_standard_error_s": json_number(clock_error),
+        "angle_offset_deg": json_number(np.degrees(fit.angle_offset)),
+        "angle_offset_standard_error_deg": json_number(np.degrees(angle_error)),
+        "correlation_of_slope_and_clock_offset": json_number(fit.correlation),
+        "frames_compared": fit.frames,
+    }
+
+
+def _comparison(grasp: Grasp) -> str:
+    """Both fingers and the joint angle as CSV, a row for each frame of the first."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COMPARISON_COLUMNS)
+    columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
+    degrees = np.degrees(np.stack(columns, axis=1))
+    for i, time in enumerate(grasp.time):
+        angles = (f"{value:.6f}" for value in degrees[i])
+        writer.writerow((f"{time:.6f}", *angles, int(grasp.holds[i])))
+    return text.getvalue()
+
+
+def _sample(grasp: Grasp, count: int = 11) -> list[dict[str, float | bool | None]]:
+    """The joint angle and the fingers' difference at some frames, evenly spaced [°, s]."""
+    known = np.flatnonzero(np.isfinite(grasp.joint))
+    spaced = np.linspace(0, len(known) - 1, min(count, len(known))).astype(int)
+    difference = grasp.second - grasp.first
+    angles = {"first": grasp.first, "second": grasp.second, "difference": difference}
+    angles |= {"joint": grasp.joint, "low": grasp.low, "high": grasp.high}
+    return [
+        {"time_s": json_number(grasp.time[i]), "holds": bool(grasp.holds[i])}
+        | {name: json_number(np.degrees(angle[i])) for name, angle in angles.items()}
+        for i in known[spaced]
+    ]

@@ -1,0 +1,311 @@
+"""Pictures of recordings and results; each function returns a Matplotlib figure."""
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from estimation.estimators.grasp import Grasp
+from estimation.estimators.result import Result, State
+from estimation.frames.recording import Recording
+from estimation.slip.margin import Branch
+from estimation.slip.motion import find_slip_curl
+
+STATE_COLOURS = {
+    State.NO_CONTACT: "#e6e6e6",
+    State.STICK: "#d4ecd0",
+    State.INCIPIENT: "#fbeebf",
+    State.MACRO_SLIP: "#f6cfc9",
+    State.UNKNOWN: "#c9c9e8",
+}
+
+
+def plot_angles(
+    results: Mapping[str, Result],
+    method: str,
+    references: Mapping[str, Float[np.ndarray, " frames"]] | None = None,
+) -> Figure:
+    """Angle, markers that stick and moment over time; the state as coloured background.
+
+    Args:
+        results: by method.
+        method: the one drawn with its interval and state.
+        references: other angles over the same frames, by label [rad].
+    """
+    main = results[method]
+    time = main.time - main.time[0]
+    has_moment = bool(np.isfinite(main.moment).any())
+    rows = 3 if has_moment else 2
+    figure, axes = plt.subplots(
+        rows,
+        1,
+        sharex=True,
+        figsize=(9, 3.2 + 1.7 * (rows - 1)),
+        height_ratios=[2.4, 1, 1][:rows],
+        layout="constrained",
+    )
+    for axis in axes:
+        _shade_states(axis, time, main.state)
+    top = axes[0]
+    for style, (label, angle) in zip(("--", "-.", ":"), (references or {}).items(), strict=False):
+        top.plot(time, np.degrees(angle), "k", ls=style, lw=1.1, label=label)
+    for name, result in results.items():
+        if name != method:
+            top.plot(time, np.degrees(result.angle), lw=0.9, alpha=0.8, label=name)
+    line = top.plot(time, np.degrees(main.angle), lw=1.8, color="#08306b", label=method)[0]
+    top.fill_between(
+        time, np.degrees(main.low), np.degrees(main.high), color=line.get_color(), alpha=0.3, lw=0
+    )
+    if main.withdrawn is not None and main.withdrawn.rows.any():
+        gone = np.degrees(main.withdrawn.angle)
+        top.plot(time, gone, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
+    top.set_ylabel("object's angle [°]")
+    handles, labels = top.get_legend_handles_labels()
+    present = [state for state in STATE_COLOURS if state in main.state]
+    handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
+    labels += [str(state) for state in present]
+    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    axes[1].plot(time, main.contact.sum(axis=1), color="0.5", lw=1, label="in contact")
+    axes[1].plot(time, main.stick.sum(axis=1), color="#08306b", lw=1.3, label="sticking")
+    axes[1].set_ylabel("markers")
+    axes[1].legend(fontsize=8, frameon=False)
+    if has_moment:
+        axes[2].plot(time, main.moment, color="#7f2704", lw=1.2)
+        axes[2].set_ylabel("moment [N·mm]")
+    axes[-1].set_xlabel("time since the first frame [s]")
+    return figure
+
+
+def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Figure:
+    """Rotation, stick and slip, and curl of the slip at chosen frames, seen from the object.
+
+    Args:
+        recording: the recording.
+        result: of one method.
+        frames: rows of the recording.
+    """
+    figure, axes = _make_maps(len(frames), recording.layout.reference)
+    shown = result.contact[frames]
+    rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
+    rotation_scale = _colour_scale(rotation)
+    curl = np.stack([find_slip_curl(result, i) for i in frames])
+    curl_scale = _colour_scale(curl)
+    x, y = recording.layout.reference[:, 0], recording.layout.reference[:, 1]
+    for column, i in enumerate(frames):
+        top, middle, bottom = axes[:, column]
+        top.set_title(f"{result.time[i] - result.time[0]:.2f} s\n{result.state[i]}", fontsize=9)
+        colours = np.where(
+            result.stick[i], "#1b7837", np.where(result.contact[i], "#d6604d", "0.85")
+        )
+        middle.scatter(x, y, c=colours, s=14)
+        _scatter(top, x, y, rotation[column], rotation_scale)
+        _scatter(bottom, x, y, curl[column], curl_scale)
+    for axis, scale, label in (
+        (axes[0, -1], rotation_scale, "φ [°]"),
+        (axes[2, -1], curl_scale, "rot(slip), Eq. 9 [rad]"),
+    ):
+        figure.colorbar(scale, cax=axis.inset_axes((1.08, 0.0, 0.07, 1.0)), label=label)
+    handles = [
+        Line2D([], [], marker="o", ls="", color=colour, label=label)
+        for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
+    ]
+    figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8, frameon=False)
+    axes[2, 0].set_xlabel(f"x [{recording.unit}]")
+    axes[2, 0].set_ylabel(f"y [{recording.unit}]")
+    return figure
+
+
+def plot_overview(
+    results: Mapping[str, Result],
+    outlines: Mapping[str, tuple[str, Float[np.ndarray, " frames"]]],
+) -> Figure:
+    """Angles of several recordings and of their contact outlines, each on its own clock.
+
+    An outline, or an imprint, has no zero of its own: its curve starts on that of the markers.
+
+    Args:
+        results: by recording.
+        outlines: what has been followed beside the markers, and its angle [rad], by recording.
+    """
+    size = (9.0, 4.5)
+    figure, axis = plt.subplots(figsize=size, gridspec_kw=_margins(size))
+    for number, (name, result) in enumerate(results.items()):
+        time = result.time - result.time[0]
+        colour = f"C{number}"
+        axis.plot(time, np.degrees(result.angle), color=colour, lw=1.6, label=f"{name}: markers")
+        axis.fill_between(
+            time, np.degrees(result.low), np.degrees(result.high), color=colour, alpha=0.3, lw=0
+        )
+        what, outline = outlines[name]
+        both = np.nonzero(result.answered & np.isfinite(outline))[0]
+        if len(both):
+            outline = outline - outline[both[0]] + result.angle[both[0]]
+            axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: {what}")
+        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        level = np.full(len(time), np.nan)
+        level[slip] = 0.0
+        axis.plot(time, level, color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
+    axis.axhline(0.0, color="0.7", lw=0.6)
+    axis.set_xlabel("time since the recording's first frame [s]")
+    axis.set_ylabel("object's angle [°]")
+    axis.set_title("thick bars on the zero line: macro slip", fontsize=9)
+    axis.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
+    """Both fingers' angles on one clock, their joint angle, and their difference.
+
+    Args:
+        grasp: the comparison.
+        names: of the two recordings.
+    """
+    size = (9.0, 5.4)
+    margins = _margins(size, top=0.15, hspace=0.06)
+    figure, (top, bottom) = plt.subplots(
+        2, 1, sharex=True, figsize=size, height_ratios=[2.4, 1], gridspec_kw=margins
+    )
+    top.fill_between(
+        grasp.time, np.degrees(grasp.low), np.degrees(grasp.high), color="0.8", lw=0, label="joint"
+    )
+    for angle, name, colour in zip((grasp.first, grasp.second), names, ("C0", "C1"), strict=True):
+        top.plot(grasp.time, np.degrees(angle), color=colour, lw=1.4, label=name)
+    top.set_ylabel("object's angle [°]")
+    top.legend(fontsize=8, frameon=False)
+    difference = np.degrees(grasp.second - grasp.first)
+    bottom.plot(grasp.time, difference, color="0.7", lw=1, label="macro slip on a finger")
+    bottom.plot(grasp.time, np.where(grasp.holds, difference, np.nan), "k", lw=1.3, label="holds")
+    bottom.axhline(0.0, color="0.7", lw=0.6)
+    bottom.set_ylabel("difference [°]")
+    bottom.set_xlabel(f"time since the first frame of {names[0]} [s]")
+    bottom.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def plot_moment(results: Mapping[str, tuple[Result, Branch | None]]) -> Figure:
+    """Moment against angle, and the branch of partial-slip torsion fitted while it held.
+
+    Args:
+        results: by name, with moments and the branch, if it is known.
+    """
+    size = (5.2 * len(results), 4.2)
+    figure, axes = plt.subplots(
+        1, len(results), figsize=size, squeeze=False, gridspec_kw=_margins(size, wspace=0.2)
+    )
+    for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
+        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
+            axis.plot(
+                np.degrees(result.angle[where]),
+                result.moment[where],
+                ".",
+                color=colour,
+                label=label,
+            )
+        if branch is not None:
+            furthest = np.nanmax(branch.sign * (result.angle - branch.start))
+            angle = branch.start + branch.sign * np.linspace(0.0, furthest, 200)
+            label = f"Lubkin, Masing: limit {branch.limit:.1f} N·mm, rms {branch.rms:.2f} N·mm"
+            axis.plot(np.degrees(angle), branch.moment(angle), "k", lw=1.1, label=label)
+        axis.set_title(name, fontsize=9)
+        axis.set_xlabel("object's angle [°]")
+        axis.set_ylabel("moment [N·mm]")
+        axis.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def choose_frames(result: Result, count: int = 5) -> list[int]:
+    """Frames to draw maps of: evenly spread over those with contact, or over all."""
+    touching = np.nonzero(result.contact.any(axis=1))[0]
+    candidates = touching if len(touching) else np.arange(len(result.time))
+    return sorted(
+        {int(candidates[i]) for i in np.linspace(0, len(candidates) - 1, count).astype(int)}
+    )
+
+
+def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:
+    """Colour the background between frames after the state of the frame before."""
+    starts = [i for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
+    for start, stop in zip(starts, [*starts[1:], len(states) - 1], strict=True):
+        axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
+
+
+def _make_maps(columns: int, points: Float[np.ndarray, "n d"]) -> tuple[Figure, np.ndarray]:
+    """A figure of three rows of maps.
+
+    Only the outer maps have ticks, since every tick takes time.
+    """
+    size = (2.1 * columns + 1.5, 7.2)
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    rim = 0.05 * (high - low).max()
+    figure, axes = plt.subplots(
+        3,
+        columns,
+        squeeze=False,
+        figsize=size,
+        subplot_kw={
+            "aspect": "equal",
+            "xlim": (low[0] - rim, high[0] + rim),
+            "ylim": (low[1] - rim, high[1] + rim),
+        },
+        gridspec_kw=_margins(size, right=0.9, top=0.5, bottom=0.8, wspace=0.1, hspace=0.1),
+    )
+    for inner in axes[:-1].flat:
+        inner.set_xticks([])
+    for inner in axes[:, 1:].flat:
+        inner.set_yticks([])
+    for outer in {*axes[-1], *axes[:, 0]}:
+        outer.tick_params(labelsize=7)
+    return figure, axes
+
+
+def _margins(
+    size: tuple[float, float],
+    *,
+    right: float = 0.15,
+    top: float = 0.35,
+    bottom: float = 0.55,
+    **gaps: float,
+) -> dict[str, float]:
+    """Where a figure's axes lie.
+
+    A layout engine measures every label several times, which took a sixth of the time of a run.
+
+    Args:
+        size: of the figure [in].
+        right: margin [in].
+        top: margin [in].
+        bottom: margin, for ticks and labels [in].
+        **gaps: between axes, over their size [-].
+    """
+    width, height = size
+    return {
+        "left": 0.8 / width,
+        "right": 1.0 - right / width,
+        "top": 1.0 - top / height,
+        "bottom": bottom / height,
+        **gaps,
+    }
+
+
+def _scatter(
+    axis: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, scale: ScalarMappable
+) -> None:
+    """Coloured dots where there is a value, small grey ones elsewhere."""
+    known = np.isfinite(values)
+    axis.scatter(x[~known], y[~known], s=4, color="0.85")
+    axis.scatter(x[known], y[known], c=scale.to_rgba(values[known]), s=18)
+
+
+def _colour_scale(values: np.ndarray) -> ScalarMappable:
+    """A scale symmetric about 0 that a few outliers do not stretch."""
+    known = np.abs(values[np.isfinite(values)])
+    limit = float(np.percentile(known, 98)) if len(known) else 1.0
+    return ScalarMappable(Normalize(-limit or -1.0, limit or 1.0), "RdBu_r")

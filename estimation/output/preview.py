@@ -1,0 +1,183 @@
+"""A video of the pictures with what was found drawn into them."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from fractions import Fraction
+from itertools import chain
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int
+
+from estimation.estimators.result import Result
+from estimation.frames.extras import require_extra
+from estimation.frames.inspection import disordered_times
+from estimation.frames.recording import Recording
+from estimation.pictures.rig import Rig
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.stream import RATE, is_camera, read_pictures
+from estimation.slip.motion import follow_gel
+
+TALL = 960
+"""Height up to which pictures are enlarged, and at most threefold [px]."""
+STICKS, SLIPS, ELSEWHERE = (60, 220, 60), (60, 60, 240), (200, 200, 200)
+LINE = 26
+ENCODERS = ("libx264", "libopenh264")
+"""H.264 encoders that run on any processor, the first there is being used."""
+TICKS = 90_000
+"""Resolution of a video's times [1/s]."""
+
+
+def find_encoder() -> str:
+    """The H.264 encoder that previews are written with.
+
+    Raises:
+        MissingExtraError: PyAV is not installed.
+        ValueError: the installed PyAV has no such encoder.
+    """
+    require_extra("video", "a preview (--preview)")
+    import av
+    from av.codec.codec import UnknownCodecError
+
+    for name in ENCODERS:
+        with suppress(UnknownCodecError):
+            return av.Codec(name, "w").name
+    raise ValueError(
+        f"a preview (--preview) needs an H.264 encoder, {' or '.join(ENCODERS)}; PyAV "
+        f"{av.__version__} was built without: install its wheel with `pip install "
+        "--force-reinstall --only-binary av av`"
+    )
+
+
+def write_preview(
+    recording: Recording, result: Result, sensor: Sensor, path: Path, rig: Rig | None = None
+) -> None:
+    """Write an annotated video: markers that stick, slip or are elsewhere, state and angles.
+
+    It is H.264 in MP4, which browsers play, and keeps the recording's times.
+
+    Args:
+        recording: read from pictures, which are read again.
+        result: of one method.
+        sensor: what the recording was read with.
+        rig: the two views' calibration, where mirrors split the pictures.
+        path: of the video, an `.mp4`; it appears whole or not at all.
+
+    Raises:
+        ValueError: the pictures cannot be read again, or their video cannot be encoded.
+        OSError: the video cannot be written.
+    """
+    source = Path(recording.source)
+    if is_camera(source):
+        raise ValueError("a camera's pictures are not kept: there is no preview of them")
+    if recording.positions.shape[2] == 3 and rig is None:
+        raise ValueError("positions in space are drawn only with the views' calibration (--stereo)")
+    gel = np.degrees(follow_gel(result))
+    ticks = to_ticks(recording.time)
+
+    def pictures() -> Iterator[tuple[int, np.ndarray]]:
+        for row, picture in zip(range(len(result.time)), read_pictures(source), strict=False):
+            if picture.image is None:
+                continue
+            there = recording.positions[row]
+            spots = sensor.to_pixels(there)[None] if rig is None else rig.locate(there)
+            image = annotate(picture.image, recording, result, row, spots, float(gel[row]))
+            yield int(ticks[row]), image
+
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        draft = Path(folder) / path.name
+        _encode(pictures(), draft)
+        draft.replace(path)
+
+
+def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
+    """Write pictures, each with its time in ticks, as H.264 in MP4.
+
+    Pictures of another size than the first are left out.
+    """
+    import av
+    from av.error import FFmpegError
+
+    ahead = next(pictures, None)
+    if ahead is None:
+        raise ValueError("no picture can be read again")
+    size = ahead[1].shape
+    try:
+        with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
+            stream = container.add_stream(find_encoder())
+            assert isinstance(stream, av.VideoStream)
+            stream.height, stream.width = size[:2]
+            stream.pix_fmt = "yuv420p"
+            stream.codec_context.time_base = Fraction(1, TICKS)
+            stream.codec_context.max_b_frames = 0  # they would end the video before its last frame
+            for tick, image in chain([ahead], pictures):
+                if image.shape != size:
+                    continue
+                frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+                frame.pts, frame.time_base = tick, Fraction(1, TICKS)
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode())
+    except FFmpegError as error:
+        raise ValueError(f"{path.name} cannot be encoded: {error}") from error
+
+
+def to_ticks(time: Float[np.ndarray, " frames"]) -> Int[np.ndarray, " frames"]:
+    """Times since the first frame [1 / `TICKS` s]; frames without a good one go in between."""
+    rows = np.arange(len(time))
+    good = np.flatnonzero(np.isfinite(time) & ~disordered_times(time))
+    step = float(np.median(np.diff(time[good]) / np.diff(good))) if len(good) > 1 else 1.0 / RATE
+    if not len(good):
+        return np.rint(rows * step * TICKS).astype(int)
+    since = np.interp(rows, good, time[good] - time[good[0]])
+    since += step * (np.minimum(rows - good[0], 0) + np.maximum(rows - good[-1], 0))
+    ticks = np.rint((since - since[0]) * TICKS).astype(int)
+    return np.maximum.accumulate(ticks - rows) + rows
+
+
+def annotate(
+    picture: np.ndarray,
+    recording: Recording,
+    result: Result,
+    row: int,
+    spots: Float[np.ndarray, "views n 2"],
+    gel_deg: float,
+) -> np.ndarray:
+    """One picture, enlarged, with what was found drawn into it.
+
+    Args:
+        picture: of the frame.
+        recording: that it belongs to.
+        result: of one method.
+        row: of the frame.
+        spots: where its markers are in it, in each view [px].
+        gel_deg: rotation of the gel [deg].
+    """
+    enlarged = int(np.clip(TALL // picture.shape[0], 1, 3))
+    image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
+    image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image[..., :3]
+    image = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_LINEAR)
+    odd = np.array(image.shape[:2]) % 2  # H.264 takes even sizes
+    below, right = 2 * LINE + int(odd[0]), int(odd[1])
+    image = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_CONSTANT, value=(0, 0, 0))
+    for i in np.flatnonzero(recording.valid[row]):
+        sticks, touches = result.stick[row, i], result.contact[row, i]
+        colour = STICKS if sticks else SLIPS if touches else ELSEWHERE
+        for x, y in np.rint(enlarged * spots[:, i] + 0.5 * (enlarged - 1)).astype(int).tolist():
+            cv2.circle(image, (x, y), 7, colour, 2, cv2.LINE_AA)
+    angle, turned = np.degrees(result.angle[row]), np.nan
+    if recording.imprint is not None:
+        turned = np.degrees(recording.imprint[row, 0])
+    values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
+    known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
+    texts = (
+        f"frame {result.source_index[row]}  {result.state[row]}  {result.reason[row]}",
+        f"{'  '.join(known)} deg" if known else "no angle",
+    )
+    for line, text in enumerate(texts):
+        place = (8, image.shape[0] - 2 * LINE + (line + 1) * LINE - 8)
+        cv2.putText(
+            image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA
+        )
+    return image

@@ -1,0 +1,292 @@
+"""What a run writes: tables, a summary and a self-contained report."""
+
+import base64
+import hashlib
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from estimation.estimators.result import Result, State
+from estimation.frames.files import write_whole
+from estimation.frames.recording import Recording
+from estimation.output.missing import count_missing
+from estimation.output.plots import choose_frames, plot_angles, plot_maps, plot_moment
+from estimation.output.table import MARGIN_COLUMNS, csv_text, tabulate, tabulate_margin
+from estimation.slip.margin import Branch, MarginPath
+from estimation.slip.motion import accumulate_slip, follow_gel
+from estimation.slip.onset import MacroSlip
+from estimation.virtual.recording import Truth
+
+FIRM_MARKERS = 10
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recording and what was found in it.
+
+    Attributes:
+        recording: the recording.
+        results: by method, all over the same frames.
+        method: the chosen method.
+        outline: direction of the contact's long axis, or rotation of the imprint [rad].
+        settings: what the run was told, for the summary.
+        notes: what a reader of the angles should know, in sentences.
+        truth: of a virtual recording.
+        slips: when macro slip began, by the whole recording.
+        margin: what is left before macro slip, by the chosen method.
+    """
+
+    recording: Recording
+    results: Mapping[str, Result]
+    method: str
+    outline: Float[np.ndarray, " frames"]
+    settings: Mapping[str, Any]
+    notes: Sequence[str] = ()
+    truth: Truth | None = None
+    slips: Sequence[MacroSlip] = ()
+    margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
+
+    @property
+    def turns(self) -> str:
+        """What `outline` is the direction of."""
+        return "contact outline" if self.recording.imprint is None else "imprint"
+
+    @cached_property
+    def gel(self) -> dict[str, Float[np.ndarray, " frames"]]:
+        """Rotation of the gel that has followed the object furthest, by method [rad]."""
+        return {name: follow_gel(result) for name, result in self.results.items()}
+
+    @cached_property
+    def slip(self) -> dict[str, Float[np.ndarray, " frames"]]:
+        """How far the object has turned over that gel, by method [rad]."""
+        return {
+            name: accumulate_slip(result, self.gel[name]) for name, result in self.results.items()
+        }
+
+
+def write_run(run: Run, folder: Path) -> dict[str, Any]:
+    """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and its pictures.
+
+    Returns:
+        The content of `summary.json`.
+
+    Raises:
+        OSError: a file cannot be written; those that are there are whole.
+    """
+    main = run.results[run.method]
+    tables = {method: _table(run, method) for method in run.results}
+    own = tables[run.method] | tabulate_margin(main, run.margin)
+    write_whole(folder / "angles.csv", csv_text([own]))
+    named = ({"method": [name] * len(main.time)} | table for name, table in tables.items())
+    write_whole(folder / "angles_all.csv", csv_text(named))
+    summary = summarise(run)
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    references = {}
+    if np.isfinite(run.outline).any():
+        references[f"{run.turns} (from the first angle)"] = _outline_from(run.outline, main)
+        references["gel that has followed furthest"] = run.gel[run.method]
+    if run.truth is not None:
+        references["truth"] = run.truth.angle
+    pictures = {
+        "angles.png": plot_angles(run.results, run.method, references),
+        "maps.png": plot_maps(run.recording, main, choose_frames(main)),
+    }
+    if np.isfinite(main.moment).any():
+        branches = {run.recording.name: (main, run.margin.last)}
+        pictures["moment.png"] = plot_moment(branches)
+    images = {name: figure_png(figure) for name, figure in pictures.items()}
+    for name, image in images.items():
+        write_whole(folder / name, image)
+    page = render_page("report.html", images, run=run, summary=summary)
+    write_whole(folder / "report.html", page)
+    return summary
+
+
+def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
+    """The branch of moment against angle while it held; nothing where the data cannot tell."""
+    if branch is None:
+        return None
+    return {
+        "limit_Nmm": json_number(branch.limit),
+        "limit_standard_error_Nmm": json_number(branch.limit * np.sqrt(branch.covariance[0, 0])),
+        "stiffness_Nmm_per_deg": json_number(np.radians(branch.stiffness)),
+        "start_deg": json_number(np.degrees(branch.start)),
+        "start_moment_Nmm": json_number(branch.sign * branch.start_moment),
+        "rms_Nmm": json_number(branch.rms),
+        "points": branch.points,
+    }
+
+
+def summarise(run: Run) -> dict[str, Any]:
+    """The figures of a run, ready for JSON: None where there is no number."""
+    recording = run.recording
+    return {
+        "version": version("contactmodel"),
+        "recording": recording.name,
+        "source": recording.source,
+        "convention": recording.convention,
+        "sha256": hash_recording(recording),
+        "settings": dict(run.settings),
+        "method": run.method,
+        "frames": len(run.results[run.method].time),
+        "duration_s": json_number(np.ptp(recording.time)),
+        "dropped_frames": int(np.clip(np.diff(recording.source_index) - 1, 0, None).sum()),
+        "branch": describe_branch(run.margin.last),
+        "margin_last": _describe_margin(run),
+        "macro_slips": [_describe_slip(slip, recording.time[0]) for slip in run.slips],
+        "methods": {name: _figures(run, name) for name in run.results},
+        "notes": [*recording.warnings, *recording.notes, *run.notes],
+    }
+
+
+def _describe_margin(run: Run) -> dict[str, float | None] | None:
+    """The margin in the last frame that has one, and when that was; None without moments."""
+    known = [i for i, left in enumerate(run.margin.margins) if np.isfinite(left.angle_left)]
+    if not known:
+        return None
+    left, time = run.margin.margins[known[-1]], run.recording.time
+    values = (*np.degrees(left[:3]), *left[3:])
+    cells = {
+        name: json_number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)
+    }
+    return {"time_s": json_number(time[known[-1]] - time[0])} | cells
+
+
+def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | bool | None]:
+    """When macro slip began and ended, since the first frame."""
+    return {
+        "onset_s": json_number(slip.onset - start),
+        "onset_low_s": json_number(slip.low - start),
+        "onset_high_s": json_number(slip.high - start),
+        "regained_s": json_number(slip.regained - start),
+        "certain": slip.certain,
+    }
+
+
+def hash_recording(recording: Recording) -> str:
+    """SHA-256 of what the angles are computed from: reference, positions, validity, time."""
+    digest = hashlib.sha256()
+    arrays = (recording.layout.reference, recording.positions, recording.valid, recording.time)
+    for array in arrays:
+        digest.update(repr((array.shape, array.dtype.str)).encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _figures(run: Run, method: str) -> dict[str, Any]:
+    """Figures of one method."""
+    result, truth = run.results[method], run.truth
+    answered = result.answered
+    angle = np.degrees(result.angle[answered])
+    half_width = np.degrees(result.high - result.low)[answered] / 2.0
+    slipping = np.array([state == State.MACRO_SLIP for state in result.state])
+    slip = np.degrees(run.slip[method])
+    slip = slip[np.isfinite(slip)]
+    figures = {
+        "answered": int(answered.sum()),
+        "slip_largest_deg": json_number(max(slip, key=abs, default=np.nan)),
+        "slip_last_deg": json_number(slip[-1] if len(slip) else np.nan),
+        "without_angle": count_missing(result),
+        "withdrawn": 0 if result.withdrawn is None else int(result.withdrawn.rows.sum()),
+        "states": {str(state): result.state.count(state) for state in State},
+        "macro_slip_s": _spans(result.time - result.time[0], slipping),
+        "angle_min_deg": json_number(angle.min(initial=np.inf)),
+        "angle_max_deg": json_number(angle.max(initial=-np.inf)),
+        "half_width_median_deg": json_number(np.median(half_width) if len(half_width) else np.nan),
+    }
+    return figures if truth is None else figures | _errors(result, truth)
+
+
+def _spans(time: Float[np.ndarray, " frames"], where: np.ndarray) -> list[list[float]]:
+    """From when to when something holds: last frame before, first frame, last frame, first after.
+
+    The onset lies between the first two, the end between the last two.
+    """
+    edges = np.diff(where.astype(int), prepend=0, append=0)
+    starts, stops = np.nonzero(edges > 0)[0], np.nonzero(edges < 0)[0]
+    last = len(time) - 1
+    return [
+        [round(float(time[i]), 6) for i in (max(a - 1, 0), a, b - 1, min(b, last))]
+        for a, b in zip(starts, stops, strict=True)
+    ]
+
+
+def _errors(result: Result, truth: Truth) -> dict[str, Any]:
+    """Errors against the truth: of all answers, and where ten markers or more have always stuck."""
+    error = np.abs(np.degrees(result.angle - truth.angle))
+    inside = (result.low <= truth.angle) & (truth.angle <= result.high)
+    firm = truth.stick.sum(axis=1) >= FIRM_MARKERS
+    figures: dict[str, Any] = {"firm_frames": int(firm.sum())}
+    for name, where in (("", result.answered), ("_firm", result.answered & firm)):
+        figures |= {
+            f"answered{name}": int(where.sum()),
+            f"mean_absolute_error{name}_deg": json_number(
+                error[where].mean() if where.any() else np.nan
+            ),
+            f"interval_holds_truth{name}": json_number(
+                inside[where].mean() if where.any() else np.nan
+            ),
+        }
+    return figures
+
+
+def json_number(value: Any) -> float | None:
+    """A number that JSON knows."""
+    return round(float(value), 6) if np.isfinite(value) else None
+
+
+def _table(run: Run, method: str) -> dict[str, list[str]]:
+    """The table of one method."""
+    imprint = run.recording.imprint
+    nothing = np.full(len(run.recording), np.nan)
+    series = {
+        "slip_deg": run.slip[method],
+        "gel_deg": run.gel[method],
+        "imprint_deg": nothing if imprint is None else imprint[:, 0],
+    }
+    return tabulate(run.results[method], series)
+
+
+def _outline_from(
+    outline: Float[np.ndarray, " frames"], result: Result
+) -> Float[np.ndarray, " frames"]:
+    """The outline's direction, counted from the first angle that both have."""
+    both = np.nonzero(result.answered & np.isfinite(outline))[0]
+    return outline - outline[both[0]] + result.angle[both[0]] if len(both) else outline
+
+
+def figure_png(figure: Figure) -> bytes:
+    """A figure as PNG; the figure is closed."""
+    buffer = io.BytesIO()
+    figure.set_dpi(130)
+    FigureCanvasAgg(figure).print_png(buffer)  # lays out and draws once; `savefig` does so twice
+    plt.close(figure)
+    return buffer.getvalue()
+
+
+def render_page(template: str, images: Mapping[str, bytes], **content: Any) -> str:
+    """A page from a template, with its pictures inside."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("estimation.output"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    inline = {
+        name: "data:image/png;base64," + base64.b64encode(image).decode()
+        for name, image in images.items()
+    }
+    return environment.get_template(template).render(images=inline, **content)

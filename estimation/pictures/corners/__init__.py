@@ -1,0 +1,1 @@
+"""A checkerboard's x-corners: found, fitted, placed and followed."""

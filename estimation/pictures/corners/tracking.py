@@ -1,0 +1,315 @@
+"""X-corners followed from picture to picture, each picture placed in the reference by itself."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Shaped
+
+from estimation.pictures.corners.board import Board, Cells, connect_corners, read_cells
+from estimation.pictures.corners.fit import (
+    EXPLAINED,
+    Corners,
+    CornerStyle,
+    find_corners,
+    find_rings,
+    fit_corners,
+)
+from estimation.pictures.corners.placing import (
+    SMALLEST,
+    Misfit,
+    Placed,
+    Plan,
+    place_board,
+    place_by_misfit,
+)
+from estimation.pictures.lattice import Lattice, fit_lattice, lattice_neighbours
+from estimation.pictures.light import to_light
+from estimation.pictures.lines import straighten_edges
+
+PITCHES = (23.0, 15.0, 10.0, 34.0)
+"""Distances between corners that are tried [px]."""
+FEWEST = 12
+"""Corners in one piece from which a picture counts as one of a checkerboard."""
+COVERED = 0.2
+"""Share of the picture that they must cover."""
+LOST = 0.3
+"""Share of the reference's corners below which a picture counts as not recognised."""
+BENT = 0.02
+"""Shift by edges that bend from which a corner is fitted again in a smaller window [px]."""
+SMALLER, LEAST = 0.55, 10.0
+"""That window is of a pattern whose pitch is this share, and not below so many px."""
+RESTS = 0.95
+"""Share of the corners on a regular lattice from which a picture counts as unloaded."""
+
+
+class Seen(NamedTuple):
+    """The reference's corners as they are in a picture; NaN where not seen.
+
+    Attributes:
+        position: of each [px].
+        variance: of it per coordinate [px²].
+        heading: directions of the edges along the two lattice coordinates [rad].
+        heading_variance: of the mean of the two [rad²].
+        flaw: why the picture cannot be used, empty where it can.
+    """
+
+    position: Float[np.ndarray, "m 2"]
+    variance: Float[np.ndarray, " m"]
+    heading: Float[np.ndarray, "m 2"]
+    heading_variance: Float[np.ndarray, " m"]
+    flaw: str = ""
+
+
+class CornerTracker:
+    """Says where the corners of the reference are, picture by picture.
+
+    Attributes:
+        style: what the corners look like.
+        plan: the reference.
+        rest: the corners in it.
+        note: what the reference is, in a sentence.
+        neighbours: of each corner, those before and after it along a line; −1 for none.
+    """
+
+    def __init__(self, style: CornerStyle, plan: Plan, rest: Seen, note: str) -> None:
+        """Start with a reference."""
+        self.style, self.plan, self.rest, self.note = style, plan, rest, note
+        self.neighbours = lattice_neighbours(plan.cells.corner)
+
+    @classmethod
+    def learn(
+        cls, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False
+    ) -> "CornerTracker":
+        """Learn corners and reference from a picture.
+
+        Args:
+            picture: of the sensor.
+            unloaded: it is known to be unloaded.
+
+        Raises:
+            ValueError: there is no checkerboard in it.
+        """
+        grey = to_light(picture)
+        style = find_corner_style(grey)
+        corners, board, pieces = _look(grey, style)
+        cells = pieces[0]
+        index = np.argwhere(cells.corner >= 0)
+        members = cells.corner[tuple(index.T)]
+        number = np.full(cells.corner.shape, -1)
+        number[tuple(index.T)] = np.arange(len(index))
+        rest, note = _rest(corners.take(members), board.turn[members], index, unloaded)
+        plan = Plan(cells._replace(corner=number), rest.position, rest.heading[:, 0], style.pitch)
+        return cls(style, plan, rest, note)
+
+    def from_aside(
+        self, picture: Shaped[np.ndarray, "h w *colour"], misfit: Misfit
+    ) -> "CornerTracker":
+        """A tracker of the same corners in another view, taken when the reference was.
+
+        Corners that the other view does not show have no position in its reference.
+
+        Args:
+            picture: the other view.
+            misfit: how badly the other view's points fit markers, for patterns without a code.
+
+        Raises:
+            ValueError: there is no checkerboard in it, or it fits nowhere, or in several places.
+        """
+        grey = to_light(picture)
+        style = find_corner_style(grey)
+        corners, board, pieces = _look(grey, style)
+        if self.plan.coded:
+            placed = place_board(self.plan, corners, board, pieces)
+        else:
+            placed = place_by_misfit(self.plan, corners, board, pieces[0], misfit)
+        if placed is None or (placed.corner >= 0).sum() < SMALLEST:
+            raise ValueError(
+                "the pattern in the two views cannot be matched: it fits nowhere, or in several "
+                "places alike"
+            )
+        rest = _everywhere(corners, placed)
+        plan = Plan(self.plan.cells, rest.position, rest.heading[:, 0], style.pitch)
+        return CornerTracker(style, plan, rest, self.note)
+
+    def take(self, kept: Bool[np.ndarray, " m"]) -> "CornerTracker":
+        """A tracker of some of the corners."""
+        number = np.where(kept, np.cumsum(kept) - 1, -1)
+        corner = self.plan.cells.corner
+        cells = self.plan.cells._replace(corner=np.where(corner >= 0, number[corner], -1))
+        position, variance, heading, heading_variance = (part[kept] for part in self.rest[:4])
+        rest = Seen(position, variance, heading, heading_variance)
+        plan = Plan(cells, rest.position, rest.heading[:, 0], self.plan.pitch)
+        return CornerTracker(self.style, plan, rest, self.note)
+
+    def find(self, picture: Shaped[np.ndarray, "h w *colour"]) -> Seen:
+        """The reference's corners in the next picture."""
+        grey = to_light(picture)
+        corners, board, pieces = _look(grey, self.style)
+        placed = place_board(self.plan, corners, board, pieces)
+        here = placed.corner >= 0
+        if here.sum() >= max(LOST * len(here), SMALLEST):
+            return self._straighten(grey, corners, placed)
+        flaw = f"only {here.sum()} of {len(here)} corners were recognised"
+        if placed.left_out:
+            flaw += f"; {placed.left_out} lie in pieces whose place cannot be told"
+        nowhere = placed._replace(corner=np.full_like(placed.corner, -1))
+        return _everywhere(corners, nowhere)._replace(flaw=flaw)
+
+    def _straighten(
+        self, grey: Float32[np.ndarray, "h w"], corners: Corners, placed: Placed
+    ) -> Seen:
+        """What is seen of each marker, the bending of its edges allowed for.
+
+        Its shift grows with the window's square: where it is large, a smaller window is better
+        although its noise is larger.
+        """
+        seen = _everywhere(corners, placed)
+        position = self._unbend(seen, self.style)
+        shift = np.linalg.norm(position - seen.position, axis=1)
+        bent = np.flatnonzero(np.nan_to_num(shift) > BENT)
+        small = self.style._replace(pitch=max(SMALLER * self.style.pitch, LEAST))
+        again = placed.corner[bent]
+        fitted = fit_corners(grey, corners.take(again), small)
+        good = np.linalg.norm(fitted.position - corners.position[again], axis=1) < 0.1 * small.pitch
+        good &= (fitted.explained > EXPLAINED) & np.isfinite(fitted.covariance).all(axis=(1, 2))
+        for whole, part in zip(corners, fitted, strict=True):
+            whole[again[good]] = part[good]
+        seen = _everywhere(corners, placed)
+        position[bent[good]] = self._unbend(seen, small)[bent[good]]
+        return seen._replace(position=position)
+
+    def _unbend(self, seen: Seen, style: CornerStyle) -> Float[np.ndarray, "m 2"]:
+        return straighten_edges(self.neighbours, seen.position, seen.heading, style.radius)
+
+    def describe(self) -> str:
+        """What the pattern looks like, and what identities rest on, in sentences."""
+        what = (
+            f"{len(self.plan.position)} x-corners, {self.plan.pitch:.1f} px apart, "
+            f"blur {self.style.blur:.2f} px. "
+        )
+        if self.plan.coded:
+            return what + "The cells carry a code: each piece of the pattern tells its own place."
+        return what + (
+            "The cells carry no code: the pattern repeats, and its place is told by the corners "
+            "that rest. A jump of the whole view by two cells between pictures could not be seen."
+        )
+
+
+def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED) -> CornerStyle:
+    """Pitch and blur of the checkerboard in a picture.
+
+    Args:
+        grey: the picture, 0 to 255.
+        covered: share of the picture that it must cover.
+
+    Raises:
+        ValueError: there is none.
+    """
+    best, most = None, 0
+    for pitch in PITCHES:
+        style: CornerStyle | None = CornerStyle(pitch)
+        board = connect_corners(find_rings(grey, style), pitch)
+        if (board.piece == 0).sum() < FEWEST:
+            continue  # before anything is fitted
+        for _ in range(2):
+            style = style and _refined(grey, style)
+        if style is None:
+            continue
+        corners = find_corners(grey, style)
+        count = len(corners.position)
+        hull = cv2.convexHull(corners.position.astype(np.float32)) if count else None
+        if hull is not None and count > most and cv2.contourArea(hull) > covered * grey.size:
+            best, most = style, count
+    if best is None:
+        raise ValueError(
+            "no checkerboard was found in the first usable frame: this sensor seems to have no "
+            "continuous marker pattern, or its corners are less than 8 px apart"
+        )
+    return best
+
+
+def _refined(grey: Float32[np.ndarray, "h w"], style: CornerStyle) -> CornerStyle | None:
+    """The style of the largest piece that another style finds, None where that is too small."""
+    corners = find_corners(grey, style)
+    board = connect_corners(corners, style.pitch)
+    whole = np.flatnonzero(board.piece == 0)
+    if len(whole) < FEWEST:
+        return None
+    pitch = _pitch(corners.position[whole], board.place[whole])
+    return CornerStyle(pitch, float(np.median(corners.blur[whole])))
+
+
+def _pitch(position: Float[np.ndarray, "n 2"], index: Int[np.ndarray, "n 2"]) -> float:
+    """Mean distance between lattice neighbours [px], by the area of a cell."""
+    terms = np.column_stack([np.ones(len(index)), index])
+    affine = np.linalg.lstsq(terms, position, rcond=None)[0][1:]
+    return float(np.sqrt(abs(np.linalg.det(affine))))
+
+
+def _seen(corners: Corners, turn: Int[np.ndarray, " n"]) -> Seen:
+    """Positions, and the edges along the lattice coordinates, of corners."""
+    rows = np.arange(len(turn))
+    directions = corners.directions
+    heading = np.stack([directions[rows, turn], directions[rows, (turn + 1) % 4]], axis=1)
+    return Seen(
+        position=corners.position,
+        variance=0.5 * np.einsum("nii->n", corners.covariance[:, :2, :2]),
+        heading=heading,
+        heading_variance=0.25 * corners.covariance[:, 2:, 2:].sum(axis=(1, 2)),
+    )
+
+
+def _look(
+    grey: Float32[np.ndarray, "h w"], style: CornerStyle
+) -> tuple[Corners, Board, list[Cells]]:
+    """Corners of a picture, their coordinates, and the cells of every piece large enough."""
+    corners = find_corners(grey, style)
+    board = connect_corners(corners, style.pitch)
+    sizes = np.bincount(board.piece[board.piece >= 0], minlength=1)
+    pieces = [
+        read_cells(grey, corners, board, int(piece)) for piece in np.flatnonzero(sizes >= SMALLEST)
+    ]
+    return corners, board, pieces
+
+
+def _everywhere(corners: Corners, placed: Placed) -> Seen:
+    """What is seen of each marker; NaN where nothing is."""
+    here = placed.corner >= 0
+    seen = _seen(corners.take(placed.corner[here]), placed.turn[here])
+    parts = [np.full((len(here), *part.shape[1:]), np.nan) for part in seen[:4]]
+    for whole, part in zip(parts, seen[:4], strict=True):
+        whole[here] = part
+    position, variance, heading, heading_variance = parts
+    return Seen(position, variance, heading, heading_variance)
+
+
+def _rest(
+    corners: Corners, turn: Int[np.ndarray, " m"], index: Int[np.ndarray, "m 2"], unloaded: bool
+) -> tuple[Seen, str]:
+    """The corners at rest, measured or on a lattice fitted to those that rest; and what it is."""
+    seen = _seen(corners, turn)
+    if unloaded:
+        return seen, "The reference is the frame that was given."
+    pitch = _pitch(corners.position, index)
+    fitted = fit_lattice(Lattice(np.arange(len(index)), index, pitch), corners.position)
+    if fitted.on.mean() > RESTS:
+        note = "The reference is an unloaded frame: its corners lie on a regular lattice."
+        return seen, note
+    if fitted.on.sum() < 15 or fitted.on.mean() < 0.3:
+        note = (
+            f"The clip starts loaded, and only {fitted.on.sum()} of {len(index)} corners lie on a "
+            "regular lattice: the first frame is the reference, and angles count from it."
+        )
+        return seen, note
+    place = fitted.place(index)
+    ahead = [
+        fitted.place(index + step) - fitted.place(index - step) for step in np.eye(2, dtype=int)
+    ]
+    heading = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in ahead], axis=1)
+    none = np.zeros(len(index))
+    note = (
+        f"The clip starts loaded: the reference is a regular lattice through {fitted.on.sum()} of "
+        f"{len(index)} corners of the first frame, those away from contact."
+    )
+    return Seen(place, none, heading, none), note

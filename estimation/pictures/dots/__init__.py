@@ -1,0 +1,1 @@
+"""Printed dots: found, fitted, matched and followed."""

@@ -1,0 +1,133 @@
+"""Dots: seeds from a difference of Gaussians, then a sub-pixel fit of a blurred ellipse each."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+BATCH = 16
+"""Dots fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
+COARSE = 4.0
+"""Radius from which dots are looked for at half the resolution [px]."""
+FAINT = 0.3
+"""Share of the typical seed's strength below which a seed is no dot."""
+
+
+class DotStyle(NamedTuple):
+    """What the dots of a sensor look like.
+
+    Attributes:
+        dark: whether they are darker than what is around them.
+        radius: typical radius [px].
+        blur: typical standard deviation of the point spread [px].
+    """
+
+    dark: bool
+    radius: float
+    blur: float = 1.0
+
+
+class Dots(NamedTuple):
+    """Dots of a picture.
+
+    Attributes:
+        centre: positions [px], x right and y down, the first pixel's middle at 0.
+        covariance: of the position, from the misfit of the fit [px²].
+        axes: symmetric matrices that take the unit circle to each dot's rim [px].
+        contrast: grey level of the background minus that of the dot, taken positive.
+        blur: standard deviation of the point spread [px].
+        explained: share of the picture's variance around the dot that the fit explains [-].
+    """
+
+    centre: Float[np.ndarray, "n 2"]
+    covariance: Float[np.ndarray, "n 2 2"]
+    axes: Float[np.ndarray, "n 2 2"]
+    contrast: Float[np.ndarray, " n"]
+    blur: Float[np.ndarray, " n"]
+    explained: Float[np.ndarray, " n"]
+
+    def take(self, which: Shaped[np.ndarray, " m"]) -> "Dots":
+        """Some of the dots."""
+        return Dots(*(value[which] for value in self))
+
+
+def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarray, "n 2"]:
+    """Pixels (x, y) at which a dot may be: maxima of a difference of Gaussians.
+
+    Large dots are looked for in a picture of half the size.
+    """
+    part = 2 if style.radius >= COARSE else 1
+    if part == 2:
+        grey = cv2.resize(
+            grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA
+        )
+    radius = style.radius / part
+    narrow = cv2.GaussianBlur(grey, (0, 0), 0.6 * radius)
+    wide = cv2.GaussianBlur(narrow, (0, 0), 0.8 * radius)
+    response = wide - narrow if style.dark else narrow - wide
+    side = 2 * round(radius) + 1
+    highest = cv2.dilate(response, np.ones((side, side), np.uint8))
+    y, x = np.nonzero((response == highest) & (response > 1.0))
+    strength = response[y, x]
+    if not len(x):
+        return np.zeros((0, 2), dtype=int)
+    ranked = np.sort(strength)
+    strong = ranked[np.searchsorted(ranked, 0.5 * ranked[int(0.9 * (len(ranked) - 1))]) :]
+    keep = strength > FAINT * strong[len(strong) // 2]
+    x, y = x[keep], y[keep]
+    off = np.stack(_find_tops(response, y, x), axis=1)
+    limit = part * np.array(response.shape[::-1]) - 1
+    place = part * (np.stack([x, y], axis=1) + off) + 0.5 * (part - 1)
+    return np.clip(np.rint(place), 0, limit).astype(int)
+
+
+def _find_tops(
+    response: Float[np.ndarray, "h w"], y: Int[np.ndarray, " n"], x: Int[np.ndarray, " n"]
+) -> list[Float[np.ndarray, " n"]]:
+    """How far parabolas through three pixels have their tops from the middle one, in x and y."""
+    padded = cv2.copyMakeBorder(response, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    width, value = padded.shape[1], padded.ravel()
+    at, offsets = (y + 1) * width + x + 1, []
+    for step in (1, width):
+        ahead, behind = value[at + step], value[at - step]
+        bend = np.maximum(2.0 * value[at] - ahead - behind, 1e-6)
+        offsets.append(np.clip(0.5 * (ahead - behind) / bend, -0.5, 0.5))
+    return offsets
+
+
+def fit_dots(
+    grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
+) -> Dots:
+    """Fit centre, shape, blur, contrast and a sloping background to every seed.
+
+    Args:
+        grey: the picture, as `to_grey` gives it.
+        seeds: pixels to start from, each within a radius of a dot's centre.
+        style: typical radius, and whether the dots are dark.
+    """
+    from estimation.pictures.dots.fit import (
+        fit_windows,  # imports JAX, which other markers do without
+    )
+
+    half = int(np.ceil(1.5 * style.radius + 2.0))
+    grey = cv2.copyMakeBorder(grey, half, half, half, half, cv2.BORDER_CONSTANT, value=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(grey, (2 * half + 1, 2 * half + 1))
+    parts = []
+    for start in range(0, max(len(seeds), 1), BATCH):
+        some = np.zeros((BATCH, 2), dtype=int)
+        count = len(seeds[start : start + BATCH])
+        some[:count] = seeds[start : start + BATCH]
+        fitted = fit_windows(windows[some[:, 1], some[:, 0]], np.float32(style.radius), half)
+        parts.append([np.asarray(one)[:count] for one in fitted])
+    offset, covariance, shape, contrast, blur, explained = (
+        np.concatenate(one).astype(float) for one in zip(*parts, strict=True)
+    )
+    return Dots(
+        centre=seeds + offset,
+        covariance=covariance,
+        axes=np.linalg.inv(shape),
+        contrast=contrast if style.dark else -contrast,
+        blur=blur,
+        explained=explained,
+    )

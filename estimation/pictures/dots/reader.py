@@ -1,0 +1,172 @@
+"""Recordings from pictures of printed dots."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+
+from estimation.fields.contact import reaches_edge
+from estimation.pictures.dots.find import DotStyle
+from estimation.pictures.dots.style import find_dots, find_style
+from estimation.pictures.dots.tracking import DotTracker
+from estimation.pictures.imprint import LOST, ImprintFollower
+from estimation.pictures.lattice import (
+    Reference,
+    index_lattice,
+    is_regular,
+    lay_reference,
+    make_reference,
+)
+from estimation.pictures.light import to_grey
+from estimation.pictures.reader import ImageSettings, MarkerReader, Row
+from estimation.pictures.region import (
+    Arrival,
+    find_unseen_flaw,
+    region_of_dispersion,
+    region_of_light,
+)
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.stream import Picture
+
+RESTING = 5
+"""Frames in a row in which the dots must lie regularly, and still, to be at rest."""
+RECOGNISED = 0.9
+"""Share of a picture's dots that must be among them."""
+LARGEST_RADIUS = 25.0
+"""Radius of dots beyond which a picture is larger than it need be [px]."""
+STILL = 0.02
+"""Distance by which dots at rest may move from frame to frame [pitches]."""
+
+
+class DotReader(MarkerReader):
+    """Turns pictures of printed dots, one after the other, into marker positions.
+
+    Where a clip starts loaded the reference is guessed; as soon as the gel is seen at rest, that is
+    the reference of the whole clip.
+    """
+
+    def __init__(self, first: Picture, settings: ImageSettings) -> None:
+        """Learn dots and reference from a picture.
+
+        Raises:
+            ValueError: there are no dots in rows in it.
+        """
+        assert first.image is not None
+        self.sensor = settings.sensor
+        self.style = _style(first.image, self.sensor)
+        given = settings.unloaded is not None
+        self.rest = first.image if given else None
+        self.reference = self._make_reference(first.image, given)
+        self.tracker = DotTracker(self.reference)
+        self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
+        self.light = False
+        self.lattice = index_lattice(self.reference.position)
+        self.guessed = self.reference.doubt is not None
+        self.resting, self.before = 0, self.reference.position
+        self.scale, self.unit = settings.scale, settings.unit
+        self.layout = self.reference.layout(self.scale)
+
+    def read(self, picture: Picture) -> Row:
+        """Marker positions, contact and imprint of the next picture."""
+        count = len(self.reference.position)
+        if picture.flaw or picture.image is None:
+            return Row.of_none(picture, (count, 2), picture.flaw or "no picture")
+        dots = find_dots(to_grey(picture.image, self.style.dark), self.style)
+        straight = self.sensor.straighten(dots.centre)
+        match, flaw = self.tracker.update(straight)
+        if flaw:
+            return Row.of_none(picture, (count, 2), flaw)
+        seen = (match >= 0)[:, None]
+        position = np.where(seen, straight[match], np.nan)
+        in_picture = np.where(seen, dots.centre[match], np.nan)
+        if self.guessed:
+            most = seen.sum() >= RECOGNISED * len(straight)
+            self._look_for_rest(position if most else np.nan * position, picture.number)
+        contact = self._contact(picture.image, position, in_picture)
+        flaw = self.arrival.find_flaw(contact)
+        if flaw or not contact.any():
+            self.imprint, turned = ImprintFollower(), LOST
+        else:
+            turned = self.imprint.update(
+                picture.image,
+                dots.centre,
+                self.style.radius,
+                in_picture[contact],
+                cut=reaches_edge(self.reference.neighbours, contact),
+            )
+        return Row(
+            position=position,
+            contact=contact,
+            time=picture.time,
+            number=picture.number,
+            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen[:, 0]),
+            imprint=turned.angle,
+            imprint_error=turned.error,
+        )
+
+    def notes(self) -> tuple[str, ...]:
+        """What the dots look like, what the reference is, and what tells the contact region."""
+        by = "the change of light" if self.light else "the dispersion of the translation field"
+        return (
+            f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
+            f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
+            self.reference.note,
+            f"The contact region is found by {by}.",
+        )
+
+    def _make_reference(
+        self, image: Shaped[np.ndarray, "h w *colour"], unloaded: bool
+    ) -> Reference:
+        """The sensor description's, unless an unloaded picture is at hand."""
+        told = self.sensor.reference
+        if told is not None and not unloaded:
+            return lay_reference(
+                told[:, :2] / self.sensor.scale, "The reference is the sensor description's."
+            )
+        dots = find_dots(to_grey(image, self.style.dark), self.style)
+        size = (image.shape[1], image.shape[0])
+        return make_reference(self.sensor.straighten(dots.centre), size, unloaded)
+
+    def _look_for_rest(self, position: Float[np.ndarray, "m 2"], number: int) -> None:
+        """Take the dots as the reference once they have been regular and still for long enough."""
+        moved = np.linalg.norm(position - self.before, axis=1)
+        still = np.nanmax(moved, initial=0.0) < STILL * self.reference.pitch
+        rests = is_regular(self.lattice, position[self.lattice.dot])
+        self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
+        self.before = position
+        if self.resting < RESTING:
+            return
+        self.guessed, doubt = False, self.reference.doubt
+        known = np.isfinite(position[:, 0])
+        self.reference = self.reference._replace(
+            position=np.where(known[:, None], position, self.reference.position),
+            doubt=doubt if doubt is None else np.where(known, 0.0, doubt),
+            note=f"The clip starts loaded: the reference is frame {number}, in which all dots lie "
+            "on a regular lattice and have come to rest.",
+        )
+        self.tracker.reference = self.reference
+        self.layout = self.reference.layout(self.scale)
+
+    def _contact(
+        self,
+        image: Shaped[np.ndarray, "h w *colour"],
+        position: Float[np.ndarray, "m 2"],
+        in_picture: Float[np.ndarray, "m 2"],
+    ) -> Bool[np.ndarray, " m"]:
+        """The contact region: by light where an unloaded picture is known and it changes."""
+        if self.rest is not None:
+            region = region_of_light(self.reference, self.rest, image, in_picture)
+            if region.sum() >= 3:
+                self.light = True
+                return region
+        return region_of_dispersion(self.reference, position - self.reference.position)
+
+
+def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
+    if sensor.radius is not None and sensor.radius > LARGEST_RADIUS:
+        raise ValueError(
+            f"dots of radius {sensor.radius:g} px are not read; {LARGEST_RADIUS:g} px at most: "
+            "scale the pictures down"
+        )
+    if sensor.radius is not None and sensor.dark is not None:
+        return DotStyle(sensor.dark, sensor.radius)
+    found = find_style(image, sensor.dark)
+    return found if sensor.radius is None else found._replace(radius=sensor.radius)

@@ -1,0 +1,97 @@
+"""Dots of a picture, and what the dots of a sensor look like where nobody has said so."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from estimation.pictures.dots.find import Dots, DotStyle, find_seeds, fit_dots
+from estimation.pictures.dots.templates import fit_alike
+from estimation.pictures.lattice import index_lattice
+from estimation.pictures.light import to_grey
+
+RADII = (3.5, 2.5, 5.0, 7.0, 10.0)
+"""Radii that are tried [px], on pictures scaled so that all are the first."""
+ALIKE, UNLIKE = 0.8, 0.3
+"""Shares explained by the typical dot between which a dot may be one that looks different [-]."""
+EXPLAINED = 0.75
+"""Share of the picture around a dot that its fit must explain [-]."""
+COVERED = 0.3
+"""Share of the picture that the rows must cover: a sensor's dots are all over it [-]."""
+FEWEST = 12
+"""Dots in rows from which a picture counts as one of dots."""
+
+
+def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
+    """The dots of a picture: seeds whose fit is a dot of about the typical size and contrast.
+
+    Those that do not look like the typical dot are fitted once more without its help.
+    """
+    dots = fit_alike(grey, find_seeds(grey, style), style)
+    unlike = np.flatnonzero((dots.explained < ALIKE) & (dots.explained > UNLIKE))
+    if len(unlike):
+        limit = np.array(grey.shape[::-1]) - 1
+        seeds = np.clip(np.rint(dots.centre[unlike]).astype(int), 0, limit)
+        again = fit_dots(grey, seeds, style)
+        for values, better in zip(dots, again, strict=True):
+            values[unlike] = better
+    return _keep_dots(dots, grey, style)
+
+
+def _keep_dots(dots: Dots, grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
+    xx, xy, yx, yy = dots.axes.reshape(-1, 4).T
+    size = np.sqrt(np.abs(xx * yy - xy * yx)) / style.radius
+    good = (dots.explained > EXPLAINED) & (size > 0.5) & (size < 1.8) & (dots.contrast > 3.0)
+    good &= np.isfinite(dots.covariance).all(axis=(1, 2))
+    good &= (dots.centre > -1.0).all(axis=1)
+    good &= (dots.centre < np.array(grey.shape[::-1])).all(axis=1)
+    if good.any():
+        typical = np.sort(dots.contrast[good])[good.sum() // 2]
+        good &= dots.contrast > 0.4 * typical
+    return dots.take(good)
+
+
+def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = None) -> DotStyle:
+    """Polarity and radius with which most dots line up in rows.
+
+    Args:
+        picture: a picture of the sensor.
+        dark: whether the dots are dark, where that is known.
+
+    Raises:
+        ValueError: no dots in rows, whatever their size and polarity.
+    """
+    best, most = None, 0.0
+    for polarity in (True, False) if dark is None else (dark,):
+        original = to_grey(picture, polarity)
+        for radius in RADII:
+            scale = RADII[0] / radius
+            grey = cv2.resize(original, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            tried = DotStyle(polarity, RADII[0])
+            dots = _keep_dots(fit_alike(grey, find_seeds(grey, tried), tried), grey, tried)
+            lattice = index_lattice(dots.centre)
+            count = len(lattice.dot)
+            found = float(np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))) if count else 0.0
+            score = count * float(np.mean(dots.explained)) if count else 0.0
+            enough = count >= max(FEWEST, 0.5 * len(dots.centre))
+            if enough and score > most and _covers(dots.centre[lattice.dot], grey) > COVERED:
+                best, most = DotStyle(polarity, found / scale), score
+    if best is None:
+        raise ValueError(
+            "no dots that lie in rows were found in the first usable frame: this sensor seems to "
+            "have no printed dots, or they are smaller than 2 px or larger than 12 px in radius"
+        )
+    return _refine(best, to_grey(picture, best.dark))
+
+
+def _refine(style: DotStyle, grey: Float[np.ndarray, "h w"]) -> DotStyle:
+    """Radius and blur of the typical dot, at the picture's own resolution."""
+    dots = _keep_dots(fit_dots(grey, find_seeds(grey, style), style), grey, style)
+    if not len(dots.blur):
+        return style
+    radius = np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))
+    return DotStyle(style.dark, round(float(radius), 2), round(float(np.median(dots.blur)), 2))
+
+
+def _covers(points: Float[np.ndarray, "n 2"], grey: Float[np.ndarray, "h w"]) -> float:
+    """Share of the picture inside the hull of points."""
+    return cv2.contourArea(cv2.convexHull(points.astype(np.float32))) / grey.size

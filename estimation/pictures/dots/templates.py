@@ -1,0 +1,227 @@
+"""The fit of `estimation.pictures.dots.find`, linearised about tabulated dots: many times faster.
+
+Most dots of a sensor look alike. The model and its derivatives are tabulated once, for centres on
+a grid finer than a pixel and for some radii; a dot is then fitted by linear least squares about
+the nearest entry, twice. An error of the entry's shape changes the dot evenly on both sides of its
+centre, so that to first order it leaves the centre alone. To second order it does not: dots that
+are far from round, as under a camera that looks from the side, are fitted once more in a frame in
+which they are round.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int
+
+from estimation.pictures.dots.find import Dots, DotStyle
+
+PARTS = 8
+"""Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
+SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
+"""Radii tabulated, as multiples of the typical one."""
+ELONGATED, LINE = 1.15, 3.0
+"""Ratio of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
+DAMPING = 1e-5
+"""Share of each diagonal element that is added to it, as in the full fit."""
+
+
+class Templates(NamedTuple):
+    """Dots that have been worked out beforehand.
+
+    Attributes:
+        dx: of the window's pixels, from its middle.
+        dy: the same.
+        jacobian: derivatives of each entry by the ten parameters of `model_dots`, for a dot of
+            height 1; the entries are sorted by radius, then y, then x.
+        gram: products of the derivatives.
+        inverse: of the products, damped.
+        solver: takes the grey levels of a window, less their mean, to the linear fit.
+    """
+
+    dx: Int[np.ndarray, " pixels"]
+    dy: Int[np.ndarray, " pixels"]
+    jacobian: Float[np.ndarray, "entries 10 pixels"]
+    gram: Float[np.ndarray, "entries 10 10"]
+    inverse: Float[np.ndarray, "entries 10 10"]
+    solver: Float[np.ndarray, "entries 10 pixels"]
+
+
+@lru_cache(maxsize=4)
+def make_templates(radius: float, blur: float) -> Templates:
+    """Tabulate dots of about a radius and with a blur [px]."""
+    import jax  # which other markers do without
+
+    from estimation.pictures.dots.fit import model_dots
+
+    half = int(np.ceil(1.5 * radius + 2.0))
+    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
+    inside = dx**2 + dy**2 <= (half + 0.5) ** 2
+    dx, dy = dx[inside], dy[inside]
+    spots = np.arange(PARTS + 1) / PARTS - 0.5
+    size, y, x = (a.ravel() for a in np.meshgrid(SIZES, spots, spots, indexing="ij"))
+    none, one = np.zeros_like(x), np.ones_like(x)
+    inverse = 1.0 / (radius * size)
+    p = np.stack([x, y, inverse, inverse, none, blur * one, one, none, none, none], axis=1)
+    single = (one.astype(np.float32) for one in (p, dx, dy))
+    jacobian = np.asarray(jax.jit(model_dots)(*single)[1])
+    gram = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
+    inverse = _invert(gram)
+    return Templates(
+        dx, dy, jacobian, gram, inverse, np.matmul(inverse, jacobian).astype(np.float32)
+    )
+
+
+def _invert(gram: Float[np.ndarray, "n 10 10"]) -> Float[np.ndarray, "n 10 10"]:
+    diagonal = np.einsum("nii->ni", gram)
+    damping = DAMPING * diagonal + 1e-6
+    return np.linalg.inv(gram + damping[:, :, None] * np.eye(10))
+
+
+def fit_alike(
+    grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
+) -> Dots:
+    """Fit dots that look about as the style says.
+
+    Args:
+        grey: the picture, as `to_grey` gives it.
+        seeds: pixels to start from, each within half a radius of a dot's centre [px].
+        style: typical radius and blur, and whether the dots are dark.
+    """
+    templates = make_templates(style.radius, style.blur)
+    centre, size = seeds.astype(float), np.full(len(seeds), SIZES.index(1.0))
+    margin = int(templates.dx.max()) + 1
+    padded = cv2.copyMakeBorder(
+        grey, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=np.nan
+    )
+    limit = np.array(grey.shape[::-1]) - 0.501
+    rough = _fit_linear(padded, margin, templates, centre, size, style)
+    moved = rough.centre - centre
+    far = np.hypot(*moved.T) / (0.5 * style.radius)
+    centre = np.clip(centre + moved / np.maximum(far, 1.0)[:, None], -0.499, limit)
+    radius = np.sqrt(np.abs(np.linalg.det(rough.axes))) / style.radius
+    size = np.abs(np.log(np.maximum(radius, 1e-3))[:, None] - np.log(SIZES)).argmin(axis=1)
+    dots = _fit_linear(padded, margin, templates, centre, size, style)
+    return _refit_elongated(grey, templates, dots, style)
+
+
+def _refit_elongated(
+    grey: Float[np.ndarray, "h w"], templates: Templates, dots: Dots, style: DotStyle
+) -> Dots:
+    """Fit elongated dots about the entry for a dot in the middle, each as its own frame shows it.
+
+    Dots that the picture's border cuts stay as they are.
+    """
+    longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
+    far = np.flatnonzero((longest > ELONGATED * shortest) & (longest < LINE * shortest))
+    frame = dots.axes[far] / style.radius
+    window = np.stack([templates.dx, templates.dy]).astype(float)
+    place = dots.centre[far, :, None] + frame @ window
+    last = np.array(grey.shape[::-1])[:, None] - 1.0
+    inside = ((place >= 0.0) & (place <= last)).all(axis=(1, 2))
+    far, frame, place = far[inside], frame[inside], place[inside]
+    if not len(far):
+        return dots
+    x, y = place.astype(np.float32).transpose(1, 0, 2)
+    value = cv2.remap(grey, x, y, cv2.INTER_LINEAR)
+    value -= value.mean(axis=1, keepdims=True)
+    entry = (SIZES.index(1.0) * (PARTS + 1) + PARTS // 2) * (PARTS + 1) + PARTS // 2
+    gram, inverse = templates.gram[[entry]], templates.inverse[[entry]]
+    found = (value @ templates.solver[entry].T).astype(float)
+    own = _to_dots(found, value, gram, inverse, 1.0 / style.radius, style, float(value.shape[1]))
+    beside = place % 1.0  # what interpolation leaves of the noise; samples are not one a pixel
+    left = ((1.0 - beside) ** 2 + beside**2).prod(axis=1).mean(axis=1) * np.linalg.det(frame)
+    turned = frame.transpose(0, 2, 1)
+    better = own._replace(
+        centre=dots.centre[far] + np.einsum("nij,nj->ni", frame, own.centre),
+        covariance=frame @ own.covariance @ turned / left[:, None, None],
+        axes=_symmetric(frame @ own.axes),
+    )
+    for values, new in zip(dots, better, strict=True):
+        values[far] = new
+    return dots
+
+
+def _symmetric(axes: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 2 2"]:
+    """The symmetric matrices that take the unit circle to the same ellipses."""
+    turn, stretch, _ = np.linalg.svd(axes)
+    return turn * stretch[:, None] @ turn.transpose(0, 2, 1)
+
+
+def _fit_linear(
+    padded: Float[np.ndarray, "h w"],
+    margin: int,
+    templates: Templates,
+    centre: Float[np.ndarray, "n 2"],
+    size: Int[np.ndarray, " n"],
+    style: DotStyle,
+) -> Dots:
+    """One linear fit about the entries next to the centres."""
+    pixel = np.rint(centre).astype(int)
+    part = np.rint((centre - pixel + 0.5) * PARTS).astype(int)
+    entry = (size * (PARTS + 1) + part[:, 1]) * (PARTS + 1) + part[:, 0]
+    start = (pixel[:, 1] + margin) * padded.shape[1] + pixel[:, 0] + margin
+    value = padded.ravel()[start[:, None] + (templates.dy * padded.shape[1] + templates.dx)]
+    gram, inverse = templates.gram[entry], templates.inverse[entry]
+    count = np.full(len(value), float(value.shape[1]))
+    cut = np.flatnonzero(~np.isfinite(value.sum(axis=1)))  # by the picture's border
+    there = np.isfinite(value[cut])
+    if len(cut):
+        count[cut] = there.sum(axis=1)
+        value[cut] = np.where(there, value[cut], 0.0)
+    value -= (value.sum(axis=1) / count)[:, None]
+    if len(entry) and (entry == entry[0]).all():  # as for seeds: one matrix for all
+        found = (value @ templates.solver[entry[0]].T).astype(float)
+    else:
+        found = np.matmul(templates.solver[entry], value[..., None])[..., 0].astype(float)
+    if len(cut):
+        value[cut] *= there
+        jacobian = templates.jacobian[entry[cut]] * there[:, None]
+        gram[cut] = jacobian @ jacobian.transpose(0, 2, 1)
+        inverse[cut] = _invert(gram[cut])
+        products = np.matmul(jacobian, value[cut][..., None])
+        found[cut] = np.matmul(inverse[cut], products)[..., 0]
+    start_inverse = 1.0 / (style.radius * np.asarray(SIZES)[size])
+    dots = _to_dots(found, value, gram, inverse, start_inverse, style, count)
+    return dots._replace(centre=pixel + part / PARTS - 0.5 + dots.centre)
+
+
+def _to_dots(
+    found: Float[np.ndarray, "n 10"],
+    value: Float[np.ndarray, "n pixels"],
+    gram: Float[np.ndarray, "#n 10 10"],
+    inverse: Float[np.ndarray, "#n 10 10"],
+    start_inverse: Float[np.ndarray, " n"] | float,
+    style: DotStyle,
+    count: Float[np.ndarray, " n"] | float,
+) -> Dots:
+    """What linear fits say, the centres counted from those of the entries.
+
+    Args:
+        found: the fits' parameters.
+        value: grey levels of the windows, less their mean.
+        gram: of the entries.
+        inverse: of the entries.
+        start_inverse: 1 / radius of the entries [1/px].
+        style: typical blur, and whether the dots are dark.
+        count: pixels of each window.
+    """
+    right = np.matmul(gram, found[..., None])[..., 0]
+    spread = np.einsum("np,np->n", value, value).astype(float)
+    misfit = np.maximum(spread - np.einsum("ni,ni->n", found, right), 0.0)
+    height = np.where(np.abs(found[:, 6]) > 1e-3, found[:, 6], 1e-3)
+    change = found[:, :6] / height[:, None]
+    xx, yy, xy = change[:, 2] + start_inverse, change[:, 3] + start_inverse, change[:, 4]
+    determinant = xx * yy - xy * xy
+    determinant = np.where(np.abs(determinant) > 1e-6, determinant, 1e-6)
+    axes = np.stack([yy, -xy, -xy, xx], axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
+    variance = misfit / np.maximum(count - 10.0, 1.0) / height**2
+    return Dots(
+        centre=change[:, :2],
+        covariance=inverse[:, :2, :2] * variance[:, None, None],
+        axes=axes,
+        contrast=-height if style.dark else height,
+        blur=style.blur + change[:, 5],
+        explained=1.0 - misfit / np.maximum(spread, 1e-6),
+    )

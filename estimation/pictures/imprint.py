@@ -1,0 +1,323 @@
+"""The object's own rotation, where its edges or texture print through the gel.
+
+What the object prints turns with the object, what is printed on the gel turns with the gel: the
+dots are painted out, and the picture is registered with a keyframe by the rigid motion that
+correlates the two best ([Evangelidis2008] G. D. Evangelidis, E. Z. Psarakis, "Parametric image
+alignment using enhanced correlation coefficient maximization", as OpenCV has it). Where the last
+frame's motion leads nowhere, all rotations within `SEARCHED` are tried.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Shaped, UInt8
+
+from estimation.fields.outline import KEYFRAME_ERROR
+
+ROWS = 120
+"""Rows, about, of the picture that is registered; larger ones are scaled down."""
+SMALLEST_DOT = 2.0
+"""Radius that scaling down leaves a dot [px]: a smaller one cannot be painted out."""
+LEAST_CORRELATION = 0.65
+"""Correlation with the keyframe below which the imprint has lost its place."""
+FOUND_AGAIN = 0.8
+"""Correlation from which it counts as found again after a search."""
+NEW_KEYFRAME = 0.85
+"""Correlation below which another keyframe is taken: an earlier one, or a new one."""
+KEPT = 8
+"""Keyframes that are kept, the first always: registering with an earlier one ends the drift."""
+CUT_ERROR = np.radians(2.0)
+"""What a contact that is partly out of view adds to it [rad]."""
+LARGEST_ERROR = np.radians(4.5)
+"""Standard error from which the imprint is given up [rad]."""
+LEAST_STEP = np.radians(12.0)
+"""Rotation against the keyframe from which a new one is taken [rad]."""
+TEXTURE = 1.5
+"""Grey levels, of 255, that the imprint's own texture must have."""
+SEARCHED = np.radians(np.arange(-30.0, 31.0, 6.0))
+"""Rotations against the keyframe that are tried where the imprint has lost its place [rad]."""
+OVERLAP = 0.4
+"""Share of the smaller contact region that both must show: elsewhere the pad itself is seen."""
+UNSEEN = 4
+"""Frames that are passed over after one in which the object prints nothing."""
+PATIENCE = 25
+"""Frames in a row without the imprint after which it is given up."""
+FEWEST = 9
+"""Dots of the contact region below which too little of the object is seen."""
+STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 3e-4)
+
+
+class Imprint(NamedTuple):
+    """Rotation of what the object prints, against the first frame.
+
+    Attributes:
+        angle: rotation [rad, from x to y of the picture]; NaN where lost.
+        error: its standard error [rad].
+        quality: correlation with the keyframe [-].
+    """
+
+    angle: float
+    error: float
+    quality: float
+
+
+LOST = Imprint(np.nan, np.nan, np.nan)
+
+
+class Texture(NamedTuple):
+    """The imprint's texture in one frame.
+
+    Attributes:
+        value: grey levels of 255, without dots and slow change of light.
+        mask: 255 where there is contact and no dot.
+        channel: of the picture.
+    """
+
+    value: Float[np.ndarray, "h w"]
+    mask: UInt8[np.ndarray, "h w"]
+    channel: int
+
+
+class _Keyframe(NamedTuple):
+    texture: Texture
+    pose: np.ndarray
+    """Takes points of the first keyframe to where they are here, in homogeneous coordinates."""
+    error: float
+
+    @property
+    def angle(self) -> float:
+        return float(np.arctan2(self.pose[1, 0], self.pose[0, 0]))
+
+
+class _Match(NamedTuple):
+    """The rigid motion from a keyframe to a frame, and how well the two correlate under it."""
+
+    keyframe: _Keyframe
+    warp: np.ndarray
+    quality: float
+
+    def pose(self) -> np.ndarray:
+        return np.vstack([self.warp, [0.0, 0.0, 1.0]]) @ self.keyframe.pose
+
+    @property
+    def turned(self) -> float:
+        return float(np.arctan2(self.warp[1, 0], self.warp[0, 0]))
+
+    @property
+    def error(self) -> float:
+        own = KEYFRAME_ERROR * max(1.0, (1.0 - self.quality) / 0.1)
+        return float(np.hypot(self.keyframe.error, own))
+
+
+class ImprintFollower:
+    """Follows the imprint from frame to frame; where it loses its place for long it ends."""
+
+    def __init__(self) -> None:
+        """Start without a keyframe: the first frame with contact becomes it."""
+        self.keyframes: list[_Keyframe] = []
+        self.last: _Match | None = None
+        self.before: _Keyframe | None = None
+        self.angle = 0.0
+        self.missed = 0
+        self.resting = 0
+        self.confirmed = False
+        """Whether a second frame has shown the first one's texture: else it may be noise."""
+
+    def update(
+        self,
+        picture: Shaped[np.ndarray, "h w *colour"],
+        dots: Float[np.ndarray, "n 2"],
+        radius: float,
+        region: Float[np.ndarray, "k 2"],
+        cut: bool = False,
+    ) -> Imprint:
+        """Rotation of the imprint in the next frame.
+
+        Args:
+            picture: of the frame.
+            dots: all dots in it [px].
+            radius: typical, of a dot [px].
+            region: dots of the contact region [px].
+            cut: whether part of the contact is beyond the view: what is seen of it then changes as
+                it moves, and a registration is worth less.
+        """
+        if self.missed > PATIENCE or len(region) < FEWEST:
+            return LOST
+        if self.resting > 0:
+            self.resting -= 1
+            return LOST
+        channel = self.keyframes[0].texture.channel if self.keyframes else None
+        texture = paint_out(picture, dots, radius, region, channel)
+        if self.last is None or self.before is None:
+            return self._begin(texture)
+        found = self._find(texture, self.last, self.before)
+        if found is None and not self.confirmed:
+            self.keyframes.clear()
+            return self._begin(texture)
+        if found is None:
+            self.missed += 1
+            return LOST
+        self.missed, self.confirmed = 0, True
+        error = float(np.hypot(found.error, CUT_ERROR)) if cut else found.error
+        if error > LARGEST_ERROR:
+            self.missed = PATIENCE + 1
+            return LOST
+        self.before = _Keyframe(texture, found.pose(), error)
+        self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
+        self.last = found
+        if found.quality < NEW_KEYFRAME or abs(found.turned) > LEAST_STEP:
+            self._keep(self.before)
+        return Imprint(self.angle, error, found.quality)
+
+    def _begin(self, texture: Texture) -> Imprint:
+        if texture.value[texture.mask > 0].std() < TEXTURE:
+            self.resting = UNSEEN
+            return LOST
+        self.before = _Keyframe(texture, np.eye(3), 0.0)
+        self._keep(self.before)
+        return Imprint(0.0, KEYFRAME_ERROR, 1.0)
+
+    def _keep(self, keyframe: _Keyframe) -> None:
+        """Make it the keyframe to register with."""
+        self.keyframes.append(keyframe)
+        if len(self.keyframes) > KEPT:
+            del self.keyframes[1]
+        self.last = _Match(keyframe, np.eye(2, 3, dtype=np.float32), 1.0)
+
+    def _find(self, texture: Texture, last: _Match, before: _Keyframe) -> _Match | None:
+        """The motion to this frame; None where the imprint has lost its place.
+
+        Tried are the keyframe of the last frame; where that fits badly, the earlier one nearest in
+        angle whose error is the least; the last frame; and at last all rotations.
+        """
+        found = register(last.keyframe, texture, last.warp, LEAST_CORRELATION)
+        if found is not None and found.quality >= NEW_KEYFRAME:
+            return found
+        pose = before.pose if found is None else found.pose()
+        for earlier in self.keyframes:
+            if earlier is last.keyframe or earlier.error >= last.keyframe.error:
+                continue
+            start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
+            if abs(np.arctan2(start[1, 0], start[0, 0])) < LEAST_STEP:
+                closed = register(earlier, texture, start, NEW_KEYFRAME)
+                if closed is not None:
+                    return closed
+        if found is not None:
+            return found
+        still = np.eye(2, 3, dtype=np.float32)
+        found = register(before, texture, still, LEAST_CORRELATION)
+        if found is None and self.confirmed:
+            guess = search_motion(before.texture, texture)
+            found = None if guess is None else register(before, texture, guess, FOUND_AGAIN)
+        return found
+
+
+def register(
+    keyframe: _Keyframe, texture: Texture, start: Float[np.ndarray, "2 3"], least: float
+) -> _Match | None:
+    """The rigid motion from a keyframe to a frame; None where they correlate too little."""
+    before = keyframe.texture
+    shown = cv2.warpAffine(before.mask, start, before.mask.shape[::-1], flags=cv2.INTER_NEAREST)
+    both = cv2.bitwise_and(shown, texture.mask)
+    areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
+    if cv2.countNonZero(both) < OVERLAP * min(areas):
+        return None
+    try:
+        quality, warp = cv2.findTransformECC(
+            before.value,
+            texture.value,
+            start.copy(),
+            cv2.MOTION_EUCLIDEAN,
+            STEPS,
+            inputMask=both,
+            gaussFiltSize=3,
+        )
+    except cv2.error:  # it has not converged
+        return None
+    return _Match(keyframe, np.asarray(warp), float(quality)) if quality > least else None
+
+
+def search_motion(before: Texture, now: Texture) -> Float[np.ndarray, "2 3"] | None:
+    """The rigid motion, of all within the range searched, under which two textures correlate best.
+
+    For every rotation the correlation of what both masks show is had for all shifts at once, by
+    Fourier transforms.
+    """
+    rows, columns = now.value.shape
+    shape = (cv2.getOptimalDFTSize(2 * rows), cv2.getOptimalDFTSize(2 * columns))
+    shown = (now.mask > 0).astype(np.float32)
+    spectra = [
+        np.fft.rfft2(plane, shape) for plane in (shown * now.value, shown, shown * now.value**2)
+    ]
+    middle = (0.5 * (columns - 1), 0.5 * (rows - 1))
+    best, most = None, 0.0
+    for turn in SEARCHED:
+        ahead = cv2.getRotationMatrix2D(middle, -np.degrees(turn), 1.0)
+        value = cv2.warpAffine(before.value, ahead, (columns, rows))
+        mask = cv2.warpAffine((before.mask > 0).astype(np.float32), ahead, (columns, rows))
+        mask = (mask > 0.5).astype(np.float32)
+        turned = [np.conj(np.fft.rfft2(p, shape)) for p in (mask * value, mask, mask * value**2)]
+        both, left, right, here, there = (
+            np.fft.irfft2(a * b, shape)
+            for a, b in (
+                (spectra[0], turned[0]),
+                (spectra[2], turned[1]),
+                (spectra[1], turned[2]),
+                (spectra[1], turned[1]),
+                (spectra[0], turned[1]),
+            )
+        )
+        other = np.fft.irfft2(spectra[1] * turned[0], shape)
+        count = np.maximum(here, 1.0)
+        size = (left - there**2 / count) * (right - other**2 / count)
+        score = np.where(
+            (here > OVERLAP * min(mask.sum(), shown.sum())) & (size > 0.0),
+            (both - there * other / count) / np.sqrt(np.maximum(size, 1e-6)),
+            0.0,
+        )
+        highest = float(score.max())
+        if highest > most:
+            down, right_ = np.unravel_index(int(score.argmax()), score.shape)
+            shift = [right_ - shape[1] * (right_ > columns), down - shape[0] * (down > rows)]
+            most, best = highest, ahead + np.array([[0.0, 0.0, shift[0]], [0.0, 0.0, shift[1]]])
+    return None if best is None else best.astype(np.float32)
+
+
+def paint_out(
+    picture: Shaped[np.ndarray, "h w *colour"],
+    dots: Float[np.ndarray, "n 2"],
+    radius: float,
+    region: Float[np.ndarray, "k 2"],
+    channel: int | None = None,
+) -> Texture:
+    """The imprint's texture with the dots and the slow change of light taken off, scaled down.
+
+    Args:
+        picture: of the frame.
+        dots: all dots in it [px].
+        radius: typical, of a dot [px].
+        region: dots of the contact region [px].
+        channel: of the picture; by default the one with the strongest texture.
+    """
+    part = max(min(round(picture.shape[0] / ROWS), int(radius / SMALLEST_DOT)), 1)
+    size = (picture.shape[1] // part, picture.shape[0] // part)
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    image = small.astype(np.float32) * np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
+    dots, region, radius = dots / part, region / part, radius / part
+    clear = np.full(image.shape[:2], 1.0, np.float32)
+    for x, y in np.rint(dots * 16).astype(int).tolist():
+        cv2.circle(clear, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
+    width = (2 * int(4.0 * radius) + 1,) * 2
+    weight = cv2.blur(clear, width) + np.float32(1e-3)
+    planes = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
+    chosen = range(len(planes)) if channel is None else [channel]
+    textures = {
+        i: (planes[i] - cv2.blur(planes[i] * clear, width) / weight) * clear for i in chosen
+    }
+    mask = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillConvexPoly(mask, cv2.convexHull(region.astype(np.float32)).astype(np.int32), 255)
+    mask = cv2.dilate(mask, np.ones((2 * int(radius) + 1,) * 2, np.uint8))
+    mask[clear == 0.0] = 0
+    strongest = max(chosen, key=lambda i: cv2.meanStdDev(textures[i], mask=mask)[1].item())
+    return Texture(cv2.GaussianBlur(textures[strongest], (0, 0), 1.0), mask, strongest)

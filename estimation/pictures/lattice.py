@@ -1,0 +1,298 @@
+"""Lattice indices of dots, and a reference to count from."""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+
+from estimation.frames.recording import MarkerLayout, delaunay_neighbours
+
+NEAR = 0.4
+"""Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
+REACH = 2.3
+"""Distance up to which dots help to say where one should be [pitches]."""
+AROUND = 12
+"""Most of them."""
+FIT = 0.06
+"""Distance from a fitted lattice within which a dot is on it [pitches]."""
+DOUBT = 0.15
+"""How far from its place at rest a lattice fitted beside it may have a dot [pitches]."""
+REGULAR, SMOOTH = 0.065, 0.02
+"""Largest and root mean square distance of dots at rest from rows bent by a lens [pitches]."""
+STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+
+
+class Lattice(NamedTuple):
+    """Dots with integer lattice coordinates.
+
+    Attributes:
+        dot: numbers of the dots that have coordinates.
+        coordinates: theirs.
+        pitch: distance between neighbours [px].
+    """
+
+    dot: Int[np.ndarray, " m"]
+    coordinates: Int[np.ndarray, "m 2"]
+    pitch: float
+
+
+def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
+    """Give dots integer coordinates, spread over neighbours from the most regular place.
+
+    Dots that continue no row are left out; so are those that two paths give different coordinates.
+    """
+    nothing = Lattice(np.zeros(0, dtype=int), np.zeros((0, 2), dtype=int), np.nan)
+    if len(centre) < 9:
+        return nothing
+    tree = KDTree(centre)
+    distance, near = nearest(tree, centre, 5)
+    pitch = float(np.median(distance[:, 1:4]))
+    vectors = centre[near[:, 1:]] - centre[:, None]
+    short = vectors[distance[:, 1:] < 1.4 * pitch]
+    basis = _common_basis(short, pitch)
+    if basis is None:
+        return nothing
+    spots = centre[:, None] + STEPS @ basis
+    off = nearest(tree, spots.reshape(-1, 2))[0].reshape(len(centre), 4)
+    start = int(np.argmin(np.sort(off, axis=1)[:, 3]))
+    number = {start: (0, 0)}
+    local = {start: basis}
+    taken = {(0, 0)}
+    queue = deque([start])
+    while queue:
+        i = queue.popleft()
+        for step in STEPS:
+            place = (number[i][0] + int(step[0]), number[i][1] + int(step[1]))
+            off_i, j = (x.item() for x in nearest(tree, centre[i] + step @ local[i]))
+            if place in taken or j in number or off_i > NEAR * pitch:
+                continue
+            number[j] = place
+            taken.add(place)
+            axis = int(np.argmax(np.abs(step)))
+            frame = local[i].copy()
+            frame[axis] = 0.5 * frame[axis] + 0.5 * step[axis] * (centre[j] - centre[i])
+            local[j] = frame
+            queue.append(j)
+    dots = np.array(sorted(number))
+    return Lattice(dots, np.array([number[i] for i in dots]), pitch)
+
+
+def _common_basis(
+    vectors: Float[np.ndarray, "m 2"], pitch: float
+) -> Float[np.ndarray, "2 2"] | None:
+    """The two most common vectors between neighbours that are not parallel."""
+    vectors = np.where(
+        (vectors[:, :1] + 1e-3 * vectors[:, 1:] < 0), -vectors, vectors
+    )  # one of each opposite pair
+    if len(vectors) < 8:
+        return None
+    both = np.concatenate([vectors, -vectors])
+    tree = KDTree(both)
+    popular = np.array([len(found) for found in tree.query_ball_point(both, 0.15 * pitch)])
+    first = _mean_near(both, both[np.argmax(popular)], 0.15 * pitch)
+    across = np.abs(first[0] * both[:, 1] - first[1] * both[:, 0]) / np.linalg.norm(first)
+    popular = np.where(across > 0.6 * pitch, popular, 0)
+    if popular.max() < 4:
+        return None
+    second = _mean_near(both, both[np.argmax(popular)], 0.15 * pitch)
+    if abs(first[0]) < abs(second[0]):
+        first, second = second, first
+    return np.stack([first * np.sign(first[0]), second * np.sign(second[1])])
+
+
+def nearest(tree: KDTree, points: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Distances to the nearest points of the tree, and their numbers."""
+    distance, number = tree.query(points, count)
+    return np.asarray(distance), np.asarray(number)
+
+
+def _mean_near(vectors: np.ndarray, target: np.ndarray, radius: float) -> np.ndarray:
+    return vectors[np.linalg.norm(vectors - target, axis=1) < radius].mean(axis=0)
+
+
+class Fitted(NamedTuple):
+    """A regular lattice through the dots that lie on one.
+
+    Attributes:
+        coefficients: of 1, i, j, i², ij, j² for x and y [px]; a lens bends the rows a little.
+        on: which dots lie on it.
+    """
+
+    coefficients: Float[np.ndarray, "6 2"]
+    on: Bool[np.ndarray, " m"]
+
+    def place(self, index: Int[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+        """Where the lattice has its points [px]."""
+        return _terms(index) @ self.coefficients
+
+
+def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 0) -> Fitted:
+    """Fit a regular lattice to as many dots as lie on one, by random samples.
+
+    Three dots, not in a row and not next to each other, tell an affine lattice.
+    """
+    points, terms = centre[lattice.dot], _terms(lattice.coordinates)
+    rng = np.random.default_rng(seed)
+    best = np.zeros(len(points), dtype=bool)
+    for _ in range(500):
+        sample = rng.choice(len(points), 3, replace=False)
+        design = terms[sample][:, :3]
+        if abs(np.linalg.det(design)) < 4.0:
+            continue
+        off = np.linalg.norm(
+            points - terms[:, :3] @ np.linalg.solve(design, points[sample]), axis=1
+        )
+        on = off < 2.0 * FIT * lattice.pitch
+        if on.sum() > best.sum():
+            best = on
+    columns = 6 if best.sum() >= 20 else 3
+    coefficients = np.zeros((6, 2))
+    for _ in range(10):
+        if best.sum() < 6:
+            break
+        coefficients[:columns] = np.linalg.lstsq(
+            terms[best][:, :columns], points[best], rcond=None
+        )[0]
+        best = np.linalg.norm(points - terms @ coefficients, axis=1) < FIT * lattice.pitch
+    return Fitted(coefficients, best)
+
+
+def _terms(index: Int[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 6"]:
+    i, j = index.T.astype(float)
+    return np.stack([np.ones_like(i), i, j, i * i, i * j, j * j], axis=1)
+
+
+def is_regular(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> bool:
+    """Whether dots, at least 30, lie on a lattice that only a lens bends: the gel is unloaded then.
+
+    A cubic has a lens's distortion to its first order, and what there is of print and mounting.
+
+    Args:
+        lattice: of the dots at rest, or about so.
+        place: where its dots are [px], NaN where not seen.
+    """
+    seen = np.isfinite(place[:, 0])
+    if seen.sum() < 30:
+        return False
+    index = lattice.coordinates[seen] / np.abs(lattice.coordinates).max()
+    i, j = (index - index.mean(axis=0)).T
+    terms = np.stack([i**a * j**b for a in range(4) for b in range(4 - a)], axis=1)
+    off = place[seen] - terms @ np.linalg.lstsq(terms, place[seen], rcond=None)[0]
+    squared = (off**2).sum(axis=1) / lattice.pitch**2
+    mean = squared.sum() / (len(squared) - terms.shape[1])
+    return bool(squared.max() < REGULAR**2 and mean < SMOOTH**2)
+
+
+class Reference(NamedTuple):
+    """The dots to count from.
+
+    Attributes:
+        position: of each dot [px].
+        neighbours: of each dot, −1 where there is none.
+        around: the nearest others of each dot, nearest first, −1 beyond `REACH`.
+        pitch: distance between neighbours [px].
+        note: what it is, in a sentence.
+        doubt: how far off the positions may be [px]; None where they are known.
+    """
+
+    position: Float[np.ndarray, "n 2"]
+    neighbours: Int[np.ndarray, "n k"]
+    around: Int[np.ndarray, "n a"]
+    pitch: float
+    note: str
+    doubt: Float[np.ndarray, " n"] | None = None
+
+    def layout(self, mm_per_px: float) -> MarkerLayout:
+        """As a recording has it."""
+        return MarkerLayout(mm_per_px * self.position, self.neighbours)
+
+
+def make_reference(
+    centre: Float[np.ndarray, "n 2"], size: tuple[int, int], unloaded: bool = False
+) -> Reference:
+    """The reference from the dots of one frame.
+
+    Where all dots lie on a regular lattice, or the caller says so, the frame is unloaded and its
+    dots are the reference. Else the lattice is fitted to those that do and stands for all, if they
+    are enough to tell; where they are not, the frame itself must serve, and only changes count.
+
+    Args:
+        centre: dots [px].
+        size: width and height of the picture [px].
+        unloaded: the frame is known to be unloaded.
+
+    Raises:
+        ValueError: too few dots lie on a lattice.
+    """
+    lattice = index_lattice(centre)
+    if len(lattice.dot) < 9:
+        raise ValueError(
+            f"{len(lattice.dot)} dots lie in rows; at least 9 are needed: is this a sensor with "
+            "printed dots?"
+        )
+    fitted = fit_lattice(lattice, centre)
+    share = fitted.on.mean()
+    doubt = None
+    if unloaded or share > 0.95:
+        position, note = (
+            centre[lattice.dot],
+            "The dots of the first frame lie on a regular lattice: it counts as unloaded. If "
+            "something touched the pad by then, angles and contact count from that frame."
+            if not unloaded
+            else "The reference is the frame that was given.",
+        )
+    elif fitted.on.sum() >= 15 and share >= 0.3:
+        index = _inside(fitted, lattice, size)
+        rest = lattice.coordinates[fitted.on]
+        same = (index[:, None] == rest).all(axis=2)
+        position = fitted.place(index)
+        doubt = np.where(same.any(axis=1), 0.0, DOUBT * lattice.pitch)
+        note = (
+            f"The clip starts loaded: the reference is a regular lattice through "
+            f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, those away from "
+            "contact."
+        )
+    else:
+        position = centre[lattice.dot]
+        note = (
+            f"The clip starts loaded, and only {fitted.on.sum()} of {len(fitted.on)} dots lie on "
+            "a regular lattice: the first frame is the reference, and angles count from it."
+        )
+    return lay_reference(position, note, doubt)
+
+
+def lay_reference(
+    position: Float[np.ndarray, "n 2"], note: str, doubt: Float[np.ndarray, " n"] | None = None
+) -> Reference:
+    """The reference of dots at places [px] that are known, or in doubt by so much [px].
+
+    Raises:
+        ValueError: fewer than three dots, or all on one line.
+    """
+    neighbours = delaunay_neighbours(position, 1.3)
+    count = min(AROUND + 1, len(position))
+    distance, around = nearest(KDTree(position), position, count)
+    pitch = float(np.median(distance[:, 1:4]))
+    around = np.where(distance < REACH * pitch, around, -1)[:, 1:]
+    return Reference(position, neighbours, around, pitch, note, doubt)
+
+
+def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:
+    """Coordinates of all lattice points in the picture, and of the dots that have been seen."""
+    low, high = lattice.coordinates.min(axis=0) - 1, lattice.coordinates.max(axis=0) + 2
+    grid = np.stack(np.meshgrid(*map(np.arange, low, high), indexing="ij"), -1).reshape(-1, 2)
+    place = fitted.place(grid)
+    inside = ((place >= 0) & (place <= np.array(size) - 1)).all(axis=1)
+    return np.unique(np.concatenate([grid[inside], lattice.coordinates]), axis=0)
+
+
+def lattice_neighbours(corner: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "m 4"]:
+    """Neighbours of each corner, those before and after it along a line side by side."""
+    padded = np.pad(corner, 1, constant_values=-1)
+    at = np.argwhere(corner >= 0) + 1
+    around = [padded[tuple((at + step).T)] for step in STEPS[[2, 0, 3, 1]]]
+    neighbours = np.full((len(at), 4), -1)
+    neighbours[corner[tuple((at - 1).T)]] = np.stack(around, axis=1)
+    return neighbours

@@ -1,0 +1,27 @@
+"""Grey levels of a picture, 0 to 255."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, Shaped
+
+
+def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w"]:
+    """Grey level of a picture, 0 to 255."""
+    if picture.ndim == 3:
+        picture = cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_BGR2GRAY)
+    scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
+    return picture.astype(np.float32) * np.float32(scale)
+
+
+def to_grey(picture: Shaped[np.ndarray, "h w *colour"], dark: bool) -> Float[np.ndarray, "h w"]:
+    """One channel in which dots stand out and coloured light does not, 0 to 255.
+
+    Dark dots are dark in every colour: the brightest channel shows them alone. Bright ones are
+    bright in every colour.
+    """
+    if picture.ndim == 3:
+        order = cv2.max if dark else cv2.min
+        blue, green, red = cv2.split(picture[..., :3])
+        picture = order(order(blue, green), red)
+    scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
+    return picture.astype(np.float32) * np.float32(scale)

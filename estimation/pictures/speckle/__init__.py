@@ -1,0 +1,1 @@
+"""Speckle patterns: subsets matched and followed."""

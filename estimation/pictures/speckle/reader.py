@@ -1,0 +1,123 @@
+"""Recordings from pictures of a speckle pattern."""
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.frames.recording import MarkerLayout
+from estimation.pictures.lattice import Reference, lattice_neighbours
+from estimation.pictures.light import to_light
+from estimation.pictures.lines import Rotation, fuse_rotations, rotation_of_lines
+from estimation.pictures.reader import ImageSettings, MarkerReader, Row
+from estimation.pictures.region import find_tear_flaw, find_unseen_flaw, region_of_dispersion
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.speckle.subsets import Match, polar_angle, polar_variance
+from estimation.pictures.speckle.tracking import SpeckleTracker
+from estimation.pictures.stream import Picture
+
+STEP = 1.0
+"""Distance over which the lens's distortion is differentiated [px]."""
+
+
+class SpeckleReader(MarkerReader):
+    """Turns pictures of a speckle pattern, one after the other, into positions of its points."""
+
+    def __init__(self, first: Picture, settings: ImageSettings) -> None:
+        """Learn points of interest, and the reference, from a picture.
+
+        Raises:
+            ValueError: there is no speckle pattern in it.
+        """
+        assert first.image is not None
+        self.sensor = settings.sensor
+        self.tracker = SpeckleTracker(to_light(first.image))
+        lattice, style = self.tracker.lattice, self.tracker.style
+        rest = lattice.subsets.centre
+        self.stretch = lens_stretch(self.sensor, rest)
+        self.scale, self.unit = settings.scale, settings.unit
+        self.neighbours = lattice_neighbours(lattice.number)
+        self.given = settings.unloaded is not None
+        note = (
+            "The reference is the frame that was given."
+            if self.given
+            else "Speckle does not tell whether the gel rests: the first usable frame is the "
+            "reference, and angles count from it; name an unloaded frame if there is one."
+        )
+        around = np.full((len(rest), 0), -1)
+        position = self.sensor.straighten(rest)
+        self.reference = Reference(position, self.neighbours, around, float(style.pitch), note)
+        full = lattice.number.shape if (lattice.number >= 0).all() else None
+        self.layout = MarkerLayout(self.scale * position, self.neighbours, full)
+
+    def read(self, picture: Picture) -> Row:
+        """Positions, contact and rotation of the points in the next picture."""
+        shape = self.reference.position.shape
+        if picture.flaw or picture.image is None:
+            return Row.of_none(picture, shape, picture.flaw or "no picture")
+        match, flaw = self.tracker.find(to_light(picture.image))
+        if flaw:
+            return Row.of_none(picture, shape, flaw)
+        match = self._straighten(match)
+        displacement = match.position - self.reference.position
+        contact = region_of_dispersion(self.reference, displacement)
+        rest = self.reference.position
+        return Row(
+            position=match.position,
+            contact=contact,
+            time=picture.time,
+            number=picture.number,
+            flaw=find_tear_flaw(self.neighbours, rest, match.position)
+            or find_unseen_flaw(rest, contact, match.good),
+            rotation=measure_rotation(self.reference, match).angle,
+        )
+
+    def notes(self) -> tuple[str, ...]:
+        """What the speckle looks like, what was left out, and what the reference is."""
+        style, lattice = self.tracker.style, self.tracker.lattice
+        left = [f"{count} {why}" for why, count in lattice.left_out.items() if count]
+        masked = f" Left out of the lattice: {', '.join(left)}." if left else ""
+        seeds = (
+            f" Features had to be looked for in {self.tracker.searched} pictures."
+            if self.tracker.searched
+            else ""
+        )
+        return (
+            f"{len(lattice.subsets.centre)} points of a speckle pattern of {2 * style.size:.1f} px "
+            f"grain, {style.pitch} px apart, each with the {2 * style.radius + 1} px square around "
+            f"it.{masked}{seeds}",
+            self.reference.note,
+            "The contact region is found by the dispersion of the translation field.",
+        )
+
+    def _straighten(self, match: Match) -> Match:
+        """The match as it would be without the lens's distortion."""
+        if self.sensor.lens is None:
+            return match
+        shape = lens_stretch(self.sensor, match.position) @ match.deformation
+        return match._replace(
+            position=self.sensor.straighten(match.position),
+            deformation=shape @ np.linalg.inv(self.stretch),
+        )
+
+
+def lens_stretch(sensor: Sensor, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 2"]:
+    """Derivative of the positions without distortion by those in the picture."""
+    if sensor.lens is None:
+        return np.tile(np.eye(2), (len(points), 1, 1))
+    columns = [
+        (sensor.straighten(points + STEP * axis) - sensor.straighten(points - STEP * axis))
+        / (2.0 * STEP)
+        for axis in np.eye(2)
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def measure_rotation(reference: Reference, match: Match) -> Rotation:
+    """Rotation of each subset and of the lattice's lines through it, fused by their variances."""
+    own = Rotation(
+        polar_angle(match.deformation), np.where(match.good, polar_variance(match), np.inf)
+    )
+    variance = 0.5 * np.einsum("nii->n", match.covariance[:, :2, :2])
+    lines = rotation_of_lines(
+        reference.neighbours, reference.position, match.position, np.nan_to_num(variance)
+    )
+    return fuse_rotations(own, lines)

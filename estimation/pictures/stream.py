@@ -1,0 +1,296 @@
+"""Pictures over time: a folder of images, a video or a camera, one after the other.
+
+A folder is read in natural order. The number in a picture's name is its frame number; where the
+names do not number the pictures, they are counted from 0, as the frames of a video are.
+
+Time stamps come from a table (`times.csv` in the folder, `CLIP.csv` beside `CLIP.avi`; columns
+`frame` and `time_s`), else from the video's container or the camera's clock. In a folder without a
+table the time is the frame number over the rate, which is `RATE` unless given: frames that are
+missing leave a gap.
+"""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Shaped
+from PIL import Image, UnidentifiedImageError
+
+from contactmodel.common.inputs import cell_number, cell_whole, read_rows
+from estimation.frames.extras import require_extra
+from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
+
+VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+CAMERAS = ("camera:", "/dev/video")
+RATE = 30.0
+"""Pictures per second of a folder that are assumed where nothing is known [1/s]."""
+LARGEST = 50_000_000
+"""Most pixels of a picture; more is refused before anything is decoded."""
+SMALLEST = 16
+"""Least pixels along each side of a picture."""
+BLACK = 8.0
+WHITE = 247.0
+"""Mean grey levels, of 255, below and above which a picture shows nothing."""
+
+
+class Picture(NamedTuple):
+    """A picture as the source delivers it.
+
+    Attributes:
+        image: grey or BGR, 8 or 16 bit; None where there is none.
+        time: time stamp [s].
+        number: of the frame, by the picture's name or counted from 0.
+        flaw: why it cannot be used, empty where it can.
+    """
+
+    image: Shaped[np.ndarray, "h w *colour"] | None
+    time: float
+    number: int
+    flaw: str = ""
+
+
+def is_camera(path: Path) -> bool:
+    """Whether the path names a camera: `camera:0`, or its device."""
+    return str(path).startswith(CAMERAS)
+
+
+def is_pictures(path: Path) -> bool:
+    """Whether there are pictures at the path: a video, a folder of images or a camera."""
+    if is_camera(path) or path.suffix.lower() in VIDEOS:
+        return True
+    return path.is_dir() and bool(_list_images(path))
+
+
+def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
+    """What is assumed about the pictures at a path, or looks wrong with them, in sentences.
+
+    Args:
+        path: as for `read_pictures`.
+        rate: as for `read_pictures`.
+
+    Raises:
+        ValueError: no pictures in the folder, or a table that is not one of time stamps.
+    """
+    if is_camera(path):
+        return () if rate is None else (ignored_rate(rate, "the camera's clock"),)
+    warnings, table = [], _table_beside(path)
+    stamps = _read_times(table)
+    if path.is_dir():
+        _, (numbers, doubts) = _number_folder(path)
+        warnings += doubts
+        if unused := sorted(set(stamps) - set(numbers)):
+            warnings.append(
+                f"{table.name} has times of {counted(len(unused), 'frame', 'frames')} without a "
+                f"picture, {unused[0]} the first: its `frame` must be the frame number."
+            )
+        if rate is None and not stamps:
+            warnings.append(
+                f"{RATE:g} pictures per second are assumed: give the true rate (`run --fps`), or "
+                f"the times in {table.name} (columns frame, time_s)."
+            )
+    if rate is not None and (stamps or not path.is_dir()):
+        warnings.append(ignored_rate(rate, table.name if stamps else "the video"))
+    return tuple(warnings)
+
+
+def ignored_rate(rate: float, clock: str) -> str:
+    """The warning that a rate was given for a recording whose times are known."""
+    return f"The rate of {rate:g} pictures per second (--fps) is not used: times come from {clock}."
+
+
+def read_pictures(path: Path, rate: float | None = None) -> Iterator[Picture]:
+    """The pictures at a path, in order.
+
+    A picture that cannot be read, or is of another size than the first, comes with its flaw. A
+    source that ends early, by damage or because a camera is gone, just ends: its last picture
+    then says so.
+
+    Args:
+        path: a video, a folder of images, or a camera: `camera:0` or its device, `/dev/video0`.
+        rate: pictures per second of a folder without a table of times [1/s].
+
+    Raises:
+        ValueError: no pictures there, or of a size beyond `LARGEST`.
+        ImportError: a video, and PyAV is not installed.
+        OSError: it cannot be opened.
+    """
+    if is_camera(path):
+        source = _read_camera(str(path))
+    elif path.is_dir():
+        source = _read_folder(path, RATE if rate is None else rate)
+    else:
+        source = _read_video(path)
+    size = None
+    for picture in source:
+        if picture.image is not None and not picture.flaw:
+            shape = picture.image.shape[:2]
+            if min(shape) < SMALLEST:
+                flaw = f"the picture is {shape[1]}×{shape[0]}, too small to show markers"
+                yield picture._replace(flaw=flaw)
+                continue
+            size = size or shape
+            if shape != size:
+                flaw = f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
+                yield picture._replace(flaw=flaw)
+                continue
+            picture = picture._replace(flaw=find_exposure_flaw(picture.image))
+        yield picture
+
+
+def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
+    """Why a picture shows nothing, empty where it shows something."""
+    level = float(image.mean()) * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0)
+    if level < BLACK:
+        return "the picture is black"
+    return "the picture is saturated" if level > WHITE else ""
+
+
+def _check_size(width: int, height: int, what: Path) -> None:
+    if width * height > LARGEST:
+        raise ValueError(
+            f"{what} declares {width}×{height} pixels; more than {LARGEST // 10**6} million are "
+            "not read: scale it down"
+        )
+    if width * height == 0:
+        raise ValueError(f"{what} declares no size: it is damaged")
+
+
+def _list_images(folder: Path) -> list[Path]:
+    """The images in a folder, but for hidden files."""
+    return [
+        one
+        for one in folder.iterdir()
+        if one.suffix.lower() in IMAGES and not one.name.startswith(".")
+    ]
+
+
+def _number_folder(folder: Path) -> tuple[list[Path], Numbering]:
+    """The images in a folder in natural order, and their frame numbers."""
+    files = sorted(_list_images(folder), key=natural_key)
+    if not files:
+        raise ValueError(f"{folder} holds no images")
+    return files, number_pictures(files)
+
+
+def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
+    files, (numbers, _) = _number_folder(folder)
+    stamps = _read_times(_table_beside(folder))
+    before = None
+    for number, file in zip(numbers, files, strict=True):
+        stamp = stamps.get(number, np.nan) if stamps else number / rate
+        if number == before:
+            yield Picture(None, stamp, number, DUPLICATE)
+            continue
+        before = number
+        try:
+            with Image.open(file) as header:
+                _check_size(*header.size, file)
+        except (UnidentifiedImageError, OSError):
+            yield Picture(None, stamp, number, f"{file.name} is no image or damaged")
+            continue
+        except Image.DecompressionBombError as error:
+            raise ValueError(f"{file}: {error}") from error
+        image = cv2.imread(str(file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+        if image is None:
+            yield Picture(None, stamp, number, f"{file.name} is damaged")
+        elif image.dtype not in (np.uint8, np.uint16):
+            yield Picture(None, stamp, number, f"{file.name} is not of 8 or 16 bit")
+        else:
+            yield Picture(image, stamp, number)
+
+
+def _read_video(path: Path) -> Iterator[Picture]:
+    require_extra("video", f"reading the video {path}")
+    import av
+    from av.error import FFmpegError
+
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} does not exist")
+    stamps = _read_times(_table_beside(path))
+    try:
+        container = av.open(str(path))
+    except (FFmpegError, OSError) as error:
+        raise ValueError(f"{path} is no video, or damaged ({error})") from error
+    with container:
+        if not container.streams.video:
+            raise ValueError(f"{path} has no pictures in it, only sound or text")
+        stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise ValueError(f"{path} is damaged: it declares no codec that is known, and no size")
+        _check_size(stream.width, stream.height, path)
+        stream.codec_context.thread_count = 1
+        stream.codec_context.options = {"max_pixels": str(LARGEST)}  # of frames to come
+        rate = float(stream.average_rate or RATE)
+
+        def stamp_of(number: int, own: float | None = None) -> float:
+            if stamps:
+                return stamps.get(number, np.nan)
+            return number / rate if own is None else own
+
+        number = -1
+        try:
+            for frame in container.decode(stream):
+                number += 1
+                _check_size(frame.width, frame.height, path)
+                grey = frame.format.name.startswith("gray")
+                wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
+                flaw = "the picture is damaged" if frame.is_corrupt else ""
+                image = frame.to_ndarray(format=wanted)
+                yield Picture(image, stamp_of(number, frame.time), number, flaw)
+        except FFmpegError as error:
+            why = f"the video is damaged from here on ({error})"
+            yield Picture(None, stamp_of(number + 1), number + 1, why)
+            return
+        declared = stream.frames or int((container.duration or 0) / av.time_base * rate - 1.0)
+        short = declared - number - 1
+        if short > 0:
+            why = f"the video ends here: {short} of the {declared} frames it declares are missing"
+            yield Picture(None, stamp_of(number + 1), number + 1, why)
+
+
+def _read_camera(name: str) -> Iterator[Picture]:
+    device = name.removeprefix("camera:")
+    capture = cv2.VideoCapture(int(device) if device.isdigit() else device)
+    if not capture.isOpened():
+        raise OSError(f"the camera {name} cannot be opened: is it plugged in, and free?")
+    start, number = time.monotonic(), 0
+    try:
+        while True:
+            there, image = capture.read()
+            now = time.monotonic() - start
+            if not there:
+                yield Picture(None, now, number, "the camera has gone")
+                return
+            yield Picture(image, now, number)
+            number += 1
+    finally:
+        capture.release()
+
+
+def _table_beside(path: Path) -> Path:
+    """Where the table of a folder's or a video's times is, if there is one."""
+    return path / "times.csv" if path.is_dir() else path.with_suffix(".csv")
+
+
+def _read_times(path: Path) -> dict[int, float]:
+    """Time stamps by frame number; none without a table.
+
+    Raises:
+        ValueError: the table is not one of time stamps, or gives a frame two times.
+    """
+    if not path.is_file():
+        return {}
+    stamps: dict[int, float] = {}
+    for at, row in read_rows(path, ("frame", "time_s")):
+        frame = cell_whole(row["frame"], f"{at}: frame")
+        stamp = cell_number(row["time_s"], f"{at}: time_s")
+        if stamps.setdefault(frame, stamp) != stamp:
+            raise ValueError(
+                f"{at}: frame {frame} has the time {stamp:g} s here and {stamps[frame]:g} s "
+                "above: leave one of them out"
+            )
+    return stamps

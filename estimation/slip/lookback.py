@@ -1,0 +1,186 @@
+"""What the whole recording says of answers that were given frame by frame.
+
+A tracker that knows only the past sees macro slip some frames late. Where there is little friction
+it may not see it at all: the gel comes to rest under an object that slides on, and a round contact
+looks the same whether it slides or rests. Looking back, the closing disc dates the slip
+(`estimation.slip.onset`), and gel that came to rest while few markers stuck is a reason for doubt.
+Either way the angle is unknown from there until the contact ends, unless an outline or imprint was
+in sight, which the tracker then follows. The answers that are withdrawn for that stay in
+`Result.withdrawn`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from estimation.estimators.result import TOO_FEW_STICK, UNSEEN_TURN, Result, State, Withdrawn
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Recording
+from estimation.slip.onset import (
+    DEFAULT_SETTINGS,
+    Disc,
+    MacroSlip,
+    SlipSettings,
+    date_slips,
+    find_held,
+    follow_disc,
+    is_still,
+)
+
+FOLLOWING = ("tracked", "incremental")
+"""Methods that follow the object, whose angles are withdrawn where they may have lost it."""
+
+RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
+
+
+def find_slips(
+    recording: Recording,
+    result: Result,
+    noise: Noise,
+    settings: SlipSettings = DEFAULT_SETTINGS,
+) -> list[MacroSlip]:
+    """When fewer than three markers stuck, or may have: in order of time.
+
+    Args:
+        recording: the recording.
+        result: of one of its methods, for the contact and the markers that stick.
+        noise: of the markers.
+        settings: how slips are dated and doubted.
+    """
+    discs = follow_disc(recording, result, noise, settings)
+    slips = date_slips(discs, settings)
+    doubts = [
+        doubt
+        for doubt in _find_doubts(recording, result, noise, discs, settings)
+        if not any(slip.onset < doubt.high and doubt.low < _end(slip) for slip in slips)
+    ]
+    return sorted(slips + doubts)
+
+
+def withdraw(
+    result: Result,
+    slips: Sequence[MacroSlip],
+    outline: Float[np.ndarray, " frames"],
+    *,
+    keep: bool = False,
+    settings: SlipSettings = DEFAULT_SETTINGS,
+) -> Result:
+    """The result without the angles that were given while the object slid unseen, or may have.
+
+    Args:
+        result: of a method that follows the object.
+        slips: of the recording.
+        outline: direction of the contact's outline in each frame, NaN where refused [rad].
+        keep: leave angles and states as they were answered frame by frame. The reasons then say
+            what speaks against them, and `Result.withdrawn` says which they are.
+        settings: how slips are doubted.
+
+    Returns:
+        States and reasons say why an angle is missing; `Result.withdrawn` has the answers. A slip
+        is left alone where a third of the contact's markers stick all the while it begins, and
+        where the outline is in sight.
+    """
+    state, reason = list(result.state), list(result.reason)
+    gone = np.zeros(len(result.time), dtype=bool)
+    for slip in slips:
+        begun = np.flatnonzero(result.time >= slip.onset)
+        if not len(begun) or not _lets_go(result, int(begun[0]), settings):
+            continue
+        rows = _contact_from(result, int(begun[0]))
+        sliding = result.time[rows] < _end(slip)
+        if np.isfinite(outline[rows][sliding]).sum() > 0.5 * sliding.sum():
+            continue
+        for row, slides in zip(rows, sliding, strict=True):
+            if not result.answered[row] or gone[row]:
+                continue
+            gone[row] = True
+            if slides and slip.certain:
+                state[row], reason[row] = State.MACRO_SLIP, TOO_FEW_STICK
+            else:
+                state[row], reason[row] = State.UNKNOWN, RESTS_OR_SLIDES if slides else UNSEEN_TURN
+    given = result.quantities() | result.without(~gone)
+    withdrawn = Withdrawn(**{name: given[name] for name in Withdrawn.columns()})
+    result = replace(result, reason=tuple(reason), withdrawn=withdrawn)
+    if keep:
+        return result
+    slips_now = gone & np.array([s == State.MACRO_SLIP for s in state])
+    stick = result.stick & ~slips_now[:, None]  # gel that rests may stick
+    return replace(result, **(result.without(gone) | {"state": tuple(state), "stick": stick}))
+
+
+def _find_doubts(
+    recording: Recording,
+    result: Result,
+    noise: Noise,
+    discs: Sequence[Disc],
+    settings: SlipSettings,
+) -> list[MacroSlip]:
+    """Times in which gel rests that came to rest while few markers stuck."""
+    rests = _is_at_rest(recording, result, noise, settings)
+    doubts: list[MacroSlip] = []
+    for first, last in _runs(rests):
+        begin = first - settings.window  # the window's first frame
+        moved = begin > 0 and result.contact[begin - 1].any()
+        if last - first < settings.window or not moved:
+            continue
+        lately = [
+            disc.margin
+            for disc in discs
+            if recording.time[max(begin - settings.window, 0)] <= disc.time <= recording.time[first]
+        ]
+        if (
+            _lets_go(result, begin, settings)
+            and min(lately[-4:], default=0.0) < settings.least_margin
+        ):
+            time = recording.time
+            moves_again = last < _contact_from(result, begin)[-1]
+            doubts.append(
+                MacroSlip(
+                    onset=float(time[begin]),
+                    low=float(time[begin]),
+                    high=float(time[last]),
+                    regained=float(time[last]) if moves_again else np.nan,
+                    certain=False,
+                )
+            )
+    return doubts
+
+
+def _lets_go(result: Result, row: int, settings: SlipSettings) -> bool:
+    """Whether few markers stuck in any of the frames around."""
+    around = slice(max(row - settings.window, 0), row + settings.window + 1)
+    stick, contact = result.stick[around].sum(axis=1), result.contact[around].sum(axis=1)
+    return bool((stick < settings.firm_share * contact).any())
+
+
+def _is_at_rest(
+    recording: Recording, result: Result, noise: Noise, settings: SlipSettings
+) -> Bool[np.ndarray, " frames"]:
+    """Rows since `window` frames before which the contact's markers have not moved."""
+    rests = np.zeros(len(recording), dtype=bool)
+    points, scale = recording.positions[..., :2], float(np.sqrt(2.0) * noise.in_plane)
+    for row in range(settings.window, len(recording)):
+        held = find_held(recording, result, row, settings.window)
+        moved = np.linalg.norm(points[row, held] - points[row - settings.window, held], axis=-1)
+        rests[row] = len(moved) >= settings.least_markers and is_still(
+            moved, scale, settings.at_rest
+        )
+    return rests
+
+
+def _end(slip: MacroSlip) -> float:
+    return slip.regained if slip.ended else np.inf
+
+
+def _contact_from(result: Result, row: int) -> Int[np.ndarray, " rows"]:
+    """The row, and those after it until the contact ends."""
+    free = (i for i in range(row + 1, len(result.time)) if result.state[i] == State.NO_CONTACT)
+    return np.arange(row, next(free, len(result.time)))
+
+
+def _runs(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:
+    """First and last row of each run of True."""
+    edges = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(int)))
+    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]

@@ -1,0 +1,142 @@
+"""Published warnings of slip: signals that say no angle, only that the grip is about to go.
+
+[Yuan2015] W. Yuan, R. Li, M. A. Srinivasan, E. H. Adelson, "Measurement of Shear and Slip with a
+GelSight Tactile Sensor".
+[Ito2011] Y. Ito, Y. Kim, G. Obinata, "Robust Slippage Degree Estimation Based on Reference Update
+of Vision-Based Tactile Sensor".
+[Dong2017] S. Dong, W. Yuan, E. H. Adelson, "Improved GelSight Tactile Sensor for Measuring Geometry
+and Slip".
+
+All were made for shear, where markers that stick move alike. In a twist they do not: displacement
+grows with the distance from the axis, though nothing slips. `turning_ratio` is the stick ratio
+with each marker's rotation in the place of its displacement.
+
+The signals follow the papers; their constants (ten bins, the share of 80 %, the bounds, the least
+motion) are ours and could not be checked against them.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.fields.measure import Fields, measure_fields
+from estimation.fields.stencils import Stencils, make_stencils
+from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.frames.recording import Recording
+
+ENTROPY_BINS = 10
+STICK_SHARE = 0.8
+LEAST_MOTION_MM = 0.05
+LEAST_ROTATION_DEG = 1.0
+
+
+class SlipWarning(NamedTuple):
+    """A slip warning over a recording.
+
+    Attributes:
+        signal: per frame [-]; NaN without contact or where too little has moved to tell.
+        warned: frames in which the signal is beyond its bound.
+        first_time: time stamp of the first of them [s]; NaN if there is none.
+    """
+
+    signal: Float[np.ndarray, " frames"]
+    warned: Bool[np.ndarray, " frames"]
+    first_time: float
+
+
+def warn_by_entropy(recording: Recording, *, bound: float = 0.8) -> SlipWarning:
+    """Entropy of the histogram of tangential displacements, [Yuan2015].
+
+    The histogram has ten bins from 0 to the largest displacement of the contact; the entropy is
+    given over its largest, log 10.
+
+    Args:
+        recording: the recording.
+        bound: entropy above which there is a warning [-].
+    """
+    return _warn(recording, _entropy, lambda signal: signal > bound)
+
+
+def warn_by_stick_ratio(recording: Recording, *, bound: float = 0.5) -> SlipWarning:
+    """Share of the contact's markers that move with the largest motion, [Ito2011], [Dong2017].
+
+    A marker moves with it from 80 % of the largest tangential displacement on.
+
+    Args:
+        recording: the recording.
+        bound: ratio below which there is a warning [-].
+    """
+    return _warn(recording, _stick_ratio, lambda signal: signal < bound)
+
+
+def warn_by_turning_ratio(recording: Recording, *, bound: float = 0.5) -> SlipWarning:
+    """Stick ratio of a twist: share of markers with 80 % of the largest rotation.
+
+    The largest is the 90th percentile of φ over the contact, which noise does not reach.
+
+    Args:
+        recording: the recording.
+        bound: ratio below which there is a warning [-].
+    """
+    return _warn(recording, _turning_ratio, lambda signal: signal < bound)
+
+
+WARNINGS: dict[str, Callable[[Recording], SlipWarning]] = {
+    "entropy": warn_by_entropy,
+    "stick_ratio": warn_by_stick_ratio,
+    "turning_ratio": warn_by_turning_ratio,
+}
+"""Slip warnings by name."""
+
+
+def _warn(
+    recording: Recording,
+    measure: Callable[[Stencils, Fields], float],
+    is_beyond: Callable[[np.ndarray], np.ndarray],
+) -> SlipWarning:
+    stencils = make_stencils(recording.layout)
+    signal = np.full(len(recording), np.nan)
+    for i, frame in enumerate(recording):
+        if frame.flaw:
+            continue
+        fields = measure_fields(stencils, frame)
+        if fields.contact.sum() >= MIN_STICK_MARKERS:
+            signal[i] = measure(stencils, fields)
+    with np.errstate(invalid="ignore"):
+        warned = is_beyond(signal)
+    frames = np.flatnonzero(warned)
+    first = float(recording.time[frames[0]]) if len(frames) else float("nan")
+    return SlipWarning(signal, warned, first)
+
+
+def _tangential(stencils: Stencils, fields: Fields) -> Float[np.ndarray, " m"]:
+    """Size of the contact's displacements along the surface [mm]."""
+    normals = stencils.normals[fields.contact]
+    along = fields.displacement[fields.contact]
+    along = along - np.sum(along * normals, axis=1, keepdims=True) * normals
+    return np.linalg.norm(along, axis=1)
+
+
+def _entropy(stencils: Stencils, fields: Fields) -> float:
+    moved = _tangential(stencils, fields)
+    if moved.max() < LEAST_MOTION_MM:
+        return np.nan
+    share = np.histogram(moved, ENTROPY_BINS, (0.0, moved.max()))[0] / len(moved)
+    return float(-np.sum(share * np.log(np.maximum(share, 1e-30))) / np.log(ENTROPY_BINS))
+
+
+def _stick_ratio(stencils: Stencils, fields: Fields) -> float:
+    moved = _tangential(stencils, fields)
+    if moved.max() < LEAST_MOTION_MM:
+        return np.nan
+    return float(np.mean(moved >= STICK_SHARE * moved.max()))
+
+
+def _turning_ratio(stencils: Stencils, fields: Fields) -> float:
+    turned = np.abs(fields.rotation[fields.contact])
+    largest = np.percentile(turned, 90)
+    if largest < np.radians(LEAST_ROTATION_DEG):
+        return np.nan
+    return float(np.mean(turned >= STICK_SHARE * largest))

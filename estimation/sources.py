@@ -1,0 +1,81 @@
+"""Which reader a path is for."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from contactmodel.common.inputs import naming
+from estimation.frames.archive import SUFFIX, read_archive
+from estimation.frames.inspection import inspect_recording
+from estimation.frames.names import name_recordings, natural_key
+from estimation.frames.recording import Recording
+from estimation.frames.tac3d import is_tac3d, read_tac3d
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.reading import Watch, read_images
+from estimation.pictures.stream import ignored_rate, is_camera, is_pictures
+
+EXPECTED = (
+    f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
+    "folder of images or a camera (camera:0)"
+)
+
+
+def read_recording(
+    path: str | Path, images: ImageSettings | None = None, watch: Watch | None = None
+) -> Recording:
+    """Read the one recording at `path` and inspect it; it is named after its file or folder.
+
+    Args:
+        path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
+        images: what is known of the pictures.
+        watch: told what every picture has given before the next is taken.
+
+    Raises:
+        FileNotFoundError: there is nothing there, or an array is missing.
+        ValueError: no recording, several, or a damaged one.
+        OSError: something there cannot be read.
+    """
+    found = find_recordings(path)
+    if len(found) > 1:
+        names = ", ".join(one.name for one in found)
+        raise ValueError(f"{path} holds {len(found)} recordings ({names}): name one of them")
+    with naming(found[0]):
+        if is_pictures(found[0]):
+            return inspect_recording(read_images(found[0], images, watch))
+        reader = read_tac3d if found[0].is_dir() else read_archive
+        recording = replace(reader(found[0]), name=name_recordings(found)[0])
+        if images is not None and images.rate is not None:
+            warning = ignored_rate(images.rate, "the recording")
+            recording = replace(recording, warnings=(*recording.warnings, warning))
+        return inspect_recording(recording)
+
+
+def find_recordings(path: str | Path) -> list[Path]:
+    """The recordings at `path`: itself, or those in it, in the natural order of their names.
+
+    Raises:
+        FileNotFoundError: there is nothing there.
+        ValueError: there is something else there.
+        OSError: the folder cannot be read.
+    """
+    path = Path(path)
+    if is_camera(path):
+        return [path]
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist: give {EXPECTED}")
+    if not path.is_dir():
+        if path.suffix == SUFFIX or is_pictures(path):
+            return [path]
+        hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
+        raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
+    if is_tac3d(path) or is_pictures(path):
+        return [path]
+    inside = sorted(path.iterdir(), key=natural_key)
+    found = [
+        one
+        for one in inside
+        if one.suffix == SUFFIX or is_pictures(one) or (one.is_dir() and is_tac3d(one))
+    ]
+    if not found:
+        what = "holds no recording" if inside else "is empty"
+        raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of those")
+    return found

@@ -1,0 +1,224 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from estimation.estimators import METHODS, Paper, Rigid
+from estimation.estimators.plane import Motion
+from estimation.estimators.rigid import BIWEIGHT_CUT, BIWEIGHT_ERROR, _scale, _undetected_slip
+from estimation.fields.measure import measure_fields
+from estimation.fields.stencils import make_stencils
+from estimation.frames.noise import Noise
+from estimation.frames.recording import MarkerLayout
+from tests.cases import domed_pad, frame_of, pad_stencils, turn_about_z, twisted_pad
+
+MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
+
+
+def noisy(layout, angle, seed=0, **others):
+    positions, stick = twisted_pad(layout, angle, **others)
+    noise = np.random.default_rng(seed).normal(size=positions.shape) * [1e-3, 1e-3, 3e-3]
+    return positions + noise, stick
+
+
+@pytest.mark.parametrize("angle_deg", [-20, -5, 2, 10, 20])
+def test_rigid_reads_the_angle_through_slip(angle_deg):
+    layout, stencils = pad_stencils()
+    positions, stick = noisy(layout, np.radians(angle_deg))
+    reading = Rigid(stencils, MICRON).update(measure_fields(stencils, frame_of(positions)))
+    # 40-odd markers with 2.7 mm lever: standard error 0.003°
+    assert np.degrees(reading.angle) == pytest.approx(angle_deg, abs=0.015)
+    assert reading.low <= np.radians(angle_deg) <= reading.high
+    assert reading.stick[stick].mean() > 0.6
+    assert (reading.stick & ~stick).sum() <= 4
+
+
+@pytest.mark.parametrize("method", ["paper", "rigid"])
+def test_translation_is_not_rotation(method):
+    layout, stencils = pad_stencils()
+    positions, _ = noisy(layout, np.radians(8.0))
+    fields = measure_fields(stencils, frame_of(positions))
+    moved = measure_fields(stencils, frame_of(positions + np.array([0.4, -0.3, 0.0])))
+    here, there = (METHODS[method](stencils, MICRON).update(f) for f in (fields, moved))
+    # the contact region is the same; a shift across the dome changes nothing else
+    assert there.angle == pytest.approx(here.angle, abs=np.radians(0.02))
+
+
+def same_after(change, mirror, method, seed, angle):
+    """Readings before and after the markers were turned, mirrored or numbered anew."""
+    layout = domed_pad((14, 14))
+    positions, _ = noisy(layout, angle, seed)
+    order = np.arange(len(positions)).reshape(14, 14)
+    if change == "renumber":
+        order = order[::-1].T  # a grid numbered along the other axis, from another corner
+    order = order.ravel()
+    place = np.argsort(order)
+
+    def moved(points):
+        points = points[order] * ([-1.0, 1.0, 1.0] if mirror else [1.0, 1.0, 1.0])
+        return turn_about_z(points, 0.7) if change == "turn" else points
+
+    neighbours = layout.neighbours[order]
+    neighbours = np.where(neighbours >= 0, place[neighbours], -1)
+    other = MarkerLayout(moved(layout.reference), neighbours, (14, 14))
+    readings = []
+    for pad, points in ((layout, positions), (other, moved(positions))):
+        stencils = make_stencils(pad)
+        estimator = METHODS[method](stencils, MICRON)
+        readings.append(estimator.update(measure_fields(stencils, frame_of(points))))
+    return readings, order
+
+
+@settings(max_examples=30)
+@given(
+    change=st.sampled_from(["turn", "renumber", "none"]),
+    mirror=st.booleans(),
+    method=st.sampled_from(list(METHODS)),
+    seed=st.integers(0, 1000),
+    angle=st.floats(0.05, 0.35),
+)
+def test_readings_do_not_depend_on_axes_handedness_or_numbering(
+    change, mirror, method, seed, angle
+):
+    (before, after), order = same_after(change, mirror, method, seed, angle)
+    sign = -1.0 if mirror else 1.0
+    assert (after.stick == before.stick[order]).all()
+    # rounding only, through an iteration that stops at 1e-6 of a weight
+    assert sign * after.angle == pytest.approx(before.angle, abs=1e-9, nan_ok=True)
+    ends = (after.high, after.low) if mirror else (after.low, after.high)
+    assert sign * ends[0] == pytest.approx(before.low, abs=1e-9, nan_ok=True)
+    assert sign * ends[1] == pytest.approx(before.high, abs=1e-9, nan_ok=True)
+
+
+def test_weighted_error_constant_is_the_integral_it_stands_for():
+    def density(r):
+        return r * np.exp(-0.5 * r**2)
+
+    def weight(r):
+        return (1 - (r / BIWEIGHT_CUT) ** 2) ** 2
+
+    def influence(r):
+        q = (r / BIWEIGHT_CUT) ** 2
+        return (1 - q) * (1 - 3 * q)
+
+    def mean(f):
+        return quad(lambda r: f(r) * density(r), 0, BIWEIGHT_CUT)[0]
+
+    spread = np.sqrt(mean(lambda r: weight(r) ** 2 * r**2 / 2)) / mean(influence)
+    assert pytest.approx(spread * np.sqrt(mean(weight)), abs=5e-4) == BIWEIGHT_ERROR
+
+
+def test_without_known_noise_the_misfit_sets_the_interval():
+    layout, stencils = pad_stencils()
+    positions, _ = noisy(layout, 0.2)
+    fields = measure_fields(stencils, frame_of(positions))
+    known, unknown = (Rigid(stencils, noise).update(fields) for noise in (MICRON, None))
+    ratio = (unknown.high - unknown.low) / (known.high - known.low)
+    assert 0.4 < ratio < 2.5  # the scatter of nine markers: 15 degrees of freedom
+
+
+def test_misfit_beyond_the_noise_widens_the_interval():
+    layout, stencils = pad_stencils()
+    positions, _ = twisted_pad(layout, 0.2)
+    rough = positions + 0.02 * np.random.default_rng(0).normal(size=positions.shape)
+    told_too_little = Rigid(stencils, MICRON).update(measure_fields(stencils, frame_of(rough)))
+    # twenty times the noise that it was told: half-width at least ten times 0.003° · 1.96
+    assert np.degrees(told_too_little.high - told_too_little.low) > 0.1
+    assert told_too_little.low < 0.2 < told_too_little.high
+
+
+def test_paper_takes_the_mean_and_its_interval_comes_from_the_noise():
+    layout, stencils = pad_stencils()
+    readings = []
+    for seed in range(300):
+        positions, _ = noisy(layout, 0.1, seed, stick_radius=9.0, contact_radius=4.0)
+        readings.append(
+            Paper(stencils, MICRON, window=1).update(measure_fields(stencils, frame_of(positions)))
+        )
+    angles = np.array([reading.angle for reading in readings])
+    half = np.array([reading.high - reading.low for reading in readings]) / 2
+    # full stick, so no bias from slip; 300 draws know the spread to 4 %
+    assert angles.std() * 1.96 == pytest.approx(half.mean(), rel=0.15)
+
+
+def test_paper_averages_over_a_trailing_window_and_starts_anew():
+    layout, stencils = pad_stencils()
+    estimator = Paper(stencils, MICRON, window=3)
+
+    def reading(angle):
+        positions, _ = twisted_pad(layout, angle, stick_radius=9.0, contact_radius=4.0)
+        return estimator.update(measure_fields(stencils, frame_of(positions))).angle
+
+    first = [reading(angle) for angle in (0.10, 0.12, 0.14, 0.16)]
+    single = Paper(stencils, MICRON, window=1)
+    alone = [
+        single.update(
+            measure_fields(
+                stencils,
+                frame_of(twisted_pad(layout, a, stick_radius=9.0, contact_radius=4.0)[0]),
+            )
+        ).angle
+        for a in (0.10, 0.12, 0.14, 0.16)
+    ]
+    assert first[3] == pytest.approx(np.mean(alone[1:]), abs=1e-12)
+    estimator.update(measure_fields(stencils, frame_of(layout.reference)))
+    assert reading(0.2) == pytest.approx(
+        single.update(
+            measure_fields(
+                stencils,
+                frame_of(twisted_pad(layout, 0.2, stick_radius=9.0, contact_radius=4.0)[0]),
+            )
+        ).angle,
+        abs=1e-12,
+    )
+
+
+def test_paper_takes_off_the_zero_drift_seen_while_unloaded():
+    layout, stencils = pad_stencils()
+    drifted = turn_about_z(layout.reference, np.radians(0.5))
+    positions, _ = twisted_pad(layout, 0.1, stick_radius=9.0, contact_radius=4.0)
+    loaded = turn_about_z(positions, np.radians(0.5))
+    fresh, warned = (Paper(stencils, MICRON) for _ in range(2))
+    unloaded = measure_fields(stencils, frame_of(drifted))
+    assert not unloaded.contact.any()
+    warned.update(unloaded)
+    fields = measure_fields(stencils, frame_of(loaded))
+    taken_off = fresh.update(fields).angle - warned.update(fields).angle
+    assert np.degrees(taken_off) == pytest.approx(0.5, abs=0.02)
+    plain = Paper(stencils, MICRON, zero_drift=False)
+    plain.update(unloaded)
+    assert plain.update(fields).angle == Paper(stencils, MICRON).update(fields).angle
+
+
+def test_fewer_than_three_sticking_markers_give_no_angle():
+    layout, stencils = pad_stencils()
+    rng = np.random.default_rng(0)
+    positions, _ = twisted_pad(layout, 0.0)
+    tumbled = positions + np.c_[rng.uniform(-0.3, 0.3, (400, 2)), np.zeros(400)]
+    fields = measure_fields(stencils, frame_of(tumbled))
+    assert fields.contact.any()
+    for method in METHODS.values():
+        reading = method(stencils, MICRON).update(fields)
+        assert reading.stick.sum() < 3 or np.isfinite(reading.angle)
+    strict = METHODS["paper_strict"](stencils, MICRON).update(fields)
+    assert np.isnan(strict.angle)
+
+
+def test_a_neighbour_without_an_arm_leaves_the_interval_finite():
+    """A marker that has slipped in the middle of a ring lies on the ring's own centre."""
+    layout = domed_pad((5, 5))
+    stencils = make_stencils(layout)
+    before = layout.reference[:, 0] + 1j * layout.reference[:, 1]
+    stick = (np.abs(before) > 0.5) & (np.abs(before) < 1.5)
+    after = before.copy()
+    after[~stick] += 1e-2
+    lag = _undetected_slip(
+        stencils, Motion(1.0, 0.0, 0.0), before, after, stick, stick / 8.0, scale=1e-3
+    )
+    assert np.isfinite(lag)
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 1e-12])
+def test_a_perfect_fit_has_a_scale_to_divide_by(noise_mm):
+    assert _scale(np.zeros(9, dtype=complex), noise_mm) > 0.0

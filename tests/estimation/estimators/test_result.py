@@ -1,0 +1,97 @@
+"""What is known of each frame is declared once: all that is made of it follows."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+from estimation.estimators.result import Estimate, Result, State, Withdrawn, per_frame, show_number
+from estimation.output.table import csv_text, tabulate
+from estimation.slip.lookback import withdraw
+from estimation.slip.onset import MacroSlip
+
+NONE = np.zeros(4, dtype=bool)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WarmEstimate(Estimate):
+    """An estimate with a quantity that is made up."""
+
+    warmth: float = field(metadata=per_frame("warmth_K", show_number, answer=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WarmResult(Result):
+    """A result of such estimates."""
+
+    warmth: Float[np.ndarray, " frames"] = field(
+        metadata=per_frame("warmth_K", show_number, answer=True)
+    )
+
+
+def gather(count: int = 10) -> Result:
+    """A result in which all four markers stick to begin with, and one after the other lets go."""
+    estimates = [
+        WarmEstimate(
+            time=0.1 * i,
+            source_index=2 * i,
+            state=State.INCIPIENT,
+            reason="",
+            angle=0.01 * i,
+            low=0.01 * i - 1e-3,
+            high=0.01 * i + 1e-3,
+            stick=np.arange(4) >= i,
+            contact=~NONE,
+            moment=float("nan"),
+            rotation=np.full(4, 0.01 * i),
+            stiffness_ratio=0.0,
+            load_term=0.0,
+            covered=True,
+            warmth=300.0 + i,
+        )
+        for i in range(count)
+    ]
+    return WarmResult.gather("rigid", estimates)
+
+
+def test_a_new_quantity_is_gathered_taken_and_tabulated():
+    result = gather()
+    np.testing.assert_array_equal(result.warmth, 300.0 + np.arange(10))
+    every_third = result.take(slice(1, None, 3))
+    np.testing.assert_array_equal(every_third.warmth, [301.0, 304.0, 307.0])
+    table = tabulate(every_third)
+    assert table["warmth_K"] == ["301.000000", "304.000000", "307.000000"]
+    assert table["withdrawn_angle_deg"] == ["", "", ""]
+    assert table["frame"] == ["0", "1", "2"]
+    assert csv_text([table]).splitlines()[0] == ",".join(table)
+
+
+def test_every_declared_quantity_is_in_every_form():
+    result = gather().take(slice(2, 5))
+    for name, column in result.columns().items():
+        assert len(getattr(result, name)) == 3
+        assert not column.name or len(tabulate(result)[column.name]) == 3
+    assert Withdrawn.columns() == Estimate.columns() == Result.columns()
+    assert {*result.columns()} == {*Result.columns(), "warmth"}
+
+
+def test_an_answer_is_withdrawn_as_a_whole():
+    result = gather()
+    slip = MacroSlip(onset=0.55, low=0.5, high=0.6)
+    back = withdraw(result, [slip], np.full(10, np.nan))
+    gone = result.time >= slip.onset
+    np.testing.assert_array_equal(np.isnan(back.warmth), gone)
+    np.testing.assert_array_equal(back.withdrawn.rows, gone)
+    np.testing.assert_array_equal(back.withdrawn.angle[gone], result.angle[gone])
+    assert back.withdrawn.state == tuple(State.INCIPIENT if one else None for one in gone)
+    assert not back.withdrawn.stick[~gone].any()
+    later = back.take(slice(5, None))
+    np.testing.assert_array_equal(later.withdrawn.rows, gone[5:])
+    assert tabulate(later)["withdrawn_angle_deg"][:2] == ["", f"{np.degrees(0.06):.6f}"]
+
+
+def test_quantities_of_other_lengths_are_refused():
+    result = gather()
+    with pytest.raises(ValueError, match="`moment` is of 9 frames, `time` of 10"):
+        replace(result, moment=result.moment[:-1])

@@ -1,0 +1,141 @@
+"""Noise is recovered from markers that also move, dome included."""
+
+import numpy as np
+import pytest
+
+from estimation.frames.noise import estimate_noise
+from estimation.frames.recording import Recording, layout_markers
+from tests.cases import lift
+
+FRAMES = 60
+
+
+def pad(scatter: float = 0.0) -> np.ndarray:
+    """20×20 markers at 1 mm on a dome, optionally scattered."""
+    row, column = np.mgrid[:20, :20].reshape(2, -1) - 9.5
+    x, y = -1.05 * column, -1.05 * row
+    x, y = np.stack([x, y]) + np.random.default_rng(5).normal(0, scatter, (2, 400))
+    return np.stack([x, y, 11 - (x**2 + y**2) / 60], axis=-1)
+
+
+def noisy_recording(
+    *,
+    smoothing: int = 3,
+    sigma: float = 1e-3,
+    drop: float = 0.0,
+    scatter: float = 0.0,
+    seed: int = 0,
+) -> Recording:
+    """A press of 1 mm with a twist of 15° and back, noise being a running mean of white noise."""
+    rng = np.random.default_rng(seed)
+    reference = pad(scatter)
+    phase = np.sin(np.pi * np.arange(FRAMES) / FRAMES)[:, None]
+    inside = np.exp(-(reference[:, 0] ** 2 + reference[:, 1] ** 2) / 50)
+    angle = np.radians(15) * phase * inside
+    x, y = reference[:, 0], reference[:, 1]
+    moved = np.stack(
+        [
+            np.cos(angle) * x - np.sin(angle) * y,
+            np.sin(angle) * x + np.cos(angle) * y,
+            reference[:, 2] - phase * inside,
+        ],
+        axis=-1,
+    )
+    white = rng.normal(0, 1, (FRAMES + smoothing - 1, 400, 3))
+    running = sum(white[i : i + FRAMES] for i in range(smoothing)) / np.sqrt(smoothing)
+    kept = rng.random(FRAMES) >= drop
+    return Recording(
+        layout=layout_markers(reference),
+        positions=(moved + running * sigma * np.array([1, 1, 3.5]))[kept],
+        valid=np.ones((kept.sum(), 400), dtype=bool),
+        time=np.flatnonzero(kept) / 30,
+        source_index=np.flatnonzero(kept),
+    )
+
+
+@pytest.mark.parametrize("drop", [0.0, 0.3])
+@pytest.mark.parametrize("scatter", [0.0, 0.1])
+@pytest.mark.parametrize("sigma", [1e-3, 1e-2])
+def test_recovers_correlated_noise_of_moving_markers(drop, scatter, sigma):
+    noise = estimate_noise(noisy_recording(drop=drop, scatter=scatter, sigma=sigma))
+    # the brief's bound; thousands of residuals make the statistical error about 1 %
+    assert noise.in_plane == pytest.approx(sigma, rel=0.10)
+    assert noise.normal == pytest.approx(3.5 * sigma, rel=0.10)
+    # a running mean of three has ρ = 2/3, 1/3; variances good to 5 % make them good to about 0.05
+    assert noise.correlation == pytest.approx((2 / 3, 1 / 3), abs=0.08)
+    assert 0 < noise.frames <= FRAMES
+
+
+def test_white_noise_is_found_uncorrelated():
+    noise = estimate_noise(noisy_recording(smoothing=1))
+    assert noise.in_plane == pytest.approx(1e-3, rel=0.10)
+    assert noise.correlation == pytest.approx((0, 0), abs=0.08)
+
+
+def test_is_not_misled_by_lost_markers_jumps_and_frames_without_noise():
+    clean = noisy_recording()
+    positions, valid = clean.positions.copy(), clean.valid.copy()
+    positions[:, ::40] = np.nan
+    valid[:, ::40] = False
+    positions[20] += 0.5 * np.random.default_rng(1).normal(size=positions[20].shape)
+    positions[:10] = clean.layout.reference
+    noise = estimate_noise(
+        Recording(clean.layout, positions, valid, clean.time, clean.source_index)
+    )
+    # 3 of the 44 triples hold the jump: half of the residuals is then 0.537 of the good ones,
+    # whose quantile lies 9 % higher; 3 % for chance
+    assert noise.in_plane == pytest.approx(1.09e-3, rel=0.03)
+    assert noise.frames <= FRAMES - 10
+
+
+def test_every_second_frame_still_gives_the_noise_but_not_its_neighbours_correlation():
+    full = noisy_recording()
+    half = Recording(
+        full.layout, full.positions[::2], full.valid[::2], full.time[::2], full.source_index[::2]
+    )
+    noise = estimate_noise(half)
+    assert noise.in_plane == pytest.approx(1e-3, rel=0.10)
+    assert np.isnan(noise.correlation[0])
+    assert noise.correlation[1] == pytest.approx(1 / 3, abs=0.08)
+
+
+def test_two_dimensions_have_no_normal_noise():
+    full = noisy_recording()
+    flat = Recording(
+        layout_markers(full.layout.reference[:, :2].copy()),
+        full.positions[..., :2],
+        full.valid,
+        full.time,
+        full.source_index,
+    )
+    noise = estimate_noise(flat)
+    assert noise.in_plane == pytest.approx(1e-3, rel=0.10)
+    assert np.isnan(noise.normal)
+
+
+def test_too_few_frames_say_what_to_do():
+    full = noisy_recording()
+    short = Recording(
+        full.layout, full.positions[:6], full.valid[:6], full.time[:6], full.source_index[:6]
+    )
+    with pytest.raises(ValueError, match=r"from 6 frames.*give the noise, or record longer"):
+        estimate_noise(short)
+
+
+def test_too_few_markers_say_what_to_do():
+    few = np.random.default_rng(0).uniform(0, 5, (12, 2))
+    recording = Recording(
+        layout_markers(few),
+        np.tile(few, (40, 1, 1)),
+        np.ones((40, 12), dtype=bool),
+        np.arange(40.0),
+        np.arange(40),
+    )
+    with pytest.raises(ValueError, match=r"12 markers.*give the noise"):
+        estimate_noise(recording)
+
+
+def test_positions_without_scatter_have_no_noise_to_tell():
+    still = lift(np.zeros(40), noise_mm=0.0)
+    with pytest.raises(ValueError, match="do not scatter"):
+        estimate_noise(still)

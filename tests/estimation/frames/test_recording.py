@@ -1,0 +1,357 @@
+"""Recordings refuse what does not fit, lay out their markers, and say what is wrong with them."""
+
+from dataclasses import replace
+
+import jaxtyping
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from estimation.frames.inspection import FROZEN_STEPS, disordered_times, inspect_recording
+from estimation.frames.recording import (
+    Frame,
+    MarkerLayout,
+    Recording,
+    delaunay_neighbours,
+    find_grid,
+    grid_neighbours,
+    layout_markers,
+)
+
+
+def grid(rows: int = 6, columns: int = 6, pitch: float = 1.0) -> np.ndarray:
+    row, column = np.mgrid[:rows, :columns].reshape(2, -1)
+    return np.stack([column * pitch, row * pitch, np.full(row.size, 10.0)], axis=-1)
+
+
+def moving(frames: int = 12, reference: np.ndarray | None = None) -> Recording:
+    """Every marker moves in every frame."""
+    reference = grid() if reference is None else reference
+    shift = -0.01 * np.arange(frames)[:, None, None]
+    return Recording(
+        layout=layout_markers(reference),
+        positions=reference + shift,
+        valid=np.ones((frames, len(reference)), dtype=bool),
+        time=np.arange(frames) / 30,
+        source_index=np.arange(frames),
+    )
+
+
+@pytest.fixture
+def unchecked_shapes():
+    """As users run it: without the shape checks of the tests, which would speak up first."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+# --- what fits -----------------------------------------------------------------------------------
+
+
+def test_iterates_over_frames_with_what_is_known():
+    recording = replace(moving(3), moment=np.arange(9.0).reshape(3, 3), flaws=("", "bad", ""))
+    frames = list(recording)
+    assert len(frames) == len(recording) == 3
+    assert [frame.moment for frame in frames] == [2.0, 5.0, 8.0]
+    assert [frame.flaw for frame in frames] == ["", "bad", ""]
+    assert np.isnan(next(iter(moving(1))).moment)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"positions": np.zeros((12, 35, 3))}, r"`positions` has shape \(12, 35, 3\)"),
+        ({"positions": np.zeros((12, 36, 2))}, "`positions`"),
+        ({"positions": np.zeros((0, 36, 3))}, "at least one frame"),
+        ({"positions": np.zeros((36, 3))}, "`positions`"),
+        ({"valid": np.ones((11, 36), dtype=bool)}, "`valid`"),
+        ({"time": np.zeros(11)}, "`time`"),
+        ({"source_index": np.zeros(13, dtype=int)}, "`source_index`"),
+        ({"moment": np.zeros((12, 1))}, "`moment`"),
+        ({"force": np.zeros((1, 3))}, "`force`"),
+        ({"forces": np.zeros((12, 35, 3))}, "`forces`"),
+        ({"flaws": ("",)}, "`flaws`"),
+        ({"positions": np.full((12, 36, 3), np.nan)}, "no finite position"),
+    ],
+)
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_refuses_what_does_not_fit(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(moving(), **change)
+
+
+@pytest.mark.parametrize(
+    ("reference", "neighbours", "shape", "message"),
+    [
+        (np.zeros((4, 1)), np.zeros((4, 1), dtype=int), None, "`reference`"),
+        (np.full((4, 2), np.nan), np.zeros((4, 1), dtype=int), None, "not finite"),
+        (np.zeros((4, 2)), np.zeros((3, 1), dtype=int), None, "a row for each of the 4"),
+        (np.zeros((4, 2)), np.full((4, 1), 4), None, "−1 or the index"),
+        (np.zeros((4, 2)), np.full((4, 1), -2), None, "−1 or the index"),
+        (np.zeros((4, 2)), np.full((4, 1), -1), (2, 3), "do not hold 4"),
+    ],
+)
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_layout_refuses_what_does_not_fit(reference, neighbours, shape, message):
+    with pytest.raises(ValueError, match=message):
+        MarkerLayout(reference, neighbours, shape)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_frame_refuses_a_mask_of_another_length():
+    with pytest.raises(ValueError, match="`valid`"):
+        Frame(np.zeros((4, 2)), np.ones(3, dtype=bool), 0.0, 0)
+
+
+# --- topology ------------------------------------------------------------------------------------
+
+
+def test_grid_neighbours_are_the_four_around():
+    neighbours = grid_neighbours((3, 4))
+    assert neighbours[5].tolist() == [1, 9, 4, 6]
+    assert neighbours[0].tolist() == [-1, 4, -1, 1]
+    assert neighbours[11].tolist() == [7, -1, 10, -1]
+
+
+@given(
+    rows=st.integers(2, 9),
+    columns=st.integers(2, 9),
+    angle=st.floats(0, 2 * np.pi),
+    mirrored=st.booleans(),
+    seed=st.integers(0, 2**16),
+)
+def test_finds_a_turned_mirrored_distorted_grid(rows, columns, angle, mirrored, seed):
+    points = grid(rows, columns, 1.1)
+    points[:, :2] += np.random.default_rng(seed).uniform(-0.05, 0.05, (len(points), 2))
+    cos, sin = np.cos(angle), np.sin(angle)
+    points[:, :2] @= np.array([[cos, sin], [-sin, cos]])
+    points[:, 0] *= -1 if mirrored else 1
+    assert find_grid(points) == (rows, columns)
+
+
+def test_finds_no_grid_in_shuffled_or_scattered_markers():
+    rng = np.random.default_rng(0)
+    assert find_grid(rng.permutation(grid(16, 16))) is None
+    assert find_grid(rng.uniform(0, 10, (100, 2))) is None
+    assert find_grid(grid(1, 7)) is None
+
+
+@given(points=hnp.arrays(float, (12, 2), elements=st.integers(0, 50).map(float), unique=True))
+def test_delaunay_neighbours_are_mutual(points):
+    try:
+        neighbours = delaunay_neighbours(points)
+    except ValueError:
+        assert np.linalg.matrix_rank(points - points[0]) < 2
+        return
+    pairs = {(i, int(j)) for i, row in enumerate(neighbours) for j in row if j >= 0}
+    assert pairs == {(j, i) for i, j in pairs}
+    assert all(i != j for i, j in pairs)
+    assert layout_markers(points).reference is points
+
+
+def test_delaunay_leaves_out_edges_across_gaps():
+    two_patches = np.concatenate([grid(4, 4), grid(4, 4) + np.array([20.0, 0, 0])])
+    neighbours = delaunay_neighbours(two_patches)
+    assert neighbours[:16].max() < 16
+    assert neighbours[16:][neighbours[16:] >= 0].min() >= 16
+
+
+@pytest.mark.parametrize("markers", [0, 1, 2, 7])
+def test_markers_on_a_line_are_refused(markers):
+    with pytest.raises(ValueError, match="not all on one line"):
+        layout_markers(grid(1, markers))
+
+
+def test_unknown_references_are_refused():
+    with pytest.raises(ValueError, match="not finite"):
+        layout_markers(np.full((4, 2), np.nan))
+
+
+# --- flaws ---------------------------------------------------------------------------------------
+
+
+def test_a_sound_recording_has_no_flaws():
+    inspected = inspect_recording(moving())
+    assert inspected.flaws == ("",) * 12
+    assert inspected.notes == ()
+    assert inspected.valid.all()
+
+
+def test_a_single_frame_is_sound():
+    assert inspect_recording(moving(1)).flaws == ("",)
+
+
+def test_a_marker_that_is_not_seen_is_not_valid():
+    recording = moving()
+    positions, valid = recording.positions.copy(), recording.valid.copy()
+    positions[3, 7, 2] = np.nan
+    valid[3, 7] = False
+    inspected = inspect_recording(replace(recording, positions=positions, valid=valid))
+    assert np.argwhere(~inspected.valid).tolist() == [[3, 7]]
+    assert inspected.flaws == ("",) * 12
+    assert inspected.notes == ("a marker was not seen: 1 markers, in 1 frames",)
+
+
+def test_a_frozen_marker_is_marked_from_where_it_stops():
+    positions = moving(20).positions.copy()
+    positions[8:16, 5] = positions[8, 5]
+    positions[2:4, 6] = positions[2, 6]  # one repeat is chance
+    inspected = inspect_recording(replace(moving(20), positions=positions))
+    assert np.flatnonzero(~inspected.valid[:, 5]).tolist() == list(range(8, 16))
+    assert np.delete(inspected.valid, 5, axis=1).all()
+
+
+def test_markers_that_rest_together_are_not_frozen():
+    resting = replace(moving(20), positions=np.tile(grid(), (20, 1, 1)))
+    assert inspect_recording(resting).valid.all()
+    local = resting.positions.copy()  # a noise-free contact that moves a third of the pad
+    local[:, :12] += 0.01 * np.arange(20)[:, None, None]
+    assert inspect_recording(replace(resting, positions=local)).valid.all()
+
+
+def test_a_marker_frozen_across_a_rest_is_found():
+    positions = moving(20).positions.copy()
+    positions[9:13] = positions[9]  # all rest
+    positions[13:] -= positions[13] - positions[12] - 0.01
+    positions[:, 4] = positions[0, 4]
+    assert not inspect_recording(replace(moving(20), positions=positions)).valid[:, 4].any()
+
+
+def test_frames_of_zeros_and_without_markers_are_flawed():
+    recording = moving()
+    positions, valid = recording.positions.copy(), recording.valid.copy()
+    positions[4] = 0
+    positions[6], valid[6] = np.nan, False
+    valid[8] = False
+    inspected = inspect_recording(replace(recording, positions=positions, valid=valid))
+    assert inspected.flaws[4] == "all marker positions are zero"
+    assert inspected.flaws[6] == "no marker was seen"
+    assert inspected.flaws[8] == "no marker can be used"
+    assert sum(flaw != "" for flaw in inspected.flaws) == 3
+    assert not inspected.valid[[4, 6, 8]].any()
+    assert "1 frames: all marker positions are zero" in inspected.notes
+
+
+@pytest.mark.parametrize(
+    ("time", "bad"),
+    [
+        ([0, 1, 2, 2, 3], [3]),
+        ([0, 1, 0.5, 2, 3], [2]),
+        ([0, 900, 1, 2, 3], [1]),
+        ([5, 6, 7, 0, 1], [3, 4]),
+        ([0, np.nan, 1, 2, 3], [1]),
+        ([np.inf, 0, 1, 2, 3], [0]),
+        ([1, 1, 1, 1, 1], [1, 2, 3, 4]),
+    ],
+)
+def test_time_stamps_out_of_order_are_flawed(time, bad):
+    inspected = inspect_recording(replace(moving(5), time=np.array(time, dtype=float)))
+    assert [i for i, flaw in enumerate(inspected.flaws) if flaw] == bad
+    assert inspected.valid.all()
+
+
+@given(hnp.arrays(float, st.integers(1, 30), elements=st.integers(0, 20).map(float)))
+def test_the_remaining_time_stamps_increase(time):
+    bad = disordered_times(time)
+    assert (np.diff(time[~bad]) > 0).all()
+    # no single frame can be given back
+    for frame in np.flatnonzero(bad):
+        kept = ~bad
+        kept[frame] = True
+        assert not (np.diff(time[kept]) > 0).all()
+
+
+def test_dropped_frames_are_counted():
+    recording = replace(moving(4), source_index=np.array([7, 8, 12, 14]))
+    inspected = inspect_recording(recording)
+    assert inspected.flaws == ("",) * 4
+    assert inspected.notes == (
+        "4 frames were dropped at the source (2 gaps in the frame numbers, the largest step 4)",
+    )
+    backwards = inspect_recording(replace(moving(4), source_index=np.array([7, 8, 8, 3])))
+    assert backwards.notes == ("the frame numbers do not increase in 2 places",)
+
+
+@given(seed=st.integers(0, 2**16))
+def test_inspecting_loses_no_frame_and_changes_nothing_twice(seed):
+    rng = np.random.default_rng(seed)
+    recording = moving(15)
+    positions = recording.positions.copy()
+    positions[rng.random(positions.shape[:2]) < 0.1] = np.nan
+    positions[rng.integers(15)] = 0
+    start = rng.integers(15 - FROZEN_STEPS)
+    positions[start:, rng.integers(36)] = positions[start, 0]
+    broken = replace(
+        recording,
+        positions=positions,
+        valid=np.isfinite(positions).all(axis=-1),
+        time=rng.permutation(15) / 30,
+        source_index=rng.integers(0, 20, 15),
+    )
+    once = inspect_recording(broken)
+    twice = inspect_recording(once)
+    assert len(once) == len(once.flaws) == 15
+    assert twice.flaws == once.flaws
+    assert twice.notes == once.notes
+    np.testing.assert_array_equal(twice.valid, once.valid)
+    np.testing.assert_array_equal(once.positions, broken.positions)
+
+
+def test_a_camera_that_hangs_is_told():
+    recording = moving(12)
+    positions = recording.positions.copy()
+    positions[6:9] = positions[5]
+    inspected = inspect_recording(replace(recording, positions=positions))
+    assert [i for i, flaw in enumerate(inspected.flaws) if flaw] == [6, 7, 8]
+    assert "3 frames: repeats the frame before" in inspected.notes
+    positions[:9] = recording.layout.reference  # some sensors report just that while unloaded
+    assert not any(inspect_recording(replace(recording, positions=positions)).flaws)
+
+
+@pytest.mark.parametrize("time", [np.ones(12), np.arange(12.0)[::-1]])
+def test_a_clock_that_never_advances_is_refused(time):
+    with pytest.raises(ValueError, match="clock stands still or runs backwards"):
+        inspect_recording(replace(moving(12), time=time))
+
+
+@pytest.mark.parametrize(
+    ("scale", "hint"), [(1e-3, "0.001 mm apart"), (1e3, "1e\\+03 mm apart"), (1.0, "")]
+)
+def test_lengths_in_another_unit_are_noted(scale, hint):
+    notes = inspect_recording(moving(reference=scale * grid())).notes
+    found = [note for note in notes if "apart" in note]
+    assert len(found) == bool(hint)
+    assert not hint or hint.replace("\\", "") in found[0]
+
+
+def test_values_that_cannot_have_been_measured_count_as_missing():
+    recording = moving()
+    positions, imprint = recording.positions.copy(), np.zeros((len(recording), 2))
+    positions[2, 3, 0], imprint[1] = 1e300, np.inf
+    found = inspect_recording(replace(recording, positions=positions, imprint=imprint))
+    assert np.isnan(found.positions[2, 3, 0])
+    assert found.imprint is not None
+    assert np.isnan(found.imprint[1]).all()
+    assert not found.valid[2, 3]
+    assert found.valid.sum() == found.valid.size - 1
+    assert "2 values of `imprint` are 1e+09 or more: left out" in found.notes
+
+
+def test_an_axis_into_the_pad_is_noted():
+    def notes(sign: float):
+        recording = moving()
+        press = recording.positions.copy()
+        press[6:, :20, 2] = 10.0 + sign * 0.5 * np.arange(1, 7)[:, None] / 6
+        return " ".join(inspect_recording(replace(recording, positions=press)).notes)
+
+    assert "does z point out" in notes(1.0)
+    assert "does z point out" not in notes(-1.0)
+
+
+def test_a_frame_refuses_valid_markers_without_a_position():
+    positions = grid()
+    positions[3] = np.nan
+    with pytest.raises(ValueError, match="no finite position"):
+        Frame(positions, np.ones(len(positions), dtype=bool), 0.0, 0)

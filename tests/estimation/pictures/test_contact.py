@@ -1,0 +1,113 @@
+"""The contact region from one view: by how far dots have gone, and by how light has changed."""
+
+import cv2
+import numpy as np
+import pytest
+
+from estimation.pictures.lattice import make_reference
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.region import (
+    LIGHT_ONSET,
+    SETTLED,
+    Arrival,
+    find_unseen_flaw,
+    region_of_dispersion,
+    region_of_light,
+)
+from estimation.pictures.sensor import Sensor
+from estimation.sources import read_recording
+from tests.estimation.pictures.scenes import PITCH, REST, picture, twisted
+from tests.estimation.pictures.test_reading import write_folder
+
+MIDDLE, RADIUS = np.array([160.0, 120.0]), 70.0
+REFERENCE = make_reference(REST, (320, 240))
+
+
+def lit(image, change):
+    """The picture with more light where the object touches, its rim as soft as a gel's."""
+    spot = np.zeros(image.shape, np.float32)
+    cv2.circle(spot, (160, 120), int(RADIUS), 1.0, -1)
+    return np.clip(image + change * cv2.GaussianBlur(spot, (0, 0), 6.0), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("change", [25.0, -25.0])
+def test_light_tells_where_the_object_touches(change):
+    rng = np.random.default_rng(0)
+    before, now = picture(REST, rng), lit(picture(REST, rng), change)
+    region = region_of_light(REFERENCE, before, now, REFERENCE.position)
+    from_middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1)
+    # the smoothing, half a pitch wide, shifts the rim by less than a pitch
+    assert region[from_middle < RADIUS - 0.7 * PITCH].all()
+    assert not region[from_middle > RADIUS + 0.7 * PITCH].any()
+
+
+def test_no_change_of_light_is_no_contact():
+    rng = np.random.default_rng(1)
+    before, now = picture(REST, rng), picture(REST, rng)
+    assert not region_of_light(REFERENCE, before, now, REFERENCE.position).any()
+    faint = lit(now, 0.7 * LIGHT_ONSET)
+    assert not region_of_light(REFERENCE, before, faint, REFERENCE.position).any()
+
+
+def test_colour_and_16_bit_tell_the_same():
+    rng = np.random.default_rng(2)
+    before, now = picture(REST, rng), lit(picture(REST, rng), 25.0)
+    grey = region_of_light(REFERENCE, before, now, REFERENCE.position)
+    deep = [one.astype(np.uint16) * 257 for one in (before, now)]
+    assert np.array_equal(region_of_light(REFERENCE, *deep, REFERENCE.position), grey)
+    colour = [np.stack([one, before, before], axis=-1) for one in (before, now)]
+    assert np.array_equal(region_of_light(REFERENCE, *colour, REFERENCE.position), grey)
+
+
+def test_dispersion_holds_the_middle_of_a_twist():
+    points = REFERENCE.position
+    region = region_of_dispersion(REFERENCE, twisted(8.0, rigid=50.0) - REST)
+    from_middle = np.linalg.norm(points - MIDDLE, axis=1)
+    assert region[from_middle < 50.0].all()
+    assert not region[from_middle > 118.0 + PITCH].any()
+    assert not region_of_dispersion(REFERENCE, np.zeros_like(points)).any()
+
+
+def test_the_way_is_chosen_and_told(tmp_path):
+    rng = np.random.default_rng(3)
+    images = [picture(REST, rng), lit(picture(twisted(4.0, rigid=50.0), rng), 25.0)]
+    sensor = Sensor(dark=True, radius=4.3)
+    told = {
+        unloaded: " ".join(
+            read_recording(
+                write_folder(tmp_path / str(unloaded), images), ImageSettings(sensor, unloaded)
+            ).notes
+        )
+        for unloaded in (0, None)
+    }
+    assert "found by the change of light" in told[0]
+    assert "found by the dispersion" in told[None]
+
+
+def test_a_contact_whose_middle_is_not_seen_is_not_judged():
+    from_middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1)
+    region, blurred = from_middle < 75.0, from_middle < 52.0
+    assert not find_unseen_flaw(REFERENCE.position, region, np.ones_like(region))
+    few = from_middle < 0.5 * PITCH
+    assert not find_unseen_flaw(REFERENCE.position, region & ~few, ~few)
+    assert "contact's middle" in find_unseen_flaw(REFERENCE.position, region & ~blurred, ~blurred)
+    rim = region & (from_middle > 45.0)  # a jump of a pivot tears it
+    ends = from_middle > 60.0
+    assert not find_unseen_flaw(REFERENCE.position, region & (~rim | ends), ~rim | ends)
+
+
+def test_a_contact_that_comes_in_over_the_edge_is_judged_once_it_has_settled():
+    x = REFERENCE.position[:, 0]
+    none = np.zeros(len(x), dtype=bool)
+    coming = [x < edge for edge in np.arange(30.0, 130.0, 10.0)]
+    late, loaded, inside = (Arrival(REFERENCE) for _ in range(3))
+    assert not late.find_flaw(none)
+    assert all("settled" in late.find_flaw(one) for one in coming)
+    still = [late.find_flaw(coming[-1]) for _ in range(SETTLED)]
+    assert still[0]
+    assert not still[-1]
+    # a clip that starts so, and a contact away from the edge, count at once
+    assert not any(loaded.find_flaw(one) for one in coming)
+    inside.find_flaw(none)
+    middle = np.linalg.norm(REFERENCE.position - MIDDLE, axis=1) < 50.0
+    assert not inside.find_flaw(middle)

@@ -1,0 +1,120 @@
+"""Angles that were given while a round object slid unseen are taken back, others are not."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from estimation.estimators.result import UNSEEN_TURN, State
+from estimation.frames.noise import Noise, estimate_noise
+from estimation.output.missing import count_missing, describe_answers
+from estimation.slip.lookback import RESTS_OR_SLIDES, find_slips, withdraw
+from estimation.slip.onset import SlipSettings
+from estimation.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, simulate_pivot
+
+MICRON = Noise.given(1e-3)
+LEGS = {"angles_deg": (0.0, 10.0, 10.0, 0.0), "frames": (40, 15, 30)}
+
+
+@cache
+def estimate(friction):
+    model = PivotModel(friction_ratio=friction, grid_angle=0.3)
+    recording, truth = simulate_pivot(model, dropped=0.0, **LEGS)
+    live = estimate_angles(recording, noise=MICRON)
+    return truth, live, find_slips(recording, live, MICRON)
+
+
+def look_back(friction, outline=np.nan):
+    truth, live, slips = estimate(friction)
+    return truth, live, slips, withdraw(live, slips, np.full(len(live.time), outline))
+
+
+def test_gel_that_rests_under_a_sliding_object():
+    truth, live, slips, back = look_back(friction=0.02)
+    first = int(np.argmax(truth.macro_slip))
+    assert live.answered[first:].all()  # what makes it necessary: the live tracker sees no slip
+    assert slips
+    assert back.answered[: first - 2].sum() == live.answered[: first - 2].sum()
+    assert not back.answered[first + 1 :].any()
+    reasons = {back.reason[i] for i in range(first + 1, len(back.time))}
+    assert {RESTS_OR_SLIDES, UNSEEN_TURN} <= reasons
+    assert np.isnan(back.low[~back.answered]).all()
+    # what the answers of frame by frame were is not touched, and kept
+    assert live.answered[first:].all()
+    gone = live.answered & ~back.answered
+    np.testing.assert_array_equal(back.withdrawn.rows, gone)
+    for name in ("angle", "low", "high", "stick"):
+        given, kept = getattr(live, name), getattr(back.withdrawn, name)
+        np.testing.assert_array_equal(kept[gone], given[gone])
+    assert [s for s in back.withdrawn.state if s] == [live.state[i] for i in np.flatnonzero(gone)]
+
+
+def test_withdrawn_answers_can_be_left_in():
+    _, live, slips, back = look_back(friction=0.02)
+    kept = withdraw(live, slips, np.full(len(live.time), np.nan), keep=True)
+    np.testing.assert_array_equal(kept.angle, live.angle)
+    np.testing.assert_array_equal(kept.stick, live.stick)
+    assert kept.state == live.state
+    np.testing.assert_array_equal(kept.withdrawn.angle, back.withdrawn.angle)
+    assert kept.reason == back.reason  # says what speaks against them
+
+
+def test_frames_without_an_angle_are_counted_by_their_reason():
+    _, live, _, back = look_back(friction=0.02)
+    counts = count_missing(back)
+    assert sum(counts.values()) == (~back.answered).sum()
+    assert counts["before contact"] == (~live.answered).sum()
+    assert counts["withdrawn after a pause"] > 0
+    text = describe_answers(back)
+    assert text.startswith(f"{back.answered.sum()} of {len(live.time)} frames answered (")
+    assert f"{(~back.answered).sum()} without an angle: " in text
+    assert f"{counts['before contact']} before contact" in text
+    assert describe_answers(back, most=1).endswith(" for other reasons")
+
+
+def test_a_dated_slip():
+    truth, _, slips, back = look_back(friction=0.04)
+    first = int(np.argmax(truth.macro_slip))
+    assert slips[0].certain
+    state = np.array(back.state)
+    slides = slice(first + 3, 65)  # until it turns back
+    assert (state[slides] == State.MACRO_SLIP).all()
+    assert not back.stick[slides].any()
+    assert (state[-5:] == State.UNKNOWN).all()
+
+
+@pytest.mark.parametrize("friction", [0.12, 0.2])
+def test_a_rest_with_little_grip_keeps_its_angle(friction):
+    truth, live, slips, back = look_back(friction)
+    assert not truth.macro_slip.any()
+    grip = live.stick[60].sum() / live.contact[60].sum()  # while the object rests
+    assert grip < SlipSettings().firm_share  # it might have been doubted
+    assert slips == []
+    np.testing.assert_array_equal(back.angle, live.angle)
+
+
+def test_with_an_outline_in_sight_the_tracker_is_believed():
+    _, live, slips, back = look_back(friction=0.04, outline=0.0)
+    assert slips
+    np.testing.assert_array_equal(back.angle, live.angle)
+
+
+def test_a_rest_that_little_noise_shows_is_no_slip():
+    # where a dot lies between the camera's pixels biases it by more than the noise: the disc's
+    # misfit is then above the noise, and small beside the motion
+    model = PivotModel(friction_ratio=0.3, noise=2e-4, normal_noise=7e-4)
+    legs = {"angles_deg": (0.0, 15.0, 15.0, 12.0), "frames": (30, 18, 6)}
+    recording, truth = simulate_pivot(model, dropped=0.0, jitter=0.0, noise_window=1, **legs)
+    plane = recording.positions[..., :2]
+    biased = plane + 2e-3 * np.sin(2.0 * np.pi * plane / 0.045)
+    positions = np.concatenate([biased, recording.positions[..., 2:]], axis=-1)
+    recording = replace(recording, positions=positions)
+    noise = estimate_noise(recording)
+    live = estimate_angles(recording, noise=noise)
+    assert truth.stick[60].sum() >= 20
+    assert (
+        live.stick[60].sum() < SlipSettings().firm_share * live.contact[60].sum()
+    )  # it might have been doubted
+    assert find_slips(recording, live, noise) == []

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from estimation.slip.margin import MarginTracker, fit_branch
+from estimation.virtual.recording import PivotModel, simulate_pivot
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """A lift to 8° and a reversal to macro slip."""
+    model = PivotModel(friction_ratio=0.15)
+    return simulate_pivot(model, angles_deg=(0.0, 8.0, -25.0), frames=(30, 100), dropped=0.0)[1]
+
+
+def _follow(truth, noise, seed=0):
+    rng = np.random.default_rng(seed)
+    tracker, margins = MarginTracker(), []
+    for angle, moment in zip(truth.angle[25:], truth.moment[25:], strict=True):
+        measured = float(moment + noise * rng.standard_normal())
+        margins.append(tracker.update(float(angle), measured, contact_markers=78))
+    return margins
+
+
+def test_exact_branch_after_a_reversal_gives_its_limit(truth):
+    turn = 25 + 29
+    branch = fit_branch(truth.angle[turn:], truth.moment[turn:], -1.0)
+    # the model's moment is the same closed form, but for the end of the table at c/a = 0.1
+    assert branch.limit == pytest.approx(np.abs(truth.moment).max(), rel=0.01)
+    assert branch.start_moment == pytest.approx(-truth.moment[turn], rel=0.02)
+    fitted = branch.moment(truth.angle[turn:])
+    np.testing.assert_allclose(fitted, truth.moment[turn:], atol=0.01 * branch.limit)
+
+
+def test_margin_foretells_macro_slip(truth):
+    margins = _follow(truth, noise=0.02)
+    limit = np.abs(truth.moment).max()
+    for back in (15, 10, 5):  # degrees before the true end
+        end = truth.angle[np.argmax(truth.macro_slip)]
+        row = int(np.argmax(truth.angle[25 + 31 :] < end + np.radians(back))) + 31
+        # the end is three markers of 78: one more or less shifts it by 1.5°
+        assert np.degrees(margins[row].angle_left) == pytest.approx(back, abs=2.0)
+        left = limit - abs(truth.moment[25 + row])
+        assert margins[row].moment_left == pytest.approx(left, abs=0.02 * limit)
+
+
+def test_says_nothing_while_linear():
+    angle = np.linspace(0.0, np.radians(6.0), 40)
+    tracker, rng = MarginTracker(), np.random.default_rng(3)
+    for one in angle:
+        margin = tracker.update(float(one), float(20.0 * one + 0.02 * rng.standard_normal()), 78)
+        assert np.isnan(margin.angle_left)

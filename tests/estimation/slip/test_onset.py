@@ -1,0 +1,67 @@
+"""When macro slip began, looked back at."""
+
+import numpy as np
+import pytest
+
+from contactmodel.analytic import hertz_density, torsion_displacement
+from estimation.frames.noise import Noise, estimate_noise
+from estimation.slip.lookback import find_slips
+from estimation.slip.onset import _share, _share_slope, describe_slips
+from estimation.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, simulate_pivot
+
+MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
+
+
+def test_a_small_twist_moves_a_slipping_contact_as_a_disc_does():
+    r, c, step = np.linspace(0.1, 5.0, 40), 2.0, 1e-5
+    density = hertz_density(5.0, 0.2)
+    before, after = (
+        np.asarray(torsion_displacement(r, density, np.array([[at]]), 5.0))[0] / r
+        for at in (c, c - step)
+    )
+    twist = before[0] - after[0]  # at the inmost point, which sticks
+    # the step's own size; its root singularity at r = c, where no point lies
+    np.testing.assert_allclose((before - after) / twist, _share(r, c), atol=2e-3)
+
+
+def test_its_derivative_by_the_radius():
+    r, c, step = np.array([0.5, 2.2, 3.0, 8.0]), 2.0, 1e-5
+    rate = (_share(r, c * np.exp(step)) - _share(r, c * np.exp(-step))) / (2.0 * step)
+    np.testing.assert_allclose(_share_slope(r, c), rate, atol=1e-8)  # second order in the step
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_the_onset_is_dated_to_two_frames(seed):
+    # with little friction the gel all but rests when its last markers slip
+    model = PivotModel(friction_ratio=0.1 + 0.024 * seed, grid_angle=0.3 * seed)
+    recording, truth = simulate_pivot(model, seed=seed)
+    noise = estimate_noise(recording)
+    (slip,) = find_slips(recording, estimate_angles(recording, noise=noise), noise)
+    first = int(np.argmax(truth.macro_slip))
+    # the number that is asked for
+    assert abs(slip.onset - recording.time[first]) < 2.0 / 30.0
+    assert slip.low < slip.onset < slip.high
+    assert not slip.ended
+    (sentence,) = describe_slips([slip], recording.time[0])
+    assert "macro slip began at" in sentence
+
+
+def test_a_turn_back_ends_macro_slip():
+    model = PivotModel(friction_ratio=0.06)
+    legs = {"angles_deg": (0.0, 25.0, 15.0), "frames": (75, 40)}
+    recording, truth = simulate_pivot(model, seed=2, **legs)
+    slips = find_slips(recording, estimate_angles(recording, noise=MICRON), MICRON)
+    first, last = np.flatnonzero(truth.macro_slip)[[0, -1]]
+    assert abs(slips[0].onset - recording.time[first]) < 2.0 / 30.0
+    # a window that has the turn in it tells no disc
+    assert abs(slips[0].regained - recording.time[last]) < 8.0 / 30.0
+    assert len(slips) == 1
+
+
+@pytest.mark.parametrize("angles_deg", [(0.0, 6.0), (0.0, 0.0)])
+def test_what_sticks_has_no_date(angles_deg):
+    model = PivotModel(friction_ratio=1.0)
+    recording, _ = simulate_pivot(model, angles_deg=angles_deg, frames=(30,))
+    result = estimate_angles(recording, noise=MICRON)
+    assert find_slips(recording, result, MICRON) == []
