@@ -1,23 +1,13 @@
-"""Imports between the packages go one way."""
+"""Imports go one way, between the packages and within them, and no level is crowded."""
 
-import ast
-from pathlib import Path
+from graphlib import TopologicalSorter
 
 import pytest
 
+from tests.structure import ROOT, draw_rooms, find_levels, find_rooms, imported_modules
+
 ORDER = ("contactmodel", "estimation", "calibration", "papers")
-ROOT = Path(__file__).parents[1]
-
-
-def imported_packages(path: Path) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            found.add((node.module or "").split(".")[0])
-    return found
+MOST_ENTRIES = 20
 
 
 @pytest.mark.parametrize("package", ORDER)
@@ -26,4 +16,18 @@ def test_imports_go_one_way(package):
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     for path in files:
-        assert not imported_packages(path) & later, path
+        assert not {name.split(".")[0] for name in imported_modules(path)} & later, path
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_no_files_and_folders_of_a_level_import_each_other(package):
+    for level in find_levels(package):
+        TopologicalSorter(find_rooms(level)).prepare()  # raises where there is a circle
+        entries = [one for one in (ROOT / level).iterdir() if one.name != "__pycache__"]
+        assert len(entries) <= MOST_ENTRIES, level
+
+
+def test_a_picture_shows_every_room():
+    level = find_levels("estimation")[0]
+    words = {text.get_text() for text in draw_rooms(level).axes[0].texts}
+    assert set(find_rooms(level)) <= words

@@ -1,0 +1,92 @@
+"""The imports of a package as a picture: `python -m tests.structure estimation --out picture.png`.
+
+A room is a file or a folder of one level; it stands a floor above all that it imports.
+"""
+
+import argparse
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+ROOT = Path(__file__).parents[1]
+
+Rooms = dict[str, set[str]]
+"""Rooms of a level, and the rooms of it that each imports."""
+
+
+def imported_modules(path: Path) -> set[str]:
+    """Whole names of what a file imports; each name taken from a module counts as one in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def find_levels(package: str) -> list[Path]:
+    """The folders of a package, itself the first, from the root of the checkout."""
+    folders = {path.parent for path in (ROOT / package).rglob("*.py")}
+    return sorted(folder.relative_to(ROOT) for folder in folders)
+
+
+def find_rooms(level: Path) -> Rooms:
+    """The rooms of a level, and what they import of each other; faces are left out."""
+    rooms: Rooms = {}
+    for path in sorted((ROOT / level).rglob("*.py")):
+        inside = path.relative_to(ROOT / level).parts
+        if inside[0] in ("__init__.py", "__pycache__"):
+            continue
+        room = rooms.setdefault(inside[0].removesuffix(".py"), set())
+        for name in imported_modules(path):
+            parts = name.split(".")
+            if tuple(parts[: len(level.parts)]) == level.parts and len(parts) > len(level.parts):
+                room.add(parts[len(level.parts)])
+    return {name: (found & set(rooms)) - {name} for name, found in rooms.items()}
+
+
+def draw_rooms(level: Path) -> Figure:
+    """The rooms of a level, floor by floor, and an arrow to each room that another imports.
+
+    Raises:
+        graphlib.CycleError: rooms import each other.
+    """
+    rooms, floors = find_rooms(level), {}
+    for name in TopologicalSorter(rooms).static_order():
+        floors[name] = 1 + max((floors[one] for one in rooms[name]), default=0)
+    places = {}
+    for floor in set(floors.values()):
+        here = [name for name in floors if floors[name] == floor]
+        across = (np.arange(len(here)) + 0.5) / len(here)
+        places |= {name: (x, floor) for name, x in zip(here, across, strict=True)}
+    figure, axis = plt.subplots(figsize=(10, 1.0 + 0.9 * max(floors.values())))
+    for name, imports in rooms.items():
+        for other in imports:
+            arrow = {"arrowstyle": "->", "color": "0.7", "shrinkA": 12, "shrinkB": 12}
+            axis.annotate("", places[other], places[name], arrowprops=arrow)
+    for name, place in places.items():
+        is_folder = (ROOT / level / name).is_dir()
+        box = {"boxstyle": "round", "fc": "#d4ecd0" if is_folder else "white", "ec": "0.4"}
+        axis.text(*place, name, ha="center", va="center", bbox=box)
+    axis.set(xlim=(0, 1), ylim=(0.5, max(floors.values()) + 0.5), title=level.as_posix())
+    axis.axis("off")
+    return figure
+
+
+def main() -> None:
+    """Draw the package or folder that was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("level", type=Path, help="a package, or a folder of it")
+    parser.add_argument("--out", type=Path, default=Path("structure.png"), help="the picture")
+    told = parser.parse_args()
+    draw_rooms(told.level).savefig(told.out, dpi=130)
+
+
+if __name__ == "__main__":
+    main()
