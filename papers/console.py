@@ -19,3 +19,7 @@ app.add_typer(papers, name="papers")
 def main() -> None:
     """Run the console command."""
     run_app(app)
+
+
+if __name__ == "__main__":
+    main()

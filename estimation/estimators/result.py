@@ -46,13 +46,13 @@ class Column(NamedTuple):
 
 
 def show_number(value: float) -> str:
-    """A table's cell of a number."""
-    return f"{value:.6f}"
+    """A table's cell of a number; 0 has no sign."""
+    return f"{round(value, 6) + 0.0:.6f}"
 
 
 def show_degrees(value: float) -> str:
     """A table's cell of an angle [rad]."""
-    return f"{np.degrees(value):.6f}"
+    return show_number(np.degrees(value))
 
 
 def _show_count(flags: Bool[np.ndarray, " n"]) -> str:

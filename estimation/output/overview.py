@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimation.estimators.grasp import Fit, Grasp
+from estimation.estimators.result import show_number
 from estimation.frames.files import write_whole
 from estimation.output.plots import plot_grasp, plot_moment, plot_overview
 from estimation.output.report import (
@@ -112,8 +113,8 @@ def _comparison(grasp: Grasp) -> str:
     columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
     degrees = np.degrees(np.stack(columns, axis=1))
     for i, time in enumerate(grasp.time):
-        angles = (f"{value:.6f}" for value in degrees[i])
-        writer.writerow((f"{time:.6f}", *angles, int(grasp.holds[i])))
+        angles = map(show_number, degrees[i])
+        writer.writerow((show_number(time), *angles, int(grasp.holds[i])))
     return text.getvalue()
 
 

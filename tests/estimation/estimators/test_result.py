@@ -95,3 +95,8 @@ def test_quantities_of_other_lengths_are_refused():
     result = gather()
     with pytest.raises(ValueError, match="`moment` is of 9 frames, `time` of 10"):
         replace(result, moment=result.moment[:-1])
+
+
+def test_zero_has_no_sign_in_tables():
+    cells = [show_number(value) for value in (-1e-9, 0.0, -1e-6, np.nan)]
+    assert cells == ["0.000000", "0.000000", "-0.000001", "nan"]
