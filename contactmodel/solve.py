@@ -205,7 +205,7 @@ def _gather(contact: Contact, step: Step) -> ContactSolution:
 
 
 def _recall(previous: ContactSolution | None, contact: Contact, pose: Pose) -> Memory:
-    """What is left of the contact before; nothing if there was none."""
+    """What the first step needs of the contact before the path; rest without one."""
     if previous is None:
         return rest(pose, contact.grid)
     if previous.grid != contact.grid:

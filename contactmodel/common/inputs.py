@@ -58,6 +58,18 @@ def read_text(path: Path) -> str:
         raise ValueError(f"{path} is not a text file in UTF-8: {error}") from error
 
 
+def parse_toml(text: str, path: Path) -> dict[str, Any]:
+    """The content of a TOML file that has been read.
+
+    Raises:
+        ValueError: it is not TOML.
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is not a TOML file: {error}") from error
+
+
 def read_toml(path: Path, version: int | None = None) -> dict[str, Any]:
     """A TOML file's content, without its `format_version` where that is given.
 
@@ -69,11 +81,7 @@ def read_toml(path: Path, version: int | None = None) -> dict[str, Any]:
         OSError: the file cannot be read.
         ValueError: it is not TOML, or of another version.
     """
-    text = read_text(path)
-    try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is not a TOML file: {error}") from error
+    content = parse_toml(read_text(path), path)
     if version is None:
         return content
     if "format_version" not in content:

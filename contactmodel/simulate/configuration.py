@@ -25,8 +25,8 @@ from contactmodel.common.inputs import (
     as_text,
     expect_keys,
     naming,
+    parse_toml,
     read_text,
-    read_toml,
 )
 from contactmodel.common.stored import read_array
 from contactmodel.contact import Contact
@@ -101,8 +101,9 @@ def read_simulation(path: str | Path) -> Simulation:
     if not Path(path).is_file() and not example.is_file():
         names = sorted(item.name.removesuffix(".toml") for item in EXAMPLES.iterdir())
         raise FileNotFoundError(f"no file {path}; shipped examples are {', '.join(names)}")
-    source = Path(path) if Path(path).is_file() else example
-    content, text = read_toml(Path(str(source))), read_text(Path(str(source)))
+    source = Path(path) if Path(path).is_file() else Path(str(example))
+    text = read_text(source)
+    content = parse_toml(text, source)
     with naming(path):
         return _parse(content, text, _Maps(Path(path).parent))
 
@@ -129,7 +130,8 @@ def _parse(content: dict[str, Any], text: str, maps: _Maps) -> Simulation:
     known = {"grid", "elastomer", "object", "indenter", "contact", "motion"}
     expect_keys(content, "the file", known)
     tables = {name: as_table(table, name) for name, table in content.items()}
-    grid = _only(tables["grid"], "grid", {"cells", "size_mm"})
+    grid = tables["grid"]
+    expect_keys(grid, "grid", {"cells", "size_mm"})
     cells, size = _list(grid, "cells", "xy", positive), _list(grid, "size_mm", "xy", positive)
     friction = _friction(tables["contact"], maps, _whole(cells))
     indenter = _indenter(tables["indenter"], tables["elastomer"], maps)
@@ -154,7 +156,7 @@ def _friction(
 ) -> float | np.ndarray | PowerLawFriction:
     """The coefficient, or the law by which it falls with pressure."""
     falls = {"reference_pressure_mpa", "pressure_exponent"}
-    _only(table, "contact", {"friction_coefficient", "friction_coefficient_file", *falls})
+    expect_keys(table, "contact", {"friction_coefficient", "friction_coefficient_file", *falls})
     if "friction_coefficient_file" in table:
         coefficient = maps.read(table, "friction_coefficient_file")
         if coefficient.shape != cells:
@@ -170,7 +172,7 @@ def _friction(
 
 def _body(table: dict[str, Any], name: str, others: set[str]) -> HalfSpace | Layer:
     """A layer where a thickness is given, else a half-space."""
-    _only(table, name, {"shear_modulus_mpa", "poisson_ratio", "thickness_mm", *others})
+    expect_keys(table, name, {"shear_modulus_mpa", "poisson_ratio", "thickness_mm", *others})
     modulus = _number(table, "shear_modulus_mpa", positive)
     material = modulus, _number(table, "poisson_ratio", poisson)
     if "thickness_mm" in table:
@@ -207,14 +209,16 @@ def _shape(table: dict[str, Any], maps: _Maps) -> AbstractIndenter:
     shape = table["shape"]
     placing = {"shape", "position_mm", "angle_deg"}
     if shape == "height_map":
-        _only(table, "indenter of shape height_map", {*placing, "heights_mm_file", "spacing_mm"})
+        expect_keys(
+            table, "indenter of shape height_map", {*placing, "heights_mm_file", "spacing_mm"}
+        )
         dx, dy = _list(table, "spacing_mm", "xy")
         return HeightMap(maps.read(table, "heights_mm_file"), (float(dx), float(dy)))
     if not isinstance(shape, str) or shape not in SHAPES:
         raise ValueError(f"unknown shape {shape!r}; known are height_map, {', '.join(SHAPES)}")
     kind, names = SHAPES[shape]
     keys = {f"{name}_mm" for name in names}
-    _only(table, f"indenter of shape {shape}", {*placing, *keys})
+    expect_keys(table, f"indenter of shape {shape}", {*placing, *keys})
     given = {"edge_radius_mm": 0.0} | table
     return kind(**{name: _size(given, f"{name}_mm") for name in names})
 
@@ -227,7 +231,7 @@ def _size(table: dict[str, Any], key: str) -> Any:
 
 def _path(table: dict[str, Any]) -> tuple[Pose, Resultants | None]:
     """The motion, and the resultants in place of some of it; both run straight along each leg."""
-    _only(table, "motion", {"centre_mm", "first_approach_mm", "sliding", "legs"})
+    expect_keys(table, "motion", {"centre_mm", "first_approach_mm", "sliding", "legs"})
     legs = [as_table(leg, "each leg") for leg in as_list(table["legs"], "legs")]
     if not legs:
         raise ValueError("the motion has no legs")
@@ -247,7 +251,7 @@ def _path(table: dict[str, Any]) -> tuple[Pose, Resultants | None]:
     states, steps = [state], []
     for place, leg in enumerate(legs, start=1):
         name = f"leg {place} of the motion"
-        _only(leg, name, {"steps", *state})
+        expect_keys(leg, name, {"steps", *state})
         count = leg["steps"]
         if type(count) is not int or count < 1:
             raise ValueError(f"{name} needs at least one step, a whole number, got {count!r}")
@@ -323,9 +327,3 @@ def _whole(cells: list[float]) -> tuple[int, int]:
     if any(not count.is_integer() for count in cells):
         raise ValueError(f"cells must be whole numbers, got {cells}")
     return int(cells[0]), int(cells[1])
-
-
-def _only(table: dict[str, Any], name: str, known: set[str]) -> dict[str, Any]:
-    """The table, if it has no other keys."""
-    expect_keys(table, name, known)
-    return table

@@ -4,8 +4,8 @@
 [Vollebregt2010] E. A. H. Vollebregt, "Improving the speed and accuracy of the frictional rolling
 contact model CONTACT" (TangCG: conjugate gradients on the sets of sticking and sliding cells).
 
-Minimise ½ τ·Cτ − τ·b over |τ| ≤ μp, b the rigid increment plus Cτ of the step before. What is left,
-s = b − Cτ, is the increment of slip: 0 where a cell sticks, along τ where it slides.
+Minimise ½ τ·Cτ − τ·b over |τ| ≤ μp. The drive b is the rigid increment plus Cτ of the step before.
+The remainder s = b − Cτ is the increment of slip: 0 where a cell sticks, along τ where it slides.
 
 The loop is our own: each of its steps is a Newton step on the present sets. A sticking cell has
 two unknowns; a sliding one moves along its circle, with the curvature s/μp. Newton's method alone

@@ -108,7 +108,7 @@ def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
         except ValueError as error:
             refusals.append(f"{kind}: {error}")
             continue
-        found.chosen = f"Nobody said what the markers are; {kind} were found."
+        found.chosen = f"The kind of markers was not given; {kind} were found."
         if refusals:
             found.chosen += f" Not found: {'; '.join(refusals)}."
         return found

@@ -1,1 +1,1 @@
-"""What has slipped, when macro slip began, and what is left before it."""
+"""How far the object has slipped, when macro slip began, and the margin left before it begins."""

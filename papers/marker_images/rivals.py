@@ -13,8 +13,6 @@ from jaxtyping import Float, Int
 
 from estimation.pictures.dots.find import Dots, DotStyle
 
-UNKNOWN_SHAPE = np.nan * np.eye(2)
-
 
 def locate_by_trackpy(
     grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
@@ -58,7 +56,7 @@ def locate_by_blobs(
 def _dots(centre: Float[np.ndarray, "n 2"], error: Float[np.ndarray, " n"]) -> Dots:
     """Dots of which only the centres and what is claimed of them are known [px]."""
     unknown = np.full(len(centre), np.nan)
-    shape = np.broadcast_to(UNKNOWN_SHAPE, (len(centre), 2, 2))
+    shape = np.full((len(centre), 2, 2), np.nan)
     return Dots(centre, error[:, None, None] ** 2 * np.eye(2), shape, unknown, unknown, unknown)
 
 

@@ -21,8 +21,8 @@ PARTS = 8
 """Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
 SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
 """Radii tabulated, as multiples of the typical one."""
-ELONGATED, LINE = 1.15, 3.0
-"""Ratio of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
+ELONGATION = (1.15, 3.0)
+"""Ratios of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
 DAMPING = 1e-5
 """Share of each diagonal element that is added to it, as in the full fit."""
 
@@ -113,8 +113,9 @@ def _refit_elongated(
 
     Dots that the picture's border cuts stay as they are.
     """
+    least, most = ELONGATION
     longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
-    far = np.flatnonzero((longest > ELONGATED * shortest) & (longest < LINE * shortest))
+    far = np.flatnonzero((longest > least * shortest) & (longest < most * shortest))
     frame = dots.axes[far] / style.radius
     window = np.stack([templates.dx, templates.dy]).astype(float)
     place = dots.centre[far, :, None] + frame @ window
