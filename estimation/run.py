@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.progress import Progress
 
-from contactmodel.equations import object_rotation
 from estimation.estimators import DEFAULT_METHOD, METHODS
 from estimation.estimators.grasp import compare_fingers
 from estimation.estimators.result import Estimate, Result, State
@@ -28,6 +27,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import is_camera, is_pictures
 from estimation.slip.lookback import FOLLOWING, find_slips, withdraw
 from estimation.slip.margin import follow_margin
+from estimation.slip.motion import describe_counts
 from estimation.slip.onset import describe_slips
 from estimation.softness import Softness
 from estimation.sources import find_recordings, read_recording
@@ -252,6 +252,7 @@ def _put_together(
     }
     main = results[settings.method]
     notes += _reference_notes(main)
+    notes += describe_counts(main)
     notes += _softness_notes(main)
     notes += describe_slips(slips, recording.time[0])
     return Run(
@@ -289,8 +290,7 @@ def _reference_notes(result: Result) -> tuple[str, ...]:
     if states[0] != State.NO_CONTACT:
         start = "There is contact from the first usable frame on: "
         first = next(i for i, state in enumerate(result.state) if state != State.UNKNOWN)
-        zero = object_rotation(0.0, result.stiffness_ratio[first], result.load_term[first])
-        if result.angle[first] == zero:
+        if result.anew[first]:
             return (
                 start + "it had already slipped against the unloaded reference shape, so angles "
                 "are counted from that frame.",

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from inspect import signature
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,24 @@ from estimation.observation import RIGID_OBJECT, Observation, Observer
 from estimation.softness import Contact, Softness
 
 STICK_SHARE = 0.9
+
+
+class _Count(NamedTuple):
+    """What the angle of a method counts from.
+
+    Attributes:
+        anew: how often it was counted anew since the object touched.
+        since: time stamp of the frame that it counts from [s].
+    """
+
+    anew: int = 0
+    since: float = float("nan")
+
+    def update(self, gel: Measurement, fields: Fields, time: float) -> "_Count":
+        """The count after the next frame."""
+        if not fields.contact.any():
+            return _Count(0, time)
+        return self if gel.anew == self.anew else _Count(gel.anew, time)
 
 
 class Trackers:
@@ -77,6 +95,7 @@ class Trackers:
         }
         share_fits(self.estimators.values())
         self.observation: Observation | None = None
+        self._counts = dict.fromkeys(self.estimators, _Count())
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
         """What is known after the next frame, by method.
@@ -90,14 +109,18 @@ class Trackers:
         """
         seen = self.observation = self._observer.observe(frame)
         if seen.fields is None:
-            label = _label(frame, seen.flaw)
-            return dict.fromkeys(self.estimators, label)
-        return {
-            name: self._answer(seen, seen.fields, estimator.update(seen.fields))
-            for name, estimator in self.estimators.items()
-        }
+            return {name: _label(frame, seen.flaw, count) for name, count in self._counts.items()}
+        estimates = {}
+        for name, estimator in self.estimators.items():
+            gel = estimator.update(seen.fields)
+            count = self._counts[name].update(gel, seen.fields, frame.time)
+            self._counts[name] = count
+            estimates[name] = self._answer(seen, seen.fields, gel, count)
+        return estimates
 
-    def _answer(self, seen: Observation, fields: Fields, gel: Measurement) -> Estimate:
+    def _answer(
+        self, seen: Observation, fields: Fields, gel: Measurement, count: _Count
+    ) -> Estimate:
         """An estimate from one method's measurement."""
         frame = seen.frame
         state, reason = self._judge(fields, gel, told=frame.contact is not None)
@@ -107,7 +130,7 @@ class Trackers:
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
         except ValueError as error:
-            return _label(frame, str(error))
+            return _label(frame, str(error), count)
         angle, low, high = softness.correct(gel)
         return Estimate(
             time=frame.time,
@@ -117,6 +140,8 @@ class Trackers:
             angle=angle,
             low=low,
             high=high,
+            since=count.since,
+            anew=count.anew,
             moment=frame.moment,
             rotation=fields.rotation,
             contact=fields.contact,
@@ -204,7 +229,7 @@ class Tracker:
         return self._trackers.update(frame)[self._method]
 
 
-def _label(frame: Frame, reason: str) -> Estimate:
+def _label(frame: Frame, reason: str, count: _Count) -> Estimate:
     """An estimate that only says why there is none."""
     none = np.zeros(len(frame.positions), dtype=bool)
     return Estimate(
@@ -215,6 +240,8 @@ def _label(frame: Frame, reason: str) -> Estimate:
         angle=np.nan,
         low=np.nan,
         high=np.nan,
+        since=count.since,
+        anew=count.anew,
         moment=frame.moment,
         rotation=np.full(len(none), np.nan),
         contact=none,

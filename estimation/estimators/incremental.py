@@ -141,6 +141,8 @@ class Incremental:
         self.keyframes = [Keyframe(None, -mature_age)]
         self.number = 0
         self.increment: Increment | None = None
+        self.anew = 0
+        """How often the angle has been counted anew since the object touched."""
         self._free = 0  # the last frame without contact
         self._firm: deque[bool] = deque(maxlen=mature_age)  # whether many stuck, frame by frame
         self._hidden = 0  # frames passed over just now
@@ -162,25 +164,27 @@ class Incremental:
         found = self._count_on(fields)
         if found is None and self._hidden < PATIENCE and 2 * sum(self._firm) > len(self._firm):
             self._hidden += 1
-            return Measurement.none(np.zeros_like(fields.contact), HIDDEN)
+            return Measurement.none(np.zeros_like(fields.contact), HIDDEN, self.anew)
         self._hidden = 0
         if found is None and self.number - self._free <= PATIENCE:
             self.restart()  # what the first frames showed may have been noise
             found = self._count_on(fields)
         if found is None and self.keyframes[-1].fields is None:
-            start = Keyframe(fields, self.number - self.mature_age)
+            error = self.rigid.reading_error(fields)
+            start = Keyframe(fields, self.number - self.mature_age, error=error)
             self.keyframes = [start]
-            return Measurement(start.angle, start.low, start.high, fields.contact)
+            self.anew += 1
+            return Measurement(start.angle, start.low, start.high, fields.contact, anew=self.anew)
         if found is None:
             self._firm.clear()
             self.lose(fields)
-            return Measurement.none(np.zeros_like(fields.contact))
+            return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
         now, stick = found
         self._remember(now)
         if np.isnan(now.angle):
-            return Measurement.none(np.zeros_like(fields.contact))
+            return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
         self._firm.append(bool(stick.sum() >= MANY_MARKERS))
-        return Measurement(now.angle, now.low, now.high, stick)
+        return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
 
     def lose(self, fields: Fields) -> None:
         """Give up the angle: from this frame on only increments are known."""
@@ -196,6 +200,7 @@ class Incremental:
     def restart(self) -> None:
         """Count from the unloaded shape again."""
         self.keyframes = [Keyframe(None, self.number - self.mature_age)]
+        self.anew = 0
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, np.ndarray] | None:
         """The frame counted from the best mature keyframe, and its markers that stick.

@@ -18,6 +18,8 @@ class Measurement(NamedTuple):
         high: upper end of the 95 % interval [rad].
         stick: the markers that stick.
         reason: why there is no angle, where that is not that too few markers stick.
+        anew: how often the angle has been counted anew, from a frame in which it was unknown, since
+            the object touched; 0 where it counts from the unloaded shape.
     """
 
     angle: float
@@ -25,8 +27,9 @@ class Measurement(NamedTuple):
     high: float
     stick: Bool[np.ndarray, " n"]
     reason: str = ""
+    anew: int = 0
 
     @classmethod
-    def none(cls, stick: Bool[np.ndarray, " n"], reason: str = "") -> "Measurement":
+    def none(cls, stick: Bool[np.ndarray, " n"], reason: str = "", anew: int = 0) -> "Measurement":
         """No angle: too few markers stick, unless another reason is given."""
-        return cls(np.nan, np.nan, np.nan, stick, reason)
+        return cls(np.nan, np.nan, np.nan, stick, reason, anew)

@@ -90,6 +90,10 @@ class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
         angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
         low: lower end of its 95 % interval [rad].
         high: upper end of its 95 % interval [rad].
+        since: time stamp of the frame that the angle counts from: the last one without contact, or
+            the one in which it was counted anew; NaN in a recording that starts in contact, whose
+            angles count from the unloaded shape [s].
+        anew: how often the angle has been counted anew since the object touched.
         stick: markers that stick.
         contact: markers of the contact region.
         moment: moment about the contact normal [N·mm]; NaN where unknown.
@@ -106,6 +110,8 @@ class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
     angle: Number = field(metadata=per_frame("angle_deg", show_degrees, answer=True))
     low: Number = field(metadata=per_frame("angle_low_deg", show_degrees, answer=True))
     high: Number = field(metadata=per_frame("angle_high_deg", show_degrees, answer=True))
+    since: Number = field(metadata=per_frame("since_s", show_number))
+    anew: Whole = field(metadata=per_frame("counted_anew"))
     stick: Mask = field(metadata=per_frame("stick_markers", _show_count, answer=True))
     contact: Mask = field(metadata=per_frame("contact_markers", _show_count))
     moment: Number = field(metadata=per_frame("moment_Nmm", show_number))

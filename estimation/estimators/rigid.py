@@ -112,6 +112,17 @@ class Rigid:
         fit = self._fit_segment(fields, since)
         return fit if fit is not None and fit.strain <= self.max_strain else None
 
+    def reading_error(self, fields: Fields) -> float:
+        """Standard error of the orientation of a frame's contact, from the marker noise [rad].
+
+        Unknown noise counts as a thousandth of the distance between markers.
+        """
+        points = fields.positions[fields.contact]
+        arms = np.linalg.norm(points - points.mean(axis=0), axis=1)
+        pitch = np.median(np.linalg.norm(self.stencils.offsets, axis=2).max(axis=1))
+        noise = self.noise_mm or 1e-3 * float(pitch)
+        return noise / max(float(np.sqrt(arms @ arms)), float(pitch))
+
     def _fit_segment(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
         """The fit of what Eq. (15) keeps, however much it strains; None for too few markers.
 

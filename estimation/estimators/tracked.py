@@ -1,7 +1,10 @@
-"""The tracked estimator: increments while something sticks, the outline while all slips.
+"""The tracked estimator: increments while something sticks, and what turns with the object itself.
 
-The gel cannot tell an object that slips from one that rests: in both cases it stands still. The
-contact's outline can: it turns with the object (`estimation.fields.outline`).
+The gel cannot tell an object that slips from one that rests: in both cases it stands still. What
+the object prints through the gel can (`estimation.estimators.imprinted`): where it is seen the
+angle is the imprint's, from frame to frame with the gel. Elsewhere increments give the angle while
+something sticks, and while all slips the contact's outline, which turns with the object
+(`estimation.fields.outline`).
 """
 
 from collections import deque
@@ -10,12 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
+from estimation.estimators.imprinted import ImprintedTurn
 from estimation.estimators.incremental import KEYFRAME_INTERVAL, MATURE_AGE, Incremental
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.result import UNSEEN_TURN
 from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD
 from estimation.fields.measure import Fields
-from estimation.fields.outline import Axis, find_axis, turn_error, unwrap
+from estimation.fields.outline import Axis, measure_axis, turn_error, unwrap
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
 from estimation.frames.noise import Noise
@@ -23,6 +27,7 @@ from estimation.frames.noise import Noise
 MEMORY = 60
 WIDEST = np.radians(10.0)
 """Half-width of the interval beyond which an angle is none [rad]."""
+TOO_WIDE = f"the angle is not known to ±{np.degrees(WIDEST):.0f}° any more"
 
 
 class _Sight(NamedTuple):
@@ -40,7 +45,7 @@ class _Sight(NamedTuple):
 
 
 class Tracked:
-    """Increments of what sticks; in macro slip the contact's outline takes over."""
+    """Imprint and gel together; else increments of what sticks, and the outline in macro slip."""
 
     def __init__(
         self,
@@ -89,6 +94,7 @@ class Tracked:
         self.slip = float(np.radians(check_positive("slip_deg", slip_deg)))
         self.shape_change = check_positive("shape_change", shape_change)
         self.gain = gain
+        self._anew = 0
         self._forget()
 
     def update(self, fields: Fields) -> Measurement:
@@ -96,8 +102,17 @@ class Tracked:
         gel = self.incremental.update(fields)
         if not fields.contact.any():
             self._forget()
+            self._anew = 0
             return gel
-        axis = self._follow(find_axis(fields))
+        if np.isfinite(fields.imprint[0]) or self._turn.known:
+            return self._by_imprint(fields, gel)
+        if np.isfinite(gel.angle):
+            self._anew = gel.anew
+        return self._by_outline(fields, gel)._replace(anew=self._anew)
+
+    def _by_outline(self, fields: Fields, gel: Measurement) -> Measurement:
+        """The angle from the gel where it sticks, and from the outline elsewhere."""
+        axis = self._follow(measure_axis(fields))
         if np.isfinite(gel.angle) and self._overtaken(axis, gel.angle):
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
@@ -108,15 +123,63 @@ class Tracked:
                 return gel
             self.incremental.lose(fields)
             self._sights.clear()
-            self._known = []
-            reason = f"the angle is not known to ±{np.degrees(WIDEST):.0f}° any more"
-            return Measurement.none(found.stick, reason)
+            return Measurement.none(found.stick, TOO_WIDE)
         return found
+
+    def _by_imprint(self, fields: Fields, gel: Measurement) -> Measurement:
+        """The angle from imprint and gel together, and the markers that move with the imprint."""
+        was_known, lasting = self._turn.known, gel.anew == self._gel_anew and not self._resumed
+        self._gel_anew, self._resumed = gel.anew, False
+        turn = self._turn.update(
+            self.gain * gel.angle,
+            self.gain * 0.5 * (gel.high - gel.low) / Z95,
+            fields.imprint,
+            lasting,
+        )
+        if turn.error > WIDEST / Z95:
+            self._forget()
+            self.incremental.lose(fields)
+            return Measurement.none(np.zeros_like(gel.stick), TOO_WIDE, self._anew)
+        if not was_known:
+            self._anew = gel.anew if np.isfinite(gel.angle) else self._anew + 1
+        if np.isfinite(gel.angle) and self._slides(turn.angle, self.gain * gel.angle):
+            self.incremental.lose(fields)
+            gel = Measurement.none(np.zeros_like(gel.stick))
+        self._turned.append((turn.angle, self.gain * gel.angle))
+        stick = gel.stick
+        if not np.isfinite(gel.angle):
+            stick = self._moves_along(gel.stick)
+            if stick.any():
+                self.incremental.resume(fields, turn.angle / self.gain, turn.error / self.gain)
+                self._resumed = True
+        low, high = turn.interval
+        return Measurement(
+            turn.angle / self.gain, low / self.gain, high / self.gain, stick, anew=self._anew
+        )
+
+    def _slides(self, turned: float, gel: float) -> bool:
+        """Whether the object has lately turned away from markers that seem to stick."""
+        if len(self._turned) < self.mature_age:
+            return False
+        before, gel_before = self._turned[-self.mature_age]
+        apart = (turned - before) - (gel - gel_before)
+        return bool(min(abs(apart), abs(turned - before)) > self.slip)
+
+    def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """The markers that have moved as one body, and with the imprint, for long enough."""
+        increment = self.incremental.increment
+        if increment is None or increment.age >= len(self._turned):
+            return none
+        turned = self._turned[-1][0] - self._turned[-1 - increment.age][0]
+        apart = turned - self.gain * increment.angle
+        return increment.stick if abs(apart) < 0.5 * self.slip else none
 
     def _forget(self) -> None:
         """Begin anew with the next contact."""
+        self._turn = ImprintedTurn()
+        self._turned: deque[tuple[float, float]] = deque(maxlen=MEMORY)
+        self._gel_anew, self._resumed = 0, False
         self._sights: deque[_Sight] = deque(maxlen=MEMORY)
-        self._known: list[_Sight] = []
         self._last = np.nan
         self._curvature = np.nan
 
@@ -149,10 +212,6 @@ class Tracked:
     def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement) -> Measurement:
         """The angle by the outline, until markers stick to what it shows."""
         known = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
-        if known:
-            self._known = known
-        elif axis.drifts:  # an imprint stays what it was; an outline may be another face's by now
-            known = self._known
         if not (known and np.isfinite(axis.angle)):
             return self._at_a_loss(gel)
         # the last of them may have slipped unseen

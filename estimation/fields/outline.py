@@ -19,9 +19,6 @@ from estimation.frames.recording import Recording
 LEAST_MARKERS = 9
 LEAST_ELONGATION = 1.2
 LARGEST_ERROR_DEG = 3.0
-KEYFRAME_ERROR = np.radians(0.3)
-"""Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
-the correlation lacks. Errors add up over keyframes."""
 
 
 class Axis(NamedTuple):
@@ -33,8 +30,6 @@ class Axis(NamedTuple):
         elongation: long over short axis of the outline [-]; NaN where unknown.
         curvature: of the object against the pad across the long axis [1/mm].
         reason: why there is no direction; empty where there is one.
-        drifts: whether the error is that of all that was added up since the first frame, and most
-            of it common to one frame and the next.
     """
 
     angle: float
@@ -42,30 +37,11 @@ class Axis(NamedTuple):
     elongation: float
     curvature: float
     reason: str = ""
-    drifts: bool = False
 
 
 def turn_error(before: Axis, after: Axis, readings: int = 1) -> float:
-    """Standard error of the turn from one sight of the axis, or the mean of some, to another [rad].
-
-    Of errors that add up from frame to frame only those count that came in between.
-    """
-    if not after.drifts:
-        return float(np.hypot(after.standard_error, before.standard_error / np.sqrt(readings)))
-    between = abs(after.standard_error**2 - before.standard_error**2)
-    return float(np.sqrt(between + (1.0 + 1.0 / readings) * KEYFRAME_ERROR**2))
-
-
-def find_axis(fields: Fields) -> Axis:
-    """A direction that turns with the object: its imprint's where there is one, else the outline's.
-
-    An imprint is read from the object's edges or texture: the contact's shape plays no part in it,
-    and its curvature counts as unchanged.
-    """
-    angle, error = fields.imprint
-    if not np.isfinite(angle):
-        return measure_axis(fields)
-    return Axis(angle, error, np.nan, 1.0, drifts=True)
+    """Standard error of the turn from one sight of the axis, or the mean of some, to one more."""
+    return float(np.hypot(after.standard_error, before.standard_error / np.sqrt(readings)))
 
 
 class Outline(NamedTuple):

@@ -13,12 +13,13 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Shaped, UInt8
 
-from estimation.fields.outline import KEYFRAME_ERROR
-
 ROWS = 120
 """Rows, about, of the picture that is registered; larger ones are scaled down."""
 SMALLEST_DOT = 2.0
 """Radius that scaling down leaves a dot [px]: a smaller one cannot be painted out."""
+KEYFRAME_ERROR = np.radians(0.3)
+"""Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
+the correlation lacks. Errors add up over keyframes."""
 LEAST_CORRELATION = 0.65
 """Correlation with the keyframe below which the imprint has lost its place."""
 FOUND_AGAIN = 0.8

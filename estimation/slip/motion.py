@@ -69,6 +69,23 @@ def follow_gel(result: Result) -> Float[np.ndarray, " frames"]:
     return np.where(known >= most, gel, np.nan)
 
 
+def describe_counts(result: Result) -> tuple[str, ...]:
+    """When angles were counted anew after they had been lost, in sentences; none if they were not.
+
+    A contact that is counted from the first frame of the recording is not among them.
+    """
+    first = result.time[0] if len(result.time) else np.nan
+    times = {float(t) for t, n in zip(result.since, result.anew, strict=True) if n and t > first}
+    if not times:
+        return ()
+    shown = ", ".join(f"{time:.2f}" for time in sorted(times)[:5])
+    more = ", …" if len(times) > 5 else ""
+    return (
+        f"The angle was unknown and is counted anew from {shown}{more} s (columns since_s and "
+        "counted_anew): what the object turned before is not in it.",
+    )
+
+
 def _median(
     ordered: Float[np.ndarray, "frames n"],
     first: Int[np.ndarray, " frames"],
@@ -91,17 +108,14 @@ def _slip_curl(result: Result, frame: int, start: int | None) -> Float[np.ndarra
 
 
 def _count_starts(result: Result) -> list[int | None]:
-    """For each frame the one of its contact at which the angle was set to zero.
-
-    None for the unloaded shape.
-    """
-    zero = np.asarray(object_rotation(0.0, result.stiffness_ratio, result.load_term))
+    """For each frame the one from which its angle was counted anew; None for the unloaded shape."""
     starts: list[int | None] = []
-    start = None
-    for i, state in enumerate(result.state):
-        if state == State.NO_CONTACT:
+    start, before = None, 0
+    for i, (state, anew) in enumerate(zip(result.state, result.anew.tolist(), strict=True)):
+        if state == State.NO_CONTACT or not anew:
             start = None
-        elif result.angle[i] == zero[i]:
+        elif anew != before:
             start = i
+        before = anew
         starts.append(start)
     return starts

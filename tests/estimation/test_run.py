@@ -26,6 +26,8 @@ COLUMNS = (
     "angle_deg",
     "angle_low_deg",
     "angle_high_deg",
+    "since_s",
+    "counted_anew",
     "stick_markers",
     "contact_markers",
     "moment_Nmm",

@@ -41,6 +41,8 @@ def gather(count: int = 10) -> Result:
             angle=0.01 * i,
             low=0.01 * i - 1e-3,
             high=0.01 * i + 1e-3,
+            since=0.0,
+            anew=0,
             stick=np.arange(4) >= i,
             contact=~NONE,
             moment=float("nan"),

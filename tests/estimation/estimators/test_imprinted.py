@@ -1,0 +1,88 @@
+"""Imprint and gel put together: slow slip, lost imprints, jumps and counting anew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.estimators.imprinted import MOST_CREEP, ImprintedTurn
+from estimation.estimators.measurement import Z95
+from estimation.slip.motion import accumulate_slip, describe_counts
+from estimation.tracker import estimate_angles
+from tests.estimation.estimators.test_incremental import MICRON, ellipsoid_slips
+
+ERROR = np.radians(0.2)
+"""Standard error that a made-up registration reports."""
+
+
+def follow(object_, gel, seen=None, noise=0.0):
+    """Turns found while object and gel turn as given [deg], the imprint seen in some frames."""
+    rng = np.random.default_rng(4)
+    turn, turns = ImprintedTurn(), []
+    for i, (angle, along) in enumerate(zip(np.radians(object_), np.radians(gel), strict=True)):
+        read = angle + np.radians(noise) * rng.normal() if i else 0.0
+        imprint = (read, ERROR) if seen is None or seen[i] else (np.nan, np.nan)
+        turns.append(turn.update(along, 0.0, imprint, lasting=True))
+    return np.degrees([(one.angle, *one.interval) for one in turns]).T
+
+
+def test_slow_slip_that_every_single_frame_hides_is_followed():
+    object_ = np.linspace(0.0, -3.5, 80)  # 0.04° a frame, as a wallet creeps
+    angle, low, high = follow(object_, 0.2 * object_, noise=0.1)
+    assert np.abs(angle - object_).max() < 0.35  # three readings, and the filter's lag
+    assert ((low <= object_) & (object_ <= high)).mean() > 0.95
+
+
+def test_the_gel_carries_the_angle_while_the_imprint_is_lost_and_the_interval_grows():
+    object_ = np.r_[np.linspace(0.0, 6.0, 30), np.full(70, 6.0)]
+    gel = np.r_[object_[:40], np.full(60, 5.0)]  # creeps back by 1° meanwhile
+    seen = (np.arange(100) < 20) | (np.arange(100) >= 90)
+    angle, low, high = follow(object_, gel, seen)
+    assert ((low <= object_) & (object_ <= high)).all()
+    half = 0.5 * (high - low)
+    assert half[19] < 0.6 < half[40] < half[60] < np.degrees(Z95 * 1.1 * MOST_CREEP)
+    assert angle[90] == pytest.approx(6.0, abs=0.1)
+    assert half[90] < 0.6
+
+
+def test_where_imprint_and_gel_part_at_once_the_interval_holds_both():
+    object_ = np.r_[np.zeros(20), np.full(20, 5.0)]
+    angle, low, high = follow(object_, np.zeros(40))
+    assert low[20] < 0.0
+    assert high[20] > 5.0
+    assert np.abs(angle[20:] - 5.0).max() < 0.2
+
+
+def test_an_imprint_that_is_counted_anew_is_counted_on():
+    turn, degree = ImprintedTurn(), np.radians(1.0)
+    for i in range(5):
+        turn.update(i * degree, 0.0, (i * degree, ERROR), lasting=True)
+    again = turn.update(5 * degree, 0.0, (0.0, ERROR), lasting=True)
+    assert np.degrees(again.angle) == pytest.approx(5.0, abs=0.1)
+    assert again.error > 1.4 * ERROR  # of both starts
+    now = turn.update(6 * degree, 0.0, (degree, ERROR), lasting=True)
+    assert np.degrees(now.angle) == pytest.approx(6.0, abs=0.1)
+
+
+def test_slow_slip_under_markers_that_seem_to_stick_is_in_the_angle_and_in_the_slip():
+    recording, angle = ellipsoid_slips(60, slip_from=60, slip_to=60, rate=0.1, share=0.3)
+    imprint = np.stack([np.radians(angle), np.full(60, ERROR)], axis=1)
+    result = estimate_angles(replace(recording, imprint=imprint), "tracked", noise=MICRON)
+    assert np.abs(np.degrees(result.angle) - angle).max() < 0.4
+    slip = np.degrees(accumulate_slip(result))
+    # the gel is that of the tenth of the markers that turned furthest: by up to twice φ's noise
+    assert slip[-1] - slip[0] == pytest.approx(0.7 * angle[-1], abs=0.6)
+
+
+def test_an_angle_that_is_counted_anew_says_since_when_and_is_never_exact():
+    recording, _ = ellipsoid_slips(20, slip_from=20, slip_to=20, rate=0.2)
+    moved = recording.positions.copy()
+    gone = recording.layout.reference[:, 0] > 0.0  # half the pad is elsewhere: it has slipped
+    moved[:, gone, 1] += 0.7
+    result = estimate_angles(replace(recording, positions=moved), "tracked", noise=MICRON)
+    anew = result.anew > 0
+    assert anew.any()
+    assert (result.since[anew] >= recording.time[0]).all()
+    assert (result.high - result.low)[result.answered].min() > 0.0
+    later = replace(result, time=result.time - 1.0)
+    assert "counted anew" in " ".join(describe_counts(later))
