@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,22 +15,30 @@ from estimation.frames.recording import Recording
 from estimation.output.result_folder import renew_results
 
 app = make_app("What must be found out about sensor and object before angles can be trusted.")
+_Sensor = Annotated[
+    Path | None,
+    typer.Option(
+        help="TOML file that describes the sensor; options override it.", show_default="none"
+    ),
+]
 
 
 @app.command()
 def noise(
     recording: Annotated[str, typer.Argument(help="Ten seconds of the sensor at rest.")],
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    sensor: _Sensor = None,
 ) -> None:
-    """Find the noise of a sensor at rest: noise.toml, noise.png and a report."""
+    """Find the noise of a sensor at rest: sensor.toml, for --sensor, noise.json and a report."""
     from calibration.noise import assess_noise, write_noise
 
     check_writable(out)
-    (one,) = _read([recording])
+    known = _describe(sensor)
+    (one,) = _read([recording], known)
     found = assess_noise(one)
     with _results(out, "noise") as folder:
-        lines = write_noise(found, folder)
-    _conclude(lines, out, "noise.toml")
+        lines = write_noise(found, known, folder)
+    _conclude(lines, out, "sensor.toml", "noise.json")
 
 
 @app.command()
@@ -72,7 +81,8 @@ def softness(
     noise_um: Annotated[
         float | None,
         typer.Option(
-            help="Marker noise per in-plane coordinate [µm].", show_default="from each recording"
+            help="Marker noise per in-plane coordinate [µm].",
+            show_default="of --sensor, or from each recording",
         ),
     ] = None,
     second_ratio: Annotated[
@@ -86,21 +96,27 @@ def softness(
         float | None,
         typer.Option(
             min=0.0,
-            help="Of an elastomer that is not thick beside the contact [mm]; needs CSVs "
-            "with --zeroed and --same-clock.",
-            show_default="thick",
+            help="Of an elastomer that is not thick beside the contact [mm], inf of one that is; "
+            "a finite one needs CSVs with --zeroed and --same-clock.",
+            show_default="of --sensor, or inf",
         ),
     ] = None,
     depth_mm: Annotated[
-        float, typer.Option(min=0.0, help="Of its markers below the surface [mm].")
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Of its markers below the surface [mm].",
+            show_default="of --sensor, or 0",
+        ),
+    ] = None,
+    sensor: _Sensor = None,
 ) -> None:
     """Fit k and L of objects to references: softness.toml for --softness, and a report."""
     from functools import partial
 
     from rich.progress import Progress
 
-    from calibration.softness.readings import Layer
+    from calibration.softness.readings import layer_of
     from calibration.softness.report import (
         ReferenceSettings,
         fit_objects,
@@ -108,11 +124,14 @@ def softness(
         write_fits,
         write_two_fingers,
     )
+    from contactmodel.elasticity.pad import Pad, complete_pad
     from estimation.frames.noise import Noise
 
     check_writable(out)
-    told = None if noise_um is None else Noise.given(noise_um * 1e-3)
-    found = _read(recordings)
+    known = _describe(sensor)
+    told = known.noise if noise_um is None else Noise.given(noise_um * 1e-3)
+    layer = layer_of(complete_pad(Pad(thickness=thickness_mm, marker_depth=depth_mm), known.pad))
+    found = _read(recordings, known)
     files = ["softness.toml"]
     with _results(out, "softness") as folder:
         if second_ratio is not None:
@@ -121,7 +140,6 @@ def softness(
         else:
             settings = ReferenceSettings(flip, zeroed, same_clock)
             grasps = gather_grasps(found, reference or [], thing or [], settings, told)
-            layer = None if thickness_mm is None else Layer(thickness_mm, depth_mm)
             with Progress(console=errors) as progress:
                 track = partial(progress.track, description="recordings")
                 fits = fit_objects(grasps, load, clock_search, layer, track)
@@ -143,18 +161,23 @@ def squeeze(
         float | None,
         typer.Option(help="Radius of the sphere [mm], for a recording.", show_default="none"),
     ] = None,
-    pad_radius_mm: Annotated[float, typer.Option(help="Radius of a domed pad [mm].")] = float(
-        "inf"
-    ),
+    pad_radius_mm: Annotated[
+        float | None,
+        typer.Option(help="Radius of a domed pad [mm].", show_default="of --sensor, or flat"),
+    ] = None,
     pads: Annotated[int, typer.Option(min=1, help="Elastomers between the jaws [-].")] = 2,
     rigid_slope: Annotated[
         float,
         typer.Option(help="Travel over indentation and pad of a rigid object [-]."),
     ] = 1.0,
-    poisson_ratio: Annotated[float, typer.Option(help="Of the elastomer [-].")] = 0.48,
+    poisson_ratio: Annotated[
+        float | None,
+        typer.Option(help="Of the elastomer [-].", show_default="of --sensor, or 0.48"),
+    ] = None,
     object_poisson: Annotated[
         tuple[float, float], typer.Option(help="Least and greatest of the object [-].")
     ] = (0.3, 0.5),
+    sensor: _Sensor = None,
 ) -> None:
     """Find k by pressing, from the gripper's travel or the contact's curvature."""
     from calibration.softness.squeeze import (
@@ -164,9 +187,13 @@ def squeeze(
         squeeze_by_travel,
         write_squeeze,
     )
+    from contactmodel.elasticity.pad import Pad, complete_pad
 
     check_writable(out)
-    bodies = Bodies(poisson_ratio, object_poisson)
+    known = _describe(sensor)
+    pad = complete_pad(Pad(poisson_ratio=poisson_ratio, dome_radius=pad_radius_mm), known.pad)
+    ratio = {} if pad.poisson_ratio is None else {"poisson_ratio": pad.poisson_ratio}
+    bodies = Bodies(object_poisson=object_poisson, **ratio)
     if source.endswith(".csv"):
         travel, indentation = read_travel(Path(source))
         found = squeeze_by_travel(
@@ -175,8 +202,9 @@ def squeeze(
     elif radius_mm is None:
         raise ValueError("a recording takes --radius-mm, the radius of the sphere pressed on")
     else:
-        (one,) = _read([source])
-        found = squeeze_by_curvature(one, radius_mm, bodies, pad_radius=pad_radius_mm)
+        (one,) = _read([source], known)
+        dome = float("inf") if pad.dome_radius is None else pad.dome_radius
+        found = squeeze_by_curvature(one, radius_mm, bodies, pad_radius=dome)
     with _results(out, "squeeze") as folder:
         lines = write_squeeze(found, folder)
     _conclude(lines, out, "softness.toml")
@@ -197,11 +225,20 @@ def _conclude(lines: Iterable[str], out: Path, *files: str) -> None:
     print(f"written to {written}; see {out / 'report.html'}")
 
 
-def _read(names: list[str]) -> list[Recording]:
-    """Recordings by path or data set."""
+def _describe(sensor: Path | None) -> Any:
+    """The `Sensor` that a file describes, or one of which nothing is known."""
+    from estimation.pictures.sensor import Sensor, read_sensor
+
+    return Sensor() if sensor is None else read_sensor(sensor)
+
+
+def _read(names: list[str], sensor: Any) -> list[Recording]:
+    """Recordings by path or data set, their pictures as those of a sensor."""
+    from estimation.pictures.reader import ImageSettings
     from estimation.run import Settings, gather_recordings
 
-    return [one.recording for one in gather_recordings(names, Settings(), say=say)]
+    settings = Settings(images=ImageSettings(sensor))
+    return [one.recording for one in gather_recordings(names, settings, say=say)]
 
 
 @app.command()
@@ -245,28 +282,37 @@ def field(
     experiment: Annotated[str, _EXPERIMENT],
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
     starts: Annotated[int, typer.Option(min=1, help="Beginnings of the fit.")] = 1,
+    sensor: _Sensor = None,
 ) -> None:
-    """Fit numbers of a contact to the fields and forces of frames."""
+    """Fit numbers of a contact to fields and forces; those of the pad go to sensor.toml."""
     from calibration.experiment import read_experiment
     from calibration.field_fit import fit_fields
-    from calibration.field_report import tell_numbers, write_fit
+    from calibration.field_report import find_pad, tell_numbers, write_fit
+    from estimation.pictures.sensor import write_sensor
 
     check_writable(out)
-    wanted = read_experiment(experiment)
-    model, data = wanted.of(_read([recording])[0])
+    known = _describe(sensor)
+    wanted = read_experiment(experiment, known.pad)
+    model, data = wanted.of(_read([recording], known)[0])
     with errors.status("compiling and fitting"):
         fit = fit_fields(model, wanted.numbers, data, starts=starts, said=say)
+    pad = find_pad(fit, known.pad)
     with _results(out, "field") as folder:
         write_fit(fit, data, model.markers, wanted.frames, folder)
+        if pad is not None:
+            write_sensor(replace(known, pad=pad), folder / "sensor.toml")
     for line in (*tell_numbers(fit), *fit.verdict):
         print(line)
     print(f"written to {out / 'report.html'}")
+    if pad is not None:
+        print(f"the pad's numbers are in {out / 'sensor.toml'}, for --sensor")
 
 
 @app.command()
 def design(
     experiment: Annotated[str, _EXPERIMENT],
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    sensor: _Sensor = None,
 ) -> None:
     """Tell which numbers a planned experiment would determine, and what would help."""
     from calibration.experiment import read_experiment
@@ -274,7 +320,7 @@ def design(
     from calibration.identifiability import identify
 
     check_writable(out)
-    wanted = read_experiment(experiment)
+    wanted = read_experiment(experiment, _describe(sensor).pad)
     model, data = wanted.plan()
     with errors.status("compiling and solving"):
         found = identify(model, wanted.numbers, data, wanted.design)
@@ -285,8 +331,8 @@ def design(
     print(f"written to {out / 'report.html'}")
 
 
-@app.command()
-def sensor(
+@app.command("sensor")
+def calibrate(
     unloaded: Annotated[Path, typer.Argument(help="Pictures of the pad that nothing touches.")],
     pitch_mm: Annotated[
         float | None,
@@ -301,6 +347,7 @@ def sensor(
     rows: Annotated[int, typer.Option(help="Rows of its inner corners.")] = 6,
     columns: Annotated[int, typer.Option(help="Columns of its inner corners.")] = 9,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    sensor: _Sensor = None,
 ) -> None:
     """Find lens, scale, marker layout and noise: sensor.toml, for --sensor, and a report."""
     from calibration.sensor import calibrate_sensor, fit_lens, write_calibration
@@ -311,7 +358,7 @@ def sensor(
         if boards is not None:
             lens, error = fit_lens(boards, (rows, columns))
             lines.append(f"Lens: reprojection error {error:.3f} px rms.")
-        found = calibrate_sensor(unloaded, pitch_mm, lens)
+        found = calibrate_sensor(unloaded, pitch_mm, lens, _describe(sensor))
     with _results(out, "sensor") as folder:
         write_calibration(found, lines, folder)
     _conclude((*lines, *found.remarks), out, "sensor.toml")

@@ -1,7 +1,7 @@
 """An experiment in a file: what is pressed on how, what of it is known, and what is measured."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -11,31 +11,78 @@ from jaxtyping import Float
 
 from calibration.field_result import FieldData
 from calibration.forward import UNITS, FieldModel, Unknown, press_and_move
-from contactmodel import Grid
-from contactmodel.common.inputs import (
-    as_flag,
-    as_list,
-    as_matrix,
-    as_number,
-    as_numbers,
-    as_table,
-    as_text,
-    as_texts,
-    as_whole,
-    expect_keys,
-    naming,
-    read_toml,
-)
+from contactmodel import Grid, Pad
+from contactmodel.common.inputs import as_number, naming
+from contactmodel.common.settings import SCALES, from_table, read_toml, unit
 from estimation.frames.recording import Recording
 
 FORMAT_VERSION = 1
-_KEYS = {"shape", "cells", "size_mm", "frames", "markers", "errors", "numbers"}
-_KEYS |= {"design"}
-_ERRORS = {"displacement_um": [1.0, 1.0, 3.0], "force_N": 0.02, "moment_Nmm": 0.2}
-MOST_MARKERS = 1000
-"""Along a side of a plan's grid of markers."""
-_MARKERS = {"pitch_mm": 1.0, "count": 10}
-_UNKNOWN_KEYS = ("start", "low", "high", "prior", "per_frame")
+_FILE_UNITS = {"-": "", "rad": "deg"}
+NUMBERS = {
+    "_".join(filter(None, (name, _FILE_UNITS.get(of, of.lower())))): name
+    for name, of in UNITS.items()
+}
+"""Keys of the table `numbers`, and the names of their numbers."""
+RENAMED = {
+    f"numbers.{name}": f"numbers.{key}" for key, name in NUMBERS.items() if key != f"{name}_deg"
+} | {
+    "numbers.depth": "numbers.marker_depth_mm",
+    "numbers.pad_radius": "numbers.dome_radius_mm",
+    "errors.force_N": "errors.force_n",
+    "errors.moment_Nmm": "errors.moment_nmm",
+}
+"""Keys of version 0.1.0, and what they are called now."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Standard deviations of what is measured.
+
+    Attributes:
+        displacement: of the markers along x, y, z [mm].
+        force: of the resultant force [N].
+        moment: of the resultant moment [N·mm].
+    """
+
+    displacement: tuple[float, float, float] = field(
+        default=(1e-3, 1e-3, 3e-3), metadata=unit("um", above=0.0)
+    )
+    force: float = field(default=0.02, metadata=unit("n", above=0.0))
+    moment: float = field(default=0.2, metadata=unit("nmm", above=0.0))
+
+
+@dataclass(frozen=True)
+class Markers:
+    """A plan's square grid of markers.
+
+    Attributes:
+        pitch: distance of neighbours [mm].
+        count: along a side.
+    """
+
+    pitch: float = field(default=1.0, metadata=unit("mm", above=0.0))
+    count: int = field(default=10, metadata=unit(least=1.0, most=1000.0))
+
+
+@dataclass(frozen=True)
+class _Sought:
+    start: Any
+    low: float
+    high: float
+    prior: tuple[float, float] | None = None
+    per_frame: bool = False
+
+
+@dataclass(frozen=True)
+class _File:
+    shape: str
+    cells: int
+    frames: tuple[int, ...]
+    numbers: Mapping[str, Any]
+    size: float | None = field(default=None, metadata=unit("mm"))
+    markers: Markers = field(default_factory=Markers)
+    errors: Errors = field(default_factory=Errors)
+    design: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -47,11 +94,8 @@ class Experiment:
         grid: cells of the model.
         numbers: by name; those to be found are `Unknown`.
         frames: rows of the recording that are fitted; of a plan, only how many.
-        displacement_error: standard deviations along x, y, z [mm].
-        force_error: standard deviation [N].
-        moment_error: standard deviation [N·mm].
-        pitch: of a plan's markers [mm].
-        count: of a plan's markers along a side.
+        errors: of what is measured.
+        markers: of a plan.
         design: numbers that the experimenter can change.
     """
 
@@ -59,16 +103,14 @@ class Experiment:
     grid: Grid
     numbers: Mapping[str, Any]
     frames: tuple[int, ...]
-    displacement_error: tuple[float, float, float]
-    force_error: float
-    moment_error: float
-    pitch: float
-    count: int
+    errors: Errors
+    markers: Markers
     design: tuple[str, ...]
 
     def plan(self) -> tuple[FieldModel, FieldData]:
         """The model of a plan: a square grid of markers, everything measured."""
-        at = (np.arange(self.count) - 0.5 * (self.count - 1)) * self.pitch
+        count = self.markers.count
+        at = (np.arange(count) - 0.5 * (count - 1)) * self.markers.pitch
         markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
         frames = len(self.frames)
         model = FieldModel(press_and_move(self.shape), self.grid, markers, frames)
@@ -105,20 +147,24 @@ class Experiment:
         force: Float[np.ndarray, "frames 3"] | None,
         moment: Float[np.ndarray, " frames"] | None,
     ) -> FieldData:
-        return FieldData(
-            moved, self.displacement_error, force, self.force_error, moment, self.moment_error
-        )
+        errors = self.errors
+        return FieldData(moved, errors.displacement, force, errors.force, moment, errors.moment)
 
 
-def read_experiment(name: str) -> Experiment:
+def read_experiment(name: str, pad: Pad | None = None) -> Experiment:
     """Read an experiment's TOML file, or a shipped example by its name.
 
     `shape`, `cells` along a side and `size_mm` of the model's grid, the recording's `frames`, a
-    table `errors` (`displacement_um` along x, y, z, `force_N`, `moment_Nmm`), for a plan a table
+    table `errors` (`displacement_um` along x, y, z, `force_n`, `moment_nmm`), for a plan a table
     `markers` (`pitch_mm`, `count` along a side) and `design`, names of numbers that can be
-    changed; and a table `numbers` of those that `press_and_move` takes. A number is known, `4.0`,
-    or sought, `{start = 4.0, low = 1.0, high = 20.0}`, with `prior = [mean, deviation]` if
-    something is known, `per_frame = true` if every frame has its own; angles as `twist_deg`.
+    changed; and a table `numbers` of those that `press_and_move` takes, their keys with units. A
+    number is known, `thickness_mm = 4.0`, or sought, `{start = 4.0, low = 1.0, high = 20.0}`, with
+    `prior = [mean, deviation]` if something is known, `per_frame = true` if every frame has its
+    own; angles as `twist_deg`.
+
+    Args:
+        name: of the file, or of the example.
+        pad: of a sensor description, for the numbers and the size that the file does not give.
 
     Raises:
         OSError: the file cannot be read.
@@ -129,66 +175,58 @@ def read_experiment(name: str) -> Experiment:
     if not (example.is_file() or Path(name).is_file()):
         names = sorted(one.name.removesuffix(".toml") for one in examples.iterdir())
         raise FileNotFoundError(f"no file {name}; shipped examples are {', '.join(names)}")
-    content = read_toml(Path(str(example)) if example.is_file() else Path(name), FORMAT_VERSION)
+    path = Path(str(example)) if example.is_file() else Path(name)
+    content = read_toml(path, FORMAT_VERSION, RENAMED)
     with naming(name):
-        expect_keys(content, "the file", _KEYS)
-        return _make(content)
+        return _make(from_table(content, _File), pad or Pad())
 
 
-def _make(content: Mapping[str, Any]) -> Experiment:
-    errors = _ERRORS | as_table(content.get("errors", {}), "errors")
-    expect_keys(errors, "errors", tuple(_ERRORS))
-    markers = _MARKERS | as_table(content.get("markers", {}), "markers")
-    expect_keys(markers, "markers", tuple(_MARKERS))
-    frames = tuple(as_whole(row, "each frame") for row in as_list(content["frames"], "frames"))
-    x, y, z = (1e-3 * one for one in as_numbers(errors["displacement_um"], "displacement_um", 3))
-    cells, size = as_whole(content["cells"], "cells"), as_number(content["size_mm"], "size_mm")
-    count = as_whole(markers["count"], "count")
-    if not 1 <= count <= MOST_MARKERS:
-        raise ValueError(f"count, markers along a side, must be 1 to {MOST_MARKERS}, got {count}")
-    numbers = as_table(content["numbers"], "numbers").items()
+def _make(file: _File, pad: Pad) -> Experiment:
+    size = pad.size if file.size is None else (file.size, file.size)
+    if size is None:
+        raise ValueError("the key 'size_mm' is missing")
+    found = (_number(*item, frames=len(file.frames)) for item in file.numbers.items())
+    known = {one: value for one, value in vars(pad).items() if one in UNITS and value is not None}
+    thick = [one for one, value in known.items() if not np.isfinite(value)]  # as where not given
     return Experiment(
-        shape=as_text(content["shape"], "shape"),
-        grid=Grid((cells, cells), (size, size)),
-        numbers=dict(_number(*item, frames=len(frames)) for item in numbers),
-        frames=frames,
-        displacement_error=(x, y, z),
-        force_error=as_number(errors["force_N"], "force_N"),
-        moment_error=as_number(errors["moment_Nmm"], "moment_Nmm"),
-        pitch=as_number(markers["pitch_mm"], "pitch_mm"),
-        count=count,
-        design=as_texts(content.get("design", []), "design"),
+        shape=file.shape,
+        grid=Grid((file.cells, file.cells), size),
+        numbers={one: known[one] for one in known if one not in thick} | dict(found),
+        frames=file.frames,
+        errors=file.errors,
+        markers=file.markers,
+        design=file.design,
     )
 
 
-def _number(name: str, value: Any, *, frames: int) -> tuple[str, Any]:
+def _number(key: str, value: Any, *, frames: int) -> tuple[str, Any]:
     """A number's name and what is known of it; degrees become rad."""
-    scale = np.pi / 180.0 if name.endswith("_deg") else 1.0
-    name = name.removesuffix("_deg")
-    if name not in UNITS:
-        raise ValueError(f"no number {name!r}; there are {', '.join(UNITS)}")
+    if key not in NUMBERS:
+        raise ValueError(f"numbers: no number {key!r}; there are {', '.join(NUMBERS)}")
+    name, where = NUMBERS[key], f"numbers.{key}"
+    scale = SCALES.get(key.rpartition("_")[2], 1.0)
     if not isinstance(value, dict):
-        return name, scale * _values(value, name)
-    expect_keys(value, name, _UNKNOWN_KEYS)
-    start = scale * _values(value["start"], f"{name}: start")
-    if as_flag(value.get("per_frame", False), f"{name}: per_frame"):
+        return name, scale * _values(value, where)
+    given = from_table(value, _Sought, where)
+    start = scale * _values(given.start, f"{where}.start")
+    if given.per_frame:
         start = np.broadcast_to(start, (frames, *start.shape)).copy()
-    low, high = (scale * as_number(value[end], f"{name}: {end}") for end in ("low", "high"))
-    prior = None
-    if "prior" in value:
-        mean, deviation = as_numbers(value["prior"], f"{name}: prior", 2)
-        prior = scale * mean, scale * deviation
-    return name, Unknown(start, low, high, prior)
+    prior = given.prior and (scale * given.prior[0], scale * given.prior[1])
+    with naming(where):
+        return name, Unknown(start, scale * given.low, scale * given.high, prior)
 
 
 def _values(value: Any, name: str) -> Float[np.ndarray, "..."]:
     """A number, a list of them, or one list for each frame."""
-    if not isinstance(value, list):
-        values = np.array(as_number(value, name))
-    elif value and isinstance(value[0], list):
-        values = as_matrix(value, name)
-    else:
-        values = np.array(as_numbers(value, name))
+
+    def nested(value: Any) -> Any:
+        return [nested(one) for one in value] if isinstance(value, list) else as_number(value, name)
+
+    rows = nested(value)
+    try:
+        values = np.array(rows, dtype=float)
+    except ValueError as error:
+        raise ValueError(f"{name} must have rows of one length") from error
     if not np.isfinite(values).all():
         raise ValueError(f"{name} must be finite, got {value}")
     return values

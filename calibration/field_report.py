@@ -3,6 +3,7 @@
 import base64
 import json
 from collections.abc import Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 from calibration.field_result import FieldData, FieldFit
 from calibration.forward import UNITS
 from calibration.identifiability import Identifiability
+from contactmodel import Pad
 from estimation.frames.files import write_whole
 from estimation.output.report import figure_png
 
@@ -55,6 +57,24 @@ def write_fit(
         "correlation.png": figure_png(plot_correlation(fit.names, fit.correlation)),
     }
     _write(folder, "field", images, summary, fit=fit, data=data, frames=frames)
+
+
+def find_pad(fit: FieldFit, known: Pad) -> Pad | None:
+    """The pad with what a fit found of it and what it was fitted with; None if it found nothing.
+
+    Args:
+        fit: of numbers, some of which are the pad's.
+        known: what was known of the pad before.
+    """
+    own = {one.name for one in fields(Pad)}
+    sought = {name for name in fit.names if name in own}
+    found = {
+        name: float(value)
+        for name, value in zip(fit.names, fit.values, strict=True)
+        if name in own and fit.trusted and np.isfinite(value)
+    }
+    given = {name: float(fit.best[name]) for name in own - sought if name in fit.best}
+    return replace(known, **given, **found) if found else None
 
 
 def tell_numbers(fit: FieldFit) -> list[str]:

@@ -42,11 +42,11 @@ UNITS = {
     "thickness": "mm",
     "stiffness_ratio": "-",
     "friction_coefficient": "-",
-    "depth": "mm",
+    "marker_depth": "mm",
     "radius": "mm",
     "width": "mm",
     "edge_radius": "mm",
-    "pad_radius": "mm",
+    "dome_radius": "mm",
     "position": "mm",
     "approach": "mm",
     "shift": "mm",
@@ -129,7 +129,7 @@ def press_and_move(shape: str) -> MakeScene:
 
     Its numbers: `shear_modulus`, `poisson_ratio`, `friction_coefficient`, `approach`; and, where
     they are given, `thickness` (else a half-space), `stiffness_ratio` k (else a rigid object),
-    `depth`, `pad_radius` of a dome (else flat), `position` of the object's lowest point,
+    `marker_depth`, `dome_radius` of the pad (else flat), `position` of the object's lowest point,
     `shift`, `twist`, and `radius`, `width`, `edge_radius` of the shape. `approach`, `twist` and
     `shift` may be one for each frame.
 
@@ -147,8 +147,8 @@ def press_and_move(shape: str) -> MakeScene:
         thickness, k = numbers.get("thickness"), numbers.get("stiffness_ratio")
         position = jnp.asarray(numbers.get("position", (0.0, 0.0)))
         indenter: AbstractIndenter = Placed(_SHAPES[shape](numbers), position)
-        if "pad_radius" in numbers:
-            indenter = Domed(indenter, numbers["pad_radius"])
+        if "dome_radius" in numbers:
+            indenter = Domed(indenter, numbers["dome_radius"])
         frames = Pose(
             jnp.atleast_1d(jnp.asarray(numbers["approach"])),
             jnp.asarray(numbers.get("shift", (0.0, 0.0))),
@@ -163,7 +163,7 @@ def press_and_move(shape: str) -> MakeScene:
             indenter,
             grid,
             numbers["friction_coefficient"],
-            numbers.get("depth"),
+            numbers.get("marker_depth"),
         )
         return Scene(contact, path)
 

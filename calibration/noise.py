@@ -1,6 +1,7 @@
 """Noise of a sensor at rest: what it adds to positions and angles, and thresholds that suit it."""
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -12,9 +13,10 @@ from calibration.findings import write_findings
 from estimation.estimators.rigid import THRESHOLD
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG
-from estimation.frames.files import toml_text, write_whole
+from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Recording
+from estimation.pictures.sensor import Sensor, write_sensor
 
 LAGS = 10
 ENOUGH_SECONDS = 9.5
@@ -64,9 +66,8 @@ class RestNoise:
     notes: tuple[str, ...]
 
     def content(self) -> dict[str, object]:
-        """What stands in `noise.toml`."""
+        """What stands in `noise.json`."""
         return {
-            "format_version": 1,
             "unit": self.unit,
             "seconds": self.seconds,
             "frames": self.frames,
@@ -193,8 +194,13 @@ def plot_noise(found: RestNoise) -> Figure:
     return figure
 
 
-def write_noise(found: RestNoise, out: Path) -> list[str]:
-    """Write `noise.toml`, `noise.png` and `report.html`.
+def write_noise(found: RestNoise, known: Sensor, out: Path) -> list[str]:
+    """Write `sensor.toml`, `noise.json`, `noise.png` and `report.html`.
+
+    Args:
+        found: the noise.
+        known: what is known of the sensor besides.
+        out: folder.
 
     Returns:
         Lines for the terminal.
@@ -228,5 +234,6 @@ def write_noise(found: RestNoise, out: Path) -> list[str]:
         lead=lines,
         lists={"notes": found.notes},
     )
-    write_whole(out / "noise.toml", toml_text(found.content()))
+    write_whole(out / "noise.json", json.dumps(found.content(), indent=2) + "\n")
+    write_sensor(replace(known, noise=found.fast), out / "sensor.toml")
     return [*lines, *found.notes]

@@ -92,14 +92,19 @@ def fit_lens(boards: Path, corners: tuple[int, int]) -> tuple[Lens, float]:
 
 
 def calibrate_sensor(
-    unloaded: Path, pitch_mm: float | None = None, lens: Lens | None = None
+    unloaded: Path,
+    pitch_mm: float | None = None,
+    lens: Lens | None = None,
+    known: Sensor | None = None,
 ) -> Calibrated:
     """Scale, layout and noise from pictures of the unloaded pad.
 
     Args:
         unloaded: a folder of pictures or a video of the pad that nothing touches.
-        pitch_mm: distance of neighbouring dots [mm]; without it lengths stay in px.
+        pitch_mm: distance of neighbouring dots [mm]; without it the scale stays as it was known,
+            or lengths in px.
         lens: of the camera, where it is known.
+        known: an earlier description, of which the rest is kept.
 
     Raises:
         ValueError: no usable picture, no dots in rows, dots that move, or a pitch that is not
@@ -113,9 +118,15 @@ def calibrate_sensor(
     if not images:
         raise ValueError(f"{unloaded} has no usable picture")
     height, width = images[0].shape[:2]
-    style = find_style(images[0])
-    sensor = Sensor(
-        lens=lens, size=(width, height), marker="dots", radius=style.radius, dark=style.dark
+    style, known = find_style(images[0]), known or Sensor()
+    known.expect_size(width, height)
+    sensor = replace(
+        known,
+        lens=lens or known.lens,
+        size=(width, height),
+        marker="dots",
+        radius=style.radius,
+        dark=style.dark,
     )
     seen = [
         sensor.straighten(find_dots(to_grey(image, style.dark), style).centre) for image in images
@@ -135,20 +146,19 @@ def calibrate_sensor(
             f"{unloaded}: the dots move by {moves:.1f} px between the pictures, {pitch:.1f} px "
             "apart: take pictures of the resting pad, nothing touching it"
         )
-    scale = 1.0 if pitch_mm is None else pitch_mm / pitch
-    unit = "px" if pitch_mm is None else "mm"
+    sensor = sensor if pitch_mm is None else replace(sensor, mm_per_px=pitch_mm / pitch)
     remarks = [
         f"{len(place)} {'dark' if style.dark else 'bright'} dots of radius {style.radius:.1f} px, "
         f"{pitch:.3f} px apart; {misfit:.2f} px rms off a regular lattice.",
     ]
     noise = None
     if len(track) >= FEWEST_STILLS:
-        noise = Noise.given(scale * float(np.sqrt(track.var(axis=0, ddof=1).mean())))
-        remarks.append(f"Noise {noise.in_plane:.2g} {unit} in {len(track)} pictures.")
+        scatter = float(np.sqrt(track.var(axis=0, ddof=1).mean()))
+        noise = Noise.given(sensor.scale * scatter, sensor.unit)
+        remarks.append(f"Noise {noise.in_plane:.2g} {noise.unit} in {len(track)} pictures.")
     else:
         remarks.append(f"{len(track)} pictures: {FEWEST_STILLS} or more would tell the noise.")
-    known = {} if pitch_mm is None else {"mm_per_px": scale}
-    described = replace(sensor, reference=scale * place, noise=noise, **known)
+    described = replace(sensor, reference=sensor.scale * place, noise=noise)
     return Calibrated(described, tuple(remarks), images[0], place, off)
 
 

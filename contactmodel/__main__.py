@@ -26,14 +26,22 @@ def simulate(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder to write to; an interrupted run goes on.")],
+    sensor: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file that describes the sensor: its pad, where CONFIG does not.",
+            show_default="none",
+        ),
+    ] = None,
 ) -> None:
     """Press, shift and twist an object along a path; write fields, a table and pictures."""
+    from contactmodel.elasticity.pad import read_pad
     from contactmodel.simulate.configuration import read_simulation
     from contactmodel.simulate.run import run_simulation, write_results
     from contactmodel.solution import stack_steps
 
     try:
-        simulation = read_simulation(config)
+        simulation = read_simulation(config, None if sensor is None else read_pad(sensor))
         solutions = [
             solution
             for _, solution in track(

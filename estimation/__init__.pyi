@@ -20,7 +20,6 @@ from estimation.output.plots import plot_grasp as plot_grasp
 from estimation.output.plots import plot_maps as plot_maps
 from estimation.output.plots import plot_overview as plot_overview
 from estimation.pictures.reader import ImageSettings as ImageSettings
-from estimation.pictures.sensor import Elastomer as Elastomer
 from estimation.pictures.sensor import Lens as Lens
 from estimation.pictures.sensor import Sensor as Sensor
 from estimation.pictures.sensor import read_sensor as read_sensor

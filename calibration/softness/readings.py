@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.softness.trials import Trial
+from contactmodel import Pad
 
 SEARCH_STEPS = 61
 LIFT_SHARE = 0.05
@@ -52,6 +53,13 @@ class Layer(NamedTuple):
 
 
 HALF_SPACE = Layer()
+
+
+def layer_of(pad: Pad) -> Layer | None:
+    """The elastomer of a pad that has a thickness; None for a thick one."""
+    if pad.thickness is None or pad.thickness == float("inf"):
+        return None
+    return Layer(pad.thickness, pad.marker_depth or 0.0)
 
 
 class Series(NamedTuple):

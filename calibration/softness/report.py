@@ -115,7 +115,8 @@ def fit_objects(
         if not all(one.reference.zeroed and one.reference.same_clock for one in grasps):
             raise ValueError(
                 "on an elastomer of finite thickness the references must be CSVs that count from "
-                "the onset of contact on the recording's clock (--zeroed --same-clock)"
+                "the onset of contact on the recording's clock (--zeroed --same-clock); "
+                "--thickness-mm inf takes the elastomer as thick"
             )
         if model not in (None, "none"):
             raise ValueError(

@@ -7,8 +7,9 @@ functions that run it: help is shown at once.
 import os
 import sys
 import warnings
+from collections.abc import Callable
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -16,6 +17,7 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 from contactmodel.common.cache import cache_folder
+from contactmodel.common.inputs import RenamedKeyWarning
 
 errors = Console(stderr=True)
 say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
@@ -51,6 +53,7 @@ def make_app(purpose: str) -> typer.Typer:
 def run_app(app: typer.Typer) -> None:
     """Run an application in double precision; wrong input goes to stderr, exit status 2."""
     _set_up_jax()
+    warnings.showwarning = partial(_show_warning, otherwise=warnings.showwarning)
     try:
         app()
     except (ValueError, OSError, RuntimeError) as error:
@@ -61,6 +64,16 @@ def run_app(app: typer.Typer) -> None:
 def say_error(message: str) -> None:
     """A line on stderr."""
     errors.print(f"[red]error:[/red] {escape(message)}", highlight=False, soft_wrap=True)
+
+
+def _show_warning(
+    message: Warning | str, category: type[Warning], *where: Any, otherwise: Callable[..., None]
+) -> None:
+    """What an old file's keys are called now goes to the user without a place in the program."""
+    if issubclass(category, RenamedKeyWarning):
+        say(f"note: {message}")
+    else:
+        otherwise(message, category, *where)
 
 
 def _print_version(wanted: bool) -> bool:

@@ -1,4 +1,4 @@
-"""Text files that come from outside, TOML and CSV, read so that every error helps.
+"""Text files that come from outside, read so that every error helps: texts, numbers, CSV.
 
 Whatever is wrong with a file ends in a ValueError that begins with its name. Files that are not
 there or cannot be opened end in the OSError of the system, which names them, too.
@@ -7,17 +7,17 @@ there or cannot be opened end in the OSError of the system, which names them, to
 import csv
 import io
 import math
-import tomllib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
 LARGEST_WHOLE = 2**53
 """From here on double precision no longer has every whole number."""
+
+
+class RenamedKeyWarning(UserWarning):
+    """A file has a key under the name that an earlier version gave it."""
 
 
 @contextmanager
@@ -58,40 +58,6 @@ def read_text(path: Path) -> str:
         raise ValueError(f"{path} is not a text file in UTF-8: {error}") from error
 
 
-def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """The content of a TOML file that has been read.
-
-    Raises:
-        ValueError: it is not TOML.
-    """
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is not a TOML file: {error}") from error
-
-
-def read_toml(path: Path, version: int | None = None) -> dict[str, Any]:
-    """A TOML file's content, without its `format_version` where that is given.
-
-    Args:
-        path: of the file.
-        version: that `format_version` must have.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it is not TOML, or of another version.
-    """
-    content = parse_toml(read_text(path), path)
-    if version is None:
-        return content
-    if "format_version" not in content:
-        raise ValueError(f"{path}: format_version is missing; this version reads {version}")
-    found = content.pop("format_version")
-    if type(found) is not int or found != version:
-        raise ValueError(f"{path}: format_version is {found!r}; this version reads {version}")
-    return content
-
-
 def as_number(value: Any, name: str) -> float:
     """A number of a TOML file, which may be infinite or NaN.
 
@@ -99,11 +65,11 @@ def as_number(value: Any, name: str) -> float:
         ValueError: it is none, or too large.
     """
     if type(value) not in (int, float):  # true and false are not
-        raise ValueError(f"{name} must be a number, got {_show(value)}")
+        raise ValueError(f"{name} must be a number, got {show(value)}")
     try:
         return float(value)
     except OverflowError as error:
-        raise ValueError(f"{name} is too large a number: {_show(value)}") from error
+        raise ValueError(f"{name} is too large a number: {show(value)}") from error
 
 
 def as_whole(value: Any, name: str) -> int:
@@ -114,102 +80,11 @@ def as_whole(value: Any, name: str) -> int:
     """
     number = as_number(value, name)
     if not (math.isfinite(number) and number.is_integer() and abs(number) < LARGEST_WHOLE):
-        raise ValueError(f"{name} must be a whole number below 2^53, got {_show(value)}")
+        raise ValueError(f"{name} must be a whole number below 2^53, got {show(value)}")
     return int(number)
 
 
-def as_list(value: Any, name: str) -> list[Any]:
-    """A list of anything.
-
-    Raises:
-        ValueError: it is none.
-    """
-    if not isinstance(value, list):
-        raise ValueError(f"{name} must be a list, got {_show(value)}")
-    return value
-
-
-def as_numbers(value: Any, name: str, count: int | None = None) -> list[float]:
-    """A list of numbers.
-
-    Args:
-        value: of the TOML file.
-        name: of it.
-        count: how many there must be; any number of them if None.
-
-    Raises:
-        ValueError: it is no list, not so long, or holds something else.
-    """
-    if count not in (None, len(as_list(value, name))):
-        raise ValueError(f"{name} must be {count} numbers, got {_show(value)}")
-    return [as_number(one, f"each of {name}") for one in value]
-
-
-def as_matrix(value: Any, name: str) -> Float[np.ndarray, "rows columns"]:
-    """A list of lists of numbers, all of the same length.
-
-    Raises:
-        ValueError: it is none.
-    """
-    rows = [as_numbers(row, f"a row of {name}") for row in as_list(value, name)]
-    if len({len(row) for row in rows}) != 1:
-        raise ValueError(f"{name} must have rows of one length, got {_show(value)}")
-    return np.array(rows)
-
-
-def as_texts(value: Any, name: str) -> tuple[str, ...]:
-    """A list of texts.
-
-    Raises:
-        ValueError: it is none.
-    """
-    return tuple(as_text(one, f"each of {name}") for one in as_list(value, name))
-
-
-def as_flag(value: Any, name: str) -> bool:
-    """`true` or `false`.
-
-    Raises:
-        ValueError: it is neither.
-    """
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} must be true or false, got {_show(value)}")
-    return value
-
-
-def as_text(value: Any, name: str) -> str:
-    """A text.
-
-    Raises:
-        ValueError: it is none.
-    """
-    if not isinstance(value, str):
-        raise ValueError(f"{name} must be a text, got {_show(value)}")
-    return value
-
-
-def as_table(value: Any, name: str) -> dict[str, Any]:
-    """A table of a TOML file.
-
-    Raises:
-        ValueError: it is none.
-    """
-    if not isinstance(value, dict):
-        raise ValueError(f"{name} must be a table, [{name}], got {_show(value)}")
-    return value
-
-
-def expect_keys(table: Mapping[str, Any], name: str, known: Collection[str]) -> None:
-    """Check that a table has no other keys.
-
-    Raises:
-        ValueError: it has.
-    """
-    if unknown := sorted(set(table) - set(known)):
-        raise ValueError(f"unknown key {unknown[0]!r} in {name}; known are {sorted(known)}")
-
-
-def _show(value: Any) -> str:
+def show(value: Any) -> str:
     """A value as it may stand in a message, shortened where it is long."""
     shown = repr(value) if not isinstance(value, int) or abs(value) < 10**40 else "an integer"
     return shown if len(shown) <= 60 else f"{shown[:57]}..."
@@ -237,7 +112,7 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
     if missing := [name for name in columns if name not in names]:
         raise ValueError(
             f"{path} lacks the columns {', '.join(missing)}: it needs {' and '.join(columns)}, and "
-            f"has {_show(names)}"
+            f"has {show(names)}"
         )
     return [
         (
@@ -262,7 +137,7 @@ def cell_number(cell: str, where: str) -> float:
     try:
         return float(cell)
     except ValueError as error:
-        raise ValueError(f"{where} is {_show(cell)}, no number") from error
+        raise ValueError(f"{where} is {show(cell)}, no number") from error
 
 
 def cell_whole(cell: str, where: str) -> int:

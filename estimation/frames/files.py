@@ -1,11 +1,8 @@
 """Files that appear whole or not at all."""
 
-import json
 import os
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -44,28 +41,3 @@ def check_writable(folder: Path) -> None:
     except OSError as error:
         why = error.strerror or error
         raise OSError(f"{folder} cannot be written to ({why}): give another folder") from error
-
-
-def toml_text(content: Mapping[str, Any]) -> str:
-    """A TOML document of plain values, lists and one level of tables.
-
-    Raises:
-        ValueError: a value that TOML has no word for, or a table within a table.
-    """
-    plain = {name: value for name, value in content.items() if not isinstance(value, Mapping)}
-    lines = [f"{name} = {_toml_value(name, value)}" for name, value in plain.items()]
-    for name, table in content.items():
-        if isinstance(table, Mapping) and table:
-            lines += ["", f"[{name}]"]
-            lines += [f"{key} = {_toml_value(key, value)}" for key, value in table.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _toml_value(name: str, value: Any) -> str:
-    if isinstance(value, bool | int | str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, float):
-        return repr(value)
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml_value(name, one) for one in value) + "]"
-    raise ValueError(f"{name} is {value!r}, which TOML has no word for")

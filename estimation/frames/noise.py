@@ -33,29 +33,31 @@ class Noise:
     """Random error of marker positions.
 
     Attributes:
-        in_plane: standard deviation of x and of y [mm].
-        normal: standard deviation of z [mm]; NaN in two dimensions.
+        in_plane: standard deviation of x and of y.
+        normal: standard deviation of z; NaN in two dimensions.
         correlation: correlation in time of a marker's errors, one and two frames of the source
             apart; NaN where the recording has too few such frames. Beyond two it counts as zero.
         frames: number of frames that the estimate uses.
+        unit: of lengths, mm, or px for pictures without a scale.
     """
 
     in_plane: float
     normal: float
     correlation: tuple[float, float]
     frames: int
+    unit: str = "mm"
 
     @classmethod
-    def given(cls, in_plane: float) -> "Noise":
-        """Noise of which only the standard deviation in the plane is known [mm].
+    def given(cls, in_plane: float, unit: str = "mm") -> "Noise":
+        """Noise of which only the standard deviation in the plane is known.
 
         Raises:
             ValueError: it is not above 0.
         """
         if not 0.0 < in_plane < float("inf"):
-            raise ValueError(f"the noise is {in_plane} mm; it must be a number above 0")
+            raise ValueError(f"the noise is {in_plane} {unit}; it must be a number above 0")
         unknown = float("nan")
-        return cls(in_plane, normal=unknown, correlation=(unknown, unknown), frames=0)
+        return cls(in_plane, normal=unknown, correlation=(unknown, unknown), frames=0, unit=unit)
 
 
 def find_noise(recording: Recording) -> tuple[Noise | None, tuple[str, ...]]:
@@ -116,6 +118,7 @@ def estimate_noise(recording: Recording) -> Noise:
         normal=float(np.sqrt(variance[2])) if len(variance) == 3 else float("nan"),
         correlation=(float(rho_one), float(rho_two)),
         frames=len(np.unique(triples)),
+        unit=recording.unit,
     )
 
 

@@ -9,26 +9,24 @@ Visuotactile Sensing During In-Hand Object Pivoting".
 """
 
 from collections.abc import Collection
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
-from contactmodel.common.inputs import (
-    as_flag,
-    as_number,
-    as_numbers,
-    as_table,
-    as_texts,
-    as_whole,
-    naming,
-    read_toml,
-)
-from estimation.frames.files import toml_text, write_whole
+from contactmodel.common.inputs import naming
+from contactmodel.common.settings import check_limits, from_table, read_toml, toml_text, unit
+from estimation.frames.files import write_whole
 
 FORMAT_VERSION = 1
+RENAMED = {"width": "width_px", "height": "height_px"} | {
+    f"{view}.{key}": f"{view}.{key}_{name}"
+    for view in ("left", "right")
+    for key, name in (("centre", "px"), ("rotation", "rad"), ("translation", "mm"))
+}
+"""Keys of version 0.1.0, and what they are called now."""
 STEPS = 6
 VIEWS = ("left", "right")
 
@@ -51,16 +49,15 @@ class View:
     """
 
     orthographic: bool
-    focal: float
-    centre: tuple[float, float]
+    focal: float = field(metadata=unit(above=0.0))
+    centre: tuple[float, float] = field(metadata=unit("px"))
     distortion: float
-    rotation: tuple[float, float, float]
-    translation: tuple[float, float, float]
+    rotation: tuple[float, float, float] = field(metadata=unit("rad"))
+    translation: tuple[float, float, float] = field(metadata=unit("mm"))
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if not 0.0 < self.focal < np.inf:
-            raise ValueError(f"the focal length is {self.focal}; it must be a number above 0")
+        check_limits(self)
         if (len(self.centre), len(self.rotation), len(self.translation)) != (2, 3, 3):
             raise ValueError("a view has a centre of 2, a rotation and a translation of 3 numbers")
 
@@ -103,9 +100,9 @@ class Rig:
 
     left: View
     right: View
-    width: int
-    height: int
-    error: float
+    width: int = field(metadata=unit("px"))
+    height: int = field(metadata=unit("px"))
+    error: float = field(metadata=unit("px"))
     mirrored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -230,10 +227,7 @@ def write_rig(rig: Rig, path: Path) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    plain = {"format_version": FORMAT_VERSION, "width": rig.width, "height": rig.height}
-    views = {"left": asdict(rig.left), "right": asdict(rig.right)}
-    sizes = plain | {"error_px": rig.error, "mirrored": rig.mirrored}
-    write_whole(path, toml_text(sizes | views))
+    write_whole(path, toml_text(rig, FORMAT_VERSION))
 
 
 def read_rig(path: Path) -> Rig:
@@ -243,26 +237,6 @@ def read_rig(path: Path) -> Rig:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
     """
-    content = read_toml(path, FORMAT_VERSION)
+    content = read_toml(path, FORMAT_VERSION, RENAMED)
     with naming(path, "no stereo calibration"):
-        return Rig(
-            left=_to_view(as_table(content["left"], "left")),
-            right=_to_view(as_table(content["right"], "right")),
-            width=as_whole(content["width"], "width"),
-            height=as_whole(content["height"], "height"),
-            error=as_number(content["error_px"], "error_px"),
-            mirrored=as_texts(content.get("mirrored", []), "mirrored"),
-        )
-
-
-def _to_view(table: dict[str, Any]) -> View:
-    centre_x, centre_y = as_numbers(table["centre"], "centre", 2)
-    rotation, translation = (as_numbers(table[key], key, 3) for key in ("rotation", "translation"))
-    return View(
-        orthographic=as_flag(table["orthographic"], "orthographic"),
-        focal=as_number(table["focal"], "focal"),
-        centre=(centre_x, centre_y),
-        distortion=as_number(table["distortion"], "distortion"),
-        rotation=(rotation[0], rotation[1], rotation[2]),
-        translation=(translation[0], translation[1], translation[2]),
-    )
+        return from_table(content, Rig)

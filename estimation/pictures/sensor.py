@@ -6,9 +6,9 @@ It is a TOML file, written by `python -m calibration sensor` or by hand; every t
     format_version = 1
 
     [camera]
-    width = 640                  # of the pictures it holds for [px]
-    height = 480
-    mm_per_px = 0.04             # scale where the markers are [mm/px]
+    width_px = 640               # of the pictures it holds for
+    height_px = 480
+    mm_per_px = 0.04             # scale where the markers are
     matrix = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]   # of the lens, as OpenCV has it [px]
     distortion = [k1, k2, p1, p2, k3]
 
@@ -16,48 +16,45 @@ It is a TOML file, written by `python -m calibration sensor` or by hand; every t
     kind = "dots"
     radius_px = 4.3
     dark = true
-    reference = [[0.5, 0.5], [1.5, 0.5]]    # unloaded [mm; px without a scale], two or three values
+    reference_mm = [[0.5, 0.5], [1.5, 0.5]]     # unloaded, two or three values; or reference_px
 
-    [noise]                      # standard deviations [mm; px without a scale]
-    in_plane = 0.001
-    normal = 0.0035
+    [noise]
+    in_plane_mm = 0.001          # standard deviations; or in_plane_px and normal_px
+    normal_mm = 0.0035
+    correlation = [0.5, 0.2]     # of a marker's errors, one and two frames apart
+    frames = 300                 # that it was found from
 
-    [elastomer]
-    shear_modulus = 0.2          # [MPa]
+    [pad]                        # see `contactmodel.elasticity.pad`
+    shear_modulus_mpa = 0.2
     poisson_ratio = 0.48
-    thickness = 3.0              # [mm]
-    marker_depth = 0.3           # below the surface [mm]
-    dome_radius = 30.0           # [mm]
-    friction_coefficient = 0.6
+    thickness_mm = 3.0
+    marker_depth_mm = 0.3
+    dome_radius_mm = 30.0
+    size_mm = [20.0, 20.0]
 """
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.common.inputs import (
-    as_flag,
-    as_matrix,
-    as_number,
-    as_numbers,
-    as_table,
-    as_text,
-    as_whole,
-    expect_keys,
-    naming,
+from contactmodel.common.inputs import naming
+from contactmodel.common.settings import (
+    check_limits,
+    from_table,
     read_toml,
+    rename_keys,
+    toml_text,
+    unit,
 )
-from estimation.frames.files import toml_text, write_whole
+from contactmodel.elasticity.pad import RENAMED, SENSOR_VERSION, Pad
+from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise
 from estimation.frames.recording import LARGEST
 from estimation.pictures.kinds import MARKER_KINDS
 
-FORMAT_VERSION = 1
 CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
 
 
@@ -124,27 +121,6 @@ class Lens:
 
 
 @dataclass(frozen=True)
-class Elastomer:
-    """Constants of the pad; None where unknown.
-
-    Attributes:
-        shear_modulus: G_S [MPa].
-        poisson_ratio: ν_S [-].
-        thickness: on its rigid base [mm].
-        marker_depth: of the markers below the surface [mm].
-        dome_radius: of the surface [mm]; None also where it is flat.
-        friction_coefficient: μ [-].
-    """
-
-    shear_modulus: float | None = None
-    poisson_ratio: float | None = None
-    thickness: float | None = None
-    marker_depth: float | None = None
-    dome_radius: float | None = None
-    friction_coefficient: float | None = None
-
-
-@dataclass(frozen=True)
 class Sensor:
     """A sensor; what is None is not known, and found out from the recording where it can be.
 
@@ -159,22 +135,22 @@ class Sensor:
         dark: whether they are darker than what is around them.
         reference: unloaded positions of the markers.
         noise: of the marker positions.
-        elastomer: constants of the pad.
+        pad: what the elastomer with the markers is.
 
     Raises:
         ValueError: a length that is not above 0, an unknown kind of markers, or a reference that is
             none.
     """
 
-    mm_per_px: float | None = None
+    mm_per_px: float | None = field(default=None, metadata=unit(above=0.0))
     lens: Lens | None = None
     size: tuple[int, int] | None = None
     marker: str | None = None
-    radius: float | None = None
+    radius: float | None = field(default=None, metadata=unit("px", above=0.0))
     dark: bool | None = None
     reference: Float[np.ndarray, "n d"] | None = None
     noise: Noise | None = None
-    elastomer: Elastomer = Elastomer()
+    pad: Pad = field(default_factory=Pad)
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -182,9 +158,7 @@ class Sensor:
             raise ValueError(
                 f"no markers of kind {self.marker!r}; there are {', '.join(MARKER_KINDS)}"
             )
-        for name, value in (("the scale", self.mm_per_px), ("the dots' radius", self.radius)):
-            if value is not None and not 0.0 < value < np.inf:
-                raise ValueError(f"{name} is {value}; it must be a number above 0")
+        check_limits(self)
         if self.reference is not None and (
             self.reference.ndim != 2
             or self.reference.shape[1] not in (2, 3)
@@ -229,37 +203,71 @@ class Sensor:
             )
 
 
+@dataclass(frozen=True)
+class _Camera:
+    width: int | None = field(default=None, metadata=unit("px"))
+    height: int | None = field(default=None, metadata=unit("px"))
+    mm_per_px: float | None = None
+    matrix: Float[np.ndarray, "rows columns"] | None = None
+    distortion: Float[np.ndarray, " k"] | None = None
+
+    def __post_init__(self) -> None:
+        for pair in (("width", "height"), ("matrix", "distortion")):
+            if (getattr(self, pair[0]) is None) != (getattr(self, pair[1]) is None):
+                unit = "_px" if "width" in pair else ""
+                raise ValueError(f"{unit} and ".join(pair) + f"{unit} come together")
+
+
+@dataclass(frozen=True)
+class _Markers:
+    kind: str | None = None
+    radius: float | None = field(default=None, metadata=unit("px"))
+    dark: bool | None = None
+    reference_mm: Float[np.ndarray, "n d"] | None = None
+    reference_px: Float[np.ndarray, "n d"] | None = None
+
+
+@dataclass(frozen=True)
+class _Noise:
+    in_plane_mm: float | None = field(default=None, metadata=unit(above=0.0))
+    in_plane_px: float | None = field(default=None, metadata=unit(above=0.0))
+    normal_mm: float | None = None
+    normal_px: float | None = None
+    correlation: tuple[float, float] | None = None
+    frames: int = 0
+
+    def __post_init__(self) -> None:
+        given = [one for one in fields(self)[:4] if getattr(self, one.name) is not None]
+        if not given or "in_plane" not in given[0].name or len({g.name[-2:] for g in given}) != 1:
+            raise ValueError("give in_plane_mm, and normal_mm where it is known; or both in px")
+
+
+@dataclass(frozen=True)
+class _File:
+    camera: _Camera = field(default_factory=_Camera)
+    markers: _Markers = field(default_factory=_Markers)
+    noise: _Noise | None = None
+    pad: Pad = field(default_factory=Pad)
+
+
 def write_sensor(sensor: Sensor, path: Path) -> None:
     """Write a description, whole or not at all.
 
     Raises:
         OSError: it cannot be written.
     """
-    lens, size, noise = sensor.lens, sensor.size, sensor.noise
-    tables = {
-        "camera": {
-            "width": size and size[0],
-            "height": size and size[1],
-            "mm_per_px": sensor.mm_per_px,
-            "matrix": lens and lens.matrix.tolist(),
-            "distortion": lens and lens.distortion.tolist(),
-        },
-        "markers": {
-            "kind": sensor.marker,
-            "radius_px": sensor.radius,
-            "dark": sensor.dark,
-            "reference": None
-            if sensor.reference is None
-            else np.round(sensor.reference, 5).tolist(),
-        },
-        "noise": {} if noise is None else asdict(noise),
-        "elastomer": asdict(sensor.elastomer),
-    }
-    known = {
-        table: {key: value for key, value in content.items() if value is not None}
-        for table, content in tables.items()
-    }
-    write_whole(path, toml_text({"format_version": FORMAT_VERSION} | known))
+    lens, (width, height) = sensor.lens, sensor.size or (None, None)
+    matrix, distortion = (None, None) if lens is None else (lens.matrix, lens.distortion)
+    reference = {}
+    if sensor.reference is not None:
+        reference = {f"reference_{sensor.unit}": np.round(sensor.reference, 5)}
+    file = _File(
+        _Camera(width, height, sensor.mm_per_px, matrix, distortion),
+        _Markers(sensor.marker, sensor.radius, sensor.dark, **reference),
+        None if sensor.noise is None else _from_noise(sensor.noise),
+        sensor.pad,
+    )
+    write_whole(path, toml_text(file, SENSOR_VERSION))
 
 
 def read_sensor(path: Path) -> Sensor:
@@ -269,63 +277,63 @@ def read_sensor(path: Path) -> Sensor:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
     """
-    content = read_toml(path, FORMAT_VERSION)
+    content = read_toml(path, SENSOR_VERSION)
+    camera = content.get("camera")
+    scaled = "mm" if isinstance(camera, dict) and "mm_per_px" in camera else "px"
+    lengths = ("markers.reference", "noise.in_plane", "noise.normal")
+    renamed = {name: f"{name}_{scaled}" for name in lengths}
+    renamed |= {f"camera.{side}": f"camera.{side}_px" for side in ("width", "height")}
+    content = rename_keys(content, RENAMED | renamed, path)
     with naming(path):
-        return _to_sensor(content)
+        return _to_sensor(from_table(content, _File))
 
 
-def _to_sensor(content: dict[str, Any]) -> Sensor:
-    expect_keys(content, "the file", tuple(_KEYS))
-    tables = {name: as_table(content.get(name, {}), name) for name in _KEYS}
-    for name, keys in _KEYS.items():
-        expect_keys(tables[name], name, keys)
-    camera, markers, noise = tables["camera"], tables["markers"], tables["noise"]
-    for first, second in (("width", "height"), ("matrix", "distortion")):
-        if (first in camera) != (second in camera):
-            raise ValueError(f"camera: {first} and {second} come together")
-    lens = size = None
-    if "matrix" in camera:
-        distortion = np.array(as_numbers(camera["distortion"], "distortion"))
-        lens = Lens(as_matrix(camera["matrix"], "matrix"), distortion)
-    if "width" in camera:
-        size = as_whole(camera["width"], "width"), as_whole(camera["height"], "height")
-    if noise and "in_plane" not in noise:
-        raise ValueError("noise: in_plane is missing")
+def _to_sensor(file: _File) -> Sensor:
+    camera, markers = file.camera, file.markers
+    lens, size, reference = None, None, markers.reference_mm
+    if camera.matrix is not None and camera.distortion is not None:
+        lens = Lens(camera.matrix, camera.distortion)
+    if camera.width is not None and camera.height is not None:
+        size = camera.width, camera.height
+    scale = 1.0 if camera.mm_per_px is None else camera.mm_per_px
+    if markers.reference_px is not None:
+        if reference is not None:
+            raise ValueError("markers: give one of reference_mm and reference_px")
+        reference = scale * markers.reference_px
+    elif reference is not None and camera.mm_per_px is None:
+        raise ValueError("markers: reference_mm needs the scale: give mm_per_px in [camera]")
     return Sensor(
-        mm_per_px=_optional(camera, "mm_per_px", as_number),
+        mm_per_px=camera.mm_per_px,
         lens=lens,
         size=size,
-        marker=_optional(markers, "kind", as_text),
-        radius=_optional(markers, "radius_px", as_number),
-        dark=_optional(markers, "dark", as_flag),
-        reference=_optional(markers, "reference", as_matrix),
-        noise=_to_noise(noise) if noise else None,
-        elastomer=Elastomer(
-            **{key: _optional(tables["elastomer"], key, as_number) for key in _KEYS["elastomer"]}
-        ),
+        marker=markers.kind,
+        radius=markers.radius,
+        dark=markers.dark,
+        reference=reference,
+        noise=None if file.noise is None else _to_noise(file.noise, camera.mm_per_px),
+        pad=file.pad,
     )
 
 
-def _to_noise(table: dict[str, Any]) -> Noise:
-    in_plane = Noise.given(as_number(table["in_plane"], "in_plane"))
-    given = table.get("correlation", list(in_plane.correlation))
-    one, two = as_numbers(given, "correlation", 2)
+def _to_noise(table: _Noise, mm_per_px: float | None) -> Noise:
+    """The noise in mm where the file has the scale or gives mm, else in px."""
+    in_plane, normal, factor, unknown = table.in_plane_mm, table.normal_mm, 1.0, float("nan")
+    if in_plane is None:
+        in_plane, normal, factor = table.in_plane_px, table.normal_px, mm_per_px or 1.0
+    assert in_plane is not None
     return Noise(
-        in_plane=in_plane.in_plane,
-        normal=as_number(table.get("normal", np.nan), "normal"),
-        correlation=(one, two),
-        frames=as_whole(table.get("frames", 0), "frames"),
+        factor * in_plane,
+        unknown if normal is None else factor * normal,
+        table.correlation or (unknown, unknown),
+        table.frames,
+        "px" if table.in_plane_mm is None and mm_per_px is None else "mm",
     )
 
 
-_KEYS: dict[str, tuple[str, ...]] = {
-    "camera": ("width", "height", "mm_per_px", "matrix", "distortion"),
-    "markers": ("kind", "radius_px", "dark", "reference"),
-    "noise": tuple(one.name for one in fields(Noise)),
-    "elastomer": tuple(one.name for one in fields(Elastomer)),
-}
-
-
-def _optional(table: dict[str, Any], key: str, convert: Callable[[Any, str], Any]) -> Any:
-    """A value of a table; None where it is not given."""
-    return convert(table[key], key) if key in table else None
+def _from_noise(noise: Noise) -> _Noise:
+    lengths = {f"in_plane_{noise.unit}": noise.in_plane, f"normal_{noise.unit}": noise.normal}
+    return _Noise(
+        **{name: value for name, value in lengths.items() if np.isfinite(value)},
+        correlation=noise.correlation if np.isfinite(noise.correlation).any() else None,
+        frames=noise.frames,
+    )

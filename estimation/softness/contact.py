@@ -1,15 +1,18 @@
 """What a softness is told of a contact, what it adds to it, and the contacts it was found on."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from contactmodel.common.inputs import as_matrix, as_numbers, as_table, expect_keys
+from contactmodel.common.settings import key_of, unit
 from estimation.fields.measure import Fields
 
 Range = tuple[float, float]
+RATIO = unit(least=0.0, required="give k, 0 for a rigid object")
+"""Of the field k, which every file must have."""
 
 
 class Contact(NamedTuple):
@@ -58,35 +61,37 @@ class Lifting(NamedTuple):
         return (self.displacement.reshape(rows, columns) @ moved.ravel()).reshape(-1, 2)
 
 
-class Validity(NamedTuple):
+@dataclass(frozen=True)
+class Validity:
     """The contacts that a softness was found on, each as lowest and highest value.
 
     Attributes:
         rotation: φ of the elastomer [rad].
         normal_force: [N].
         contact_radius: of the contact region, see `disc_radius` [mm].
+
+    Raises:
+        ValueError: a range whose lower end is not first.
     """
 
-    rotation: Range = (-np.inf, np.inf)
-    normal_force: Range = (-np.inf, np.inf)
-    contact_radius: Range = (-np.inf, np.inf)
+    rotation: Range = field(default=(-np.inf, np.inf), metadata=unit("deg", most=np.inf))
+    normal_force: Range = field(default=(-np.inf, np.inf), metadata=unit("n", most=np.inf))
+    contact_radius: Range = field(default=(-np.inf, np.inf), metadata=unit("mm", most=np.inf))
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for one in fields(self):
+            low, high = getattr(self, one.name)
+            if not low <= high:
+                raise ValueError(f"{key_of(one)} is out of order: give the lower end first")
 
     def covers(self, rotation: float, contact: Contact) -> bool:
         """Whether a contact is like those; what is not known of it does not speak against it."""
+        ranges = (self.rotation, self.normal_force, self.contact_radius)
         values = (rotation, contact.normal_force, contact.radius)
         return not any(
-            value < low or value > high for value, (low, high) in zip(values, self, strict=True)
+            value < low or value > high for value, (low, high) in zip(values, ranges, strict=True)
         )
-
-
-def check_ratio(stiffness_ratio: float) -> None:
-    """Refuse a k that no object has.
-
-    Raises:
-        ValueError: it is below 0 or no number.
-    """
-    if not (np.isfinite(stiffness_ratio) and stiffness_ratio >= 0.0):
-        raise ValueError(f"stiffness ratio k is {stiffness_ratio}; it must be ≥ 0")
 
 
 def check_covariance(covariance: Sequence[Sequence[float]], names: Sequence[str]) -> None:
@@ -106,32 +111,3 @@ def check_covariance(covariance: Sequence[Sequence[float]], names: Sequence[str]
             f"covariance of ({', '.join(names)}) is {covariance}; it must be a symmetric "
             f"{count}×{count} matrix without negative eigenvalues"
         )
-
-
-_VALIDITY_KEYS = ("rotation_deg", "normal_force_N", "contact_radius_mm")
-
-
-def show_validity(validity: Validity) -> dict[str, list[float]]:
-    """The ranges that are bounded, in the units of the file."""
-    shown = (tuple(np.degrees(validity.rotation).tolist()), *validity[1:])
-    pairs = zip(_VALIDITY_KEYS, shown, strict=True)
-    return {name: list(ends) for name, ends in pairs if np.isfinite(ends).all()}
-
-
-def read_validity(content: Any) -> Validity:
-    """The ranges of a file's table `validity`."""
-    expect_keys(as_table(content, "validity"), "validity", _VALIDITY_KEYS)
-    ranges = []
-    for name in _VALIDITY_KEYS:
-        low, high = as_numbers(content.get(name, [-np.inf, np.inf]), name, 2)
-        if not low <= high:
-            raise ValueError(f"validity: {name} is [{low}, {high}]; give the lower end first")
-        ranges.append((low, high))
-    rotation = tuple(np.radians(ranges[0]).tolist())
-    return Validity((rotation[0], rotation[1]), *ranges[1:])
-
-
-def read_covariance(content: dict[str, Any], count: int) -> Any:
-    """The rows of a file's `covariance` of so many numbers; zeros where it is not given."""
-    none = [[0.0] * count] * count
-    return tuple(map(tuple, as_matrix(content.get("covariance", none), "covariance").tolist()))

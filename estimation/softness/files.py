@@ -1,17 +1,17 @@
 """A softness of either kind, and the TOML files that keep it."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.common.inputs import as_text, naming, read_toml
-from estimation.frames.files import toml_text, write_whole
+from contactmodel.common.inputs import naming
+from contactmodel.common.settings import from_table, read_toml, toml_text
+from estimation.frames.files import write_whole
 from estimation.softness.contact import Contact, Lifting
-from estimation.softness.layered import read_layered
-from estimation.softness.scalar import ScalarSoftness, read_scalar
+from estimation.softness.layered import LayeredSoftness
+from estimation.softness.scalar import ScalarSoftness
 
 FORMAT_VERSION = 1
 
@@ -46,11 +46,13 @@ class Softness(Protocol):
         ...
 
 
-READERS: dict[str, Callable[[dict[str, Any]], Softness]] = {
-    "scalar": read_scalar,
-    "layered": read_layered,
+KINDS: dict[str, type[ScalarSoftness | LayeredSoftness]] = {
+    "scalar": ScalarSoftness,
+    "layered": LayeredSoftness,
 }
-"""What makes a softness of a file's content, by its `kind`."""
+"""Softnesses by their `kind` in a file."""
+RENAMED = {"validity.normal_force_N": "validity.normal_force_n"}
+"""Keys of version 0.1.0, and what they are called now."""
 
 
 def write_softness(softness: Softness, path: Path) -> None:
@@ -59,7 +61,7 @@ def write_softness(softness: Softness, path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    write_whole(path, toml_text({"format_version": FORMAT_VERSION} | softness.content()))
+    write_whole(path, toml_text(softness.content(), FORMAT_VERSION))
 
 
 def read_softness(path: Path) -> Softness:
@@ -67,16 +69,16 @@ def read_softness(path: Path) -> Softness:
 
     A TOML file with `format_version = 1`, `stiffness_ratio` k [-] and, if known, `load_term_rad`
     L [rad, or rad/N with `load_by_force = true`], `covariance`, the 2×2 matrix of (k, L), a table
-    `validity` with `rotation_deg`, `normal_force_N` and `contact_radius_mm`, each as lowest and
+    `validity` with `rotation_deg`, `normal_force_n` and `contact_radius_mm`, each as lowest and
     highest value, and a table `provenance` of anything that readers should know.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
     """
-    content = read_toml(path, FORMAT_VERSION)
+    content = read_toml(path, FORMAT_VERSION, RENAMED)
     with naming(path):
-        kind = as_text(content.pop("kind", "scalar"), "kind")
-        if kind not in READERS:
-            raise ValueError(f"no kind {kind!r} of softness; there are {', '.join(READERS)}")
-        return READERS[kind](content)
+        kind = content.pop("kind", "scalar")
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise ValueError(f"no kind {kind!r} of softness; there are {', '.join(KINDS)}")
+        return from_table(content, KINDS[kind])

@@ -30,16 +30,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.common.inputs import as_number, as_table, expect_keys
+from contactmodel.common.settings import check_limits, to_table, unit
 from estimation.softness.contact import (
+    RATIO,
     Contact,
     Lifting,
     Validity,
     check_covariance,
-    check_ratio,
-    read_covariance,
-    read_validity,
-    show_validity,
 )
 from estimation.softness.lifting import Seen, lifting_kernels
 from estimation.softness.scalar import ScalarSoftness
@@ -68,18 +65,16 @@ class LayeredSoftness:
         ValueError: a value out of range, or a covariance that is none.
     """
 
-    stiffness_ratio: float
-    thickness: float
-    depth: float = 0.0
+    stiffness_ratio: float = field(metadata=RATIO)
+    thickness: float = field(metadata=unit("mm", above=0.0, most=np.inf))
+    depth: float = field(default=0.0, metadata=unit("mm", least=0.0))
     covariance: Matrix = ((0.0, 0.0, 0.0),) * 3
     validity: Validity = field(default_factory=Validity)
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the values."""
-        check_ratio(self.stiffness_ratio)
-        if not self.thickness > 0.0:
-            raise ValueError(f"thickness is {self.thickness} mm; it must be above 0, inf for thick")
+        check_limits(self)
         if not 0.0 <= self.depth < self.thickness:
             raise ValueError(
                 f"depth is {self.depth} mm; it must lie between 0 and the thickness, "
@@ -136,15 +131,7 @@ class LayeredSoftness:
 
     def content(self) -> dict[str, Any]:
         """What stands in its file."""
-        return {
-            "kind": "layered",
-            "stiffness_ratio": self.stiffness_ratio,
-            "thickness_mm": self.thickness,
-            "depth_mm": self.depth,
-            "covariance": [list(row) for row in self.covariance],
-            "validity": show_validity(self.validity),
-            "provenance": dict(self.provenance),
-        }
+        return {"kind": "layered", **to_table(self)}
 
 
 def _seen(contact: Contact) -> Seen | None:
@@ -156,24 +143,3 @@ def _seen(contact: Contact) -> Seen | None:
     if moved is None or np.count_nonzero(region & known) < _FEWEST:
         return None
     return Seen(points[region & known], points[known], moved[known])
-
-
-def read_layered(content: dict[str, Any]) -> LayeredSoftness:
-    """A layered softness from a file's content.
-
-    Raises:
-        ValueError: the content is not that of a layered softness.
-    """
-    known = {"stiffness_ratio", "thickness_mm", "depth_mm", "covariance", "validity", "provenance"}
-    expect_keys(content, "the file", known)
-    for name in ("stiffness_ratio", "thickness_mm"):
-        if name not in content:
-            raise ValueError(f"no {name}: a layered softness needs it")
-    return LayeredSoftness(
-        as_number(content["stiffness_ratio"], "stiffness_ratio"),
-        as_number(content["thickness_mm"], "thickness_mm"),
-        as_number(content.get("depth_mm", 0.0), "depth_mm"),
-        read_covariance(content, 3),
-        validity=read_validity(content.get("validity", {})),
-        provenance=as_table(content.get("provenance", {}), "provenance"),
-    )

@@ -14,18 +14,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from contactmodel.common.inputs import as_flag, as_number, as_table, expect_keys
+from contactmodel.common.settings import check_limits, to_table, unit
 from contactmodel.equations import object_rotation
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.softness.contact import (
-    Contact,
-    Validity,
-    check_covariance,
-    check_ratio,
-    read_covariance,
-    read_validity,
-    show_validity,
-)
+from estimation.softness.contact import RATIO, Contact, Validity, check_covariance
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 
@@ -47,8 +39,8 @@ class ScalarSoftness:
         ValueError: k below 0, or a covariance that is none.
     """
 
-    stiffness_ratio: float = 0.0
-    load_term: float = 0.0
+    stiffness_ratio: float = field(default=0.0, metadata=RATIO)
+    load_term: float = field(default=0.0, metadata=unit("rad"))
     covariance: Covariance = ((0.0, 0.0), (0.0, 0.0))
     load_by_force: bool = False
     validity: Validity = field(default_factory=Validity)
@@ -56,9 +48,7 @@ class ScalarSoftness:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        check_ratio(self.stiffness_ratio)
-        if not np.isfinite(self.load_term):
-            raise ValueError(f"load term L is {self.load_term}; it must be a number")
+        check_limits(self)
         check_covariance(self.covariance, ("k", "L"))
 
     def lifting(self, points: Float[np.ndarray, "n 2"]) -> None:
@@ -98,32 +88,4 @@ class ScalarSoftness:
 
     def content(self) -> dict[str, Any]:
         """What stands in its file."""
-        return {
-            "kind": "scalar",
-            "stiffness_ratio": self.stiffness_ratio,
-            "load_term_rad": self.load_term,
-            "load_by_force": self.load_by_force,
-            "covariance": [list(row) for row in self.covariance],
-            "validity": show_validity(self.validity),
-            "provenance": dict(self.provenance),
-        }
-
-
-def read_scalar(content: dict[str, Any]) -> ScalarSoftness:
-    """A scalar softness from a file's content.
-
-    Raises:
-        ValueError: the content is not that of a scalar softness.
-    """
-    keys = ("stiffness_ratio", "load_term_rad", "load_by_force", "covariance", "validity")
-    expect_keys(content, "the file", (*keys, "provenance"))
-    if "stiffness_ratio" not in content:
-        raise ValueError("no stiffness_ratio: give k, 0 for a rigid object")
-    return ScalarSoftness(
-        stiffness_ratio=as_number(content["stiffness_ratio"], "stiffness_ratio"),
-        load_term=as_number(content.get("load_term_rad", 0.0), "load_term_rad"),
-        covariance=read_covariance(content, 2),
-        load_by_force=as_flag(content.get("load_by_force", False), "load_by_force"),
-        validity=read_validity(content.get("validity", {})),
-        provenance=as_table(content.get("provenance", {}), "provenance"),
-    )
+        return {"kind": "scalar", **to_table(self)}

@@ -94,10 +94,10 @@ def draw_contact(rng: np.random.Generator) -> Numbers:
         "twist": np.radians([0.0, rng.uniform(4.0, 12.0)]),
         "position": np.zeros(2),
         "shift": np.zeros(2),
-        "pad_radius": 1e5,
+        "dome_radius": 1e5,
         "aspect": 1.0,
         "stiffness_ratio": 1e-5,
-        "depth": 0.0,
+        "marker_depth": 0.0,
         "weakening": 0.0,
     }
 
@@ -106,7 +106,7 @@ def wide_scene(n: Mapping[str, Any], grid: Grid) -> Scene:
     """All that can differ: dome, soft object, marker depth, friction that falls with pressure."""
     at = jnp.asarray(n["position"])
     axes = n["radius"] * jnp.stack([n["aspect"], 1.0 / n["aspect"], jnp.ones(())])
-    shape = Domed(Placed(Ellipsoid(axes), at), n["pad_radius"])
+    shape = Domed(Placed(Ellipsoid(axes), at), n["dome_radius"])
     frames = Pose(jnp.full(2, n["approach"]), n["shift"], n["twist"], at)
     pressed = Pose(frames.approach[:1], centre=at)
     square = jnp.sum(jnp.asarray(grid.points) ** 2, axis=0) / (n["radius"] * n["approach"])
@@ -117,7 +117,7 @@ def wide_scene(n: Mapping[str, Any], grid: Grid) -> Scene:
         shape,
         grid,
         n["friction_coefficient"] * pressure ** -n["weakening"],
-        n["depth"],
+        n["marker_depth"],
     )
     return Scene(contact, jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames))
 
@@ -155,7 +155,7 @@ CHANGES: dict[str, Change] = {
     "ν 0.3 to 0.5 for 0.45": _set("poisson_ratio", lambda rng: rng.choice([0.3, 0.36, 0.49, 0.5])),
     "friction falls with pressure": _set("weakening", lambda rng: rng.uniform(0.15, 0.5)),
     "correlated noise": correlated,
-    "markers 0.1 to 0.6 mm deep": _set("depth", lambda rng: rng.uniform(0.1, 0.6)),
+    "markers 0.1 to 0.6 mm deep": _set("marker_depth", lambda rng: rng.uniform(0.1, 0.6)),
     "twist 5 or 10 % off": _turn,
     "soft object, k 0.05 to 0.5": _set("stiffness_ratio", lambda rng: rng.uniform(0.05, 0.5)),
     "elongated, 1.1 to 1.7": _set("aspect", lambda rng: rng.uniform(1.05, 1.3)),

@@ -1,13 +1,14 @@
 import json
-import tomllib
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from calibration.__main__ import app
+from contactmodel import Pad
 from estimation import LayeredSoftness
 from estimation.frames.archive import write_archive
+from estimation.pictures.sensor import Sensor, read_sensor, write_sensor
 from estimation.softness import read_softness
 from tests.cases import lift
 
@@ -22,11 +23,23 @@ def at_rest(tmp_path_factory):
 def test_noise_of_a_sensor_at_rest(at_rest, tmp_path):
     result = CliRunner().invoke(app, ["noise", str(at_rest), "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
-    found = tomllib.loads((tmp_path / "noise.toml").read_text())
-    assert found["in_plane"] == pytest.approx(1e-3, rel=0.05)  # 24000 samples
+    noise = read_sensor(tmp_path / "sensor.toml").noise
+    assert noise.in_plane == pytest.approx(1e-3, rel=0.05)  # 24000 samples
+    assert noise.unit == "mm"
+    found = json.loads((tmp_path / "noise.json").read_text())
+    assert found["in_plane"] == noise.in_plane
     assert found["drift_per_s"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4)
     assert found["temporal_correlation"][0] == pytest.approx(0.0, abs=0.05)
     assert "<img" in (tmp_path / "report.html").read_text()
+
+
+def test_noise_keeps_the_rest_of_a_description(at_rest, tmp_path):
+    known = Sensor(pad=Pad(thickness=3.0, marker_depth=0.4))
+    write_sensor(known, tmp_path / "before.toml")
+    told = ["--sensor", str(tmp_path / "before.toml"), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["noise", str(at_rest), *told])
+    assert result.exit_code == 0, result.output
+    assert read_sensor(tmp_path / "out" / "sensor.toml").pad == known.pad
 
 
 def test_noise_asks_for_rest(tmp_path):
@@ -79,12 +92,14 @@ def test_softness_of_two_objects_is_pooled_too(grasps, tmp_path):
 
 
 def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
-    more = ("--zeroed", "--thickness-mm", "80", "--depth-mm", "0")
+    """Of the sensor's description, but for the depth: an option goes before."""
+    write_sensor(Sensor(pad=Pad(thickness=80.0, marker_depth=0.4)), tmp_path / "pad.toml")
+    more = ("--zeroed", "--sensor", str(tmp_path / "pad.toml"), "--depth-mm", "0")
     result = CliRunner().invoke(app, arguments(grasps, tmp_path, *more))
     assert result.exit_code == 0, result.output
     softness = read_softness(tmp_path / "softness.toml")
     assert isinstance(softness, LayeredSoftness)
-    assert softness.thickness == 80.0
+    assert (softness.thickness, softness.depth) == (80.0, 0.0)
     # as thick as that it is a half-space, of which the fixture is
     assert softness.stiffness_ratio == pytest.approx(0.5, abs=0.02)
     assert "<img" in (tmp_path / "report.html").read_text()

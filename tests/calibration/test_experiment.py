@@ -1,10 +1,14 @@
 """Experiments in files, and what their commands write."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibration.experiment import read_experiment
 from calibration.forward import Unknown
+from contactmodel import Pad
+from contactmodel.common.inputs import RenamedKeyWarning
 from tests.cases import lift
 
 MINIMAL = """
@@ -15,11 +19,11 @@ size_mm = 11.0
 frames = [0]
 markers = { pitch_mm = 1.0, count = 7 }
 [numbers]
-shear_modulus = 0.2
+shear_modulus_mpa = 0.2
 poisson_ratio = 0.5
 friction_coefficient = 0.6
-radius = 15.0
-approach = { start = 0.5, low = 0.1, high = 1.0, prior = [0.5, 0.01] }
+radius_mm = 15.0
+approach_mm = { start = 0.5, low = 0.1, high = 1.0, prior = [0.5, 0.01] }
 twist_deg = { start = 5.0, low = 1.0, high = 20.0 }
 """
 
@@ -41,14 +45,50 @@ def test_what_a_file_says(tmp_path):
         assert any(isinstance(one, Unknown) for one in read_experiment(name).numbers.values())
 
 
+def test_the_pad_of_a_sensor_fills_in_what_the_file_does_not_say(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(MINIMAL.replace("shear_modulus_mpa = 0.2\n", "").replace("size_mm = 11.0", ""))
+    pad = Pad(shear_modulus=0.3, poisson_ratio=0.4, marker_depth=0.2, dome_radius=np.inf)
+    with pytest.raises(ValueError, match="'size_mm' is missing"):
+        read_experiment(str(path), pad)
+    experiment = read_experiment(str(path), replace(pad, size=(11.0, 9.0)))
+    assert experiment.grid.size == (11.0, 9.0)
+    numbers = experiment.numbers
+    assert (numbers["shear_modulus"], numbers["poisson_ratio"]) == (0.3, 0.5)
+    assert numbers["marker_depth"] == 0.2
+    assert not {"thickness", "dome_radius"} & set(numbers)  # a half-space, flat
+
+
+def test_files_of_version_0_1_0_are_read_and_say_what_changed(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(MINIMAL)
+    now = read_experiment(str(path))
+    old = (
+        MINIMAL.replace("_mpa", "")
+        .replace("radius_mm", "radius")
+        .replace("approach_mm", "approach")
+    )
+    path.write_text(f"{old}depth = 0.1\n[errors]\nforce_N = 0.02\n")
+    with pytest.warns(RenamedKeyWarning) as notes:
+        before = read_experiment(str(path))
+    assert before.errors == now.errors
+    assert set(before.numbers) == {*now.numbers, "marker_depth"}
+    said = " ".join(str(note.message) for note in notes)
+    assert "numbers.depth is now called numbers.marker_depth_mm" in said
+    assert "errors.force_N is now called errors.force_n" in said
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
         ("format_version = 1\nsize = 3", "unknown key 'size'"),
         ("format_version = 2", "format_version is 2"),
-        ("format_version = 1\nshape = 'cube'", "'frames' is missing"),
-        (MINIMAL + "colour = 3", "no number 'colour'"),
-        (MINIMAL.replace("high = 20.0", "high = 2.0"), "between the bounds"),
+        ("format_version = 1\nshape = 'cube'\ncells = 8", "the key 'frames' is missing"),
+        (MINIMAL + "colour = 3", "no number 'colour'; there are shear_modulus_mpa"),
+        (
+            MINIMAL.replace("high = 20.0", "high = 2.0"),
+            "numbers.twist_deg: the start .* between the bounds",
+        ),
     ],
 )
 def test_files_that_are_refused(tmp_path, wrong, message):

@@ -1,16 +1,17 @@
 """Numbers of a contact from its fields: recovered where the data tell them, flagged where not."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from calibration.field_fit import fit_fields
-from calibration.field_report import tell_numbers, write_fit
+from calibration.field_report import find_pad, tell_numbers, write_fit
 from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown, press_and_move
-from contactmodel import Grid
+from contactmodel import Grid, Pad
 
 NOISE = np.array([1e-3, 1e-3, 3e-3])
 TRUTH = {
@@ -104,6 +105,17 @@ def test_what_is_written_of_a_wrong_model(model, wrong, tmp_path):
     assert all(row["low"] is None and row["high"] is None for row in summary["numbers"])
     assert "no interval" in (tmp_path / "report.html").read_text()
     assert tell_numbers(fit)[0].endswith("undetermined without forces)")
+
+
+def test_the_pad_takes_over_what_a_fit_found_of_it(wrong):
+    _, fit = wrong
+    known = Pad(size=(20.0, 20.0))
+    assert find_pad(fit, known) is None  # the model does not describe the data
+    found = find_pad(replace(fit, p_value=0.5), known)
+    place = fit.names.index("shear_modulus")
+    assert found.shear_modulus == fit.values[place]
+    assert found.poisson_ratio == TRUTH["poisson_ratio"]  # what it was fitted with
+    assert found.size == known.size
 
 
 def test_two_wrong_moments_are_enough_to_reject_the_model(model, data):

@@ -24,11 +24,11 @@ size_mm = 11.0
 frames = [0]
 markers = {{ pitch_mm = {PITCH!r}, count = 8 }}
 [numbers]
-shear_modulus = 0.2
+shear_modulus_mpa = 0.2
 poisson_ratio = 0.5
 friction_coefficient = 1e3
-radius = 15.0
-approach = 0.6
+radius_mm = 15.0
+approach_mm = 0.6
 stiffness_ratio = {{ start = {K}, low = 0.01, high = 10.0 }}
 twist_deg = {{ start = 8.6, low = 0.05, high = 34.0, prior = [8.6, 0.1] }}
 """

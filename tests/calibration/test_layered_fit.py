@@ -183,7 +183,7 @@ def test_layered_files(tmp_path):
     write_softness(softness, path)
     assert read_softness(path) == softness
     path.write_text("format_version = 1\nkind = 'layered'\nstiffness_ratio = 0.3\n")
-    with pytest.raises(ValueError, match="no thickness_mm"):
+    with pytest.raises(ValueError, match="the key 'thickness_mm' is missing"):
         read_softness(path)
     with pytest.raises(ValueError, match="between 0 and the thickness"):
         LayeredSoftness(0.3, 1.0, 2.0)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from contactmodel import Layer, Pad
 from contactmodel import __main__ as cli
+from contactmodel.common.inputs import RenamedKeyWarning
 from contactmodel.simulate.configuration import EXAMPLES, read_simulation
 from contactmodel.verify import table as checks
 from contactmodel.verify.rows import Row
@@ -16,7 +18,7 @@ SMALL = """
 [grid]
 cells = [24, 24]
 size_mm = [12.0, 12.0]
-[elastomer]
+[pad]
 shear_modulus_mpa = 0.2
 poisson_ratio = 0.48
 [object]
@@ -83,27 +85,31 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("poisson_ratio = 0.48", "poisson_ratio = 0.6", "poisson_ratio: Poisson's ratio must"),
-        ("poisson_ratio = 0.48", "", "poisson_ratio"),
+        (
+            "poisson_ratio = 0.48",
+            "poisson_ratio = 0.6",
+            "pad: poisson_ratio is 0.6; it must be a number from 0 to 0.5",
+        ),
+        ("poisson_ratio = 0.48", "", "pad: the key 'poisson_ratio' is missing"),
         (
             "poisson_ratio = 0.48",
             "poisson_ratio = 0.48\nthickness_mm = 0.0",
-            "thickness_mm: a modu",
+            "pad: thickness_mm is 0.0; it must be a number above 0",
         ),
         (
             "poisson_ratio = 0.48",
             "poisson_ratio = 0.48\nthickness_mm = 0.4",
-            "less than a cell of 0.5",
+            "pad: thickness_mm is 0.4, less than a cell of 0.5",
         ),
         (
             "poisson_ratio = 0.48",
             "poisson_ratio = 0.48\nthickness_mm = 2.0\nmarker_depth_mm = 2.1",
-            "marker_depth_mm must not be beyond thickness_mm, 2.0",
+            "pad: marker_depth_mm is 2.1; it must not be beyond thickness_mm, 2.0",
         ),
         (
             "friction_coefficient = 0.5",
             "friction_coefficient = -0.5",
-            "friction_coefficient: a fri",
+            "contact: friction_coefficient is -0.5; it must be a number from 0",
         ),
         ("twist_deg = 4.0", "twist_deg = 4.0\nmoment_nmm = 1.0", "both moment_nmm and twist_deg"),
         (
@@ -116,21 +122,33 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
             "friction_coefficient = 0.5\npressure_exponent = 1.0\nreference_pressure_mpa = 0.1",
             "exponent of friction that falls with pressure must be below 1",
         ),
-        ("[motion]", "[motion]\nsliding = 1", "sliding must be true or false, got 1"),
+        ("[motion]", "[motion]\nsliding = 1", "motion.sliding must be true or false, got 1"),
         ("approach_mm = 0.5", "normal_force_n = 0.5", "first_approach_mm, at which the bodies"),
-        ("twist_deg = 4.0", "shear_force_n = 1.0", "shear_force_n must be 2 numbers"),
-        ("radius_mm", "radius_m", "unknown key"),
-        ('"sphere"', '"pyramid"', "unknown shape"),
-        ("cells = [24, 24]", "cells = 24", "cells must be 2 numbers"),
-        ("cells = [24, 24]", "cells = [24.5, 24]", "cells must be whole numbers, got [24.5, 24.0]"),
-        ("steps = 2", "steps = 0", "at least one step"),
-        ("steps = 2", "steps = 4.5", "a whole number, got 4.5"),
-        ("steps = 2", 'steps = "4"', "leg 2 of the motion needs at least one step, a whole number"),
-        ("shear_modulus_mpa = 0.2", 'shear_modulus_mpa = "soft"', "shear_modulus_mpa must be"),
+        (
+            "twist_deg = 4.0",
+            "shear_force_n = 1.0",
+            "motion.legs #2.shear_force_n must be 2 numbers",
+        ),
+        ("radius_mm", "radius_m", "indenter: unknown key 'radius_m'; known are"),
+        ('"sphere"', '"pyramid"', "indenter: unknown shape 'pyramid'; known are"),
+        ("cells = [24, 24]", "cells = 24", "grid.cells must be 2 whole numbers, got 24"),
+        ("cells = [24, 24]", "cells = [24.5, 24]", "grid.cells #1 must be a whole number"),
+        ("steps = 2", "steps = 0", "motion.legs #2: steps is 0; it must be a number from 1"),
+        (
+            "steps = 2",
+            "steps = 4.5",
+            "motion.legs #2.steps must be a whole number below 2^53, got 4.5",
+        ),
+        ("steps = 2", 'steps = "4"', "motion.legs #2.steps must be a number, got '4'"),
+        (
+            "shear_modulus_mpa = 0.2",
+            'shear_modulus_mpa = "soft"',
+            "pad.shear_modulus_mpa must be a number",
+        ),
         (
             "poisson_ratio = 0.48",
             "poisson_ratio = true",
-            "poisson_ratio must be a number, got True",
+            "pad.poisson_ratio must be a number, got True",
         ),
         ('"sphere"', '["a"]', "unknown shape ['a']"),
         (
@@ -139,9 +157,9 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
             "position_mm must be 2 numbers",
         ),
         ("[motion]", "[motion]\ncentre_mm = [0, 0, 0]", "centre_mm must be 2 numbers"),
-        ("twist_deg = 4.0", "shift_mm = 1.0", "leg 2 of the motion: shift_mm must be 2 numbers"),
-        ("[object]", "", "object"),
-        ("radius_mm = 20.0", "", "radius_mm"),
+        ("twist_deg = 4.0", "shift_mm = 1.0", "motion.legs #2.shift_mm must be 2 numbers, got 1.0"),
+        ("[object]", "", "the key 'object' is missing"),
+        ("radius_mm = 20.0", "", "indenter: the key 'radius_mm' is missing"),
         ("[motion]", "[motion", "line"),
     ],
 )
@@ -151,6 +169,29 @@ def test_wrong_configurations_are_told(config, tmp_path, old, new, words):
     assert result.exit_code == 2
     assert words in " ".join(result.stderr.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_the_pad_may_come_from_a_sensor_description(config, tmp_path):
+    config.write_text(SMALL.replace("[pad]\nshear_modulus_mpa = 0.2\npoisson_ratio = 0.48\n", ""))
+    with pytest.raises(ValueError, match="pad: the key 'shear_modulus_mpa' is missing"):
+        read_simulation(config)
+    config.write_text(SMALL.replace("shear_modulus_mpa = 0.2\n", "").replace("size_mm", "# "))
+    pad = Pad(shear_modulus=0.3, poisson_ratio=0.4, thickness=2.0, size=(12.0, 10.0))
+    simulation = read_simulation(config, pad)
+    body = simulation.contact.elastomer
+    assert isinstance(body, Layer)
+    assert simulation.contact.grid.size == (12.0, 10.0)
+    # what the file says itself goes before
+    np.testing.assert_allclose([body.shear_modulus, body.poisson_ratio], [0.3, 0.48])
+    # a folder with another pad is another simulation
+    assert "# shear_modulus_mpa = 0.3" in simulation.text
+
+
+def test_a_file_of_version_0_1_0_is_read_and_says_what_changed(config):
+    config.write_text(SMALL.replace("[pad]", "[elastomer]"))
+    with pytest.warns(RenamedKeyWarning, match=r"small\.toml: elastomer is now called pad"):
+        simulation = read_simulation(config)
+    np.testing.assert_allclose(simulation.contact.elastomer.shear_modulus, 0.2)
 
 
 def test_an_output_that_is_a_file_is_told(config, tmp_path):

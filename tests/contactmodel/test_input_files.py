@@ -1,45 +1,108 @@
 """Files from outside are read, or refused with their name and the cause."""
 
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
 import numpy as np
 import pytest
+from jaxtyping import Float
 
-from contactmodel.common import inputs
+from contactmodel.common import inputs, settings
 from contactmodel.common.stored import read_array, read_arrays
 
 
+@dataclass(frozen=True)
+class Inner:
+    height: float = field(metadata=settings.unit("mm", above=0.0, most=3.0))
+
+
+@dataclass(frozen=True)
+class Everything:
+    """A field of each kind that files have."""
+
+    name: str
+    count: int = 3
+    flag: bool = False
+    angle: float | None = field(default=None, metadata=settings.unit("deg"))
+    shifts: tuple[float, float] = field(default=(0.0, 0.0), metadata=settings.unit("um"))
+    names: tuple[str, ...] = ()
+    rows: Float[np.ndarray, "n m"] | None = None
+    inner: Inner | None = None
+    each: tuple[Inner, ...] = ()
+    other: Mapping[str, Any] = field(default_factory=dict)
+
+
+GIVEN = {
+    "name": "all",
+    "count": 4,
+    "flag": True,
+    "angle_deg": 180.0,
+    "shifts_um": [1.0, 2.0],
+    "names": ["a", "b"],
+    "rows": [[1.0, 2.0], [3.0, 4.0]],
+    "inner": {"height_mm": 2.0},
+    "each": [{"height_mm": 2.0}, {"height_mm": 3.0}],
+    "other": {"any": ["thing", 1]},
+}
+
+
+def test_tables_are_read_into_dataclasses_and_written_back(tmp_path):
+    read = settings.from_table(GIVEN, Everything)
+    assert (read.angle, read.shifts) == (np.pi, (1e-3, 2e-3))  # rad, mm
+    assert read.each == (Inner(2.0), Inner(3.0))
+    np.testing.assert_array_equal(read.rows, [[1.0, 2.0], [3.0, 4.0]])
+    path = tmp_path / "some.toml"
+    path.write_text(settings.toml_text(read, 1), encoding="utf-8")
+    again = settings.read_toml(path, 1)
+    assert again.pop("shifts_um") == pytest.approx([1.0, 2.0], rel=1e-15)  # two roundings
+    assert again == {key: value for key, value in GIVEN.items() if key != "shifts_um"}
+    assert settings.to_table(Everything("bare")) == {"name": "bare"}
+
+
 @pytest.mark.parametrize(
-    ("read", "value", "message"),
+    ("changed", "message"),
     [
-        (inputs.as_number, True, "must be a number, got True"),
-        (inputs.as_number, [1.0], "must be a number"),
-        (inputs.as_number, 10**400, "too large a number: an integer"),
-        (inputs.as_whole, 2.5, "a whole number"),
-        (inputs.as_whole, float("inf"), "a whole number"),
-        (inputs.as_numbers, 3, "must be a list"),
-        (inputs.as_numbers, [1, "a"], "each of key must be a number"),
-        (inputs.as_matrix, [[1], [2, 3]], "rows of one length"),
-        (inputs.as_matrix, [], "rows of one length"),
-        (inputs.as_flag, 1, "true or false"),
-        (inputs.as_text, ["a"], "must be a text"),
-        (inputs.as_texts, "left", "must be a list"),
-        (inputs.as_table, [1], "must be a table"),
+        ({"angle_deg": True}, "angle_deg must be a number, got True"),
+        ({"angle_deg": [1.0]}, "angle_deg must be a number"),
+        ({"angle_deg": 10**400}, "angle_deg is too large a number: an integer"),
+        ({"angle_deg": np.inf}, "angle_deg is inf; it must be a number"),
+        ({"count": 2.5}, "count must be a whole number below 2^53, got 2.5"),
+        ({"count": np.inf}, "count must be a whole number"),
+        ({"shifts_um": 3}, "shifts_um must be 2 numbers, got 3"),
+        ({"shifts_um": [1.0]}, "shifts_um must be 2 numbers, got [1.0]"),
+        ({"shifts_um": [1, "a"]}, "shifts_um #2 must be a number, got 'a'"),
+        ({"shifts_um": [1, np.nan]}, "shifts_um is [1.0, nan]; it must be numbers"),
+        ({"rows": [[1], [2, 3]]}, "rows must have rows of one length"),
+        ({"rows": []}, "rows must have rows of one length"),
+        ({"rows": [[1], ["a"]]}, "rows #2 #1 must be a number"),
+        ({"flag": 1}, "flag must be true or false, got 1"),
+        ({"name": ["a"]}, "name must be a text, got ['a']"),
+        ({"names": "left"}, "names must be a list of texts"),
+        ({"inner": [1]}, "inner must be a table, got [1]"),
+        ({"inner": {"height": 1.0}}, "inner: unknown key 'height'; known are height_mm"),
+        ({"inner": {}}, "inner: the key 'height_mm' is missing"),
+        ({"inner": {"height_mm": 4.0}}, "height_mm is 4.0; it must be a number above 0 to 3"),
+        ({"each": [{"height_mm": 1.0}, {"height_mm": 0}]}, "each #2: height_mm is 0.0; it must"),
+        ({"other": 3}, "other must be a table, got 3"),
+        ({"colour": 3}, "unknown key 'colour'; known are name, count"),
     ],
 )
-def test_values_of_another_kind_are_refused(read, value, message):
-    with pytest.raises(ValueError, match=message) as caught:
-        read(value, "key")
-    assert "key" in str(caught.value)
+def test_values_of_another_kind_are_refused(changed, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        settings.from_table(GIVEN | changed, Everything)
 
 
 def test_whole_numbers_may_have_a_point():
-    assert inputs.as_whole(640.0, "width") == 640
+    assert settings.from_table({"name": "", "count": 640.0}, Everything).count == 640
 
 
 @pytest.mark.parametrize("data", [b"a = \xff", b"a = ", b"a = " + b"[" * 5000])
 def test_toml_that_is_none_is_named(tmp_path, data):
     (tmp_path / "some.toml").write_bytes(data)
     with pytest.raises(ValueError, match=r"some\.toml is not a"):
-        inputs.read_toml(tmp_path / "some.toml")
+        settings.read_toml(tmp_path / "some.toml")
 
 
 def test_tables_are_read_with_their_lines(tmp_path):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from contactmodel.common.inputs import RenamedKeyWarning
 from estimation.estimators.result import State
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
@@ -52,23 +53,29 @@ def test_softness_files(tmp_path):
     ("text", "message"),
     [
         ("stiffness_ratio = 0.3", "format_version is missing"),
-        ("format_version = 1\nload_term_rad = 0.1", "no stiffness_ratio"),
-        ("format_version = 1\nstiffness_ratio = true", "must be a number"),
+        (
+            "format_version = 1\nload_term_rad = 0.1",
+            "the key 'stiffness_ratio' is missing: give k, 0",
+        ),
+        ("format_version = 1\nstiffness_ratio = true", "stiffness_ratio must be a number"),
         ("format_version = 2", "format_version is 2"),
         ("format_version = 1\nk = 0.3", "unknown key 'k'"),
         ("format_version = 1\nkind = 'magic'", "no kind 'magic'"),
         (
             "format_version = 1\nkind = ['scalar']",
-            r"soft.toml: kind must be a text, got \['scalar'\]",
+            r"soft.toml: no kind \['scalar'\] of softness",
         ),
         ("format_version = 1\nstiffness_ratio = 1\nvalidity = 3", "validity must be a table"),
         (f"format_version = 1\nstiffness_ratio = {10**400}", "too large a number"),
         ("format_version = 1\nstiffness_ratio = 1\nload_by_force = 1", "true or false"),
         (
             "format_version = 1\nstiffness_ratio = 1\n[validity]\nrotation_deg = [2, 1]",
-            "lower end first",
+            "validity: rotation_deg is out of order: give the lower end first",
         ),
-        ("format_version = 1\nstiffness_ratio = -1", "must be ≥ 0"),
+        (
+            "format_version = 1\nstiffness_ratio = -1",
+            "stiffness_ratio is -1.0; it must be a number from 0",
+        ),
         (
             "format_version = 1\nstiffness_ratio = 0\ncovariance = [[1, 2], [2, 1]]",
             "negative eigenvalues",
@@ -99,6 +106,16 @@ def test_files_return_what_was_written(tmp_path):
     # degrees and back: two roundings
     assert again.validity.rotation == pytest.approx(soft.validity.rotation, rel=1e-15)
     assert replace(again, validity=soft.validity) == soft
+
+
+def test_files_of_version_0_1_0_are_read_and_say_what_changed(tmp_path):
+    path = tmp_path / "soft.toml"
+    path.write_text(
+        "format_version = 1\nstiffness_ratio = 0.3\n[validity]\nnormal_force_N = [1.0, 4.0]\n"
+    )
+    with pytest.warns(RenamedKeyWarning, match="is now called validity.normal_force_n: rename it"):
+        read = read_softness(path)
+    assert read == ScalarSoftness(0.3, validity=Validity(normal_force=(1.0, 4.0)))
 
 
 def test_load_in_proportion_to_the_normal_force():

@@ -3,7 +3,7 @@
 import io
 import tempfile
 import tomllib
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,6 +12,8 @@ from typing import Any
 import av
 import numpy as np
 
+from contactmodel import Pad
+from contactmodel.common.settings import to_table
 from contactmodel.common.stored import read_arrays
 from estimation.frames.archive import write_archive
 from estimation.frames.recording import Recording
@@ -135,7 +137,7 @@ def make_softness() -> Input:
             "load_term_rad": 0.01,
             "load_by_force": True,
             "covariance": [[1e-4, 0.0], [0.0, 1e-5]],
-            "validity": {"rotation_deg": [-20.0, 20.0], "normal_force_N": [0.0, 9.0]},
+            "validity": {"rotation_deg": [-20.0, 20.0], "normal_force_n": [0.0, 9.0]},
             "provenance": {"by": "hand"},
         }
     }
@@ -158,16 +160,16 @@ def make_layered() -> Input:
 
 def make_sensor() -> Input:
     """A sensor description with every table, and pictures that it is for."""
-    camera = {"width": 128, "height": 108, "mm_per_px": 0.04}
+    camera = {"width_px": 128, "height_px": 108, "mm_per_px": 0.04}
     matrix = [[200.0, 0.0, 64.0], [0.0, 200.0, 54.0], [0.0, 0.0, 1.0]]
-    elastomer = {"shear_modulus": 0.2, "poisson_ratio": 0.48, "thickness": 3.0, "marker_depth": 0.3}
+    pad = Pad(shear_modulus=0.2, poisson_ratio=0.48, thickness=3.0, marker_depth=0.3)
     return {
         "sensor.toml": {
             "format_version": 1,
             "camera": camera | {"matrix": matrix, "distortion": [0.01, 0.0, 0.0, 0.0, 0.0]},
             "markers": {"kind": "dots", "radius_px": RADIUS, "dark": True},
-            "noise": {"in_plane": 0.001, "normal": 0.003, "correlation": [0.5, 0.2]},
-            "elastomer": elastomer,
+            "noise": {"in_plane_mm": 0.001, "normal_mm": 0.003, "correlation": [0.5, 0.2]},
+            "pad": to_table(pad),
         },
         "pad/0.png": dots()[0],
         "pad/1.png": dots()[-1],
@@ -176,8 +178,7 @@ def make_sensor() -> Input:
 
 def make_stereo() -> Input:
     """A stereo calibration."""
-    rig = asdict(make_rig())
-    return {"stereo.toml": {"format_version": 1, "error_px": rig.pop("error"), **rig}}
+    return {"stereo.toml": {"format_version": 1, **to_table(make_rig())}}
 
 
 def make_simulation() -> Input:
@@ -186,7 +187,7 @@ def make_simulation() -> Input:
     return {
         "simulation.toml": {
             "grid": {"cells": [16, 16], "size_mm": [6.0, 6.0]},
-            "elastomer": {
+            "pad": {
                 "shear_modulus_mpa": 0.2,
                 "poisson_ratio": 0.48,
                 "thickness_mm": 3.0,

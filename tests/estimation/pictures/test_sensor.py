@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
+from contactmodel import Pad
+from contactmodel.common.inputs import RenamedKeyWarning
 from estimation.frames.noise import Noise
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.render import Camera, render_dots
-from estimation.pictures.sensor import Elastomer, Lens, Sensor, read_sensor, write_sensor
+from estimation.pictures.sensor import Lens, Sensor, read_sensor, write_sensor
 from tests.estimation.pictures.scenes import GRID, REST, picture, twisted
 
 MATRIX = np.array([[700.0, 0.0, 310.0], [0.0, 690.0, 250.0], [0.0, 0.0, 1.0]])
@@ -27,7 +29,7 @@ def everything():
         dark=False,
         reference=np.array([[0.5, 0.25], [1.5, 0.25], [0.5, 1.25]]),
         noise=Noise(1e-3, 3e-3, (0.67, 0.35), 80),
-        elastomer=Elastomer(shear_modulus=0.2, thickness=3.0),
+        pad=Pad(shear_modulus=0.2, thickness=3.0, dome_radius=np.inf, size=(20.0, 16.0)),
     )
 
 
@@ -42,6 +44,63 @@ def test_what_is_written_is_read(tmp_path):
     assert replace(read, **bare) == replace(everything(), **bare)
 
 
+def test_lengths_are_in_mm_or_in_px_as_their_keys_say(tmp_path):
+    path = tmp_path / "sensor.toml"
+    noise = Noise(0.02, float("nan"), (0.5, 0.2), 9, "px")
+    in_pixels = Sensor(noise=noise, reference=np.array([[10.0, 20.0]]))
+    write_sensor(in_pixels, path)
+    text = path.read_text()
+    assert "in_plane_px = 0.02" in text
+    assert "reference_px" in text
+    assert repr(read_sensor(path)) == repr(in_pixels)  # NaN is not equal to itself
+    path.write_text(text + "\n[camera]\nmm_per_px = 0.05\n")
+    scaled = read_sensor(path)
+    assert scaled.noise.unit == "mm"
+    assert scaled.noise.in_plane == pytest.approx(0.001, rel=1e-12)
+    np.testing.assert_allclose(scaled.reference, [[0.5, 1.0]])
+    write_sensor(Sensor(noise=Noise.given(1e-3)), path)  # of a sensor that gives mm itself
+    assert read_sensor(path).noise.in_plane == 1e-3
+
+
+OLD = """
+format_version = 1
+[camera]
+width = 640
+height = 480
+mm_per_px = 0.04
+[markers]
+reference = [[0.5, 0.25], [1.5, 0.25]]
+[noise]
+in_plane = 0.001
+normal = 0.003
+[elastomer]
+shear_modulus = 0.2
+thickness = 3.0
+friction_coefficient = 0.6
+"""
+
+
+def test_files_of_version_0_1_0_are_read_and_say_what_changed(tmp_path):
+    path = tmp_path / "sensor.toml"
+    path.write_text(OLD)
+    with pytest.warns(RenamedKeyWarning) as notes:
+        read = read_sensor(path)
+    assert read.size == (640, 480)
+    assert read.pad == Pad(shear_modulus=0.2, thickness=3.0)
+    assert (read.noise.in_plane, read.noise.normal) == (1e-3, 3e-3)
+    np.testing.assert_array_equal(read.reference, [[0.5, 0.25], [1.5, 0.25]])
+    said = [str(note.message) for note in notes]
+    assert any("elastomer.thickness is now called pad.thickness_mm" in one for one in said)
+    assert any("elastomer.friction_coefficient is no longer used" in one for one in said)
+    assert all("sensor.toml" in one for one in said)
+    path.write_text(OLD + "\n[pad]\nthickness_mm = 2.0\n")
+    with (
+        pytest.warns(RenamedKeyWarning),
+        pytest.raises(ValueError, match=r"pad\.thickness_mm are one key"),
+    ):
+        read_sensor(path)
+
+
 def test_an_empty_description_knows_nothing(tmp_path):
     path = tmp_path / "sensor.toml"
     path.write_text("format_version = 1\n")
@@ -53,16 +112,34 @@ def test_an_empty_description_knows_nothing(tmp_path):
     ("text", "words"),
     [
         ("", "format_version"),
-        ("format_version = 1\n[lens]\n", "'lens'"),
-        ("format_version = 1\n[camera]\nmm_per_pixel = 1.0", "'mm_per_pixel'"),
-        ("format_version = 1\n[camera]\nmm_per_px = -1.0", "above 0"),
-        ("format_version = 1\n[camera]\nmm_per_px = true", "must be a number"),
-        ("format_version = 1\n[camera]\nwidth = 640", "width and height"),
+        (
+            "format_version = 1\n[lens]\n",
+            "unknown key 'lens'; known are camera, markers, noise, pad",
+        ),
+        ("format_version = 1\n[camera]\nmm_per_pixel = 1.0", "camera: unknown key 'mm_per_pixel'"),
+        (
+            "format_version = 1\n[camera]\nmm_per_px = -1.0",
+            "mm_per_px is -1.0; it must be a number above 0",
+        ),
+        ("format_version = 1\n[camera]\nmm_per_px = true", "camera.mm_per_px must be a number"),
+        (
+            "format_version = 1\n[camera]\nwidth_px = 640",
+            "camera: width_px and height_px come together",
+        ),
         ("format_version = 1\n[camera]\nmatrix = [[1]]\ndistortion = [0]", "camera matrix"),
-        ("format_version = 1\n[markers]\nreference = [[1.0], [2.0]]", "reference"),
+        (
+            "format_version = 1\n[markers]\nreference_px = [[1.0], [2.0]]",
+            "reference must have two or three",
+        ),
         ("format_version = 1\n[markers]\nkind = 'stars'", "there are corners, dots, speckle"),
-        ("format_version = 1\n[noise]\nnormal = 1.0", "in_plane"),
-        ("format_version = 1\nnoise = 3", "must be a table"),
+        ("format_version = 1\n[markers]\nreference_px = [[1, 2], [2]]", "rows of one length"),
+        ("format_version = 1\n[markers]\nreference_mm = [[1, 2]]", "give mm_per_px"),
+        ("format_version = 1\n[noise]\nnormal_mm = 1.0", "noise: give in_plane_mm"),
+        ("format_version = 1\n[noise]\nin_plane_mm = 1.0\nnormal_px = 1.0", "or both in px"),
+        ("format_version = 1\n[noise]\nin_plane_mm = 0.0", "in_plane_mm is 0.0; it must be"),
+        ("format_version = 1\nnoise = 3", "noise must be a table, got 3"),
+        ("format_version = 1\n[pad]\npoisson_ratio = 0.6", "pad: poisson_ratio is 0.6; .* to 0.5"),
+        ("format_version = 1\n[pad]\nthickness = 3.0", "pad: unknown key 'thickness'"),
         ("format_version =", "no TOML|not a TOML"),
     ],
 )

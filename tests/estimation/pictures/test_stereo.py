@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from calibration.__main__ import app
 from calibration.stereo import Pose, calibrate_from_pictures, calibrate_stereo
+from contactmodel.common.inputs import RenamedKeyWarning
 from estimation.__main__ import app as run_app
 from estimation.fields.contact import SHARE
 from estimation.fields.measure import measure_fields
@@ -118,9 +119,17 @@ def test_a_calibration_is_written_and_read(tmp_path):
     assert rig.error == pytest.approx(0.02, rel=0.1)
     write_rig(rig, tmp_path / "rig.toml")
     assert read_rig(tmp_path / "rig.toml") == rig
-    (tmp_path / "other.toml").write_text("format_version = 1\nwidth = 3\n")
-    with pytest.raises(ValueError, match="no stereo calibration"):
+    (tmp_path / "other.toml").write_text("format_version = 1\nwidth_px = 3\n")
+    with pytest.raises(ValueError, match="no stereo calibration: the key 'left' is missing"):
         read_rig(tmp_path / "other.toml")
+    text = (tmp_path / "rig.toml").read_text()
+    for old in ("width_px", "height_px", "centre_px", "rotation_rad", "translation_mm"):
+        text = text.replace(old, old.rpartition("_")[0])
+    (tmp_path / "old.toml").write_text(text)  # as version 0.1.0 wrote it
+    with pytest.warns(RenamedKeyWarning) as notes:
+        assert read_rig(tmp_path / "old.toml") == rig
+    said = [str(note.message) for note in notes]
+    assert any("left.centre is now called left.centre_px: rename it" in one for one in said)
     with pytest.raises(ValueError, match="at least 4"):
         calibrated(make_rig(), np.random.default_rng(2), poses=3)
 

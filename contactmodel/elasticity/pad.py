@@ -1,0 +1,114 @@
+"""What a sensor's pad is, once for all that model it: the table `pad` of files.
+
+[pad]
+shear_modulus_mpa = 0.2
+poisson_ratio = 0.48
+thickness_mm = 3.0           # on its rigid base; left out, or inf, for a half-space
+marker_depth_mm = 0.3        # of the markers below the surface
+dome_radius_mm = 30.0        # of the surface; left out where it is flat
+size_mm = [20.0, 20.0]       # of its surface along x and y
+"""
+
+from dataclasses import dataclass, field
+from math import inf
+from pathlib import Path
+
+from contactmodel.common.inputs import naming
+from contactmodel.common.settings import check_limits, from_table, read_toml, unit
+from contactmodel.elasticity.bodies import HalfSpace, Layer
+
+SENSOR_VERSION = 1
+"""`format_version` of a sensor description."""
+RENAMED = {
+    "elastomer.shear_modulus": "pad.shear_modulus_mpa",
+    "elastomer.poisson_ratio": "pad.poisson_ratio",
+    "elastomer.thickness": "pad.thickness_mm",
+    "elastomer.marker_depth": "pad.marker_depth_mm",
+    "elastomer.dome_radius": "pad.dome_radius_mm",
+    "elastomer.friction_coefficient": "",
+}
+"""The keys of version 0.1.0's sensor descriptions, and what they are called now."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a body is made of, and how thick it is; None where unknown.
+
+    Attributes:
+        shear_modulus: G [MPa].
+        poisson_ratio: ν [-].
+        thickness: on its rigid base; infinite or None for a half-space [mm].
+
+    Raises:
+        ValueError: a value that no body has.
+    """
+
+    shear_modulus: float | None = field(default=None, metadata=unit("mpa", above=0.0))
+    poisson_ratio: float | None = field(default=None, metadata=unit(least=0.0, most=0.5))
+    thickness: float | None = field(default=None, metadata=unit("mm", above=0.0, most=inf))
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_limits(self)
+
+
+@dataclass(frozen=True)
+class Pad(Material):
+    """The elastomer of a sensor with its markers; None where unknown.
+
+    Attributes:
+        shear_modulus: G_S [MPa].
+        poisson_ratio: ν_S [-].
+        thickness: on its rigid base; infinite or None for a half-space [mm].
+        marker_depth: of the markers below the surface [mm].
+        dome_radius: of the surface; infinite or None where it is flat [mm].
+        size: of the surface along x and y [mm].
+
+    Raises:
+        ValueError: a value that no pad has, or markers below its base.
+    """
+
+    marker_depth: float | None = field(default=None, metadata=unit("mm", least=0.0))
+    dome_radius: float | None = field(default=None, metadata=unit("mm", above=0.0, most=inf))
+    size: tuple[float, float] | None = field(default=None, metadata=unit("mm", above=0.0))
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_limits(self)
+        if (self.marker_depth or 0.0) > (inf if self.thickness is None else self.thickness):
+            raise ValueError(
+                f"marker_depth_mm is {self.marker_depth}; it must not be beyond thickness_mm, "
+                f"{self.thickness}"
+            )
+
+
+def make_body(material: Material) -> HalfSpace | Layer:
+    """A layer where a thickness is known, else a half-space.
+
+    Raises:
+        ValueError: the modulus or Poisson's ratio is unknown.
+    """
+    modulus, ratio, thickness = material.shear_modulus, material.poisson_ratio, material.thickness
+    if modulus is None or ratio is None:
+        lacking = "shear_modulus_mpa" if modulus is None else "poisson_ratio"
+        raise ValueError(f"the key {lacking!r} is missing")
+    if thickness is None or thickness == inf:
+        return HalfSpace(modulus, ratio)
+    return Layer(modulus, ratio, thickness)
+
+
+def read_pad(path: Path) -> Pad:
+    """The pad of a sensor description.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: its table `pad` is wrong.
+    """
+    content = read_toml(path, SENSOR_VERSION, RENAMED)
+    with naming(path):
+        return from_table(content.get("pad", {}), Pad, "pad")
+
+
+def complete_pad(own: Pad, sensor: Pad) -> Pad:
+    """A pad with what is not known of it taken from another description."""
+    return Pad(**{**vars(sensor), **{k: v for k, v in vars(own).items() if v is not None}})
