@@ -17,13 +17,14 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Shaped
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from estimation.pictures.corners.board import connect_corners, read_cells
 from estimation.pictures.corners.fit import find_corners
 from estimation.pictures.corners.pattern import Pattern
 from estimation.pictures.corners.tracking import find_corner_style
 from estimation.pictures.light import to_light
-from estimation.pictures.rig import Rig, View, check_mirrored, rotation_matrix, split_views
+from estimation.pictures.rig import Rig, View, check_mirrored, split_views
 from estimation.pictures.stream import read_pictures
 
 FEWEST_POSES = 4
@@ -255,7 +256,7 @@ def _refine(
 
     def views(p: np.ndarray) -> tuple[View, View]:
         first = left._replace(focal=p[0], distortion=p[1], centre=p[6:8])
-        second = _View(p[2], p[4:6], p[3], rotation_matrix(p[8:11]), p[11:14])
+        second = _View(p[2], p[4:6], p[3], Rotation.from_rotvec(p[8:11]).as_matrix(), p[11:14])
         return first.freeze(orthographic), second.freeze(False)
 
     def misfit(some: np.ndarray) -> np.ndarray:
@@ -264,7 +265,7 @@ def _refine(
         first, second = views(p)
         parts = []
         for motion in p[14:].reshape(-1, 6):
-            points = flat @ rotation_matrix(motion[:3]).T + motion[3:]
+            points = flat @ Rotation.from_rotvec(motion[:3]).as_matrix().T + motion[3:]
             parts += [first.project(points), second.project(points)]
         return (np.concatenate(parts) - seen).ravel()
 

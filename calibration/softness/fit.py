@@ -335,9 +335,9 @@ def _load_term(
 def _validity(trials: Sequence[Trial]) -> Validity:
     """The contacts that were fitted."""
 
-    def ends(values: np.ndarray) -> tuple[float, float]:
+    def ends(values: np.ndarray) -> tuple[float, float] | None:
         known = values[np.isfinite(values)]
-        return (float(known.min()), float(known.max())) if len(known) else (-np.inf, np.inf)
+        return (float(known.min()), float(known.max())) if len(known) else None
 
     # the regression leaves out small turns of lifted frames, which k holds for as well
     rotation = [np.append(one.rotation, [0.0] * bool(one.seen)) for one in trials]

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache, partial
-from math import inf, pi
+from math import inf, isfinite, pi
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
@@ -62,16 +62,15 @@ def check_limits(settings: Any) -> None:
         if (value := getattr(settings, field.name)) is None:
             continue
         above, least, most = field.metadata["limits"]
-        scale = SCALES.get(field.metadata["unit"])
-        shown = np.asarray(value) if scale is None else np.asarray(value) / scale
-        end = np.isfinite(shown) if most is None else shown <= most
-        if not (end & ((shown > above) | (above == -inf)) & (shown >= least)).all():
+        shown = _to_plain(value, SCALES.get(field.metadata["unit"]))
+        for number in shown if isinstance(shown, list) else [shown]:
+            low = number >= least and (number > above or above == -inf)
+            if low and (isfinite(number) if most is None else number <= most):
+                continue
             words = [f"above {above:g}"] * (above > -inf) + [f"from {least:g}"] * (least > -inf)
-            words += [] if most is None or most == inf else [f"to {most:g}"]
-            raise ValueError(
-                f"{key_of(field)} is {shown.tolist()}; it must be "
-                f"{' '.join(['a number' if shown.ndim == 0 else 'numbers', *words])}"
-            )
+            words += [] if most in (None, inf) else [f"to {most:g}"]
+            kind = "numbers" if isinstance(shown, list) else "a number"
+            raise ValueError(f"{key_of(field)} is {shown}; it must be {' '.join([kind, *words])}")
 
 
 @cache
@@ -82,19 +81,33 @@ def _limited(kind: type) -> list[Field]:
 def read_toml(
     path: Path, version: int | None = None, renamed: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
-    """A TOML file's content, without its `format_version` where that is given.
-
-    Args:
-        path: of the file.
-        version: that `format_version` must have.
-        renamed: by the names that keys had in version 0.1.0, with their tables, those that they
-            have now; keys that are no longer used have ''.
+    """The content of a TOML file, see `parse_toml`.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: it is not TOML, of another version, or has a key under both of its names.
     """
-    content = parse_toml(read_text(path), path)
+    return parse_toml(read_text(path), path, version, renamed)
+
+
+def parse_toml(
+    text: str, path: Path, version: int | None = None, renamed: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """The content of a TOML file that has been read, without its `format_version`.
+
+    Args:
+        text: of the file.
+        path: of it, for errors.
+        version: that `format_version` must have; the file has none if None.
+        renamed: see `rename_keys`.
+
+    Raises:
+        ValueError: it is not TOML, of another version, or has a key under both of its names.
+    """
+    try:
+        content = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is not a TOML file: {error}") from error
     if version is not None:
         if "format_version" not in content:
             raise ValueError(f"{path}: format_version is missing; this version reads {version}")
@@ -104,51 +117,33 @@ def read_toml(
     return rename_keys(content, renamed or {}, path)
 
 
-def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """The content of a TOML file that has been read.
-
-    Raises:
-        ValueError: it is not TOML.
-    """
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is not a TOML file: {error}") from error
-
-
 def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path) -> dict[str, Any]:
     """The content with the keys of version 0.1.0 under their present names; warns of each.
+
+    Args:
+        content: of the file.
+        renamed: present names by old ones, each after its table and a dot; '' if no longer used.
+        path: of the file, for errors and warnings.
 
     Raises:
         ValueError: a key is there under both names.
     """
     for old, new in renamed.items():
-        *tables, last = old.split(".")
-        table = _find_table(content, tables)
-        if old == new or table is None or last not in table:
+        place, _, name = old.rpartition(".")
+        table = content.get(place) if place else content
+        if old == new or not isinstance(table, dict) or name not in table:
             continue
-        value = table.pop(last)
-        if tables and not table:
-            del content[tables[0]]
-        said = f"{path}: {old} is now called {new}: rename it"
-        if not new:
-            said = f"{path}: {old} is no longer used: it can be left out"
-        else:
-            *tables, last = new.split(".")
-            target = _find_table(content, tables, make=True)
-            if target is None or last in target:
+        value = table.pop(name)
+        if place and not table:
+            del content[place]
+        if new:
+            place, _, name = new.rpartition(".")
+            table = content.setdefault(place, {}) if place else content
+            if not isinstance(table, dict) or name in table:
                 raise ValueError(f"{path}: {old} and {new} are one key: leave {old} out")
-            target[last] = value
-        warnings.warn(said, RenamedKeyWarning, stacklevel=2)
-    return content
-
-
-def _find_table(content: dict[str, Any], names: list[str], make: bool = False) -> Any:
-    """A table within tables; None where there is none."""
-    for name in names:
-        content = content.setdefault(name, {}) if make else content.get(name, {})
-        if not isinstance(content, dict):
-            return None
+            table[name] = value
+        advice = f"is now called {new}: rename it" if new else "is no longer used: leave it out"
+        warnings.warn(f"{path}: {old} {advice}", RenamedKeyWarning, stacklevel=2)
     return content
 
 
@@ -172,8 +167,25 @@ def from_table(content: Any, kind: type[T], where: str = "") -> T:
 
 
 def to_table(settings: Any) -> dict[str, Any]:
-    """A dataclass as the content of a table; what has its default is left out."""
-    return _converter().unstructure(settings)
+    """A dataclass as the content of a table; what is None or empty is left out."""
+    table = {
+        key_of(one): _to_plain(
+            getattr(settings, one.name), SCALES.get(one.metadata.get("unit", ""))
+        )
+        for one in fields(settings)
+    }
+    return {key: value for key, value in table.items() if value not in (None, {}, [])}
+
+
+def _to_plain(value: Any, scale: float | None) -> Any:
+    """A value as files have it."""
+    if isinstance(value, tuple):
+        return [_to_plain(one, scale) for one in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if is_dataclass(value):
+        return to_table(value)
+    return value if value is None or scale is None else value / scale
 
 
 def toml_text(content: Any, version: int | None = None) -> str:
@@ -199,8 +211,6 @@ def _converter() -> Any:
     made.register_structure_hook_factory(lambda kind: get_origin(kind) is tuple, _read_list)
     made.register_structure_hook_factory(_is_array, _read_array)
     made.register_structure_hook_factory(is_dataclass, _read_table)
-    made.register_unstructure_hook(np.ndarray, lambda array: array.tolist())
-    made.register_unstructure_hook_factory(is_dataclass, _write_table)
     return made
 
 
@@ -268,7 +278,7 @@ def _read_table(kind: Any, converter: Any) -> Any:
         if one.metadata.get("required") or one.default is one.default_factory is MISSING
     ]
     rules: dict[str, Any] = {
-        one.name: override(rename=key_of(one), **_scaling(one, converter)) for one in own
+        one.name: override(rename=key_of(one), struct_hook=_scaled(one, converter)) for one in own
     }
     make = make_dict_structure_fn(kind, converter, **rules)
 
@@ -286,37 +296,12 @@ def _read_table(kind: Any, converter: Any) -> Any:
     return read
 
 
-def _write_table(kind: Any, converter: Any) -> Any:
-    """Writes a dataclass; what need not be there and has its default is left out."""
-    own = fields(kind)
-
-    def plain(field: Field, value: Any) -> Any:
-        scale = SCALES.get(field.metadata.get("unit", ""))
-        return converter.unstructure(value if scale is None else _times(value, 1.0 / scale))
-
-    def write(settings: Any) -> dict[str, Any]:
-        table = {}
-        for field in own:
-            value = plain(field, getattr(settings, field.name))
-            if field.default is not MISSING:
-                left_out = value == plain(field, field.default)
-            elif field.default_factory is not MISSING:
-                left_out = value == plain(field, field.default_factory())
-            else:
-                left_out = False
-            if field.metadata.get("required") or not left_out:
-                table[key_of(field)] = value
-        return table
-
-    return write
-
-
-def _scaling(field: Field, converter: Any) -> dict[str, Any]:
-    """How a value whose attribute has another unit than its key is read."""
+def _scaled(field: Field, converter: Any) -> Any:
+    """Reads a value whose attribute has another unit than its key; None for other values."""
     scale = SCALES.get(field.metadata.get("unit", ""))
     if scale is None:
-        return {}
-    return {"struct_hook": lambda value, kind: _times(converter.structure(value, kind), scale)}
+        return None
+    return lambda value, kind: _times(converter.structure(value, kind), scale)
 
 
 def _times(value: Any, scale: float) -> Any:

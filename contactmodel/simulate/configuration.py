@@ -21,7 +21,6 @@ from contactmodel.common.settings import (
     from_table,
     key_of,
     parse_toml,
-    rename_keys,
     toml_text,
     unit,
 )
@@ -187,10 +186,10 @@ def read_simulation(path: str | Path, pad: Pad | None = None) -> Simulation:
         raise FileNotFoundError(f"no file {path}; shipped examples are {', '.join(names)}")
     source = Path(path) if Path(path).is_file() else Path(str(example))
     text = read_text(source)
-    content = rename_keys(parse_toml(text, source), {"elastomer": "pad"}, source)
+    content = parse_toml(text, source, renamed={"elastomer": "pad"})
     if pad is not None:
-        text += "# pad of the sensor\n" + "".join(
-            f"# {line}\n" for line in toml_text(pad).split("\n")
+        text += "".join(
+            f"# {line}\n" for line in ["pad of the sensor", *toml_text(pad).splitlines()]
         )
     with naming(path):
         return _make(from_table(content, _File), pad or Pad(), text, _Maps(Path(path).parent))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Shaped
+from scipy.spatial.transform import Rotation
 
 from contactmodel.common.inputs import naming
 from contactmodel.common.settings import check_limits, from_table, read_toml, toml_text, unit
@@ -64,7 +65,7 @@ class View:
     @property
     def matrix(self) -> Float[np.ndarray, "3 3"]:
         """The rotation as a matrix."""
-        return rotation_matrix(np.array(self.rotation))
+        return Rotation.from_rotvec(self.rotation).as_matrix()
 
     def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """Where points [mm] are in the view [px]."""
@@ -72,14 +73,6 @@ class View:
         ray = seen[:, :2] if self.orthographic else seen[:, :2] / seen[:, 2:]
         stretch = 1.0 + self.distortion * np.sum(ray**2, axis=1, keepdims=True)
         return self.focal * stretch * ray + np.array(self.centre)
-
-
-def rotation_matrix(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation about a vector by its length [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector / angle if angle > 0 else vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
 @dataclass(frozen=True)

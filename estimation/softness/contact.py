@@ -63,7 +63,7 @@ class Lifting(NamedTuple):
 
 @dataclass(frozen=True)
 class Validity:
-    """The contacts that a softness was found on, each as lowest and highest value.
+    """The contacts that a softness was found on, each as lowest and highest value, or unknown.
 
     Attributes:
         rotation: φ of the elastomer [rad].
@@ -74,14 +74,14 @@ class Validity:
         ValueError: a range whose lower end is not first.
     """
 
-    rotation: Range = field(default=(-np.inf, np.inf), metadata=unit("deg", most=np.inf))
-    normal_force: Range = field(default=(-np.inf, np.inf), metadata=unit("n", most=np.inf))
-    contact_radius: Range = field(default=(-np.inf, np.inf), metadata=unit("mm", most=np.inf))
+    rotation: Range | None = field(default=None, metadata=unit("deg", most=np.inf))
+    normal_force: Range | None = field(default=None, metadata=unit("n", most=np.inf))
+    contact_radius: Range | None = field(default=None, metadata=unit("mm", most=np.inf))
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         for one in fields(self):
-            low, high = getattr(self, one.name)
+            low, high = getattr(self, one.name) or (0.0, 0.0)
             if not low <= high:
                 raise ValueError(f"{key_of(one)} is out of order: give the lower end first")
 
@@ -90,7 +90,8 @@ class Validity:
         ranges = (self.rotation, self.normal_force, self.contact_radius)
         values = (rotation, contact.normal_force, contact.radius)
         return not any(
-            value < low or value > high for value, (low, high) in zip(values, ranges, strict=True)
+            known and (value < known[0] or value > known[1])
+            for value, known in zip(values, ranges, strict=True)
         )
 
 

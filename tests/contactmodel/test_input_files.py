@@ -58,7 +58,8 @@ def test_tables_are_read_into_dataclasses_and_written_back(tmp_path):
     again = settings.read_toml(path, 1)
     assert again.pop("shifts_um") == pytest.approx([1.0, 2.0], rel=1e-15)  # two roundings
     assert again == {key: value for key, value in GIVEN.items() if key != "shifts_um"}
-    assert settings.to_table(Everything("bare")) == {"name": "bare"}
+    bare = {"name": "bare", "count": 3, "flag": False, "shifts_um": [0.0, 0.0]}
+    assert settings.to_table(Everything("bare")) == bare
 
 
 @pytest.mark.parametrize(

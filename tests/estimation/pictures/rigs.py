@@ -1,8 +1,9 @@
 """A virtual sensor with two views, 0.05 mm/px."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from estimation.pictures.rig import Rig, View, rotation_matrix
+from estimation.pictures.rig import Rig, View
 
 DISTANCE = 60.0
 
@@ -18,7 +19,8 @@ def make_rig(width=640, height=480, degrees=45.0, scale=20.0, error=0.0):
 
 def tilted(target, rng, tilt=0.4, shift=3.0):
     """A plane target in a pose at random [mm]."""
-    turn = rotation_matrix(rng.uniform(-tilt, tilt, 3) * np.array([1.0, 1.0, 0.5]))
+    vector = rng.uniform(-tilt, tilt, 3) * np.array([1.0, 1.0, 0.5])
+    turn = Rotation.from_rotvec(vector).as_matrix()
     flat = np.column_stack([target, np.zeros(len(target))])
     return flat @ turn.T + rng.uniform(-1.0, 1.0, 3) * np.array([1.0, 1.0, shift])
 

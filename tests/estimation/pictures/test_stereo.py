@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from calibration.__main__ import app
@@ -18,7 +19,7 @@ from estimation.frames.recording import ONSET_MM, Frame, MarkerLayout, grid_neig
 from estimation.pictures.corners.pattern import Pattern, render_pattern
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import Camera
-from estimation.pictures.rig import Rig, View, read_rig, rotation_matrix, triangulate, write_rig
+from estimation.pictures.rig import Rig, View, read_rig, triangulate, write_rig
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import read_pictures
 from estimation.sources import read_recording
@@ -155,10 +156,9 @@ def test_a_calibration_from_pictures(tmp_path):
     rig = read_rig(tmp_path / "stereo.toml")
     assert rig.error < 0.03  # corners are good to 0.009 px, foreshortened ones to twice that
     assert rig.left.focal == pytest.approx(20.0, rel=1e-3)
-    turned = rotation_matrix(np.array(rig.right.rotation)) @ rotation_matrix(
-        -np.array(SMALL.right.rotation)
-    )
-    assert np.degrees(np.arccos(0.5 * (np.trace(turned) - 1.0))) < 0.5
+    turned = Rotation.from_rotvec(rig.right.rotation).inv()
+    turned *= Rotation.from_rotvec(SMALL.right.rotation)
+    assert np.degrees(turned.magnitude()) < 0.5
     with pytest.raises(ValueError, match="0 pictures show the target"):
         calibrate_from_pictures(folder, (8, 9), PITCH)
 
