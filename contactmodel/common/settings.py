@@ -118,7 +118,7 @@ def parse_toml(
 
 
 def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path) -> dict[str, Any]:
-    """The content with the keys of version 0.1.0 under their present names; warns of each.
+    """The content with the keys of version 0.1.0 under their present names, with a warning.
 
     Args:
         content: of the file.
@@ -128,6 +128,7 @@ def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path)
     Raises:
         ValueError: a key is there under both names.
     """
+    notes = []
     for old, new in renamed.items():
         place, _, name = old.rpartition(".")
         table = content.get(place) if place else content
@@ -142,8 +143,10 @@ def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path)
             if not isinstance(table, dict) or name in table:
                 raise ValueError(f"{path}: {old} and {new} are one key: leave {old} out")
             table[name] = value
-        advice = f"is now called {new}: rename it" if new else "is no longer used: leave it out"
-        warnings.warn(f"{path}: {old} {advice}", RenamedKeyWarning, stacklevel=2)
+        notes.append(f"{old} is now called {new}" if new else f"{old} is no longer used")
+    if notes:
+        said = f"{path} is of version 0.1.0, change its keys: {'; '.join(notes)}"
+        warnings.warn(said, RenamedKeyWarning, stacklevel=2)
     return content
 
 

@@ -189,7 +189,7 @@ def test_the_pad_may_come_from_a_sensor_description(config, tmp_path):
 
 def test_a_file_of_version_0_1_0_is_read_and_says_what_changed(config):
     config.write_text(SMALL.replace("[pad]", "[elastomer]"))
-    with pytest.warns(RenamedKeyWarning, match=r"small\.toml: elastomer is now called pad"):
+    with pytest.warns(RenamedKeyWarning, match=r"small\.toml is of .* elastomer is now called pad"):
         simulation = read_simulation(config)
     np.testing.assert_allclose(simulation.contact.elastomer.shear_modulus, 0.2)
 

@@ -113,7 +113,7 @@ def test_files_of_version_0_1_0_are_read_and_say_what_changed(tmp_path):
     path.write_text(
         "format_version = 1\nstiffness_ratio = 0.3\n[validity]\nnormal_force_N = [1.0, 4.0]\n"
     )
-    with pytest.warns(RenamedKeyWarning, match="is now called validity.normal_force_n: rename it"):
+    with pytest.warns(RenamedKeyWarning, match="is now called validity.normal_force_n"):
         read = read_softness(path)
     assert read == ScalarSoftness(0.3, validity=Validity(normal_force=(1.0, 4.0)))
 
