@@ -151,7 +151,7 @@ def calibrate_sensor(
         f"{len(place)} {'dark' if style.dark else 'bright'} dots of radius {style.radius:.1f} px, "
         f"{pitch:.3f} px apart; {misfit:.2f} px rms off a regular lattice.",
     ]
-    noise = None
+    noise = known.noise
     if len(track) >= FEWEST_STILLS:
         scatter = float(np.sqrt(track.var(axis=0, ddof=1).mean()))
         noise = Noise.given(sensor.scale * scatter, sensor.unit)

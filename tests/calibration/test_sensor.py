@@ -7,7 +7,8 @@ from typer.testing import CliRunner
 
 from calibration.__main__ import app
 from calibration.sensor import calibrate_sensor, fit_lens
-from estimation.pictures.sensor import Lens, read_sensor
+from contactmodel import Pad
+from estimation.pictures.sensor import Lens, Sensor, read_sensor, write_sensor
 from tests.estimation.pictures.scenes import PITCH, REST, picture
 
 MATRIX = np.array([[400.0, 0.0, 158.0], [0.0, 405.0, 122.0], [0.0, 0.0, 1.0]])
@@ -83,11 +84,18 @@ def test_layout_scale_and_noise(stills):
 
 
 def test_the_command_writes_what_run_reads(stills, tmp_path):
-    done = CliRunner().invoke(
-        app, ["sensor", str(stills), "--pitch-mm", "1.2", "--out", str(tmp_path)]
-    )
+    known = Sensor(pad=Pad(thickness=3.0))
+    write_sensor(known, tmp_path / "known.toml")
+    told = ["--pitch-mm", "1.2", "--sensor", str(tmp_path / "known.toml"), "--out", str(tmp_path)]
+    done = CliRunner().invoke(app, ["sensor", str(stills), *told])
     assert done.exit_code == 0, done.output
-    assert read_sensor(tmp_path / "sensor.toml").size == (320, 240)
+    written = read_sensor(tmp_path / "sensor.toml")
+    assert written.size == (320, 240)
+    assert written.pad == known.pad
+    assert written.noise.unit == "mm"
+    again = calibrate_sensor(stills, known=written).sensor  # the scale stays as it was known
+    assert again.mm_per_px == written.mm_per_px
+    np.testing.assert_allclose(again.reference, written.reference, atol=1e-5)  # as it is rounded
     assert "<img" in (tmp_path / "report.html").read_text()
 
 

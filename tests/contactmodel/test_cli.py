@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from contactmodel import Layer, Pad
+from contactmodel import Layer, Pad, read_pad
 from contactmodel import __main__ as cli
 from contactmodel.common.inputs import RenamedKeyWarning
 from contactmodel.simulate.configuration import EXAMPLES, read_simulation
@@ -185,6 +185,18 @@ def test_the_pad_may_come_from_a_sensor_description(config, tmp_path):
     np.testing.assert_allclose([body.shear_modulus, body.poisson_ratio], [0.3, 0.48])
     # a folder with another pad is another simulation
     assert "# shear_modulus_mpa = 0.3" in simulation.text
+
+
+def test_simulate_reads_the_pad_of_a_sensor_description(config, tmp_path):
+    sensor = tmp_path / "sensor.toml"
+    sensor.write_text("format_version = 1\n[markers]\nkind = 'dots'\n[pad]\nthickness_mm = 3.0\n")
+    assert read_pad(sensor) == Pad(thickness=3.0)
+    sensor.write_text("format_version = 1\n[pad]\nthickness_mm = -3.0\n")
+    told = ["--sensor", str(sensor), "--out", str(tmp_path / "out")]
+    result = RUN.invoke(cli.app, ["simulate", str(config), *told])
+    assert result.exit_code == 2
+    words = "sensor.toml: pad: thickness_mm is -3.0; it must be a number above 0"
+    assert words in " ".join(result.stderr.split())
 
 
 def test_a_file_of_version_0_1_0_is_read_and_says_what_changed(config):
