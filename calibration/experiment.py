@@ -67,9 +67,9 @@ class Markers:
 @dataclass(frozen=True)
 class _Sought:
     start: Any
-    low: float
-    high: float
-    prior: tuple[float, float] | None = None
+    low: float = field(metadata=unit())
+    high: float = field(metadata=unit())
+    prior: tuple[float, float] | None = field(default=None, metadata=unit())
     per_frame: bool = False
 
 
@@ -90,6 +90,7 @@ class Experiment:
     """An experiment with some of its numbers unknown.
 
     Attributes:
+        name: of its file or example, for errors.
         shape: of the object, one of `forward.SHAPES`.
         grid: cells of the model.
         numbers: by name; those to be found are `Unknown`.
@@ -99,6 +100,7 @@ class Experiment:
         design: numbers that the experimenter can change.
     """
 
+    name: str
     shape: str
     grid: Grid
     numbers: Mapping[str, Any]
@@ -108,12 +110,17 @@ class Experiment:
     design: tuple[str, ...]
 
     def plan(self) -> tuple[FieldModel, FieldData]:
-        """The model of a plan: a square grid of markers, everything measured."""
+        """The model of a plan: a square grid of markers, everything measured.
+
+        Raises:
+            ValueError: no such shape, or markers beyond the grid.
+        """
         count = self.markers.count
         at = (np.arange(count) - 0.5 * (count - 1)) * self.markers.pitch
         markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
         frames = len(self.frames)
-        model = FieldModel(press_and_move(self.shape), self.grid, markers, frames)
+        with naming(self.name):
+            model = FieldModel(press_and_move(self.shape), self.grid, markers, frames)
         nothing = np.zeros((frames, len(markers), 3))
         return model, self._data(nothing, np.zeros((frames, 3)), np.zeros(frames))
 
@@ -178,10 +185,10 @@ def read_experiment(name: str, pad: Pad | None = None) -> Experiment:
     path = Path(str(example)) if example.is_file() else Path(name)
     content = read_toml(path, FORMAT_VERSION, RENAMED)
     with naming(name):
-        return _make(from_table(content, _File), pad or Pad())
+        return _make(name, from_table(content, _File), pad or Pad())
 
 
-def _make(file: _File, pad: Pad) -> Experiment:
+def _make(name: str, file: _File, pad: Pad) -> Experiment:
     size = pad.size if file.size is None else (file.size, file.size)
     if size is None:
         raise ValueError("the key 'size_mm' is missing")
@@ -189,6 +196,7 @@ def _make(file: _File, pad: Pad) -> Experiment:
     known = {one: value for one, value in vars(pad).items() if one in UNITS and value is not None}
     thick = [one for one, value in known.items() if not np.isfinite(value)]  # as where not given
     return Experiment(
+        name=name,
         shape=file.shape,
         grid=Grid((file.cells, file.cells), size),
         numbers={one: known[one] for one in known if one not in thick} | dict(found),

@@ -168,19 +168,10 @@ class _View(NamedTuple):
     translation: np.ndarray
 
     def freeze(self, orthographic: bool) -> View:
-        vector = cv2.Rodrigues(self.rotation)[0][:, 0]
-        return View(
-            orthographic=orthographic,
-            focal=float(self.focal),
-            centre=(float(self.centre[0]), float(self.centre[1])),
-            distortion=float(self.distortion),
-            rotation=(float(vector[0]), float(vector[1]), float(vector[2])),
-            translation=(
-                float(self.translation[0]),
-                float(self.translation[1]),
-                float(self.translation[2]),
-            ),
-        )
+        x, y, z = cv2.Rodrigues(self.rotation)[0][:, 0].tolist()
+        (middle_x, middle_y), (a, b, c) = map(np.ndarray.tolist, (self.centre, self.translation))
+        centre, distortion = (middle_x, middle_y), float(self.distortion)
+        return View(orthographic, float(self.focal), centre, distortion, (x, y, z), (a, b, c))
 
 
 def _perspective(

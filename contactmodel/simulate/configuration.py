@@ -112,7 +112,7 @@ class _Friction:
     friction_coefficient: float | None = field(default=None, metadata=unit(least=0.0))
     friction_coefficient_file: str | None = None
     reference_pressure: float | None = field(default=None, metadata=unit("mpa", above=0.0))
-    pressure_exponent: float | None = None
+    pressure_exponent: float | None = field(default=None, metadata=unit())
 
 
 @dataclass(frozen=True)
@@ -250,8 +250,8 @@ def _make_friction(
             raise ValueError(
                 f"friction must be a map of shape {grid.shape}, got {coefficient.shape}"
             )
-        if not (coefficient >= 0.0).all():
-            raise ValueError(f"{table.friction_coefficient_file} has friction below 0, or none")
+        if not ((coefficient >= 0.0) & (coefficient < inf)).all():
+            raise ValueError(f"{table.friction_coefficient_file} must hold numbers from 0")
     law = {
         "friction_coefficient": coefficient,
         "reference_pressure_mpa": table.reference_pressure,

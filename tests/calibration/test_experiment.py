@@ -95,6 +95,13 @@ def test_files_that_are_refused(tmp_path, wrong, message):
         read_experiment(str(path))
 
 
+def test_markers_of_a_plan_beyond_the_grid_are_told_with_the_file(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(MINIMAL.replace("count = 7", "count = 30"))
+    with pytest.raises(ValueError, match=r"plan\.toml: markers reach to 14.50 mm along x"):
+        read_experiment(str(path)).plan()
+
+
 def test_a_name_that_is_no_file_lists_the_examples():
     with pytest.raises(FileNotFoundError, match=r"no file sphere; .* soft_ball, tac3d_press"):
         read_experiment("sphere")

@@ -295,6 +295,9 @@ def test_maps_of_height_and_friction_come_from_files(config, tmp_path):
     changed = RUN.invoke(cli.app, ["simulate", str(tmp_path / "maps.toml"), *out])
     assert changed.exit_code == 2
     assert "another simulation" in changed.output
+    np.save(tmp_path / "mu.npy", np.full((24, 24), np.inf))
+    endless = RUN.invoke(cli.app, ["simulate", str(tmp_path / "maps.toml"), *out])
+    assert "mu.npy must hold numbers from 0" in endless.output
     np.save(tmp_path / "mu.npy", np.full((24, 20), 0.5))
     misfit = ["simulate", str(tmp_path / "maps.toml"), "--out", str(tmp_path / "misfit")]
     refused = RUN.invoke(cli.app, misfit)
