@@ -30,6 +30,11 @@ WIDEST = np.radians(10.0)
 TOO_WIDE = f"the angle is not known to ±{np.degrees(WIDEST):.0f}° any more"
 
 
+TOGETHER = np.radians(0.5)
+"""How far imprint and gel may part over three frames and count as sticking: four errors of reading
+the imprint twice [rad]."""
+
+
 class _Sight(NamedTuple):
     """What outline and gel said of one frame.
 
@@ -146,6 +151,7 @@ class Tracked:
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
         self._turned.append((turn.angle, self.gain * gel.angle))
+        self._seen.append((fields, turn.angle))
         stick = gel.stick
         if not np.isfinite(gel.angle):
             stick = self._moves_along(gel.stick)
@@ -166,18 +172,24 @@ class Tracked:
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
 
     def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """The markers that have moved as one body, and with the imprint, for long enough."""
-        increment = self.incremental.increment
-        if increment is None or increment.age >= len(self._turned):
+        """The markers that have lately moved as one body, and with the imprint.
+
+        Gel that stands still sticks to an object that rests. Three frames tell it from one that is
+        slid over, since the imprint shows the slip.
+        """
+        (before, angle), (now, turned) = self._seen[0], self._seen[-1]
+        if before is now or not (before.contact & now.contact).any():
             return none
-        turned = self._turned[-1][0] - self._turned[-1 - increment.age][0]
-        apart = turned - self.gain * increment.angle
-        return increment.stick if abs(apart) < 0.5 * self.slip else none
+        fit = self.incremental.rigid.fit(now, before)
+        if fit is None or abs(turned - angle - self.gain * fit.angle) > TOGETHER:
+            return none
+        return fit.stick
 
     def _forget(self) -> None:
         """Begin anew with the next contact."""
         self._turn = ImprintedTurn()
         self._turned: deque[tuple[float, float]] = deque(maxlen=MEMORY)
+        self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_anew, self._resumed = 0, False
         self._sights: deque[_Sight] = deque(maxlen=MEMORY)
         self._last = np.nan

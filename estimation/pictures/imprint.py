@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Shaped, UInt8
+from jaxtyping import Float, Float32, Shaped, UInt8
 
 ROWS = 120
 """Rows, about, of the picture that is registered; larger ones are scaled down."""
 SMALLEST_DOT = 2.0
 """Radius that scaling down leaves a dot [px]: a smaller one cannot be painted out."""
-KEYFRAME_ERROR = np.radians(0.3)
-"""Standard error of a registration with correlation 0.9 or more [rad]; the error grows with what
-the correlation lacks. Errors add up over keyframes."""
+READING_ERROR, WORST_ERROR = np.radians(0.15), np.radians(2.0)
+"""Standard error of a registration with correlation 1, and what correlation 0 would add [rad]: the
+error grows with what the correlation lacks. Errors add up over keyframes."""
 LEAST_CORRELATION = 0.65
 """Correlation with the keyframe below which the imprint has lost its place."""
 FOUND_AGAIN = 0.8
@@ -28,8 +28,6 @@ NEW_KEYFRAME = 0.85
 """Correlation below which another keyframe is taken: an earlier one, or a new one."""
 KEPT = 8
 """Keyframes that are kept, the first always: registering with an earlier one ends the drift."""
-CUT_ERROR = np.radians(2.0)
-"""What a contact that is partly out of view adds to it [rad]."""
 LARGEST_ERROR = np.radians(4.5)
 """Standard error from which the imprint is given up [rad]."""
 LEAST_STEP = np.radians(12.0)
@@ -107,7 +105,7 @@ class _Match(NamedTuple):
 
     @property
     def error(self) -> float:
-        own = KEYFRAME_ERROR * max(1.0, (1.0 - self.quality) / 0.1)
+        own = READING_ERROR + WORST_ERROR * (1.0 - self.quality)
         return float(np.hypot(self.keyframe.error, own))
 
 
@@ -116,6 +114,10 @@ class ImprintFollower:
 
     def __init__(self) -> None:
         """Start without a keyframe: the first frame with contact becomes it."""
+        self._restart()
+
+    def _restart(self) -> None:
+        """Count from the next frame, against which nothing is known yet."""
         self.keyframes: list[_Keyframe] = []
         self.last: _Match | None = None
         self.before: _Keyframe | None = None
@@ -127,49 +129,38 @@ class ImprintFollower:
 
     def update(
         self,
-        picture: Shaped[np.ndarray, "h w *colour"],
-        dots: Float[np.ndarray, "n 2"],
-        radius: float,
+        painted: "Painted",
         region: Float[np.ndarray, "k 2"],
-        cut: bool = False,
     ) -> Imprint:
         """Rotation of the imprint in the next frame.
 
         Args:
-            picture: of the frame.
-            dots: all dots in it [px].
-            radius: typical, of a dot [px].
+            painted: the picture without its dots.
             region: dots of the contact region [px].
-            cut: whether part of the contact is beyond the view: what is seen of it then changes as
-                it moves, and a registration is worth less.
         """
-        if self.missed > PATIENCE or len(region) < FEWEST:
+        if len(region) < FEWEST:
             return LOST
         if self.resting > 0:
             self.resting -= 1
             return LOST
         channel = self.keyframes[0].texture.channel if self.keyframes else None
-        texture = paint_out(picture, dots, radius, region, channel)
+        texture = cut_out(painted, region, channel)
         if self.last is None or self.before is None:
             return self._begin(texture)
         found = self._find(texture, self.last, self.before)
-        if found is None and not self.confirmed:
-            self.keyframes.clear()
-            return self._begin(texture)
-        if found is None:
+        if found is None or found.error > LARGEST_ERROR:
             self.missed += 1
-            return LOST
+            if self.confirmed and self.missed <= PATIENCE:
+                return LOST
+            self._restart()
+            return self._begin(cut_out(painted, region))
         self.missed, self.confirmed = 0, True
-        error = float(np.hypot(found.error, CUT_ERROR)) if cut else found.error
-        if error > LARGEST_ERROR:
-            self.missed = PATIENCE + 1
-            return LOST
-        self.before = _Keyframe(texture, found.pose(), error)
+        self.before = _Keyframe(texture, found.pose(), found.error)
         self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.last = found
         if found.quality < NEW_KEYFRAME or abs(found.turned) > LEAST_STEP:
             self._keep(self.before)
-        return Imprint(self.angle, error, found.quality)
+        return Imprint(self.angle, found.error, found.quality)
 
     def _begin(self, texture: Texture) -> Imprint:
         if texture.value[texture.mask > 0].std() < TEXTURE:
@@ -177,7 +168,7 @@ class ImprintFollower:
             return LOST
         self.before = _Keyframe(texture, np.eye(3), 0.0)
         self._keep(self.before)
-        return Imprint(0.0, KEYFRAME_ERROR, 1.0)
+        return Imprint(0.0, READING_ERROR, 1.0)
 
     def _keep(self, keyframe: _Keyframe) -> None:
         """Make it the keyframe to register with."""
@@ -189,8 +180,8 @@ class ImprintFollower:
     def _find(self, texture: Texture, last: _Match, before: _Keyframe) -> _Match | None:
         """The motion to this frame; None where the imprint has lost its place.
 
-        Tried are the keyframe of the last frame; where that fits badly, the earlier one nearest in
-        angle whose error is the least; the last frame; and at last all rotations.
+        Tried are the keyframe of the last frame; where that fits badly, earlier ones, from the
+        first on, that leave less of an error; the last frame; and at last all rotations.
         """
         found = register(last.keyframe, texture, last.warp, LEAST_CORRELATION)
         if found is not None and found.quality >= NEW_KEYFRAME:
@@ -200,10 +191,9 @@ class ImprintFollower:
             if earlier is last.keyframe or earlier.error >= last.keyframe.error:
                 continue
             start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
-            if abs(np.arctan2(start[1, 0], start[0, 0])) < LEAST_STEP:
-                closed = register(earlier, texture, start, NEW_KEYFRAME)
-                if closed is not None:
-                    return closed
+            closed = register(earlier, texture, start, LEAST_CORRELATION)
+            if closed is not None and (found is None or closed.error < found.error):
+                return closed
         if found is not None:
             return found
         still = np.eye(2, 3, dtype=np.float32)
@@ -285,40 +275,78 @@ def search_motion(before: Texture, now: Texture) -> Float[np.ndarray, "2 3"] | N
     return None if best is None else best.astype(np.float32)
 
 
+class Painted(NamedTuple):
+    """A picture without its dots and the slow change of its light, scaled down.
+
+    Attributes:
+        planes: its colours, grey levels of 255; 0 where there was a dot.
+        clear: 1 where there is no dot, else 0.
+        part: by how much it has been scaled down [-].
+        radius: typical, of a dot in it [px].
+    """
+
+    planes: list[Float32[np.ndarray, "h w"]]
+    clear: Float32[np.ndarray, "h w"]
+    part: int
+    radius: float
+
+    def level(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, " n"]:
+        """Root mean square of the texture around each of some points, over all colours.
+
+        Args:
+            points: in the picture as it was [px]; NaN where there is none.
+            reach: half the side of the square around each [px].
+        """
+        width = (2 * int(reach / self.part) + 1,) * 2
+        smooth = [cv2.GaussianBlur(plane, (0, 0), 1.0) for plane in self.planes]
+        power = sum(plane * plane for plane in smooth) * self.clear
+        level = np.sqrt(cv2.blur(power, width) / (cv2.blur(self.clear, width) + 1e-3))
+        place = np.rint(np.nan_to_num(points) / self.part).astype(int)
+        column, row = np.clip(place, 0, np.array(level.shape[::-1]) - 1).T
+        return np.where(np.isfinite(points[:, 0]), level[row, column], np.nan)
+
+
 def paint_out(
-    picture: Shaped[np.ndarray, "h w *colour"],
-    dots: Float[np.ndarray, "n 2"],
-    radius: float,
-    region: Float[np.ndarray, "k 2"],
-    channel: int | None = None,
-) -> Texture:
-    """The imprint's texture with the dots and the slow change of light taken off, scaled down.
+    picture: Shaped[np.ndarray, "h w *colour"], dots: Float[np.ndarray, "n 2"], radius: float
+) -> Painted:
+    """The picture with the dots and the slow change of light taken off, scaled down.
 
     Args:
         picture: of the frame.
         dots: all dots in it [px].
         radius: typical, of a dot [px].
-        region: dots of the contact region [px].
-        channel: of the picture; by default the one with the strongest texture.
     """
     part = max(min(round(picture.shape[0] / ROWS), int(radius / SMALLEST_DOT)), 1)
     size = (picture.shape[1] // part, picture.shape[0] // part)
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     image = small.astype(np.float32) * np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
-    dots, region, radius = dots / part, region / part, radius / part
+    dots, radius = dots / part, radius / part
     clear = np.full(image.shape[:2], 1.0, np.float32)
     for x, y in np.rint(dots * 16).astype(int).tolist():
         cv2.circle(clear, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
     width = (2 * int(4.0 * radius) + 1,) * 2
     weight = cv2.blur(clear, width) + np.float32(1e-3)
     planes = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
-    chosen = range(len(planes)) if channel is None else [channel]
-    textures = {
-        i: (planes[i] - cv2.blur(planes[i] * clear, width) / weight) * clear for i in chosen
-    }
-    mask = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillConvexPoly(mask, cv2.convexHull(region.astype(np.float32)).astype(np.int32), 255)
-    mask = cv2.dilate(mask, np.ones((2 * int(radius) + 1,) * 2, np.uint8))
-    mask[clear == 0.0] = 0
-    strongest = max(chosen, key=lambda i: cv2.meanStdDev(textures[i], mask=mask)[1].item())
-    return Texture(cv2.GaussianBlur(textures[strongest], (0, 0), 1.0), mask, strongest)
+    planes = [(plane - cv2.blur(plane * clear, width) / weight) * clear for plane in planes]
+    return Painted(planes, clear, part, radius)
+
+
+def cut_out(
+    painted: Painted, region: Float[np.ndarray, "k 2"], channel: int | None = None
+) -> Texture:
+    """The texture of the contact region.
+
+    Args:
+        painted: the picture.
+        region: dots of the contact region [px of the picture as it was].
+        channel: of the picture; by default the one with the strongest texture.
+    """
+    mask = np.zeros(painted.clear.shape, np.uint8)
+    corners = cv2.convexHull((region / painted.part).astype(np.float32))
+    cv2.fillConvexPoly(mask, corners.astype(np.int32), 255)
+    mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
+    mask[painted.clear == 0.0] = 0
+    if channel is None:
+        spread = [cv2.meanStdDev(plane, mask=mask)[1].item() for plane in painted.planes]
+        channel = int(np.argmax(spread))
+    return Texture(cv2.GaussianBlur(painted.planes[channel], (0, 0), 1.0), mask, channel)

@@ -21,6 +21,16 @@ SHARE = 0.35
 """Share of the largest dispersion that bounds the region [-]."""
 LIGHT_ONSET = 6.0
 """Change of grey level, of 255, from which there is contact."""
+PRINTED, STILL_PRINTED = 2.2, 1.9
+"""Texture around a dot, over that of the pad where nothing touches it, from which an object is
+printed there, and from which it still is if it was in the last frame [-]. Empty pads were at 1.7 at
+most, objects that the eye sees at 2.9 and more."""
+LEAST_PRINT = 4.0
+"""Grey levels, of 255 and over all colours, that a print must have at least."""
+BARE = 0.05
+"""Share of the dots, those with the least texture, that nothing is taken to touch [-]."""
+LEAST_PRINTED = 12
+"""Dots that an object's print must show: as many as a contact at the edge of the view."""
 MIDDLE = 9
 """Markers that are a contact's middle; around it a jump of a pivot tears others out of sight."""
 TORN, TORN_PLACES = 0.5, 4
@@ -79,6 +89,34 @@ def region_of_light(
     if level.max(initial=0.0) < LIGHT_ONSET:
         return np.zeros_like(seen)
     return seen & (level >= max(0.5 * LIGHT_ONSET, SHARE * level.max()))
+
+
+def region_of_print(
+    reference: Reference, level: Float[np.ndarray, " m"], printed: bool
+) -> Bool[np.ndarray, " m"]:
+    """The contact region by what the object prints: its edges and texture.
+
+    It tells a contact in a clip of which no unloaded frame is known, and that one has ended. A dot
+    counts by the median of it and its neighbours: a scratch or a speck in the gel is no print.
+
+    Args:
+        reference: the dots at rest.
+        level: texture around each dot; NaN where not seen.
+        printed: whether an object was printed in the last frame.
+    """
+    seen = np.isfinite(level)
+    if seen.sum() < LEAST_PRINTED:
+        return np.zeros_like(seen)
+    around = np.concatenate([np.arange(len(level))[:, None], reference.neighbours], axis=1)
+    levels = np.sort(np.where(around >= 0, level[around], np.nan), axis=1)  # NaN at the end
+    count = np.maximum(np.isfinite(levels).sum(axis=1), 1)
+    median = np.take_along_axis(levels, ((count - 1) // 2)[:, None], axis=1)[:, 0]
+    bare = np.quantile(level[seen], BARE)
+    least = max((STILL_PRINTED if printed else PRINTED) * float(bare), LEAST_PRINT)
+    region = seen & (median >= least)
+    if region.sum() < LEAST_PRINTED:
+        return np.zeros_like(seen)
+    return seen & _hull(reference.position, region)
 
 
 def find_unseen_flaw(

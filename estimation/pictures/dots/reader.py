@@ -3,11 +3,10 @@
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from estimation.fields.contact import reaches_edge
 from estimation.pictures.dots.find import DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.imprint import LOST, ImprintFollower
+from estimation.pictures.imprint import LOST, ImprintFollower, paint_out
 from estimation.pictures.lattice import (
     Reference,
     index_lattice,
@@ -22,6 +21,7 @@ from estimation.pictures.region import (
     find_unseen_flaw,
     region_of_dispersion,
     region_of_light,
+    region_of_print,
 )
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
@@ -57,7 +57,7 @@ class DotReader(MarkerReader):
         self.reference = self._make_reference(first.image, given)
         self.tracker = DotTracker(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
-        self.light = False
+        self.light = self.printed = False
         self.lattice = index_lattice(self.reference.position)
         self.guessed = self.reference.doubt is not None
         self.resting, self.before = 0, self.reference.position
@@ -77,21 +77,17 @@ class DotReader(MarkerReader):
         seen = (match >= 0)[:, None]
         position = np.where(seen, straight[match], np.nan)
         in_picture = np.where(seen, dots.centre[match], np.nan)
-        if self.guessed:
+        if self.guessed and not self.printed:
             most = seen.sum() >= RECOGNISED * len(straight)
             self._look_for_rest(position if most else np.nan * position, picture.number)
-        contact = self._contact(picture.image, position, in_picture)
+        painted = paint_out(picture.image, dots.centre, self.style.radius)
+        level = painted.level(in_picture, self.reference.pitch)
+        contact = self._contact(picture.image, level, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         if flaw or not contact.any():
             self.imprint, turned = ImprintFollower(), LOST
         else:
-            turned = self.imprint.update(
-                picture.image,
-                dots.centre,
-                self.style.radius,
-                in_picture[contact],
-                cut=reaches_edge(self.reference.neighbours, contact),
-            )
+            turned = self.imprint.update(painted, in_picture[contact])
         return Row(
             position=position,
             contact=contact,
@@ -148,15 +144,26 @@ class DotReader(MarkerReader):
     def _contact(
         self,
         image: Shaped[np.ndarray, "h w *colour"],
+        level: Float[np.ndarray, " m"],
         position: Float[np.ndarray, "m 2"],
         in_picture: Float[np.ndarray, "m 2"],
     ) -> Bool[np.ndarray, " m"]:
-        """The contact region: by light where an unloaded picture is known and it changes."""
+        """The contact region: by light where an unloaded picture is known and it changes.
+
+        Elsewhere by what the object prints, and by the dots where it prints nothing. Where a print
+        goes the object has gone: the dots will come to rest where they belong.
+        """
         if self.rest is not None:
             region = region_of_light(self.reference, self.rest, image, in_picture)
             if region.sum() >= 3:
                 self.light = True
                 return region
+        region = region_of_print(self.reference, level, self.printed)
+        if self.printed and not region.any():
+            self.guessed, self.resting = True, 0
+        self.printed = bool(region.any())
+        if self.printed:
+            return region
         return region_of_dispersion(self.reference, position - self.reference.position)
 
 

@@ -13,7 +13,7 @@ from estimation.__main__ import app
 from estimation.frames.extras import EXTRAS
 from estimation.live import HEADER
 from estimation.output import preview
-from estimation.pictures.imprint import ImprintFollower
+from estimation.pictures.imprint import ImprintFollower, paint_out
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.sensor import Sensor
@@ -284,7 +284,7 @@ def test_the_imprint_turns_with_the_object_not_with_the_dots():
         turned = cv2.warpAffine(pattern, warp, (320, 240), borderMode=cv2.BORDER_REFLECT)
         image = np.clip(dots + turned, 0, 255).astype(np.uint8)
         region = REST[(np.abs(REST - [160.0, 120.0]) < [75.0, 65.0]).all(axis=1)]
-        found.append(np.degrees(follower.update(image, REST, 4.3, region).angle))
+        found.append(np.degrees(follower.update(paint_out(image, REST, 4.3), region).angle))
     # one registration is good to 0.1° here; two keyframes
     assert found == pytest.approx([0.0, 4.0, 8.0, 12.0, 16.0, 20.0], abs=0.3)
 

@@ -1,0 +1,91 @@
+"""Rendered clips with truth: an object whose texture prints through gel that it slips over."""
+
+import cv2
+import numpy as np
+import pytest
+
+from estimation.estimators.result import State
+from estimation.pictures.imprint import paint_out
+from estimation.pictures.lattice import lay_reference
+from estimation.pictures.region import region_of_print
+from estimation.slip.motion import accumulate_slip
+from estimation.sources import read_recording
+from estimation.tracker import estimate_angles
+from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
+
+MIDDLE = np.array([160.0, 120.0])
+SLOW = np.linspace(0.0, 2.4, 17)
+"""The object creeps over gel that follows it by a third [deg]."""
+FAST = 2.4 + np.array([3.0, 6.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0])
+"""It jumps over gel that stands still, and rests [deg]."""
+EMPTY = 9
+
+
+def printed(object_deg, gel_deg, rng, there=True):
+    """A coloured picture of the pad; the object's texture is lit from three sides."""
+    fine = np.full((960, 1280), 180, np.uint8)  # four times as fine as the picture
+    for x, y in np.rint(16 * (4.0 * twisted(gel_deg, rigid=40.0) + 1.5)).astype(int).tolist():
+        cv2.circle(fine, (x, y), int(16 * 4 * RADIUS), 60, -1, shift=4)
+    dots = cv2.resize(cv2.GaussianBlur(fine, (0, 0), 4.0), (320, 240), interpolation=cv2.INTER_AREA)
+    dots = dots + rng.normal(0.0, 2.0, dots.shape)
+    texture = np.random.default_rng(5).normal(0.0, 160.0, (3, 240, 320)).astype(np.float32)
+    warp = cv2.getRotationMatrix2D(tuple(MIDDLE), -object_deg, 1.0)
+    y, x = np.mgrid[:240, :320]
+    touched = np.clip(1.5 - np.hypot(x - MIDDLE[0], y - MIDDLE[1]) / 60.0, 0.0, 1.0) * there
+    planes = []
+    for light in texture:
+        relief = cv2.warpAffine(cv2.GaussianBlur(light, (0, 0), 3.0), warp, (320, 240))
+        shown = np.where(dots < 120.0, 0.0, touched * relief)  # dots lie between gel and camera
+        planes.append(np.clip(dots + shown, 0.0, 255.0))
+    return np.stack(planes, axis=-1).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """A recording that starts loaded, and the object's angle while it touches [deg]."""
+    folder, rng = tmp_path_factory.mktemp("printed"), np.random.default_rng(3)
+    angle = np.concatenate([SLOW, FAST])
+    gel = np.concatenate([SLOW / 3.0, np.full(len(FAST), 0.8)])
+    frames = [printed(a, g, rng) for a, g in zip(angle, gel, strict=True)]
+    frames += [printed(0.0, 0.0, rng, there=False) for _ in range(EMPTY)]
+    for i, frame in enumerate(frames):
+        cv2.imwrite(str(folder / f"{i:03d}.png"), frame)
+    recording = read_recording(folder)
+    return recording, estimate_angles(recording), angle
+
+
+def test_slip_slow_and_fast_is_in_the_angle(clip):
+    _, result, angle = clip
+    found, low, high = (
+        np.degrees(v[: len(angle)]) for v in (result.angle, result.low, result.high)
+    )
+    zero = found[0]
+    # two registrations, 0.15° each
+    assert np.abs(found - zero - angle).max() < 0.5
+    assert ((low - zero <= angle) & (angle <= high - zero)).mean() > 0.93
+    assert np.median(0.5 * (high - low)) < 0.6
+    slip = np.degrees(accumulate_slip(result))[: len(angle)]
+    assert slip[-1] - slip[0] == pytest.approx(angle[-1] - 0.8, abs=0.8)
+
+
+def test_a_fast_slip_is_macro_slip_and_the_rest_after_it_is_none(clip):
+    _, result, angle = clip
+    assert State.MACRO_SLIP not in result.state[: len(SLOW)]
+    assert State.MACRO_SLIP in result.state[len(SLOW) : len(SLOW) + 6]
+    assert result.state[len(angle) - 1] in (State.STICK, State.INCIPIENT)
+
+
+def test_an_object_that_is_printed_touches_and_a_pad_without_print_is_empty(clip):
+    recording, result, angle = clip
+    assert recording.contact[: len(angle)].any(axis=1).all()
+    # the dots must rest for five frames before they are the reference
+    assert set(result.state[-EMPTY + 6 :]) == {State.NO_CONTACT}
+
+
+def test_a_scratch_in_the_gel_is_no_print():
+    rng = np.random.default_rng(8)
+    image = cv2.cvtColor(picture(REST, rng), cv2.COLOR_GRAY2BGR)
+    cv2.line(image, (170, 100), (180, 112), (100, 100, 100), 2)
+    level = paint_out(image, REST, RADIUS).level(REST, PITCH)
+    assert level.max() > 5.0 * level.min()
+    assert not region_of_print(lay_reference(REST, ""), level, False).any()
