@@ -57,7 +57,7 @@ class DotReader(MarkerReader):
         self.reference = self._make_reference(first.image, given)
         self.tracker = DotTracker(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
-        self.light = self.printed = False
+        self.light = self.printed = self.prints = False
         self.lattice = index_lattice(self.reference.position)
         self.guessed = self.reference.doubt is not None
         self.resting, self.before = 0, self.reference.position
@@ -100,7 +100,10 @@ class DotReader(MarkerReader):
 
     def notes(self) -> tuple[str, ...]:
         """What the dots look like, what the reference is, and what tells the contact region."""
-        by = "the change of light" if self.light else "the dispersion of the translation field"
+        by = "the dispersion of the translation field"
+        if self.prints:
+            by = f"what the object prints, where it prints something, else by {by}"
+        by = "the change of light" if self.light else by
         return (
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
@@ -162,6 +165,7 @@ class DotReader(MarkerReader):
         if self.printed and not region.any():
             self.guessed, self.resting = True, 0
         self.printed = bool(region.any())
+        self.prints |= self.printed
         if self.printed:
             return region
         return region_of_dispersion(self.reference, position - self.reference.position)
