@@ -86,6 +86,18 @@ class ImprintedTurn:
         spread = np.sqrt(self._common + self._drift**2 + self._variance)
         return Turn(self._angle, float(spread), apart)
 
+    def shift(self, ahead: float) -> Turn:
+        """Go on from where the gel is, in doubt by as much, where it has gone beyond the imprint.
+
+        Args:
+            ahead: how far the gel is beyond it [rad].
+        """
+        self._angle += ahead
+        self._zero += ahead
+        self._common += (ahead / Z95) ** 2
+        spread = np.sqrt(self._common + self._drift**2 + self._variance)
+        return Turn(self._angle, float(spread))
+
     def _predict(self, gel: float, lasting: bool) -> None:
         """Turn with the gel; where that is lost anything may have happened."""
         step = gel - self._gel if lasting else np.nan

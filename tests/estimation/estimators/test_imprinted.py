@@ -86,3 +86,14 @@ def test_an_angle_that_is_counted_anew_says_since_when_and_is_never_exact():
     assert (result.high - result.low)[result.answered].min() > 0.0
     later = replace(result, time=result.time - 1.0)
     assert "counted anew" in " ".join(describe_counts(later))
+
+
+def test_a_shadow_that_stays_while_the_gel_turns_is_no_imprint():
+    recording, angle = ellipsoid_slips(40, slip_from=40, slip_to=40, rate=1.0)
+    shown = np.clip(np.arange(40) - 12, 0, 8)  # rests, turns by 8°, rests
+    still = np.stack([np.r_[0.0, np.full(39, 1e-3)], np.full(40, ERROR)], axis=1)
+    recording = replace(recording, positions=recording.positions[shown], imprint=still)
+    result = estimate_angles(recording, "tracked", noise=MICRON)
+    truth, low, high = angle[shown], np.degrees(result.low), np.degrees(result.high)
+    assert np.degrees(result.angle)[-1] == pytest.approx(8.0, abs=3.5)
+    assert ((low <= truth) & (truth <= high))[20:].all()
