@@ -235,10 +235,10 @@ def _describe(sensor: Path | None) -> Any:
 def _read(names: list[str], sensor: Any) -> list[Recording]:
     """Recordings by path or data set, their pictures as those of a sensor."""
     from estimation.pictures.reader import ImageSettings
-    from estimation.run import Settings, gather_recordings
+    from estimation.run import find_paths
+    from estimation.sources import read_recordings
 
-    settings = Settings(images=ImageSettings(sensor))
-    return [one.recording for one in gather_recordings(names, settings, say=say)]
+    return read_recordings(find_paths(names, say), ImageSettings(sensor), say)
 
 
 @app.command()

@@ -1,6 +1,6 @@
 """What one frame shows, found once for every estimator and for the contact's outline."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,35 +38,58 @@ class Observation(NamedTuple):
     as_seen: Float[np.ndarray, "n 2"] | None = None
 
 
+@dataclass(frozen=True)
+class ContactSettings:
+    """How the contact and its state are told.
+
+    Attributes:
+        onset_mm: displacement of the stick centre from which there is contact [mm].
+        contact_share: share of the largest normal displacement that bounds the contact [-].
+        stick_share: share of the contact's markers from which the state is `stick` [-].
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    onset_mm: float = ONSET_MM
+    contact_share: float = SHARE
+    stick_share: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_positive("onset_mm", self.onset_mm)
+        check_share("contact_share", self.contact_share)
+        check_share("stick_share", self.stick_share)
+
+
+DEFAULT_CONTACT = ContactSettings()
+
+
 class Observer:
     """Inspects each frame and measures its fields."""
 
     def __init__(
         self,
         layout: MarkerLayout,
-        *,
         softness: Softness = RIGID_OBJECT,
-        onset_mm: float = ONSET_MM,
-        contact_share: float = SHARE,
+        contact: ContactSettings = DEFAULT_CONTACT,
     ) -> None:
         """Make an observer.
 
         Args:
             layout: the markers of the sensor.
             softness: what the object's softness adds to what the markers show.
-            onset_mm: displacement of the stick centre from which there is contact [mm].
-            contact_share: share of the largest normal displacement that bounds the contact [-].
+            contact: how the contact is told.
 
         Raises:
-            ValueError: a value out of range, or too few markers.
+            ValueError: too few markers.
         """
         if len(layout.reference) < MIN_STICK_MARKERS:
             raise ValueError(
                 f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
             )
         self.stencils = make_stencils(layout)
-        self.onset_mm = check_positive("onset_mm", onset_mm)
-        self.contact_share = check_share("contact_share", contact_share)
+        self.contact = contact
         self._lifting = softness.lifting(self.stencils.reference[:, :2])
         self._layout = layout
         self._time = -np.inf
@@ -92,7 +115,7 @@ class Observer:
             return Observation(frame, None, f"{frame.valid.sum()} usable markers")
         frame, as_seen = self._lift(frame)
         fields = measure_fields(
-            self.stencils, frame, onset_mm=self.onset_mm, share=self.contact_share
+            self.stencils, frame, onset_mm=self.contact.onset_mm, share=self.contact.contact_share
         )
         return Observation(frame, fields, "", cut, as_seen)
 

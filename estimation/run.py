@@ -1,86 +1,56 @@
-"""Run the estimators over recordings and write what they find, so that nothing done is lost."""
+"""Run the estimators over recordings and streams and write what they find as they find it."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import shutil
+import time
+from collections.abc import Callable, Sequence, Sized
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from rich.progress import Progress
 
-from estimation.estimators import DEFAULT_METHOD, METHODS
+from contactmodel.common.version import __version__
 from estimation.estimators.grasp import compare_fingers
-from estimation.estimators.result import Estimate, Result, State
-from estimation.fields.contact import SHARE
-from estimation.fields.outline import OutlineFollower
 from estimation.frames import datasets
 from estimation.frames.names import name_recordings, number_alike
-from estimation.frames.noise import Noise, find_noise
-from estimation.frames.recording import ONSET_MM, Recording
-from estimation.live import LiveAngles
+from estimation.frames.state import load_state
+from estimation.output.found import Run, find_in_record
+from estimation.output.lines import LineWriter
 from estimation.output.missing import describe_answers
 from estimation.output.overview import write_overview
 from estimation.output.preview import find_encoder, write_preview
-from estimation.output.report import FIRM_MARKERS, Run, write_run
-from estimation.output.result_folder import renew_results
-from estimation.pictures.reader import ImageSettings
+from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordWriter
+from estimation.output.report import FIRM_MARKERS, summarise, write_run
+from estimation.output.result_folder import ResultFolder, renew_results
+from estimation.output.table import TableWriter
 from estimation.pictures.stream import is_camera, is_pictures
-from estimation.slip.lookback import FOLLOWING, find_slips, withdraw
-from estimation.slip.margin import follow_margin
-from estimation.slip.motion import describe_counts
-from estimation.slip.onset import describe_slips
-from estimation.softness import Softness
-from estimation.sources import find_recordings, read_recording
-from estimation.tracker import RIGID_OBJECT, STICK_SHARE, Trackers
+from estimation.settings import Settings
+from estimation.sources import find_recordings, open_source
+from estimation.stream import Checkpoint, Sink, Source, Stream
 from estimation.virtual.recording import Truth, simulate_pivot
 
-
-@dataclass(frozen=True)
-class Settings:
-    """What a run is told.
-
-    Attributes:
-        method: the method of `angles.csv`; the others stand beside it in `angles_all.csv`.
-        softness: correction by Eq. (13), for every method.
-        noise: of the markers; estimated from each recording unless given.
-        seed: of the virtual pivot.
-        onset_mm: displacement of the stick centre from which there is contact [mm].
-        contact_share: share of the largest normal displacement that bounds the contact [-].
-        stick_share: share of the contact's markers from which the state is `stick` [-].
-        constants: of the chosen method.
-        images: what is known of pictures.
-        preview: write an annotated video of each recording that was read from pictures.
-        grasp: the two recordings are two fingers that hold one object.
-        keep_withdrawn: leave angles in that the whole recording speaks against.
-
-    Raises:
-        ValueError: a preview is wanted, and PyAV or its H.264 encoder is not installed.
-    """
-
-    method: str = DEFAULT_METHOD
-    softness: Softness = RIGID_OBJECT
-    noise: Noise | None = None
-    seed: int = 0
-    onset_mm: float = ONSET_MM
-    contact_share: float = SHARE
-    stick_share: float = STICK_SHARE
-    constants: Mapping[str, Any] = field(default_factory=dict)
-    images: ImageSettings = field(default_factory=ImageSettings)
-    preview: bool = False
-    grasp: bool = False
-    keep_withdrawn: bool = False
-
-    def __post_init__(self) -> None:
-        """Check that a preview can be written before anything is computed."""
-        if self.preview:
-            find_encoder()
+UNFINISHED = "unfinished"
+"""The folder, in that of the results, of a run that goes on or was cut off."""
+CHECKPOINT_S = 5.0
+"""Longest work that is done again after a run was killed [s]."""
 
 
 class Input(NamedTuple):
-    """A recording to run, with the truth if it is a virtual one."""
+    """What to run over.
 
-    recording: Recording
+    Attributes:
+        source: of the frames.
+        truth: of a virtual recording.
+        checkpoint: where an earlier run got to.
+        record: of an earlier run that has finished this.
+    """
+
+    source: Source
     truth: Truth | None = None
+    checkpoint: Checkpoint | None = None
+    record: Path | None = None
 
 
 class Outcome(NamedTuple):
@@ -90,246 +60,346 @@ class Outcome(NamedTuple):
     interrupted: bool
 
 
-def gather_recordings(
+def find_paths(names: Sequence[str], say: Callable[[str], None]) -> list[Path]:
+    """The recordings that were asked for.
+
+    Args:
+        names: paths of recordings or names of data sets.
+        say: told what a data set's fetching has to say.
+
+    Raises:
+        ValueError: what is there is no recording, or a data set cannot be fetched.
+        OSError: a folder cannot be read.
+    """
+    paths: list[Path] = []
+    for name in names:
+        is_dataset = name in datasets.NAMES and not Path(name).exists()
+        paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
+    return paths
+
+
+def open_inputs(
     names: Sequence[str],
     settings: Settings,
     say: Callable[[str], None],
-    answer: Callable[[str], None] | None = None,
+    resume: Path | None = None,
 ) -> list[Input]:
-    """Read every recording that was asked for, before anything is computed.
-
-    A camera is read until it goes or Ctrl-C comes.
+    """Open every recording that was asked for, before anything is computed.
 
     Args:
         names: paths of recordings or names of data sets; none for the virtual pivot.
-        settings: for the virtual pivot's seed, and what a camera's pictures are answered with.
-        say: told what a data set's fetching has to say, and what is assumed about a recording or
-            looks wrong with it.
-        answer: told the angle of each picture of a camera as it comes, as a line.
+        settings: of the run.
+        say: told what is assumed about a recording or looks wrong with it.
+        resume: the folder of the run that is gone on with.
 
     Returns:
         The recordings, each with a name of its own: that of its file or folder, and as much of what
         is above it as tells it apart.
 
     Raises:
-        ValueError: what is there is no recording, or a data set cannot be fetched.
+        ValueError: what is there is no recording, a data set cannot be fetched, or the earlier run
+            was told something else.
         OSError: a file cannot be read.
     """
     if not names:
-        return [Input(*simulate_pivot(seed=settings.seed))]
-    paths: list[Path] = []
-    for name in names:
-        is_dataset = name in datasets.NAMES and not Path(name).exists()
-        paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
+        recording, truth = simulate_pivot(seed=settings.seed)
+        earlier = _find_earlier(resume, "", recording.source, settings)
+        return [Input(recording, truth, *earlier)]
+    paths = find_paths(names, say)
+    named = number_alike(name_recordings(paths))
     inputs = []
-    for path, name in zip(paths, name_recordings(paths), strict=True):
-        watch = _answer_live(settings, answer) if answer and is_camera(path) else None
-        recording = replace(read_recording(path, settings.images, watch), name=name)
-        for warning in recording.warnings:
+    for path, name in zip(paths, named, strict=True):
+        inner = name if len(paths) > 1 else ""
+        checkpoint, record = _find_earlier(resume, inner, str(path), settings)
+        source = open_source(path, settings.images, name, checkpoint)
+        for warning in source.warnings:
             say(f"{name}: {warning}")
-        inputs.append(Input(recording))
+        inputs.append(Input(source, None, checkpoint, record))
     return inputs
 
 
-def _answer_live(settings: Settings, answer: Callable[[str], None]) -> LiveAngles:
-    return LiveAngles(
-        answer,
-        settings.method,
-        noise=settings.noise,
-        **_tracking(settings),
-        **settings.constants,
-    )
+def _find_earlier(
+    folder: Path | None, inner: str, source: str, settings: Settings
+) -> tuple[Checkpoint | None, Path | None]:
+    """Where an earlier run over a source got to, or the record of one that has finished."""
+    if folder is None:
+        return None, None
+    for place in (folder / UNFINISHED / inner / NAME, folder / inner / NAME):
+        if not place.is_file():
+            continue
+        with RecordReader(place) as record:
+            _expect_same(record.about.get("identity", {}), _identity(source, settings), place)
+            if record.about.get("complete"):
+                return None, place
+            _, state = record.checkpoint()
+            return (load_state(state) if state else None), None
+    return None, None
 
 
-def run_all(inputs: Sequence[Input], out: Path, settings: Settings, progress: Progress) -> Outcome:
-    """Run every method over every recording and write what was found.
+def _identity(source: str, settings: Settings) -> dict[str, str]:
+    """What must be the same for a run to be gone on with, by name."""
+    path = Path(source)
+    stamp = ""
+    if path.exists() and not is_camera(path):
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        stamp = str([(one.name, one.stat().st_size, one.stat().st_mtime_ns) for one in files])
+    told = {name: repr(value) for name, value in vars(settings).items()}
+    return {"source": source, "files": stamp, "version": __version__} | told
 
-    One recording is written to `out` itself, several to a folder each, named after the recording.
-    Ctrl-C ends the run early: what was computed is written, and so labelled.
+
+def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None:
+    changed = [name for name in now if then.get(name) != now[name]]
+    if changed:
+        raise ValueError(
+            f"{place} is of a run that was told something else ({', '.join(changed)}): give the "
+            "same command, or leave --resume out and give another folder"
+        )
+
+
+def run_all(
+    inputs: Sequence[Input],
+    out: Path,
+    settings: Settings,
+    progress: Progress,
+    answer: Callable[[str], None] | None = None,
+    resume: bool = False,
+) -> Outcome:
+    """Run every method over every recording and write what is found, frame by frame.
+
+    While a recording is run, `out/unfinished` has `angles.csv`, to which every frame adds its row,
+    and the record that everything else is made from. A run that is killed leaves them whole, and is
+    gone on with by `resume`. What is done goes to `out`: one recording to `out` itself, several to
+    a folder each, named after the recording. Ctrl-C ends the run early: what was computed is
+    written, and so labelled.
+
+    Args:
+        inputs: what to run over.
+        out: folder to write to.
+        settings: of the run.
+        progress: that shows how far it is.
+        answer: told the answers of a camera as lines.
+        resume: go on where an earlier run was cut off.
 
     Raises:
-        ValueError: a wrong setting.
+        ValueError: a wrong setting, or an unfinished run in the folder that is not gone on with.
         OSError: something cannot be written; what was written before stays.
     """
     if settings.grasp and len(inputs) != 2:
         raise ValueError(f"a grasp takes the recordings of two fingers, not {len(inputs)}")
-    names = number_alike([recording.name for recording, _ in inputs])
-    inputs = [
-        Input(replace(recording, name=name), truth)
-        for name, (recording, truth) in zip(names, inputs, strict=True)
-    ]
-    prepared = [_prepare(recording, settings) for recording, _ in inputs]
+    if settings.preview:
+        find_encoder()
+    if not resume:
+        _expect_finished(out)
+    names = number_alike([one.source.name for one in inputs])
     lines: list[str] = []
-    runs: list[Run] = []
-    interrupted = False
-    with renew_results(out, "estimation run", lines.append) as results:
-        for i, (recording, truth) in enumerate(inputs):
-            estimates, interrupted = _estimate(recording, prepared[i], progress)
-            if estimates:
-                run = _put_together(recording, truth, settings, prepared[i], estimates)
-                inner = names[i] if len(inputs) > 1 else ""
-                summary = write_run(run, results.draft / inner)
-                runs.append(run)
-                lines += _tell(run, summary, out / inner)
-                if settings.preview:
-                    lines.append(_preview(run, results.draft / inner, out / inner, settings))
+    done: list[tuple[Run, dict[str, Any]]] = []
+    with renew_results(out, "estimation run", lines.append, draft=UNFINISHED) as results:
+        for one, name in zip(inputs, names, strict=True):
+            job = _Job(one, name, name if len(inputs) > 1 else "", results, settings)
+            interrupted = job.follow(progress, answer)
+            if job.record.is_file():
+                with RecordReader(job.record) as record:
+                    found = find_in_record(record)
+                    summary, told = job.conclude(found)
+                done.append((found, summary))
+                lines += told
                 results.publish()
             if interrupted:
                 lines.append("interrupted: the frames done so far are written")
                 results.keep_earlier()
-                break
-        if len(runs) > 1:
-            lines += _put_side_by_side(runs, results.draft, settings)
+                return Outcome(lines, True)
+        if len(done) > 1:
+            lines += _put_side_by_side(done, results.draft, settings)
             lines.append(f"side by side: {out / 'report.html'}")
-    return Outcome(lines, interrupted)
+    return Outcome(lines, False)
 
 
-def _tracking(settings: Settings) -> dict[str, Any]:
-    """What trackers are told beside the noise and a method's constants."""
-    return {
-        "softness": settings.softness,
-        "onset_mm": settings.onset_mm,
-        "contact_share": settings.contact_share,
-        "stick_share": settings.stick_share,
-    }
+def _expect_finished(out: Path) -> None:
+    for place in sorted((out / UNFINISHED).rglob(NAME)):
+        with RecordReader(place) as record:
+            if frames := len(record):
+                raise ValueError(
+                    f"{place.parent} has {frames} frames of a run that goes on, or was cut off: go "
+                    f"on with --resume, give another folder (--out), or remove {out / UNFINISHED}"
+                )
 
 
-class _Prepared(NamedTuple):
-    """Trackers of a recording, the noise they were told, and what to note about it."""
+@dataclass
+class _Job:
+    """One recording of a run; `inner` is its folder within that of the results."""
 
-    trackers: Trackers
-    noise: Noise | None
-    notes: tuple[str, ...]
-    outline: OutlineFollower
+    input: Input
+    name: str
+    inner: str
+    results: ResultFolder
+    settings: Settings
 
+    @property
+    def folder(self) -> Path:
+        """That it writes to."""
+        return self.results.draft / self.inner
 
-def _prepare(recording: Recording, settings: Settings) -> _Prepared:
-    noise, notes = (settings.noise, ()) if settings.noise else find_noise(recording)
-    methods = {settings.method: settings.constants}
-    methods |= {method: {} for method in METHODS if method != settings.method}
-    trackers = Trackers(recording.layout, methods, noise=noise, **_tracking(settings))
-    return _Prepared(trackers, noise, notes, OutlineFollower())
+    @property
+    def shown(self) -> Path:
+        """That what was written is moved to."""
+        return self.results.path / self.inner
 
+    @property
+    def record(self) -> Path:
+        """Of its frames."""
+        return self.input.record or self.folder / NAME
 
-def _estimate(
-    recording: Recording, prepared: _Prepared, progress: Progress
-) -> tuple[list[dict[str, Estimate]], bool]:
-    """Per frame the estimates by method, and whether Ctrl-C came before the last frame."""
-    estimates: list[dict[str, Estimate]] = []
-    try:
-        for frame in progress.track(recording, len(recording), description=recording.name):
-            estimate = prepared.trackers.update(frame)
-            seen = prepared.trackers.observation
-            prepared.outline.update(None if seen is None else seen.fields)
-            estimates.append(estimate)
-    except KeyboardInterrupt:
-        return estimates, True
-    return estimates, False
+    def follow(self, progress: Progress, answer: Callable[[str], None] | None) -> bool:
+        """Answer the frames that are not answered yet; whether Ctrl-C came."""
+        if self.input.record is not None:
+            return False
+        source, checkpoint = self.input.source, self.input.checkpoint
+        stream = Stream(source, self.settings, checkpoint)
+        rows = stream.follower.row
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if rows and not self.record.is_file():  # Ctrl-C ended that run, which put it in its place
+            for name in (NAME, "angles.csv"):
+                shutil.copyfile(self.shown / name, self.folder / name)
+        with ExitStack() as opened:
+            writer = opened.enter_context(closing(self._open_record(rows)))
+            table = TableWriter(self.folder / "angles.csv", self.settings.method, rows)
+            sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
+            if answer is not None and getattr(source, "live", False):
+                sinks.append(LineWriter(answer, self.settings.method))
+            interrupted = self._answer(stream, writer, sinks, progress)
+            self._tell_state(writer, stream, complete=not interrupted)
+        if not stream.follower.row:
+            shutil.rmtree(self.folder)
+        return interrupted
 
+    def _answer(
+        self, stream: Stream, writer: RecordWriter, sinks: list[Sink], progress: Progress
+    ) -> bool:
+        """Let the sinks have all answers; whether Ctrl-C came."""
+        total = len(stream.source) if isinstance(stream.source, Sized) else 0
+        task = progress.add_task(self.name, total=total or None, completed=stream.follower.row)
+        kept = time.monotonic()
+        try:
+            for _ in stream.answers(*sinks):
+                progress.advance(task)
+                if time.monotonic() > kept + CHECKPOINT_S:
+                    self._tell_state(writer, stream)
+                    kept = time.monotonic()
+        except KeyboardInterrupt:
+            writer.cut(stream.follower.row)
+            return True
+        return stream.interrupted
 
-def _put_together(
-    recording: Recording,
-    truth: Truth | None,
-    settings: Settings,
-    prepared: _Prepared,
-    estimates: list[dict[str, Estimate]],
-) -> Run:
-    done = len(estimates)
-    notes = prepared.notes
-    if done < len(recording):
-        notes += (f"Interrupted: {done} of {len(recording)} frames were done.",)
-        recording = recording.head(done)
-        truth = None if truth is None else truth.take(slice(done))
-    results = {
-        method: Result.gather(method, [estimate[method] for estimate in estimates])
-        for method in estimates[0]
-    }
-    noise, outline = prepared.noise, prepared.outline.outline(recording).angle
-    slips = [] if noise is None else find_slips(recording, results[settings.method], noise)
-    results |= {
-        method: withdraw(results[method], slips, outline, keep=settings.keep_withdrawn)
-        for method in FOLLOWING
-    }
-    main = results[settings.method]
-    notes += _reference_notes(main)
-    notes += describe_counts(main)
-    notes += _softness_notes(main)
-    notes += describe_slips(slips, recording.time[0])
-    return Run(
-        recording=recording,
-        results=results,
-        method=settings.method,
-        outline=outline,
-        settings={
-            "seed": settings.seed if truth is not None else None,
-            "noise_in_plane_um" if recording.unit == "mm" else "noise_in_plane_millipx": (
-                None if noise is None else round(1e3 * noise.in_plane, 4)
-            ),
-            "noise_from": "given" if settings.noise else "recording" if noise else "misfit",
-            "softness": settings.softness.content(),
-            "onset_mm": settings.onset_mm,
-            "contact_share": settings.contact_share,
-            "stick_share": settings.stick_share,
-            "keep_withdrawn": settings.keep_withdrawn,
-            **prepared.trackers.constants[settings.method],
-        },
-        notes=notes,
-        truth=truth,
-        slips=slips,
-        margin=follow_margin(main),
-    )
-
-
-def _reference_notes(result: Result) -> tuple[str, ...]:
-    """What the angles are relative to, where that is not plain."""
-    states = [state for state in result.state if state != State.UNKNOWN]
-    if not states:
-        return ("No frame of this recording can be used.",)
-    if all(state == State.NO_CONTACT for state in states):
-        return (f"There is no contact in the {len(states)} usable frames of {len(result.state)}.",)
-    if states[0] != State.NO_CONTACT:
-        start = "There is contact from the first usable frame on: "
-        first = next(i for i, state in enumerate(result.state) if state != State.UNKNOWN)
-        if result.anew[first]:
-            return (
-                start + "it had already slipped against the unloaded reference shape, so angles "
-                "are counted from that frame.",
-            )
-        return (
-            start + "angles are relative to the unloaded reference shape that came with the "
-            "recording, not to that frame, and what the object turned before it stuck is not in "
-            "them.",
+    def _open_record(self, rows: int) -> RecordWriter:
+        settings, source = self.settings, self.input.source
+        writer = RecordWriter(self.record, tuple(settings.methods), settings.preview)
+        writer.cut(rows)
+        truth = self.input.truth
+        writer.tell(
+            format_version=FORMAT_VERSION,
+            identity=_identity(source.source, settings),
+            name=self.name,
+            source=source.source,
+            convention=source.convention,
+            unit=source.unit,
+            methods=list(settings.methods),
+            warnings=source.warnings,
+            truth=None
+            if truth is None
+            else [truth.angle.tolist(), truth.stick.sum(axis=1).tolist()],
         )
-    return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
+        return writer
+
+    def _tell_state(self, writer: RecordWriter, stream: Stream, complete: bool = False) -> None:
+        """Keep what is known by now, and what is needed to go on."""
+        follower, source, settings = stream.follower, stream.source, self.settings
+        noise, row = follower.noise, follower.row
+        notes = [*follower.notes, *(f"{n} frames: {flaw}" for flaw, n in follower.flaws.items())]
+        if not complete:
+            total = len(source) if isinstance(source, Sized) else 0
+            done = f"{row} of {total} frames were" if total else f"{row} frames were"
+            notes.append(f"Interrupted: {done} done.")
+        writer.tell(
+            complete=complete,
+            reference=follower.layout.reference.tolist(),
+            source_notes=source.notes,
+            notes=notes,
+            sha256=follower.sha256,
+            branch=None if follower.branch is None else follower.branch.write(),
+            looks_back=noise is not None,
+            settings={
+                "seed": settings.seed if self.input.truth is not None else None,
+                "noise_in_plane_um" if source.unit == "mm" else "noise_in_plane_millipx": (
+                    None if noise is None else round(1e3 * noise.in_plane, 4)
+                ),
+                "noise_from": "given" if settings.noise else "recording" if noise else "misfit",
+                "softness": settings.softness.content(),
+                **vars(settings.contact),
+                "keep_withdrawn": settings.keep_withdrawn,
+                **follower.trackers.constants[settings.method],
+            },
+        )
+        if row and (state := stream.checkpoint()):
+            writer.keep_checkpoint(row - 1, state)
+        writer.commit()
+
+    def conclude(self, run: Run) -> tuple[dict[str, Any], list[str]]:
+        """Write what was found; the summary, and lines for the terminal."""
+        if self.record.parent == self.shown:
+            done = f"{self.name}: was done before; see {self.shown / 'report.html'}"
+            return summarise(run), [done]
+        summary = write_run(run, self.folder)
+        lines = _tell(run, summary, self.shown)
+        if self.settings.preview:
+            lines.append(_preview(run, self.folder, self.shown, self.settings))
+        return summary, lines
 
 
-def _softness_notes(result: Result) -> tuple[str, ...]:
-    """Where the object's softness is told beyond the contacts that it was found on."""
-    beyond = int((result.answered & ~result.covered).sum())
-    if not beyond:
-        return ()
-    return (
-        f"{beyond} of {int(result.answered.sum())} angles are of contacts unlike those that the "
-        "softness was found on (turned further, pressed otherwise or of another size): they and "
-        "their intervals are extrapolated.",
-    )
+def report_all(folder: Path) -> list[str]:
+    """Make the reports of a run anew from its records, as far as it has got.
+
+    The reports of a run that goes on, or was cut off, are written to its folder `unfinished`.
+
+    Args:
+        folder: that the run writes to.
+
+    Returns:
+        Lines for the terminal.
+
+    Raises:
+        FileNotFoundError: there is no record in the folder.
+        ValueError: a record is damaged, or of a later version.
+        OSError: something cannot be written.
+    """
+    records = sorted(folder.rglob(NAME))
+    if not records:
+        raise FileNotFoundError(f"{folder} has no {NAME}: give the folder that a run writes to")
+    lines = []
+    for place in records:
+        with RecordReader(place) as record:
+            run = find_in_record(record)
+            write_run(run, place.parent, table=bool(record.about["complete"]))
+            lines += _tell(run, summarise(run), place.parent)
+    return lines
 
 
-def _put_side_by_side(runs: Sequence[Run], folder: Path, settings: Settings) -> list[str]:
+def _put_side_by_side(
+    done: Sequence[tuple[Run, dict[str, Any]]], folder: Path, settings: Settings
+) -> list[str]:
     """Write the angles of several recordings side by side, and two fingers as one grasp.
 
     Where the fingers cannot be brought together, the report and a line say so.
     """
-    if not settings.grasp or len(runs) != 2:
-        write_overview(runs, folder)
+    if not settings.grasp or len(done) != 2:
+        write_overview(done, folder)
         return []
     try:
-        grasp = compare_fingers(*(run.results[run.method] for run in runs))
+        grasp = compare_fingers(*(run.main for run, _ in done))
     except ValueError as error:
         note = f"no comparison: {error}"
-        write_overview(runs, folder, note=note)
+        write_overview(done, folder, note=note)
         return [note]
-    write_overview(runs, folder, grasp)
+    write_overview(done, folder, grasp)
     return [
         f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip, {what}, clock "
         f"offset {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s"
@@ -344,17 +414,17 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
     """Write the annotated video, where the recording was read from pictures.
 
     Args:
-        run: of the recording.
+        run: over the recording.
         folder: to write to.
         shown: the folder that it is published in.
         settings: of the run.
     """
     name = "preview.mp4"
-    if not is_pictures(Path(run.recording.source)):
-        return f"no preview: {run.recording.name} was not read from pictures"
-    told, result = settings.images, run.results[run.method]
+    if not is_pictures(Path(run.source)):
+        return f"no preview: {run.name} was not read from pictures"
+    told = settings.images
     try:
-        write_preview(run.recording, result, told.sensor, folder / name, told.rig)
+        write_preview(run, told.sensor, folder / name, told.rig)
     except ValueError as error:
         return f"no preview: {error}"
     return f"annotated video: {shown / name}"
@@ -362,10 +432,9 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
 
 def _tell(run: Run, summary: dict[str, Any], folder: Path) -> list[str]:
     """Lines for the terminal."""
-    main = run.results[run.method]
-    lines = [f"{run.recording.name}: {describe_answers(main)}; see {folder / 'report.html'}"]
-    if not main.answered.any():
-        lines += [f"  {note}" for note in (*run.recording.notes, *run.notes)]
+    lines = [f"{run.name}: {describe_answers(run.main)}; see {folder / 'report.html'}"]
+    if not run.main.answered.any():
+        lines += [f"  {note}" for note in run.notes]
     if run.truth is not None:
         for name, figures in summary["methods"].items():
             firm, all_answered = (

@@ -1,6 +1,8 @@
 """Which reader a path is for."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 from contactmodel.common.inputs import naming
@@ -10,8 +12,9 @@ from estimation.frames.names import name_recordings, natural_key
 from estimation.frames.recording import Recording
 from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.pictures.reader import ImageSettings
-from estimation.pictures.reading import Watch, read_images
+from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.stream import ignored_rate, is_camera, is_pictures
+from estimation.stream import SOURCE_FACTS, Checkpoint, FrameStream, Source
 
 EXPECTED = (
     f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
@@ -19,15 +22,12 @@ EXPECTED = (
 )
 
 
-def read_recording(
-    path: str | Path, images: ImageSettings | None = None, watch: Watch | None = None
-) -> Recording:
+def read_recording(path: str | Path, images: ImageSettings | None = None) -> Recording:
     """Read the one recording at `path` and inspect it; it is named after its file or folder.
 
     Args:
         path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
         images: what is known of the pictures.
-        watch: told what every picture has given before the next is taken.
 
     Raises:
         FileNotFoundError: there is nothing there, or an array is missing.
@@ -40,13 +40,64 @@ def read_recording(
         raise ValueError(f"{path} holds {len(found)} recordings ({names}): name one of them")
     with naming(found[0]):
         if is_pictures(found[0]):
-            return inspect_recording(read_images(found[0], images, watch))
+            return inspect_recording(read_images(found[0], images))
         reader = read_tac3d if found[0].is_dir() else read_archive
         recording = replace(reader(found[0]), name=name_recordings(found)[0])
         if images is not None and images.rate is not None:
             warning = ignored_rate(images.rate, "the recording")
             recording = replace(recording, warnings=(*recording.warnings, warning))
         return inspect_recording(recording)
+
+
+def read_recordings(
+    paths: Sequence[Path], images: ImageSettings, say: Callable[[str], None]
+) -> list[Recording]:
+    """Read recordings, each with a name of its own.
+
+    Args:
+        paths: of one recording each.
+        images: what is known of pictures.
+        say: told what is assumed about a recording or looks wrong with it.
+
+    Raises:
+        ValueError: a path is of no recording, or of a damaged one.
+        OSError: a file cannot be read.
+    """
+    recordings = []
+    for path, name in zip(paths, name_recordings(paths), strict=True):
+        recordings.append(replace(read_recording(path, images), name=name))
+        for warning in recordings[-1].warnings:
+            say(f"{name}: {warning}")
+    return recordings
+
+
+def open_source(
+    path: Path, images: ImageSettings, name: str, checkpoint: Checkpoint | None = None
+) -> Source:
+    """Open the one recording at a path: pictures give their frames as they are read.
+
+    Args:
+        path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
+        images: what is known of pictures.
+        name: of the recording.
+        checkpoint: where an earlier run got to; the frames after it are given.
+
+    Raises:
+        ValueError: no recording, or a damaged one.
+        OSError: it cannot be read.
+    """
+    with naming(path):
+        if is_camera(path):
+            after = (0.0, 0) if checkpoint is None else checkpoint.clock_now()
+            return PictureSource(path, images, name=name, after=after)
+        if is_pictures(path):
+            reader, row = (None, 0) if checkpoint is None else (checkpoint.reader, checkpoint.row)
+            return PictureSource(path, images, name=name, reader=reader, skip=row)
+        recording = replace(read_recording(path, images), name=name)
+        if checkpoint is None:
+            return recording
+        about = {name: getattr(recording, name) for name in SOURCE_FACTS}
+        return FrameStream(recording.layout, islice(recording, checkpoint.row, None), **about)
 
 
 def find_recordings(path: str | Path) -> list[Path]:

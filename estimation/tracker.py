@@ -15,19 +15,22 @@ from estimation.estimators import (
     share_fits,
 )
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, Result, State
-from estimation.fields.contact import SHARE
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import check_share
 from estimation.frames.noise import Noise, find_noise
-from estimation.frames.recording import ONSET_MM, Frame, MarkerLayout, Recording
-from estimation.observation import RIGID_OBJECT, Observation, Observer
+from estimation.frames.recording import Frame, MarkerLayout, Recording
+from estimation.observation import (
+    DEFAULT_CONTACT,
+    RIGID_OBJECT,
+    ContactSettings,
+    Observation,
+    Observer,
+)
+from estimation.slip.motion import Count, gel_ends
 from estimation.softness import Contact, Softness
 
-STICK_SHARE = 0.9
 
-
-class _Count(NamedTuple):
+class _Since(NamedTuple):
     """What the angle of a method counts from.
 
     Attributes:
@@ -38,11 +41,11 @@ class _Count(NamedTuple):
     anew: int = 0
     since: float = float("nan")
 
-    def update(self, gel: Measurement, fields: Fields, time: float) -> "_Count":
+    def update(self, gel: Measurement, fields: Fields, time: float) -> "_Since":
         """The count after the next frame."""
         if not fields.contact.any():
-            return _Count(0, time)
-        return self if gel.anew == self.anew else _Count(gel.anew, time)
+            return _Since(0, time)
+        return self if gel.anew == self.anew else _Since(gel.anew, time)
 
 
 class Trackers:
@@ -64,9 +67,7 @@ class Trackers:
         *,
         noise: Noise | None = None,
         softness: Softness = RIGID_OBJECT,
-        onset_mm: float = ONSET_MM,
-        contact_share: float = SHARE,
-        stick_share: float = STICK_SHARE,
+        contact: ContactSettings = DEFAULT_CONTACT,
     ) -> None:
         """Make the trackers.
 
@@ -75,27 +76,23 @@ class Trackers:
             methods: some of `METHODS` or `RIVALS`, and the constants of each.
             noise: of the markers; without it intervals come from the misfit within each frame.
             softness: correction by Eq. (13).
-            onset_mm: displacement of the stick centre from which there is contact [mm].
-            contact_share: share of the largest normal displacement that bounds the contact [-].
-            stick_share: share of the contact's markers from which the state is `stick` [-].
+            contact: how the contact and its state are told.
 
         Raises:
             ValueError: no such method or constant, a value out of range, or too few markers.
         """
         self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
         self.softness = softness
-        self.stick_share = check_share("stick_share", stick_share)
-        self._observer = Observer(
-            layout, softness=softness, onset_mm=onset_mm, contact_share=contact_share
-        )
+        self._observer = Observer(layout, softness, contact)
         gain = 1.0 + softness.stiffness_ratio
         self.estimators = {
             name: _make_estimator(name, self._observer.stencils, noise, gain, own)
             for name, own in methods.items()
         }
         share_fits(self.estimators.values())
+        self._since = dict.fromkeys(methods, _Since())
+        self._counts = {name: Count() for name in methods}
         self.observation: Observation | None = None
-        self._counts = dict.fromkeys(self.estimators, _Count())
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
         """What is known after the next frame, by method.
@@ -109,20 +106,17 @@ class Trackers:
         """
         seen = self.observation = self._observer.observe(frame)
         if seen.fields is None:
-            return {name: _label(frame, seen.flaw, count) for name, count in self._counts.items()}
+            return {name: _label(frame, seen.flaw, since) for name, since in self._since.items()}
         estimates = {}
         for name, estimator in self.estimators.items():
             gel = estimator.update(seen.fields)
-            count = self._counts[name].update(gel, seen.fields, frame.time)
-            self._counts[name] = count
-            estimates[name] = self._answer(seen, seen.fields, gel, count)
+            self._since[name] = self._since[name].update(gel, seen.fields, frame.time)
+            estimates[name] = self._answer(seen, seen.fields, gel, name)
         return estimates
 
-    def _answer(
-        self, seen: Observation, fields: Fields, gel: Measurement, count: _Count
-    ) -> Estimate:
+    def _answer(self, seen: Observation, fields: Fields, gel: Measurement, method: str) -> Estimate:
         """An estimate from one method's measurement."""
-        frame = seen.frame
+        frame, since = seen.frame, self._since[method]
         state, reason = self._judge(fields, gel, told=frame.contact is not None)
         if seen.cut:
             reason = reason or "the contact reaches the edge of the view"
@@ -130,8 +124,10 @@ class Trackers:
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
         except ValueError as error:
-            return _label(frame, str(error), count)
+            return _label(frame, str(error), since)
         angle, low, high = softness.correct(gel)
+        turned = self._counts[method].turned(state, since.anew, fields.rotation)
+        gel_low, gel_high = gel_ends(turned, fields.contact)
         return Estimate(
             time=frame.time,
             source_index=frame.source_index,
@@ -140,12 +136,16 @@ class Trackers:
             angle=angle,
             low=low,
             high=high,
-            since=count.since,
-            anew=count.anew,
+            since=since.since,
+            anew=since.anew,
             moment=frame.moment,
             rotation=fields.rotation,
             contact=fields.contact,
             stick=gel.stick,
+            stick_markers=int(gel.stick.sum()),
+            contact_markers=int(fields.contact.sum()),
+            gel_low=gel_low,
+            gel_high=gel_high,
             stiffness_ratio=softness.stiffness_ratio,
             load_term=softness.load_term,
             covered=softness.validity.covers(gel.angle, contact),
@@ -156,7 +156,7 @@ class Trackers:
         if not fields.contact.any():
             if told:
                 return State.NO_CONTACT, "no contact"
-            onset = self._observer.onset_mm
+            onset = self._observer.contact.onset_mm
             return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
         if gel.reason:
             return State.UNKNOWN, gel.reason
@@ -164,7 +164,7 @@ class Trackers:
             return State.MACRO_SLIP, TOO_FEW_STICK
         if not gel.stick.any():
             return State.MACRO_SLIP, ""
-        if gel.stick.sum() >= self.stick_share * fields.contact.sum():
+        if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
             return State.STICK, ""
         return State.INCIPIENT, ""
 
@@ -187,9 +187,7 @@ class Tracker:
         *,
         noise: Noise | None = None,
         softness: Softness = RIGID_OBJECT,
-        onset_mm: float = ONSET_MM,
-        contact_share: float = SHARE,
-        stick_share: float = STICK_SHARE,
+        contact: ContactSettings = DEFAULT_CONTACT,
         **constants: Any,
     ) -> None:
         """Make a tracker.
@@ -197,24 +195,16 @@ class Tracker:
         Args:
             layout: the markers of the sensor.
             method: one of `METHODS` or `RIVALS`.
-            noise: as for `Trackers`, and so the next four.
+            noise: as for `Trackers`, and so the next two.
             softness: correction by Eq. (13).
-            onset_mm: displacement of the stick centre from which there is contact [mm].
-            contact_share: share of the largest normal displacement that bounds the contact [-].
-            stick_share: share of the contact's markers from which the state is `stick` [-].
+            contact: how the contact and its state are told.
             **constants: of the method.
 
         Raises:
             ValueError: no such method or constant, a value out of range, or too few markers.
         """
         self._trackers = Trackers(
-            layout,
-            {method: constants},
-            noise=noise,
-            softness=softness,
-            onset_mm=onset_mm,
-            contact_share=contact_share,
-            stick_share=stick_share,
+            layout, {method: constants}, noise=noise, softness=softness, contact=contact
         )
         self._method = method
         self.estimator = self._trackers.estimators[method]
@@ -229,7 +219,7 @@ class Tracker:
         return self._trackers.update(frame)[self._method]
 
 
-def _label(frame: Frame, reason: str, count: _Count) -> Estimate:
+def _label(frame: Frame, reason: str, since: _Since) -> Estimate:
     """An estimate that only says why there is none."""
     none = np.zeros(len(frame.positions), dtype=bool)
     return Estimate(
@@ -240,12 +230,16 @@ def _label(frame: Frame, reason: str, count: _Count) -> Estimate:
         angle=np.nan,
         low=np.nan,
         high=np.nan,
-        since=count.since,
-        anew=count.anew,
+        since=since.since,
+        anew=since.anew,
         moment=frame.moment,
         rotation=np.full(len(none), np.nan),
         contact=none,
         stick=none,
+        stick_markers=0,
+        contact_markers=0,
+        gel_low=np.nan,
+        gel_high=np.nan,
         stiffness_ratio=0.0,
         load_term=0.0,
         covered=True,

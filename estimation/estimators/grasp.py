@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
 from estimation.estimators.measurement import Z95
-from estimation.estimators.result import Result, State
+from estimation.estimators.result import State, Track
 
 LEAST_FRAMES = 10
 
@@ -66,7 +66,7 @@ class Grasp(NamedTuple):
     free: Fit
 
 
-def compare_fingers(first: Result, second: Result) -> Grasp:
+def compare_fingers(first: Track, second: Track) -> Grasp:
     """Bring two fingers' angles together; fitted where neither is in macro slip.
 
     Raises:
@@ -103,7 +103,7 @@ def compare_fingers(first: Result, second: Result) -> Grasp:
     )
 
 
-def _fit(first: Result, second: Result, *, free_slope: bool) -> Fit:
+def _fit(first: Track, second: Track, *, free_slope: bool) -> Fit:
     """Least squares over clock offset, angle offset and, if asked, slope; from several starts."""
     time = first.time - first.time[0]
     mine = np.where(_sticks(first), first.angle, np.nan)
@@ -159,17 +159,17 @@ def _fit(first: Result, second: Result, *, free_slope: bool) -> Fit:
     )
 
 
-def _sticks(result: Result) -> Bool[np.ndarray, " frames"]:
+def _sticks(result: Track) -> Bool[np.ndarray, " frames"]:
     held = [state in (State.STICK, State.INCIPIENT) for state in result.state]
     return np.array(held) & result.answered
 
 
-def _half_width(result: Result) -> Float[np.ndarray, " frames"]:
+def _half_width(result: Track) -> Float[np.ndarray, " frames"]:
     return 0.5 * (result.high - result.low)
 
 
 def _at(
-    result: Result, values: Float[np.ndarray, " frames"], time: Float[np.ndarray, " times"]
+    result: Track, values: Float[np.ndarray, " frames"], time: Float[np.ndarray, " times"]
 ) -> Float[np.ndarray, " times"]:
     """Values of a finger at times since its first frame; NaN outside and next to a NaN."""
     return np.interp(time, result.time - result.time[0], values, left=np.nan, right=np.nan)

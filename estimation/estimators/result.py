@@ -55,10 +55,6 @@ def show_degrees(value: float) -> str:
     return show_number(np.degrees(value))
 
 
-def _show_count(flags: Bool[np.ndarray, " n"]) -> str:
-    return str(flags.sum())
-
-
 def per_frame(
     name: str = "", show: Callable[[Any], str] = str, *, answer: bool = False
 ) -> dict[str, Column]:
@@ -73,14 +69,15 @@ Label = TypeVar("Label")
 Text = TypeVar("Text")
 Values = TypeVar("Values")
 Mask = TypeVar("Mask")
+Kept = TypeVar("Kept", bound="Track")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
+class Record(Generic[Number, Whole, Flag, Label, Text]):
     """What is known of a frame, or of each of several: the one declaration of these quantities.
 
-    Batches, tables and withdrawn answers follow from it; its kinds of values are one frame's in an
-    `Estimate` and arrays or tuples over frames in a `Result`.
+    Batches, tables, the record of a stream and withdrawn answers follow from it; its kinds of
+    values are one frame's in an `Estimate` and arrays or tuples over frames in a `Track`.
 
     Attributes:
         time: time stamp [s].
@@ -94,10 +91,12 @@ class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
             the one in which it was counted anew; NaN in a recording that starts in contact, whose
             angles count from the unloaded shape [s].
         anew: how often the angle has been counted anew since the object touched.
-        stick: markers that stick.
-        contact: markers of the contact region.
+        stick_markers: how many markers stick.
+        contact_markers: how many markers the contact region has.
         moment: moment about the contact normal [N·mm]; NaN where unknown.
-        rotation: φ of each marker [rad]; NaN where unknown.
+        gel_low: φ of the gel that has turned furthest clockwise since the angle is counted [rad];
+            NaN where too few markers tell.
+        gel_high: of that which has turned furthest the other way [rad].
         stiffness_ratio: k that the angle was corrected with [-].
         load_term: L that it was corrected with [rad].
         covered: whether the softness holds for a contact like this one.
@@ -112,10 +111,11 @@ class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
     high: Number = field(metadata=per_frame("angle_high_deg", show_degrees, answer=True))
     since: Number = field(metadata=per_frame("since_s", show_number))
     anew: Whole = field(metadata=per_frame("counted_anew"))
-    stick: Mask = field(metadata=per_frame("stick_markers", _show_count, answer=True))
-    contact: Mask = field(metadata=per_frame("contact_markers", _show_count))
+    stick_markers: Whole = field(metadata=per_frame("stick_markers", answer=True))
+    contact_markers: Whole = field(metadata=per_frame("contact_markers"))
     moment: Number = field(metadata=per_frame("moment_Nmm", show_number))
-    rotation: Values = field(metadata=per_frame())
+    gel_low: Number = field(metadata=per_frame())
+    gel_high: Number = field(metadata=per_frame())
     stiffness_ratio: Number = field(metadata=per_frame())
     load_term: Number = field(metadata=per_frame())
     covered: Flag = field(metadata=per_frame())
@@ -131,24 +131,38 @@ class Record(Generic[Number, Whole, Flag, Label, Text, Values, Mask]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate(
-    Record[float, int, bool, State, str, Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]
-):
-    """What is known after a frame; see `Record`."""
+class Markers(Generic[Values, Mask]):
+    """What is known of each marker beside a `Record`; too large to keep of a long stream.
+
+    Attributes:
+        stick: markers that stick.
+        contact: markers of the contact region.
+        rotation: φ of each marker [rad]; NaN where unknown.
+    """
+
+    stick: Mask = field(metadata=per_frame(answer=True))
+    contact: Mask = field(metadata=per_frame())
+    rotation: Values = field(metadata=per_frame())
 
 
 @dataclass(frozen=True, kw_only=True)
-class Withdrawn(
-    Record[
-        Float[np.ndarray, " frames"],
-        Int[np.ndarray, " frames"],
-        Bool[np.ndarray, " frames"],
-        tuple[State | None, ...],
-        tuple[str, ...],
-        Float[np.ndarray, "frames n"],
-        Bool[np.ndarray, "frames n"],
-    ]
+class Estimate(
+    Markers[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]], Record[float, int, bool, State, str]
 ):
+    """What is known after a frame; see `Record` and `Markers`."""
+
+
+_OverFrames = Record[
+    Float[np.ndarray, " frames"],
+    Int[np.ndarray, " frames"],
+    Bool[np.ndarray, " frames"],
+    tuple[Any, ...],
+    tuple[str, ...],
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Withdrawn(_OverFrames):
     """Answers that were given frame by frame and withdrawn once the whole recording was known.
 
     In frames in which nothing was withdrawn there is no answer: the state is None, numbers are NaN
@@ -162,18 +176,8 @@ class Withdrawn(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Result(
-    Record[
-        Float[np.ndarray, " frames"],
-        Int[np.ndarray, " frames"],
-        Bool[np.ndarray, " frames"],
-        tuple[State, ...],
-        tuple[str, ...],
-        Float[np.ndarray, "frames n"],
-        Bool[np.ndarray, "frames n"],
-    ]
-):
-    """Estimates of a recording, one per frame; see `Record` for the quantities.
+class Track(_OverFrames):
+    """What is kept of the estimates of a recording or stream; see `Record` for the quantities.
 
     Attributes:
         method: name of the estimator.
@@ -197,8 +201,8 @@ class Result(
 
     @classmethod
     def gather(
-        cls, method: str, estimates: Sequence[Estimate], notes: tuple[str, ...] = ()
-    ) -> "Result":
+        cls: type[Kept], method: str, estimates: Sequence[Estimate], notes: tuple[str, ...] = ()
+    ) -> Kept:
         """Put together the estimates of one recording, at least one."""
         columns = {name: [getattr(one, name) for one in estimates] for name in cls.columns()}
         batch: dict[str, Any] = {
@@ -207,7 +211,7 @@ class Result(
         }
         return cls(method=method, notes=notes, **batch)
 
-    def take(self, rows: slice) -> "Result":
+    def take(self: Kept, rows: slice) -> Kept:
         """The result of some of the frames."""
         withdrawn = self.withdrawn
         if withdrawn is not None:
@@ -228,7 +232,12 @@ class Result(
         }
 
 
-def _take(record: Result | Withdrawn, rows: slice) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Result(Markers[Float[np.ndarray, "frames n"], Bool[np.ndarray, "frames n"]], Track):
+    """Estimates of a recording, one per frame, with what is known of each marker."""
+
+
+def _take(record: Track | Withdrawn, rows: slice) -> dict[str, Any]:
     return {name: values[rows] for name, values in record.quantities().items()}
 
 

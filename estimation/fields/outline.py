@@ -108,36 +108,22 @@ class OutlineFollower:
 
     def __init__(self) -> None:
         """Begin with no frame."""
-        self._axes: list[tuple[float, float, float]] = []
         self._last = np.nan
 
-    def update(self, fields: Fields | None) -> None:
-        """Follow it through the next frame.
+    def update(self, fields: Fields | None) -> tuple[float, float, float]:
+        """Direction, its standard error and elongation in the next frame, as in `Outline`.
 
         Args:
             fields: of the frame; None where it cannot be used.
         """
-        nothing = (np.nan, np.nan, np.nan)
         if fields is None or not fields.contact.any():
             self._last = self._last if fields is None else np.nan
-            self._axes.append(nothing)
-            return
+            return np.nan, np.nan, np.nan
         axis = measure_axis(fields)
-        if np.isfinite(axis.angle):
-            self._last = unwrap(axis.angle, self._last) if np.isfinite(self._last) else axis.angle
-            self._axes.append((self._last, axis.standard_error, axis.elongation))
-        else:
-            self._axes.append((np.nan, np.nan, axis.elongation))
-
-    def outline(self, recording: Recording) -> Outline:
-        """The axis in every frame of a recording, which have all been followed.
-
-        Where the source has the object's imprint, that takes its place.
-        """
-        if recording.imprint is not None:
-            nothing = np.full(len(recording), np.nan)
-            return Outline(recording.imprint[:, 0], recording.imprint[:, 1], nothing)
-        return Outline(*np.reshape(self._axes[: len(recording)], (-1, 3)).T)
+        if not np.isfinite(axis.angle):
+            return np.nan, np.nan, axis.elongation
+        self._last = unwrap(axis.angle, self._last) if np.isfinite(self._last) else axis.angle
+        return self._last, axis.standard_error, axis.elongation
 
 
 def follow_outline(recording: Recording) -> Outline:
@@ -145,8 +131,12 @@ def follow_outline(recording: Recording) -> Outline:
 
     Where the source has the object's imprint, that is followed in its place.
     """
+    if recording.imprint is not None:
+        nothing = np.full(len(recording), np.nan)
+        return Outline(recording.imprint[:, 0], recording.imprint[:, 1], nothing)
     follower, stencils = OutlineFollower(), make_stencils(recording.layout)
-    if recording.imprint is None:
-        for frame in recording:
-            follower.update(None if frame.flaw else measure_fields(stencils, frame))
-    return follower.outline(recording)
+    axes = [
+        follower.update(None if frame.flaw else measure_fields(stencils, frame))
+        for frame in recording
+    ]
+    return Outline(*np.array(axes).T)

@@ -1,9 +1,9 @@
 """What a sensor has seen: marker positions over time, and how the markers are laid out."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import scipy
@@ -341,3 +341,37 @@ class Recording:
                 else (float(self.imprint[i, 0]), float(self.imprint[i, 1])),
                 rotation=None if self.rotation is None else self.rotation[i],
             )
+
+
+def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
+    """A recording of frames, at least one.
+
+    Args:
+        layout: of their markers.
+        frames: in order.
+        **about: what else the recording is told: `unit`, `name`, `source` …
+    """
+    unknown = np.full(len(layout.reference), np.nan)
+    contact = [frame.contact for frame in frames if frame.contact is not None]
+    moment = np.array([(np.nan, np.nan, frame.moment) for frame in frames])
+    force = np.array([(np.nan, np.nan, -frame.normal_force) for frame in frames])
+    imprint = np.array([frame.imprint for frame in frames])
+    rotation = np.array([unknown if one.rotation is None else one.rotation for one in frames])
+
+    def if_known(values: np.ndarray) -> np.ndarray | None:
+        return values if np.isfinite(values).any() else None
+
+    return Recording(
+        layout=layout,
+        positions=np.stack([frame.positions for frame in frames]),
+        valid=np.stack([frame.valid for frame in frames]),
+        time=np.array([frame.time for frame in frames]),
+        source_index=np.array([frame.source_index for frame in frames]),
+        force=if_known(force),
+        moment=if_known(moment),
+        flaws=tuple(frame.flaw for frame in frames),
+        contact=np.stack(contact) if len(contact) == len(frames) else None,
+        imprint=if_known(imprint),
+        rotation=if_known(rotation),
+        **about,
+    )

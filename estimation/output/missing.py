@@ -4,11 +4,11 @@ from collections import Counter
 
 import numpy as np
 
-from estimation.estimators.result import UNSEEN_TURN, Result, State
+from estimation.estimators.result import UNSEEN_TURN, State, Track
 from estimation.slip.lookback import RESTS_OR_SLIDES
 
 
-def count_missing(result: Result) -> dict[str, int]:
+def count_missing(result: Track) -> dict[str, int]:
     """How many frames have no angle, by the reason; the most frequent reason first."""
     touched = np.maximum.accumulate([state != State.NO_CONTACT for state in result.state])
     missing = np.flatnonzero(~result.answered)
@@ -16,7 +16,7 @@ def count_missing(result: Result) -> dict[str, int]:
     return dict(counts.most_common())
 
 
-def describe_answers(result: Result, most: int = 3) -> str:
+def describe_answers(result: Track, most: int = 3) -> str:
     """How many frames are answered, in which states, and why the others are not.
 
     Args:
@@ -37,7 +37,7 @@ def describe_answers(result: Result, most: int = 3) -> str:
     return f"{text}; {(~answered).sum()} without an angle: {_list(named)}"
 
 
-def _name_reason(result: Result, row: int, touched: bool) -> str:
+def _name_reason(result: Track, row: int, touched: bool) -> str:
     state, reason = result.state[row], result.reason[row]
     withdrawn = result.withdrawn is not None and bool(result.withdrawn.rows[row])
     if state == State.NO_CONTACT:

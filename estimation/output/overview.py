@@ -12,14 +12,13 @@ import numpy as np
 from estimation.estimators.grasp import Fit, Grasp
 from estimation.estimators.result import show_number
 from estimation.frames.files import write_whole
+from estimation.output.found import Run
 from estimation.output.plots import plot_grasp, plot_moment, plot_overview
 from estimation.output.report import (
-    Run,
     describe_branch,
     figure_png,
     json_number,
     render_page,
-    summarise,
 )
 
 COMPARISON_COLUMNS = (
@@ -34,14 +33,18 @@ COMPARISON_COLUMNS = (
 
 
 def write_overview(
-    runs: Sequence[Run], folder: Path, grasp: Grasp | None = None, note: str = ""
+    done: Sequence[tuple[Run, Mapping[str, Any]]],
+    folder: Path,
+    grasp: Grasp | None = None,
+    note: str = "",
 ) -> None:
     """Write `overview.png` and `report.html`: the angles of several recordings side by side.
 
     Of a grasp also `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`.
 
     Args:
-        runs: of recordings named after the folders in `folder` that hold their reports.
+        done: runs over recordings named after the folders in `folder` that hold their reports, and
+            the summary of each.
         folder: to write to.
         grasp: two of them brought together as the fingers of a grasp, the first's clock for both.
         note: a sentence for the head of the report.
@@ -49,9 +52,9 @@ def write_overview(
     Raises:
         OSError: a file cannot be written.
     """
-    named = {run.recording.name: run for run in runs}
+    named = {run.name: run for run, _ in done}
     figure = plot_overview(
-        {name: run.results[run.method] for name, run in named.items()},
+        {name: run.main for name, run in named.items()},
         {name: (run.turns, run.outline) for name, run in named.items()},
     )
     images = {"overview.png": figure_png(figure)}
@@ -61,7 +64,7 @@ def write_overview(
         text = json.dumps(figures, indent=2, ensure_ascii=False) + "\n"
         write_whole(folder / "grasp.json", text)
         write_whole(folder / "comparison.csv", _comparison(grasp))
-        branches = {name: (run.results[run.method], run.margin.last) for name, run in named.items()}
+        branches = {name: (run.main, run.margin.last) for name, run in named.items()}
         images["grasp.png"] = figure_png(plot_grasp(grasp, list(named)))
         images["moment.png"] = figure_png(plot_moment(branches))
     for name, image in images.items():
@@ -69,7 +72,7 @@ def write_overview(
     page = render_page(
         "overview.html",
         images,
-        runs=[summarise(run) for run in runs],
+        runs=[summary for _, summary in done],
         grasp=figures,
         angles=[] if grasp is None else _sample(grasp),
         note=note,

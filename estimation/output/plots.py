@@ -1,6 +1,6 @@
 """Pictures of recordings and results; each function returns a Matplotlib figure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,10 +13,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from estimation.estimators.grasp import Grasp
-from estimation.estimators.result import Result, State
+from estimation.estimators.result import Result, State, Track
 from estimation.frames.recording import Recording
+from estimation.output.record import KeptMarkers
 from estimation.slip.margin import Branch
-from estimation.slip.motion import find_slip_curl
+from estimation.slip.motion import slip_curl, turned_since_counted
 
 STATE_COLOURS = {
     State.NO_CONTACT: "#e6e6e6",
@@ -28,7 +29,7 @@ STATE_COLOURS = {
 
 
 def plot_angles(
-    results: Mapping[str, Result],
+    results: Mapping[str, Track],
     method: str,
     references: Mapping[str, Float[np.ndarray, " frames"]] | None = None,
 ) -> Figure:
@@ -72,8 +73,8 @@ def plot_angles(
     handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
     labels += [str(state) for state in present]
     figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
-    axes[1].plot(time, main.contact.sum(axis=1), color="0.5", lw=1, label="in contact")
-    axes[1].plot(time, main.stick.sum(axis=1), color="#08306b", lw=1.3, label="sticking")
+    axes[1].plot(time, main.contact_markers, color="0.5", lw=1, label="in contact")
+    axes[1].plot(time, main.stick_markers, color="#08306b", lw=1.3, label="sticking")
     axes[1].set_ylabel("markers")
     axes[1].legend(fontsize=8, frameon=False)
     if has_moment:
@@ -91,19 +92,43 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         result: of one method.
         frames: rows of the recording.
     """
-    figure, axes = _make_maps(len(frames), recording.layout.reference)
-    shown = result.contact[frames]
-    rotation = np.degrees(np.where(shown, result.rotation[frames], np.nan))
-    rotation_scale = _colour_scale(rotation)
-    curl = np.stack([find_slip_curl(result, i) for i in frames])
-    curl_scale = _colour_scale(curl)
-    x, y = recording.layout.reference[:, 0], recording.layout.reference[:, 1]
-    for column, i in enumerate(frames):
-        top, middle, bottom = axes[:, column]
-        top.set_title(f"{result.time[i] - result.time[0]:.2f} s\n{result.state[i]}", fontsize=9)
-        colours = np.where(
-            result.stick[i], "#1b7837", np.where(result.contact[i], "#d6604d", "0.85")
+    turned = turned_since_counted(result)
+    markers = [
+        KeptMarkers(
+            row,
+            recording.positions[row],
+            turned[row],
+            recording.valid[row],
+            result.stick[row],
+            result.contact[row],
         )
+        for row in frames
+    ]
+    return plot_markers(recording.layout.reference, recording.unit, result, markers)
+
+
+def plot_markers(
+    reference: Float[np.ndarray, "n d"], unit: str, track: Track, markers: Sequence[KeptMarkers]
+) -> Figure:
+    """Rotation, stick and slip, and curl of the slip in frames whose markers are kept.
+
+    Args:
+        reference: markers at rest.
+        unit: of their positions.
+        track: of the method that tells what sticks.
+        markers: of the frames.
+    """
+    figure, axes = _make_maps(len(markers), reference)
+    rotation = np.degrees([np.where(one.contact, one.turned, np.nan) for one in markers])
+    rotation_scale = _colour_scale(rotation)
+    curl = np.stack([_curl(track, one) for one in markers])
+    curl_scale = _colour_scale(curl)
+    x, y = reference[:, 0], reference[:, 1]
+    for column, one in enumerate(markers):
+        top, middle, bottom = axes[:, column]
+        since = track.time[one.row] - track.time[0]
+        top.set_title(f"{since:.2f} s\n{track.state[one.row]}", fontsize=9)
+        colours = np.where(one.stick, "#1b7837", np.where(one.contact, "#d6604d", "0.85"))
         middle.scatter(x, y, c=colours, s=14)
         _scatter(top, x, y, rotation[column], rotation_scale)
         _scatter(bottom, x, y, curl[column], curl_scale)
@@ -117,13 +142,13 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
     ]
     figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8, frameon=False)
-    axes[2, 0].set_xlabel(f"x [{recording.unit}]")
-    axes[2, 0].set_ylabel(f"y [{recording.unit}]")
+    axes[2, 0].set_xlabel(f"x [{unit}]")
+    axes[2, 0].set_ylabel(f"y [{unit}]")
     return figure
 
 
 def plot_overview(
-    results: Mapping[str, Result],
+    results: Mapping[str, Track],
     outlines: Mapping[str, tuple[str, Float[np.ndarray, " frames"]]],
 ) -> Figure:
     """Angles of several recordings and of their contact outlines, each on its own clock.
@@ -189,7 +214,7 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     return figure
 
 
-def plot_moment(results: Mapping[str, tuple[Result, Branch | None]]) -> Figure:
+def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
     """Moment against angle, and the branch of partial-slip torsion fitted while it held.
 
     Args:
@@ -221,13 +246,22 @@ def plot_moment(results: Mapping[str, tuple[Result, Branch | None]]) -> Figure:
     return figure
 
 
-def choose_frames(result: Result, count: int = 5) -> list[int]:
+def _curl(track: Track, markers: KeptMarkers) -> Float[np.ndarray, " n"]:
+    row = markers.row
+    softness = float(track.stiffness_ratio[row]), float(track.load_term[row])
+    return slip_curl(markers.turned, markers.contact, float(track.angle[row]), softness)
+
+
+def choose_frames(
+    track: Track, markers: Iterable[KeptMarkers], count: int = 5
+) -> list[KeptMarkers]:
     """Frames to draw maps of: evenly spread over those with contact, or over all."""
-    touching = np.nonzero(result.contact.any(axis=1))[0]
-    candidates = touching if len(touching) else np.arange(len(result.time))
-    return sorted(
-        {int(candidates[i]) for i in np.linspace(0, len(candidates) - 1, count).astype(int)}
-    )
+    every = list(markers)
+    touching = [one for one in every if track.contact_markers[one.row]] or every
+    return [
+        touching[i]
+        for i in sorted({*np.linspace(0, len(touching) - 1, count).astype(int).tolist()})
+    ]
 
 
 def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimation.estimators.result import Result
 from estimation.frames.extras import require_extra
 from estimation.frames.inspection import disordered_times
-from estimation.frames.recording import Recording
+from estimation.output.found import Run
+from estimation.output.record import KeptMarkers
 from estimation.pictures.rig import Rig
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import RATE, is_camera, read_pictures
@@ -51,17 +51,14 @@ def find_encoder() -> str:
     )
 
 
-def write_preview(
-    recording: Recording, result: Result, sensor: Sensor, path: Path, rig: Rig | None = None
-) -> None:
+def write_preview(run: Run, sensor: Sensor, path: Path, rig: Rig | None = None) -> None:
     """Write an annotated video: markers that stick, slip or are elsewhere, state and angles.
 
     It is H.264 in MP4, which browsers play, and keeps the recording's times.
 
     Args:
-        recording: read from pictures, which are read again.
-        result: of one method.
-        sensor: what the recording was read with.
+        run: over pictures, which are read again; the markers of all frames are kept.
+        sensor: what they were read with.
         rig: the two views' calibration, where mirrors split the pictures.
         path: of the video, an `.mp4`; it appears whole or not at all.
 
@@ -69,22 +66,22 @@ def write_preview(
         ValueError: the pictures cannot be read again, or their video cannot be encoded.
         OSError: the video cannot be written.
     """
-    source = Path(recording.source)
+    source = Path(run.source)
     if is_camera(source):
         raise ValueError("a camera's pictures are not kept: there is no preview of them")
-    if recording.positions.shape[2] == 3 and rig is None:
+    if run.reference.shape[1] == 3 and rig is None:
         raise ValueError("positions in space are drawn only with the views' calibration (--stereo)")
-    gel = np.degrees(follow_gel(result))
-    ticks = to_ticks(recording.time)
+    gel = np.degrees(follow_gel(run.main))
+    ticks = to_ticks(run.main.time)
 
     def pictures() -> Iterator[tuple[int, np.ndarray]]:
-        for row, picture in zip(range(len(result.time)), read_pictures(source), strict=False):
+        for markers, picture in zip(run.markers(), read_pictures(source), strict=False):
             if picture.image is None:
                 continue
-            there = recording.positions[row]
+            there = markers.positions
             spots = sensor.to_pixels(there)[None] if rig is None else rig.locate(there)
-            image = annotate(picture.image, recording, result, row, spots, float(gel[row]))
-            yield int(ticks[row]), image
+            image = annotate(picture.image, run, markers, spots, float(gel[markers.row]))
+            yield int(ticks[markers.row]), image
 
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         draft = Path(folder) / path.name
@@ -138,9 +135,8 @@ def to_ticks(time: Float[np.ndarray, " frames"]) -> Int[np.ndarray, " frames"]:
 
 def annotate(
     picture: np.ndarray,
-    recording: Recording,
-    result: Result,
-    row: int,
+    run: Run,
+    markers: KeptMarkers,
     spots: Float[np.ndarray, "views n 2"],
     gel_deg: float,
 ) -> np.ndarray:
@@ -148,9 +144,8 @@ def annotate(
 
     Args:
         picture: of the frame.
-        recording: that it belongs to.
-        result: of one method.
-        row: of the frame.
+        run: that it belongs to.
+        markers: of the frame.
         spots: where its markers are in it, in each view [px].
         gel_deg: rotation of the gel [deg].
     """
@@ -161,14 +156,13 @@ def annotate(
     odd = np.array(image.shape[:2]) % 2  # H.264 takes even sizes
     below, right = 2 * LINE + int(odd[0]), int(odd[1])
     image = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_CONSTANT, value=(0, 0, 0))
-    for i in np.flatnonzero(recording.valid[row]):
-        sticks, touches = result.stick[row, i], result.contact[row, i]
-        colour = STICKS if sticks else SLIPS if touches else ELSEWHERE
+    result, row = run.main, markers.row
+    sticks = markers.stick & bool(result.stick_markers[row])  # unless the answer was withdrawn
+    for i in np.flatnonzero(markers.valid):
+        colour = STICKS if sticks[i] else SLIPS if markers.contact[i] else ELSEWHERE
         for x, y in np.rint(enlarged * spots[:, i] + 0.5 * (enlarged - 1)).astype(int).tolist():
             cv2.circle(image, (x, y), 7, colour, 2, cv2.LINE_AA)
-    angle, turned = np.degrees(result.angle[row]), np.nan
-    if recording.imprint is not None:
-        turned = np.degrees(recording.imprint[row, 0])
+    angle, turned = np.degrees(result.angle[row]), np.degrees(run.imprint[row])
     values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
     known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
     texts = (

@@ -1,12 +1,9 @@
 """What a run writes: tables, a summary and a self-contained report."""
 
 import base64
-import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,66 +15,26 @@ from jaxtyping import Float
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from estimation.estimators.result import Result, State
+from estimation.estimators.result import State, Track
 from estimation.frames.files import write_whole
-from estimation.frames.recording import Recording
+from estimation.output.found import Known, Run
 from estimation.output.missing import count_missing
-from estimation.output.plots import choose_frames, plot_angles, plot_maps, plot_moment
-from estimation.output.table import MARGIN_COLUMNS, csv_text, tabulate, tabulate_margin
-from estimation.slip.margin import Branch, MarginPath
+from estimation.output.plots import choose_frames, plot_angles, plot_markers, plot_moment
+from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
+from estimation.slip.margin import Branch
 from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.onset import MacroSlip
-from estimation.virtual.recording import Truth
 
 FIRM_MARKERS = 10
 
 
-@dataclass(frozen=True)
-class Run:
-    """A recording and what was found in it.
-
-    Attributes:
-        recording: the recording.
-        results: by method, all over the same frames.
-        method: the chosen method.
-        outline: direction of the contact's long axis, or rotation of the imprint [rad].
-        settings: what the run was told, for the summary.
-        notes: what a reader of the angles should know, in sentences.
-        truth: of a virtual recording.
-        slips: when macro slip began, by the whole recording.
-        margin: what is left before macro slip, by the chosen method.
-    """
-
-    recording: Recording
-    results: Mapping[str, Result]
-    method: str
-    outline: Float[np.ndarray, " frames"]
-    settings: Mapping[str, Any]
-    notes: Sequence[str] = ()
-    truth: Truth | None = None
-    slips: Sequence[MacroSlip] = ()
-    margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
-
-    @property
-    def turns(self) -> str:
-        """What `outline` is the direction of."""
-        return "contact outline" if self.recording.imprint is None else "imprint"
-
-    @cached_property
-    def gel(self) -> dict[str, Float[np.ndarray, " frames"]]:
-        """Rotation of the gel that has followed the object furthest, by method [rad]."""
-        return {name: follow_gel(result) for name, result in self.results.items()}
-
-    @cached_property
-    def slip(self) -> dict[str, Float[np.ndarray, " frames"]]:
-        """How far the object has turned over that gel, by method [rad]."""
-        return {
-            name: accumulate_slip(result, self.gel[name]) for name, result in self.results.items()
-        }
-
-
-def write_run(run: Run, folder: Path) -> dict[str, Any]:
+def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and its pictures.
+
+    Args:
+        run: over a recording.
+        folder: to write to.
+        table: write `angles.csv`; else a run that goes on is writing it.
 
     Returns:
         The content of `summary.json`.
@@ -85,27 +42,24 @@ def write_run(run: Run, folder: Path) -> dict[str, Any]:
     Raises:
         OSError: a file cannot be written; those that are there are whole.
     """
-    main = run.results[run.method]
-    tables = {method: _table(run, method) for method in run.results}
-    own = tables[run.method] | tabulate_margin(main, run.margin)
-    write_whole(folder / "angles.csv", csv_text([own]))
-    named = ({"method": [name] * len(main.time)} | table for name, table in tables.items())
-    write_whole(folder / "angles_all.csv", csv_text(named))
+    main = run.main
+    if table:
+        write_table(folder / "angles.csv", main, run.imprint, run.margin.margins)
+    write_tables(folder / "angles_all.csv", run.results.values(), run.imprint)
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     references = {}
     if np.isfinite(run.outline).any():
         references[f"{run.turns} (from the first angle)"] = _outline_from(run.outline, main)
-        references["gel that has followed furthest"] = run.gel[run.method]
+        references["gel that has followed furthest"] = follow_gel(main)
     if run.truth is not None:
         references["truth"] = run.truth.angle
     pictures = {
         "angles.png": plot_angles(run.results, run.method, references),
-        "maps.png": plot_maps(run.recording, main, choose_frames(main)),
+        "maps.png": plot_markers(run.reference, run.unit, main, choose_frames(main, run.markers())),
     }
     if np.isfinite(main.moment).any():
-        branches = {run.recording.name: (main, run.margin.last)}
-        pictures["moment.png"] = plot_moment(branches)
+        pictures["moment.png"] = plot_moment({run.name: (main, run.margin.last)})
     images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():
         write_whole(folder / name, image)
@@ -131,23 +85,23 @@ def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
 
 def summarise(run: Run) -> dict[str, Any]:
     """The figures of a run, ready for JSON: None where there is no number."""
-    recording = run.recording
+    main = run.main
     return {
         "version": version("contactmodel"),
-        "recording": recording.name,
-        "source": recording.source,
-        "convention": recording.convention,
-        "sha256": hash_recording(recording),
+        "recording": run.name,
+        "source": run.source,
+        "convention": run.convention,
+        "sha256": run.sha256,
         "settings": dict(run.settings),
         "method": run.method,
-        "frames": len(run.results[run.method].time),
-        "duration_s": json_number(np.ptp(recording.time)),
-        "dropped_frames": int(np.clip(np.diff(recording.source_index) - 1, 0, None).sum()),
+        "frames": len(main.time),
+        "duration_s": json_number(np.ptp(main.time)),
+        "dropped_frames": int(np.clip(np.diff(main.source_index) - 1, 0, None).sum()),
         "branch": describe_branch(run.margin.last),
         "margin_last": _describe_margin(run),
-        "macro_slips": [_describe_slip(slip, recording.time[0]) for slip in run.slips],
-        "methods": {name: _figures(run, name) for name in run.results},
-        "notes": [*recording.warnings, *recording.notes, *run.notes],
+        "macro_slips": [_describe_slip(slip, main.time[0]) for slip in run.slips],
+        "methods": {name: _figures(track, run.truth) for name, track in run.results.items()},
+        "notes": list(run.notes),
     }
 
 
@@ -156,7 +110,7 @@ def _describe_margin(run: Run) -> dict[str, float | None] | None:
     known = [i for i, left in enumerate(run.margin.margins) if np.isfinite(left.angle_left)]
     if not known:
         return None
-    left, time = run.margin.margins[known[-1]], run.recording.time
+    left, time = run.margin.margins[known[-1]], run.main.time
     values = (*np.degrees(left[:3]), *left[3:])
     cells = {
         name: json_number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)
@@ -175,24 +129,13 @@ def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | bool | No
     }
 
 
-def hash_recording(recording: Recording) -> str:
-    """SHA-256 of what the angles are computed from: reference, positions, validity, time."""
-    digest = hashlib.sha256()
-    arrays = (recording.layout.reference, recording.positions, recording.valid, recording.time)
-    for array in arrays:
-        digest.update(repr((array.shape, array.dtype.str)).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
-def _figures(run: Run, method: str) -> dict[str, Any]:
+def _figures(result: Track, truth: Known | None) -> dict[str, Any]:
     """Figures of one method."""
-    result, truth = run.results[method], run.truth
     answered = result.answered
     angle = np.degrees(result.angle[answered])
     half_width = np.degrees(result.high - result.low)[answered] / 2.0
     slipping = np.array([state == State.MACRO_SLIP for state in result.state])
-    slip = np.degrees(run.slip[method])
+    slip = np.degrees(accumulate_slip(result))
     slip = slip[np.isfinite(slip)]
     figures = {
         "answered": int(answered.sum()),
@@ -223,11 +166,11 @@ def _spans(time: Float[np.ndarray, " frames"], where: np.ndarray) -> list[list[f
     ]
 
 
-def _errors(result: Result, truth: Truth) -> dict[str, Any]:
+def _errors(result: Track, truth: Known) -> dict[str, Any]:
     """Errors against the truth: of all answers, and where ten markers or more have always stuck."""
     error = np.abs(np.degrees(result.angle - truth.angle))
     inside = (result.low <= truth.angle) & (truth.angle <= result.high)
-    firm = truth.stick.sum(axis=1) >= FIRM_MARKERS
+    firm = truth.stick_markers >= FIRM_MARKERS
     figures: dict[str, Any] = {"firm_frames": int(firm.sum())}
     for name, where in (("", result.answered), ("_firm", result.answered & firm)):
         figures |= {
@@ -247,20 +190,8 @@ def json_number(value: Any) -> float | None:
     return round(float(value), 6) if np.isfinite(value) else None
 
 
-def _table(run: Run, method: str) -> dict[str, list[str]]:
-    """The table of one method."""
-    imprint = run.recording.imprint
-    nothing = np.full(len(run.recording), np.nan)
-    series = {
-        "slip_deg": run.slip[method],
-        "gel_deg": run.gel[method],
-        "imprint_deg": nothing if imprint is None else imprint[:, 0],
-    }
-    return tabulate(run.results[method], series)
-
-
 def _outline_from(
-    outline: Float[np.ndarray, " frames"], result: Result
+    outline: Float[np.ndarray, " frames"], result: Track
 ) -> Float[np.ndarray, " frames"]:
     """The outline's direction, counted from the first angle that both have."""
     both = np.nonzero(result.answered & np.isfinite(outline))[0]

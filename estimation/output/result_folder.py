@@ -11,6 +11,7 @@ manifest that lead out of the folder, or through a link, are ignored.
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -119,29 +120,39 @@ class ResultFolder:
 
 @contextmanager
 def renew_results(
-    folder: Path, command: str, say: Callable[[str], None] = lambda line: None
+    folder: Path, command: str, say: Callable[[str], None] = lambda line: None, draft: str = ""
 ) -> Iterator[ResultFolder]:
     """A folder of results, for one run of a command.
 
-    What is in the draft at the end is published, also where the run ends in an error, so that
-    nothing that was computed is lost; the files of the last run then stay beside it.
+    What is in the draft at the end is published. Where the run ends in an error it is published as
+    well, so that nothing that was computed is lost, and the files of the last run stay beside it;
+    but a draft with a name stays what it is then.
 
     Args:
         folder: made if it is not there.
         command: that runs; it replaces its own results, and those of others only by name.
         say: told, in a line each, what is removed, kept or renamed.
+        draft: name of the folder inside for files that are not whole yet, which an earlier run may
+            have left; without it a new one, which never stays.
 
     Raises:
         OSError: the folder cannot be written to.
     """
     check_writable(folder)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as draft:
-        results = ResultFolder(folder, Path(draft), command, say)
-        try:
-            yield results
-        finally:
-            results.publish()
-        results.clear()
+    if draft:
+        (folder / draft).mkdir(exist_ok=True)
+        results = ResultFolder(folder, folder / draft, command, say)
+        yield results
+        results.publish()
+        shutil.rmtree(folder / draft)
+    else:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as made:
+            results = ResultFolder(folder, Path(made), command, say)
+            try:
+                yield results
+            finally:
+                results.publish()
+    results.clear()
 
 
 def _read_manifest(path: Path) -> Listed:

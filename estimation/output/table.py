@@ -2,13 +2,17 @@
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from estimation.estimators.result import Result, Withdrawn, show_degrees, show_number
-from estimation.slip.margin import MarginPath
+from estimation.estimators.result import Track, Withdrawn, show_degrees, show_number
+from estimation.frames.files import write_whole
+from estimation.slip.margin import Margin
+from estimation.slip.motion import accumulate_slip, follow_gel
+from estimation.stream import Answer
 
 MARGIN_COLUMNS = (
     "stick_ratio",
@@ -20,26 +24,116 @@ MARGIN_COLUMNS = (
     "moment_left_high_Nmm",
 )
 """Beside the chosen method's angles; empty where they cannot be told."""
+CHUNK = 10_000
+"""Rows of a table that are text in memory at a time."""
+
+Table = Mapping[str, list[str]]
+"""The cells of a table, by column."""
+
+
+class TableWriter:
+    """The sink that writes `angles.csv` row by row, as frames are answered.
+
+    It has the columns of the finished table, and nothing in those that take the whole recording.
+    """
+
+    def __init__(self, path: Path, method: str, rows: int = 0) -> None:
+        """Make the table, or go on with it.
+
+        Args:
+            path: of the table.
+            method: whose answers it has.
+            rows: that are kept of a table that is there.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        self._method = method
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("r+" if rows else "w", encoding="utf-8", newline="")
+        self._headed = bool(rows)
+        for _ in range(rows + 1 if rows else 0):
+            self._file.readline()
+        self._file.seek(self._file.tell())
+        self._file.truncate()
+
+    def put(self, answer: Answer) -> None:
+        """Write the next row; it is on the disc when this returns."""
+        track = Track.gather(self._method, [answer.estimates[self._method]])
+        imprint = np.array([answer.frame.imprint[0]])
+        table = tabulate(track, imprint, answer.row) | tabulate_margin(track, [answer.margin])
+        self._file.write(csv_text(table, heading=not self._headed))
+        self._file.flush()
+        self._headed = True
+
+    def restart(self) -> None:
+        """Begin the table anew."""
+        self._file.seek(0)
+        self._file.truncate()
+        self._headed = False
+
+    def close(self) -> None:
+        """Close the table."""
+        self._file.close()
+
+
+def write_table(
+    path: Path, track: Track, imprint: Float[np.ndarray, " frames"], margins: Sequence[Margin]
+) -> None:
+    """Write `angles.csv` of one method, whole or not at all.
+
+    Args:
+        path: of the table.
+        track: of the method.
+        imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
+        margins: what is left before macro slip in each frame.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    tables = (
+        tabulate(part, imprint[rows], rows.start) | tabulate_margin(part, margins[rows])
+        for part, rows in _parts(track)
+    )
+    write_whole(path, _below_one_another(tables))
+
+
+def write_tables(
+    path: Path, tracks: Iterable[Track], imprint: Float[np.ndarray, " frames"]
+) -> None:
+    """Write `angles_all.csv`, one method below the other; arguments as for `write_table`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    tables = (
+        {"method": [track.method] * len(part.time)} | tabulate(part, imprint[rows], rows.start)
+        for track in tracks
+        for part, rows in _parts(track)
+    )
+    write_whole(path, _below_one_another(tables))
 
 
 def tabulate(
-    result: Result, series: Mapping[str, Float[np.ndarray, " frames"]] | None = None
+    track: Track, imprint: Float[np.ndarray, " frames"] | None = None, first: int = 0
 ) -> dict[str, list[str]]:
-    """The cells of a result by column, withdrawn answers in columns of their own.
+    """The cells of a method's answers by column, withdrawn ones in columns of their own.
 
     Args:
-        result: of one method.
-        series: other angles over its frames, by column [rad].
+        track: of one method.
+        imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
+        first: number of the first frame.
     """
-    frames, table = range(len(result.time)), dict[str, list[str]]()
-    for name, column in result.columns().items():
+    frames, table = range(len(track.time)), dict[str, list[str]]()
+    for name, column in track.columns().items():
         if column.name:
-            table[column.name] = [column.show(value) for value in getattr(result, name)]
+            table[column.name] = [column.show(value) for value in getattr(track, name)]
         if name == "time":
-            table["frame"] = [str(i) for i in frames]
-    for name, angles in (series or {}).items():
-        table[name] = [show_degrees(angle) for angle in angles]
-    gone = result.withdrawn
+            table["frame"] = [str(first + i) for i in frames]
+    series = {"slip_deg": accumulate_slip(track), "gel_deg": follow_gel(track)}
+    series["imprint_deg"] = np.full(len(frames), np.nan) if imprint is None else imprint
+    table |= {name: [show_degrees(angle) for angle in angles] for name, angles in series.items()}
+    gone = track.withdrawn
     for name, column in Withdrawn.columns().items():
         if column.name and column.answer:
             table[f"withdrawn_{column.name}"] = [
@@ -49,11 +143,11 @@ def tabulate(
     return table
 
 
-def tabulate_margin(result: Result, margin: MarginPath) -> dict[str, list[str]]:
+def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[str]]:
     """The cells of `MARGIN_COLUMNS`, by column; empty where there is no number."""
-    stick, contact = result.stick.sum(axis=1), result.contact.sum(axis=1)
+    stick, contact = track.stick_markers, track.contact_markers
     ratio = np.sqrt(np.where(contact, stick / np.maximum(contact, 1), np.nan))
-    left = np.array(margin.margins).reshape(-1, len(MARGIN_COLUMNS) - 1)
+    left = np.array(margins).reshape(-1, len(MARGIN_COLUMNS) - 1)
     values = np.column_stack([ratio, np.degrees(left[:, :3]), left[:, 3:]])
     return {
         name: [show_number(value) if np.isfinite(value) else "" for value in column]
@@ -61,12 +155,22 @@ def tabulate_margin(result: Result, margin: MarginPath) -> dict[str, list[str]]:
     }
 
 
-def csv_text(tables: Iterable[Mapping[str, list[str]]]) -> str:
-    """Tables with the same columns as CSV, one below the other."""
+def csv_text(table: Table, heading: bool = True) -> str:
+    """A table as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    for number, table in enumerate(tables):
-        if number == 0:
-            writer.writerow(table)
-        writer.writerows(zip(*table.values(), strict=True))
+    if heading:
+        writer.writerow(table)
+    writer.writerows(zip(*table.values(), strict=True))
     return text.getvalue()
+
+
+def _parts(track: Track) -> Iterator[tuple[Track, slice]]:
+    for start in range(0, len(track.time), CHUNK):
+        rows = slice(start, min(start + CHUNK, len(track.time)))
+        yield track.take(rows), rows
+
+
+def _below_one_another(tables: Iterable[Table]) -> Iterator[str]:
+    for number, table in enumerate(tables):
+        yield csv_text(table, heading=number == 0)

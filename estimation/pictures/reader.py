@@ -96,12 +96,14 @@ class MarkerReader(ABC):
         scale: what its rows' positions are multiplied by to be in the recording's unit.
         unit: of the recording's lengths, mm or px.
         chosen: why this kind of markers is read, where nobody has said so.
+        provisional: whether a better reference may still be found; `layout` is another one then.
     """
 
     layout: MarkerLayout
     scale: float
     unit: str
     chosen: str = ""
+    provisional: bool = False
 
     @abstractmethod
     def __init__(self, first: Picture, settings: ImageSettings) -> None:

@@ -1,19 +1,24 @@
 """Recordings from pictures of markers."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from itertools import chain, islice
 from pathlib import Path
 
-import numpy as np
-
 from estimation.frames.names import name_recordings
-from estimation.frames.recording import Recording
+from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 from estimation.pictures.corners.reader import CornerReader
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.kinds import MARKER_KINDS
-from estimation.pictures.reader import ImageSettings, MarkerReader, Row
+from estimation.pictures.reader import ImageSettings, MarkerReader
 from estimation.pictures.speckle.reader import SpeckleReader
 from estimation.pictures.stereo import StereoReader, find_view_flaw
-from estimation.pictures.stream import Picture, describe_pictures, read_pictures
+from estimation.pictures.stream import (
+    Picture,
+    count_pictures,
+    describe_pictures,
+    is_camera,
+    read_pictures,
+)
 
 CONVENTION = (
     "x to the right and y down in the picture, z away from the camera, out of the elastomer: "
@@ -27,51 +32,132 @@ READERS: dict[str, type[MarkerReader]] = dict(
 """What reads each kind of markers."""
 
 
-Watch = Callable[[MarkerReader, Row], None]
-"""Is told every row as it comes, and the reader that it comes from."""
+class PictureSource:
+    """The frames of a video, a folder of images or a camera, one after the other.
+
+    Without a scale all lengths are in px. A source that breaks off just ends.
+
+    Attributes:
+        path: of the pictures.
+        reader: of their markers; it holds what has been learnt from the pictures so far.
+        name: short name.
+        source: where they come from.
+        convention: how the axes lie.
+        warnings: what is assumed about the pictures or looks wrong with them, in sentences.
+        live: whether the pictures come as they are taken.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        settings: ImageSettings | None = None,
+        *,
+        name: str = "",
+        reader: MarkerReader | None = None,
+        skip: int = 0,
+        after: tuple[float, int] = (0.0, 0),
+    ) -> None:
+        """Open it, and learn markers and reference from the first usable picture.
+
+        Args:
+            path: as for `read_pictures`.
+            settings: what is known of the sensor.
+            name: short name; that of the path unless given.
+            reader: that has read the first pictures already.
+            skip: so many.
+            after: time stamp [s] and number of the first picture, of a camera that goes on.
+
+        Raises:
+            ValueError: no pictures, no markers in the first usable one, or a setting that does not
+                fit.
+            OSError: the source cannot be opened.
+        """
+        settings = ImageSettings() if settings is None else settings
+        self.path, self.live = path, is_camera(path)
+        self.name = name or name_recordings([path])[0]
+        self.source, self.convention = str(path), CONVENTION
+        self.warnings = describe_pictures(path, settings.rate)
+        if reader is None and settings.unloaded is not None:
+            reader = _reader_at(path, settings)
+        pictures = islice(_read(path, settings), skip, None)
+        self._pictures = (
+            one._replace(time=one.time + after[0], number=one.number + after[1]) for one in pictures
+        )
+        self._waiting: list[Picture] = []
+        self.reader = reader or self._find_reader(settings)
+        self._count = count_pictures(path)
+
+    def _find_reader(self, settings: ImageSettings) -> MarkerReader:
+        """The reader for what the first usable picture shows."""
+        for picture in self._pictures:
+            self._waiting.append(picture)
+            if picture.image is not None and not picture.flaw:
+                return _make_reader(picture, settings)
+        flaw = self._waiting[0].flaw if self._waiting else "it is empty"
+        raise ValueError(f"{self.path} has no usable picture: {flaw}")
+
+    @property
+    def layout(self) -> MarkerLayout:
+        """The markers at rest, as known by now."""
+        return self.reader.layout
+
+    @property
+    def provisional(self) -> bool:
+        """Whether a better reference may still be found."""
+        return self.reader.provisional
+
+    @property
+    def unit(self) -> str:
+        """Of lengths, mm or px."""
+        return self.reader.unit
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the report should say of the markers, as known by now."""
+        chosen = (self.reader.chosen,) if self.reader.chosen else ()
+        lengths = ("Lengths are in px: no scale was given.",) if self.unit == "px" else ()
+        return (*chosen, *self.reader.notes(), *lengths)
+
+    def __len__(self) -> int:
+        """How many pictures there are, as far as is known before they are read; 0 for a camera."""
+        return self._count
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames in order; it can be done once."""
+        for picture in chain(self._waiting, self._pictures):
+            yield self.reader.frame(self.reader.read(picture))
 
 
-def read_images(
-    path: Path, settings: ImageSettings | None = None, watch: Watch | None = None
-) -> Recording:
+def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
     """Read a video, a folder of images or a camera as a recording of markers.
 
-    Without a scale all lengths are in px. What has been read when a source breaks off, or when
-    Ctrl-C ends a camera's recording, is kept.
+    What has been read when Ctrl-C ends a camera's recording is kept.
 
     Args:
         path: as for `read_pictures`.
         settings: what is known of the sensor.
-        watch: told what every picture has given before the next is taken.
 
     Raises:
         ValueError: no pictures, no markers in the first usable one, or a setting that does not fit.
         OSError: the source cannot be opened.
     """
-    settings = ImageSettings() if settings is None else settings
-    reader = None if settings.unloaded is None else _reader_at(path, settings)
-    rows: list[Row] = []
-    waiting: list[Picture] = []
+    source, frames = PictureSource(path, settings), list[Frame]()
     try:
-        for picture in _read(path, settings):
-            if reader is None and (picture.flaw or picture.image is None):
-                waiting.append(picture)
-                continue
-            if reader is None:
-                reader = _make_reader(picture, settings)
-            for one in (*waiting, picture):
-                rows.append(reader.read(one))
-                if watch is not None:
-                    watch(reader, rows[-1])
-            waiting.clear()
+        for frame in source:
+            frames.append(frame)
     except KeyboardInterrupt:
-        if not rows:
+        if not (frames and source.live):
             raise
-    if reader is None:
-        raise ValueError(
-            f"{path} has no usable picture: {waiting[0].flaw if waiting else 'it is empty'}"
-        )
-    return _to_recording(path, reader, rows, describe_pictures(path, settings.rate))
+    return record_frames(
+        source.layout,
+        frames,
+        unit=source.unit,
+        name=source.name,
+        source=source.source,
+        convention=source.convention,
+        notes=source.notes,
+        warnings=source.warnings,
+    )
 
 
 def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
@@ -131,32 +217,4 @@ def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
     raise ValueError(
         f"{path} has no frame {settings.unloaded}, which should be the unloaded one: its frames "
         f"are {known}"
-    )
-
-
-def _to_recording(
-    path: Path, reader: MarkerReader, rows: list[Row], warnings: tuple[str, ...]
-) -> Recording:
-    position = reader.scale * np.stack([row.position for row in rows])
-    contact = [row.contact for row in rows if row.contact is not None]
-    imprint = np.array([[row.imprint, row.imprint_error] for row in rows])
-    unknown = np.full(position.shape[1], np.nan)
-    rotation = [unknown if row.rotation is None else row.rotation for row in rows]
-    lengths = ("Lengths are in px: no scale was given.",) if reader.unit == "px" else ()
-    return Recording(
-        layout=reader.layout,
-        positions=position,
-        valid=np.isfinite(position[..., 0]),
-        time=np.array([row.time for row in rows]),
-        source_index=np.array([row.number for row in rows]),
-        contact=np.stack(contact) if len(contact) == len(rows) else None,
-        imprint=imprint if np.isfinite(imprint).any() else None,
-        rotation=np.stack(rotation) if np.isfinite(rotation).any() else None,
-        flaws=tuple(row.flaw for row in rows),
-        unit=reader.unit,
-        name=name_recordings([path])[0],
-        source=str(path),
-        convention=CONVENTION,
-        notes=(*((reader.chosen,) if reader.chosen else ()), *reader.notes(), *lengths),
-        warnings=warnings,
     )

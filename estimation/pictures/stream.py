@@ -11,8 +11,9 @@ missing leave a gap.
 
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,6 +23,9 @@ from PIL import Image, UnidentifiedImageError
 from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.frames.extras import require_extra
 from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
 
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -63,6 +67,16 @@ def is_pictures(path: Path) -> bool:
     if is_camera(path) or path.suffix.lower() in VIDEOS:
         return True
     return path.is_dir() and bool(_list_images(path))
+
+
+def count_pictures(path: Path) -> int:
+    """How many pictures there are, as far as that is known without reading them; else 0."""
+    if is_camera(path):
+        return 0
+    if path.is_dir():
+        return len(_list_images(path))
+    with _open_video(path) as container:
+        return container.streams.video[0].frames
 
 
 def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
@@ -203,14 +217,15 @@ def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
             yield Picture(image, stamp, number)
 
 
-def _read_video(path: Path) -> Iterator[Picture]:
+@contextmanager
+def _open_video(path: Path) -> Iterator["InputContainer"]:
+    """A video, seen to have pictures of a size that is read."""
     require_extra("video", f"reading the video {path}")
     import av
     from av.error import FFmpegError
 
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist")
-    stamps = _read_times(_table_beside(path))
     try:
         container = av.open(str(path))
     except (FFmpegError, OSError) as error:
@@ -222,6 +237,16 @@ def _read_video(path: Path) -> Iterator[Picture]:
         if stream.codec_context is None:
             raise ValueError(f"{path} is damaged: it declares no codec that is known, and no size")
         _check_size(stream.width, stream.height, path)
+        yield container
+
+
+def _read_video(path: Path) -> Iterator[Picture]:
+    with _open_video(path) as container:
+        import av
+        from av.error import FFmpegError
+
+        stamps = _read_times(_table_beside(path))
+        stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(LARGEST)}  # of frames to come
         rate = float(stream.average_rate or RATE)

@@ -15,18 +15,24 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from estimation.estimators.result import TOO_FEW_STICK, UNSEEN_TURN, Result, State, Withdrawn
+from estimation.estimators.result import (
+    TOO_FEW_STICK,
+    UNSEEN_TURN,
+    Kept,
+    Result,
+    State,
+    Track,
+    Withdrawn,
+)
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.slip.onset import (
     DEFAULT_SETTINGS,
-    Disc,
     MacroSlip,
+    Sight,
     SlipSettings,
+    SlipWatch,
     date_slips,
-    find_held,
-    follow_disc,
-    is_still,
 )
 
 FOLLOWING = ("tracked", "incremental")
@@ -49,24 +55,39 @@ def find_slips(
         noise: of the markers.
         settings: how slips are dated and doubted.
     """
-    discs = follow_disc(recording, result, noise, settings)
-    slips = date_slips(discs, settings)
+    watch = SlipWatch(recording.layout, noise, settings)
+    frames = zip(recording.positions, result.contact, result.time, strict=True)
+    sights = [watch.update(positions, contact, float(time)) for positions, contact, time in frames]
+    return date_doubts(result, sights, settings)
+
+
+def date_doubts(
+    track: Track, sights: Sequence[Sight], settings: SlipSettings = DEFAULT_SETTINGS
+) -> list[MacroSlip]:
+    """When fewer than three markers stuck, or may have, by what was seen while it happened.
+
+    Args:
+        track: of one of the methods.
+        sights: what a `SlipWatch` saw, by frame.
+        settings: how slips are dated and doubted.
+    """
+    slips = date_slips([sight.disc for sight in sights if sight.disc is not None], settings)
     doubts = [
         doubt
-        for doubt in _find_doubts(recording, result, noise, discs, settings)
+        for doubt in _find_doubts(track, sights, settings)
         if not any(slip.onset < doubt.high and doubt.low < _end(slip) for slip in slips)
     ]
     return sorted(slips + doubts)
 
 
 def withdraw(
-    result: Result,
+    result: Kept,
     slips: Sequence[MacroSlip],
     outline: Float[np.ndarray, " frames"],
     *,
     keep: bool = False,
     settings: SlipSettings = DEFAULT_SETTINGS,
-) -> Result:
+) -> Kept:
     """The result without the angles that were given while the object slid unseen, or may have.
 
     Args:
@@ -106,36 +127,33 @@ def withdraw(
     if keep:
         return result
     slips_now = gone & np.array([s == State.MACRO_SLIP for s in state])
-    stick = result.stick & ~slips_now[:, None]  # gel that rests may stick
-    return replace(result, **(result.without(gone) | {"state": tuple(state), "stick": stick}))
+    sticking = {  # gel that rests may stick
+        name: values
+        for name, values in result.without(slips_now).items()
+        if name in ("stick", "stick_markers")
+    }
+    return replace(result, **(result.without(gone) | {"state": tuple(state)} | sticking))
 
 
-def _find_doubts(
-    recording: Recording,
-    result: Result,
-    noise: Noise,
-    discs: Sequence[Disc],
-    settings: SlipSettings,
-) -> list[MacroSlip]:
+def _find_doubts(track: Track, sights: Sequence[Sight], settings: SlipSettings) -> list[MacroSlip]:
     """Times in which gel rests that came to rest while few markers stuck."""
-    rests = _is_at_rest(recording, result, noise, settings)
-    doubts: list[MacroSlip] = []
-    for first, last in _runs(rests):
+    time, doubts = track.time, list[MacroSlip]()
+    for first, last in _runs(np.array([sight.rests for sight in sights])):
         begin = first - settings.window  # the window's first frame
-        moved = begin > 0 and result.contact[begin - 1].any()
+        moved = begin > 0 and track.contact_markers[begin - 1] > 0
         if last - first < settings.window or not moved:
             continue
         lately = [
-            disc.margin
-            for disc in discs
-            if recording.time[max(begin - settings.window, 0)] <= disc.time <= recording.time[first]
+            sight.disc.margin
+            for sight in sights[max(begin - settings.window, 0) : first + settings.window + 1]
+            if sight.disc is not None
+            and time[max(begin - settings.window, 0)] <= sight.disc.time <= time[first]
         ]
         if (
-            _lets_go(result, begin, settings)
+            _lets_go(track, begin, settings)
             and min(lately[-4:], default=0.0) < settings.least_margin
         ):
-            time = recording.time
-            moves_again = last < _contact_from(result, begin)[-1]
+            moves_again = last < _contact_from(track, begin)[-1]
             doubts.append(
                 MacroSlip(
                     onset=float(time[begin]),
@@ -148,33 +166,18 @@ def _find_doubts(
     return doubts
 
 
-def _lets_go(result: Result, row: int, settings: SlipSettings) -> bool:
+def _lets_go(result: Track, row: int, settings: SlipSettings) -> bool:
     """Whether few markers stuck in any of the frames around."""
     around = slice(max(row - settings.window, 0), row + settings.window + 1)
-    stick, contact = result.stick[around].sum(axis=1), result.contact[around].sum(axis=1)
+    stick, contact = result.stick_markers[around], result.contact_markers[around]
     return bool((stick < settings.firm_share * contact).any())
-
-
-def _is_at_rest(
-    recording: Recording, result: Result, noise: Noise, settings: SlipSettings
-) -> Bool[np.ndarray, " frames"]:
-    """Rows since `window` frames before which the contact's markers have not moved."""
-    rests = np.zeros(len(recording), dtype=bool)
-    points, scale = recording.positions[..., :2], float(np.sqrt(2.0) * noise.in_plane)
-    for row in range(settings.window, len(recording)):
-        held = find_held(recording, result, row, settings.window)
-        moved = np.linalg.norm(points[row, held] - points[row - settings.window, held], axis=-1)
-        rests[row] = len(moved) >= settings.least_markers and is_still(
-            moved, scale, settings.at_rest
-        )
-    return rests
 
 
 def _end(slip: MacroSlip) -> float:
     return slip.regained if slip.ended else np.inf
 
 
-def _contact_from(result: Result, row: int) -> Int[np.ndarray, " rows"]:
+def _contact_from(result: Track, row: int) -> Int[np.ndarray, " rows"]:
     """The row, and those after it until the contact ends."""
     free = (i for i in range(row + 1, len(result.time)) if result.state[i] == State.NO_CONTACT)
     return np.arange(row, next(free, len(result.time)))

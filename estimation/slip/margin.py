@@ -5,9 +5,10 @@ the same curve enlarged twice after a reversal ([Lubkin1951], [Masing1926]). Lim
 the moment at which the branch began are fitted to what the branch has shown so far.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +16,7 @@ from scipy.optimize import least_squares
 
 from contactmodel.analytic import lubkin_moment, lubkin_twist
 from estimation.estimators.measurement import Z95
-from estimation.estimators.result import Result, State
+from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
 
 LEAST_STICK_RATIO = 0.1
@@ -74,6 +75,16 @@ class Branch(NamedTuple):
     rms: float
     points: int
 
+    @classmethod
+    def read(cls, content: Mapping[str, Any]) -> "Branch":
+        """A branch as `write` gave it."""
+        told: dict[str, Any] = {**content, "covariance": np.array(content["covariance"])}
+        return cls(**told)
+
+    def write(self) -> dict[str, Any]:
+        """The branch, ready for JSON."""
+        return self._asdict() | {"covariance": self.covariance.tolist()}
+
     @property
     def parameters(self) -> Float[np.ndarray, " 3"]:
         """Ln limit, ln stiffness and start moment, what the fit varies."""
@@ -106,19 +117,44 @@ class Margin(NamedTuple):
 
 
 class MarginTracker:
-    """Follows angle and moment frame by frame; the cost of a frame is bounded."""
+    """Follows angle and moment frame by frame; the cost of a frame is bounded.
+
+    Attributes:
+        branch: as known now; None if the data cannot tell one.
+        last: as known in the last frame that had a margin.
+    """
 
     def __init__(self, settings: MarginSettings = DEFAULT_SETTINGS) -> None:
         """Begin with nothing known."""
         self.settings = settings
+        self.last: Branch | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with nothing known: the object has left."""
         self._points: list[tuple[float, float]] = []
         self._sign = 0.0
         self._guess: Float[np.ndarray, " 3"] | None = None
         self.branch: Branch | None = None
 
-    def restart(self) -> None:
-        """Forget everything: the object has left."""
-        self.__init__(self.settings)
+    def follow(self, state: State, angle: float, moment: float, contact_markers: int) -> Margin:
+        """What is left after a frame in some state; NaN without contact and in macro slip.
+
+        Args:
+            state: of the contact.
+            angle: as for `update`, and so the next two.
+            moment: about the normal [N·mm].
+            contact_markers: markers in contact.
+        """
+        if state == State.NO_CONTACT:
+            self.restart()
+            return Margin()
+        margin = self.update(angle, moment, contact_markers)
+        if state == State.MACRO_SLIP:
+            return Margin()
+        if np.isfinite(margin.angle_left):
+            self.last = self.branch
+        return margin
 
     def update(self, angle: float, moment: float, contact_markers: int) -> Margin:
         """What is left after a frame.
@@ -128,14 +164,7 @@ class MarginTracker:
             moment: about the normal [N·mm].
             contact_markers: markers in contact; macro slip is when fewer than three of them stick.
         """
-        if not np.isfinite(angle + moment):
-            return Margin()
-        self._points.append((angle, moment))
-        self._turn()
-        if len(self._points) > 2 * self.settings.most_points:
-            del self._points[1:-1:2]
-        self.branch = None
-        if not self._sign or len(self._points) < self.settings.least_points:
+        if not self.pass_by(angle, moment):
             return Margin()
         angles, moments = np.array(self._points).T
         self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
@@ -143,6 +172,17 @@ class MarginTracker:
         # a fit that could not tell is no place to start from
         self._guess = self.branch.parameters if np.isfinite(margin.angle_left) else None
         return margin
+
+    def pass_by(self, angle: float, moment: float) -> bool:
+        """Keep the point of a frame, whose margin is not asked for; whether there are enough."""
+        if not np.isfinite(angle + moment):
+            return False
+        self._points.append((angle, moment))
+        self._turn()
+        if len(self._points) > 2 * self.settings.most_points:
+            del self._points[1:-1:2]
+        self.branch = None
+        return bool(self._sign) and len(self._points) >= self.settings.least_points
 
     def _turn(self) -> None:
         """Begin a new branch where the object has turned back."""
@@ -170,21 +210,33 @@ class MarginPath(NamedTuple):
     last: Branch | None
 
 
-def follow_margin(result: Result, settings: MarginSettings = DEFAULT_SETTINGS) -> MarginPath:
-    """Margins of a recording, frame by frame."""
-    tracker = MarginTracker(settings)
-    margins, last = [], None
-    frames = zip(result.state, result.angle, result.moment, result.contact.sum(axis=1), strict=True)
-    for state, angle, moment, contact in frames:
-        if state == State.NO_CONTACT:
+def follow_margin(
+    track: Track, settings: MarginSettings = DEFAULT_SETTINGS, known: Sequence[Margin] = ()
+) -> MarginPath:
+    """Margins of a recording, frame by frame.
+
+    Args:
+        track: of the chosen method.
+        settings: of the fits.
+        known: margins of the first frames, found before.
+    """
+    tracker, margins = MarginTracker(settings), list(known[:-1])
+    skipped = len(margins)
+    frames = zip(
+        track.state,
+        track.angle.tolist(),
+        track.moment.tolist(),
+        track.contact_markers.tolist(),
+        strict=True,
+    )
+    for row, (state, angle, moment, contact) in enumerate(frames):
+        if row >= skipped:
+            margins.append(tracker.follow(state, angle, moment, contact))
+        elif state == State.NO_CONTACT:
             tracker.restart()
-            margins.append(Margin())
-            continue
-        margin = tracker.update(float(angle), float(moment), int(contact))
-        margins.append(Margin() if state == State.MACRO_SLIP else margin)
-        if np.isfinite(margins[-1].angle_left):
-            last = tracker.branch
-    return MarginPath(margins, last)
+        else:
+            tracker.pass_by(angle, moment)
+    return MarginPath(margins, tracker.last)
 
 
 def fit_branch(

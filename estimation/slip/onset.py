@@ -14,6 +14,7 @@ Contacts that are not round close in other shapes, and real gels creep: where a 
 the markers as they moved, to twice their noise, there is no date.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,10 +24,9 @@ from jaxtyping import Bool, Complex, Float
 from scipy.optimize import leastsq
 
 from estimation.estimators.measurement import Z95
-from estimation.estimators.result import Result
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
-from estimation.frames.recording import Recording
+from estimation.frames.recording import MarkerLayout
 
 
 @dataclass(frozen=True)
@@ -166,64 +166,116 @@ def _describe(slip: MacroSlip, start: float) -> str:
     )
 
 
-def follow_disc(
-    recording: Recording,
-    result: Result,
-    noise: Noise,
-    settings: SlipSettings = DEFAULT_SETTINGS,
-) -> list[Disc]:
-    """The disc that sticks, over every window whose motion shows one.
+class _Seen(NamedTuple):
+    """Markers of one frame.
 
-    Args:
-        recording: the recording.
-        result: of one of its methods, for the contact.
-        noise: of the markers.
-        settings: how the disc is followed.
+    Attributes:
+        points: x + iy in pitches.
+        contact: those of the contact region.
+        time: time stamp [s].
     """
-    pitch = _pitch(recording)
-    z = (recording.positions[..., 0] + 1j * recording.positions[..., 1]) / pitch
-    scale = max(np.sqrt(2.0) * noise.in_plane / pitch, 1e-6)
-    discs: list[Disc] = []
-    last: np.ndarray | None = None
-    axis: np.ndarray | None = None
-    missed = 0
-    for i in range(settings.window, len(recording)):
-        j = i - settings.window
-        either = result.contact[i] | result.contact[j]
-        both = find_held(recording, result, i, settings.window) & np.isfinite(
-            recording.time[i] + recording.time[j]
-        )
-        if both.sum() < settings.least_markers or missed > 2 * settings.window:
-            last, axis, missed = None, None, 0
-        if (
-            both.sum() < settings.least_markers
-            or both.sum() < (1.0 - settings.load_change) * either.sum()
-        ):
-            continue
-        before, after = z[j, both], z[i, both]
+
+    points: Complex[np.ndarray, " n"]
+    contact: Bool[np.ndarray, " n"]
+    time: float
+
+
+class Sight(NamedTuple):
+    """What the motion over the window that ends with a frame shows.
+
+    Attributes:
+        disc: the region that sticks; None where the motion shows none.
+        rests: whether the contact's markers have hardly moved.
+    """
+
+    disc: Disc | None
+    rests: bool
+
+
+class SlipWatch:
+    """Follows the disc that sticks frame by frame, over every window whose motion shows one."""
+
+    def __init__(
+        self, layout: MarkerLayout, noise: Noise, settings: SlipSettings = DEFAULT_SETTINGS
+    ) -> None:
+        """Begin with no frame.
+
+        Args:
+            layout: of the markers.
+            noise: of the markers.
+            settings: how the disc is followed.
+        """
+        self._pitch = _pitch(layout)
+        self._scale = float(np.sqrt(2.0) * noise.in_plane) / self._pitch
+        self._settings = settings
+        self._window: deque[_Seen] = deque(maxlen=settings.window + 1)
+        self._lose()
+
+    def update(
+        self,
+        positions: Float[np.ndarray, "n d"],
+        contact: Bool[np.ndarray, " n"],
+        time: float,
+    ) -> Sight:
+        """What is seen after the next frame.
+
+        Args:
+            positions: of the markers [mm]; NaN where not seen.
+            contact: markers of the contact region.
+            time: time stamp [s].
+        """
+        z = (positions[:, 0] + 1j * positions[:, 1]) / self._pitch
+        self._window.append(_Seen(z, contact, time))
+        if len(self._window) <= self._settings.window:
+            return Sight(None, False)
+        first, last = self._window[0], self._window[-1]
+        held = first.contact & last.contact & np.isfinite(last.points - first.points)
+        moved = np.abs((last.points - first.points)[held])
+        enough = len(moved) >= self._settings.least_markers
+        rests = enough and is_still(moved, self._scale, self._settings.at_rest)
+        return Sight(self._find_disc(first, last, held), rests)
+
+    def _find_disc(self, first: _Seen, last: _Seen, held: Bool[np.ndarray, " n"]) -> Disc | None:
+        """The disc that moved the markers that are seen in contact at both ends of the window."""
+        settings, scale = self._settings, max(self._scale, 1e-6)
+        held = held & np.isfinite(first.time + last.time)
+        few = held.sum() < settings.least_markers
+        if few or self._missed > 2 * settings.window:
+            self._lose()
+        either = first.contact | last.contact
+        if few or held.sum() < (1.0 - settings.load_change) * either.sum():
+            return None
+        before, after = first.points[held], last.points[held]
         moved = np.abs(after - before)
-        if axis is not None:  # those near the axis move to the end
-            moved = moved[np.argsort(np.abs(before - complex(*axis)))[: settings.least_markers]]
+        if self._axis is not None:  # those near the axis move to the end
+            near = np.argsort(np.abs(before - complex(*self._axis)))
+            moved = moved[near[: settings.least_markers]]
         if is_still(moved, scale, settings.at_rest):
-            continue
-        best = _fit_best(before, after, scale, last, axis, settings)
+            return None
+        best = _fit_best(before, after, scale, self._last, self._axis, settings)
         disc = _describe_disc(best, before, after, scale, settings)
-        missed += 1
+        self._missed += 1
         if disc.misfit > settings.largest_misfit or disc.error > np.hypot(
             settings.largest_error, settings.roundness
         ):
-            continue
-        time = 0.5 * (recording.time[i] + recording.time[j])
-        discs.append(disc._replace(time=float(time)))
-        if disc.misfit > settings.round_misfit:  # the contact is not round
-            continue
-        last, missed = best.parameters, 0
-        inside = np.abs(before - complex(*best.parameters[:2])) < abs(best.parameters[2])
+            return None
+        if disc.misfit <= settings.round_misfit:
+            self._believe(best.parameters, before)
+        return disc._replace(time=0.5 * (first.time + last.time))
+
+    def _lose(self) -> None:
+        """Begin anew with the next disc."""
+        self._last: np.ndarray | None = None
+        self._axis: np.ndarray | None = None
+        self._missed = 0
+
+    def _believe(self, disc: np.ndarray, before: Complex[np.ndarray, " m"]) -> None:
+        """Start from this disc next time, and from its axis while many markers are inside."""
+        self._last, self._missed = disc, 0
+        inside = np.abs(before - complex(*disc[:2])) < abs(disc[2])
         if inside.sum() >= 3 * MIN_STICK_MARKERS:
-            axis = (
-                best.parameters[:2] if axis is None else axis + 0.2 * (best.parameters[:2] - axis)
-            )
-    return discs
+            axis = disc[:2] if self._axis is None else self._axis
+            self._axis = axis + 0.2 * (disc[:2] - axis)
 
 
 class _Fit(NamedTuple):
@@ -258,15 +310,6 @@ def _describe_disc(
         error=float(np.hypot(error, settings.roundness)),
         misfit=float(beyond / moved),
     )
-
-
-def find_held(
-    recording: Recording, result: Result, row: int, window: int
-) -> Bool[np.ndarray, " n"]:
-    """Markers that are seen in contact at both ends of the window that ends with a row."""
-    both = result.contact[row] & result.contact[row - window]
-    moved = recording.positions[row, :, :2] - recording.positions[row - window, :, :2]
-    return both & np.isfinite(moved).all(axis=-1)
 
 
 def is_still(moved: Float[np.ndarray, " m"], scale: float, at_rest: float) -> bool:
@@ -381,9 +424,8 @@ def _date(discs: Sequence[Disc], near: float, settings: SlipSettings) -> MacroSl
     return MacroSlip(onset, onset - half, onset + half) if half < settings.widest * frame else None
 
 
-def _pitch(recording: Recording) -> float:
+def _pitch(layout: MarkerLayout) -> float:
     """Distance between neighbouring markers, the unit of this module's bounds."""
-    layout = recording.layout
     inner, slot = np.nonzero(layout.neighbours >= 0)
     pairs = layout.reference[inner] - layout.reference[layout.neighbours[inner, slot]]
     return float(np.median(np.linalg.norm(pairs, axis=1)))

@@ -12,7 +12,8 @@ from estimation.estimators import METHODS
 from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
 from estimation.output.table import MARGIN_COLUMNS
-from estimation.run import Input, Settings, run_all
+from estimation.run import Input, run_all
+from estimation.settings import Settings
 from estimation.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import domed_pad, lift
@@ -49,6 +50,7 @@ FILES = {
     "report.html",
     "angles.png",
     "maps.png",
+    "record.sqlite",
 }
 SINGLE = FILES | {"manifest.json"}
 

@@ -9,6 +9,7 @@ from estimation.estimators import METHODS
 from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
+from estimation.observation import ContactSettings
 from estimation.tracker import Tracker, estimate_angles
 from tests.cases import domed_pad, lift
 
@@ -49,7 +50,7 @@ def test_states_and_their_bounds():
     expected = [State.STICK if s >= 0.9 else State.INCIPIENT for s in share]
     assert list(result.state[5:]) == expected
     assert State.INCIPIENT in expected
-    generous = estimate_angles(recording, noise=MICRON, stick_share=0.01)
+    generous = estimate_angles(recording, noise=MICRON, contact=ContactSettings(stick_share=0.01))
     assert set(generous.state[5:]) == {State.STICK}
 
 

@@ -59,7 +59,7 @@ class DotReader(MarkerReader):
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.light = self.printed = self.prints = False
         self.lattice = index_lattice(self.reference.position)
-        self.guessed = self.reference.doubt is not None
+        self.provisional = self.reference.doubt is not None
         self.resting, self.before = 0, self.reference.position
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale)
@@ -77,7 +77,7 @@ class DotReader(MarkerReader):
         seen = (match >= 0)[:, None]
         position = np.where(seen, straight[match], np.nan)
         in_picture = np.where(seen, dots.centre[match], np.nan)
-        if self.guessed and not self.printed:
+        if self.provisional and not self.printed:
             most = seen.sum() >= RECOGNISED * len(straight)
             self._look_for_rest(position if most else np.nan * position, picture.number)
         painted = paint_out(picture.image, dots.centre, self.style.radius)
@@ -133,7 +133,7 @@ class DotReader(MarkerReader):
         self.before = position
         if self.resting < RESTING:
             return
-        self.guessed, doubt = False, self.reference.doubt
+        self.provisional, doubt = False, self.reference.doubt
         known = np.isfinite(position[:, 0])
         self.reference = self.reference._replace(
             position=np.where(known[:, None], position, self.reference.position),

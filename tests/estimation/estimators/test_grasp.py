@@ -8,7 +8,8 @@ from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
 from estimation.estimators.result import State
-from estimation.run import Input, Settings, run_all
+from estimation.run import Input, run_all
+from estimation.settings import Settings
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from estimation.estimators.result import Estimate, Result, State, Withdrawn, per_frame, show_number
+from estimation.estimators.result import (
+    Estimate,
+    Record,
+    Result,
+    State,
+    Track,
+    Withdrawn,
+    per_frame,
+    show_number,
+)
 from estimation.output.table import csv_text, tabulate
 from estimation.slip.lookback import withdraw
 from estimation.slip.onset import MacroSlip
@@ -44,7 +53,11 @@ def gather(count: int = 10) -> Result:
             since=0.0,
             anew=0,
             stick=np.arange(4) >= i,
+            stick_markers=max(4 - i, 0),
             contact=~NONE,
+            contact_markers=4,
+            gel_low=0.0,
+            gel_high=0.01 * i,
             moment=float("nan"),
             rotation=np.full(4, 0.01 * i),
             stiffness_ratio=0.0,
@@ -66,7 +79,7 @@ def test_a_new_quantity_is_gathered_taken_and_tabulated():
     assert table["warmth_K"] == ["301.000000", "304.000000", "307.000000"]
     assert table["withdrawn_angle_deg"] == ["", "", ""]
     assert table["frame"] == ["0", "1", "2"]
-    assert csv_text([table]).splitlines()[0] == ",".join(table)
+    assert csv_text(table).splitlines()[0] == ",".join(table)
 
 
 def test_every_declared_quantity_is_in_every_form():
@@ -74,7 +87,9 @@ def test_every_declared_quantity_is_in_every_form():
     for name, column in result.columns().items():
         assert len(getattr(result, name)) == 3
         assert not column.name or len(tabulate(result)[column.name]) == 3
-    assert Withdrawn.columns() == Estimate.columns() == Result.columns()
+    assert Estimate.columns() == Result.columns()
+    assert Withdrawn.columns() == Track.columns() == Record.columns()
+    assert Record.columns().items() <= Result.columns().items()
     assert {*result.columns()} == {*Result.columns(), "warmth"}
 
 
@@ -87,7 +102,7 @@ def test_an_answer_is_withdrawn_as_a_whole():
     np.testing.assert_array_equal(back.withdrawn.rows, gone)
     np.testing.assert_array_equal(back.withdrawn.angle[gone], result.angle[gone])
     assert back.withdrawn.state == tuple(State.INCIPIENT if one else None for one in gone)
-    assert not back.withdrawn.stick[~gone].any()
+    assert not back.withdrawn.stick_markers[~gone].any()
     later = back.take(slice(5, None))
     np.testing.assert_array_equal(later.withdrawn.rows, gone[5:])
     assert tabulate(later)["withdrawn_angle_deg"][:2] == ["", f"{np.degrees(0.06):.6f}"]

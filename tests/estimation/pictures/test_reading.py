@@ -11,14 +11,14 @@ from typer.testing import CliRunner
 
 from estimation.__main__ import app
 from estimation.frames.extras import EXTRAS
-from estimation.live import HEADER
 from estimation.output import preview
+from estimation.output.lines import HEADER
 from estimation.pictures.imprint import ImprintFollower, paint_out
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import read_pictures
-from estimation.run import Settings, gather_recordings
+from estimation.settings import Settings
 from estimation.sources import read_recording
 from tests.estimation.pictures.scenes import REST, picture, twisted
 

@@ -45,7 +45,7 @@ def test_gel_that_rests_under_a_sliding_object():
     assert live.answered[first:].all()
     gone = live.answered & ~back.answered
     np.testing.assert_array_equal(back.withdrawn.rows, gone)
-    for name in ("angle", "low", "high", "stick"):
+    for name in ("angle", "low", "high", "stick_markers"):
         given, kept = getattr(live, name), getattr(back.withdrawn, name)
         np.testing.assert_array_equal(kept[gone], given[gone])
     assert [s for s in back.withdrawn.state if s] == [live.state[i] for i in np.flatnonzero(gone)]

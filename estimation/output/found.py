@@ -1,0 +1,195 @@
+"""What was found in a recording or stream, put together from the record of its frames."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from estimation.estimators.result import State, Track
+from estimation.output.record import KeptMarkers, RecordReader
+from estimation.slip.lookback import FOLLOWING, date_doubts, withdraw
+from estimation.slip.margin import Branch, MarginPath, follow_margin
+from estimation.slip.motion import describe_counts
+from estimation.slip.onset import MacroSlip, describe_slips
+
+
+class Known(NamedTuple):
+    """What is known of a virtual recording.
+
+    Attributes:
+        angle: the object's [rad, counter-clockwise]; NaN before it touched.
+        stick_markers: how many have stuck ever since they were under full load.
+    """
+
+    angle: Float[np.ndarray, " frames"]
+    stick_markers: Int[np.ndarray, " frames"]
+
+
+class Tracks(Mapping[str, Track]):
+    """The answers by method, read and made when they are asked for; the chosen one's are kept."""
+
+    def __init__(self, methods: Sequence[str], make: Callable[[str], Track]) -> None:
+        """Make it.
+
+        Args:
+            methods: the chosen one first.
+            make: the answers of one.
+        """
+        self._methods, self._make = tuple(methods), make
+        self._main = make(self._methods[0])
+
+    def __getitem__(self, method: str) -> Track:
+        """The answers of a method."""
+        if method == self._methods[0]:
+            return self._main
+        if method not in self._methods:
+            raise KeyError(method)
+        return self._make(method)
+
+    def __iter__(self) -> Iterator[str]:
+        """The methods, the chosen one first."""
+        return iter(self._methods)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._methods)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What was found in a recording or stream.
+
+    Attributes:
+        name: of the recording.
+        source: where its frames come from.
+        convention: how its axes lie.
+        unit: of lengths, mm or px.
+        reference: of its markers [unit].
+        settings: what the run was told, for the summary.
+        sha256: of what the angles were computed from.
+        notes: what a reader of the angles should know, in sentences.
+        results: by method, all over the same frames, the chosen one first.
+        method: the chosen method.
+        outline: direction of the contact's long axis, or rotation of the imprint [rad].
+        imprint: rotation of the imprint [rad]; NaN where unknown.
+        markers: of some of the frames, or of all.
+        truth: of a virtual recording.
+        slips: when macro slip began, by the whole recording.
+        margin: what is left before macro slip, by the chosen method.
+    """
+
+    name: str
+    source: str
+    convention: str
+    unit: str
+    reference: Float[np.ndarray, "n d"]
+    settings: Mapping[str, Any]
+    sha256: str
+    notes: Sequence[str]
+    results: Mapping[str, Track]
+    method: str
+    outline: Float[np.ndarray, " frames"]
+    imprint: Float[np.ndarray, " frames"]
+    markers: Callable[[], Iterator[KeptMarkers]]
+    truth: Known | None = None
+    slips: Sequence[MacroSlip] = ()
+    margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
+
+    @property
+    def turns(self) -> str:
+        """What `outline` is the direction of."""
+        return "imprint" if np.isfinite(self.imprint).any() else "contact outline"
+
+    @property
+    def main(self) -> Track:
+        """The answers of the chosen method."""
+        return self.results[self.method]
+
+
+def find_in_record(record: RecordReader) -> Run:
+    """What was found, looking back over all frames.
+
+    Raises:
+        ValueError: the record has no frames, or is damaged.
+    """
+    if not len(record):
+        raise ValueError(f"{record.path} has no frames")
+    about = record.about
+    methods, imprint = about["methods"], record.column("imprint")
+    outline = imprint if np.isfinite(imprint).any() else record.column("axis")
+    live = record.track(methods[0])
+    slips = date_doubts(live, list(record.sights())) if about["looks_back"] else []
+
+    def look_back(method: str) -> Track:
+        track = live if method == methods[0] else record.track(method)
+        if method not in FOLLOWING:
+            return track
+        return withdraw(track, slips, outline, keep=about["settings"]["keep_withdrawn"])
+
+    results = Tracks(methods, look_back)
+    main = results[methods[0]]
+    margins, branch = list(record.margins()), about["branch"]
+    changed = np.flatnonzero(~np.isclose(main.angle, live.angle, equal_nan=True))
+    if len(changed):
+        margin = follow_margin(main, known=margins[: changed[0]])
+    else:
+        margin = MarginPath(margins, None if branch is None else Branch.read(branch))
+    notes = [*about["warnings"], *about["source_notes"], *about["notes"], *_reference_notes(main)]
+    notes += [*describe_counts(main), *_softness_notes(main), *describe_slips(slips, main.time[0])]
+    truth = about.get("truth")
+    rows = slice(len(main.time))
+    return Run(
+        name=about["name"],
+        source=about["source"],
+        convention=about["convention"],
+        unit=about["unit"],
+        reference=np.array(about["reference"]),
+        settings=about["settings"],
+        sha256=about["sha256"],
+        notes=notes,
+        results=results,
+        method=methods[0],
+        outline=outline,
+        imprint=imprint,
+        markers=record.markers,
+        truth=None if truth is None else Known(*(np.array(values)[rows] for values in truth)),
+        slips=slips,
+        margin=margin,
+    )
+
+
+def _reference_notes(track: Track) -> tuple[str, ...]:
+    """What the angles are relative to, where that is not plain."""
+    states = [state for state in track.state if state != State.UNKNOWN]
+    if not states:
+        return ("No frame of this recording can be used.",)
+    if all(state == State.NO_CONTACT for state in states):
+        return (f"There is no contact in the {len(states)} usable frames of {len(track.state)}.",)
+    if states[0] != State.NO_CONTACT:
+        start = "There is contact from the first usable frame on: "
+        first = next(i for i, state in enumerate(track.state) if state != State.UNKNOWN)
+        if track.anew[first]:
+            return (
+                start + "it had already slipped against the unloaded reference shape, so angles "
+                "are counted from that frame.",
+            )
+        return (
+            start + "angles are relative to the unloaded reference shape that came with the "
+            "recording, not to that frame, and what the object turned before it stuck is not in "
+            "them.",
+        )
+    return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
+
+
+def _softness_notes(track: Track) -> tuple[str, ...]:
+    """Where the object's softness is told beyond the contacts that it was found on."""
+    beyond = int((track.answered & ~track.covered).sum())
+    if not beyond:
+        return ()
+    return (
+        f"{beyond} of {int(track.answered.sum())} angles are of contacts unlike those that the "
+        "softness was found on (turned further, pressed otherwise or of another size): they and "
+        "their intervals are extrapolated.",
+    )

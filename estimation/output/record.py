@@ -1,0 +1,301 @@
+"""The record of a run: a database that grows with every frame, whole at any time.
+
+`record.sqlite` has a row for each frame in `frames`, with every quantity that a `Record` declares
+by method (`tracked.angle`, …; rad, mm, s); the markers of some frames in `markers`; what the run is
+about in `about`, as JSON; and in `checkpoint` what is needed to go on. The tables, the summary and
+the report of a run are made from it.
+"""
+
+import json
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.estimators.result import (
+    Flag,
+    Label,
+    Number,
+    Record,
+    State,
+    Text,
+    Track,
+    Whole,
+)
+from estimation.slip.margin import Margin
+from estimation.slip.onset import Disc, Sight
+from estimation.stream import Answer
+
+NAME = "record.sqlite"
+FORMAT_VERSION = 1
+COMMIT_S = 0.5
+"""Longest time that an answer waits for the disc [s]."""
+MOST_KEPT = 256
+"""Frames whose markers are kept, evenly spread, unless all are."""
+
+_OTHERS = {
+    "axis": "REAL",
+    "imprint": "REAL",
+    "rests": "INTEGER",
+    **{f"disc_{name}": "REAL" for name in Disc._fields},
+    **{name: "REAL" for name in Margin._fields},
+}
+"""What is kept of each frame beside the methods' answers."""
+_MARKERS = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
+
+
+class KeptMarkers(NamedTuple):
+    """The markers of one frame.
+
+    Attributes:
+        row: of the frame.
+        positions: [mm].
+        turned: φ since the angle is counted [rad].
+        valid: which can be used.
+        stick: which stick.
+        contact: which are of the contact region.
+    """
+
+    row: int
+    positions: Float[np.ndarray, "n d"]
+    turned: Float[np.ndarray, " n"]
+    valid: Bool[np.ndarray, " n"]
+    stick: Bool[np.ndarray, " n"]
+    contact: Bool[np.ndarray, " n"]
+
+
+class RecordWriter:
+    """The sink that keeps what is found of each frame."""
+
+    def __init__(self, path: Path, methods: tuple[str, ...], every_marker: bool = False) -> None:
+        """Open it, or make it.
+
+        Args:
+            path: of the database.
+            methods: whose answers are kept, the chosen one first.
+            every_marker: keep the markers of every frame.
+
+        Raises:
+            OSError: it cannot be written.
+            ValueError: it is no record of ours.
+        """
+        self._path, self._methods, self._every = path, methods, every_marker
+        self._stride, self._written = 1, -np.inf
+        columns = {"row": "INTEGER PRIMARY KEY"} | _columns(methods) | _OTHERS
+        with _telling(path):
+            self._database = sqlite3.connect(path)
+            run = self._database.execute
+            run("PRAGMA journal_mode=WAL")
+            run("PRAGMA synchronous=NORMAL")
+            named = ", ".join(f'"{name}" {kind}' for name, kind in columns.items())
+            run(f"CREATE TABLE IF NOT EXISTS frames ({named})")
+            blobs = ", ".join(f"{name} BLOB" for name in _MARKERS)
+            run(f"CREATE TABLE IF NOT EXISTS markers (row INTEGER PRIMARY KEY, {blobs})")
+            run("CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, content TEXT)")
+            run("CREATE TABLE IF NOT EXISTS checkpoint (row INTEGER, state BLOB)")
+            self._database.commit()
+        self._insert = f"INSERT INTO frames VALUES ({', '.join('?' * len(columns))})"
+
+    def put(self, answer: Answer) -> None:
+        """Keep what was found of a frame; it is on the disc half a second later at the latest."""
+        with _telling(self._path):
+            self._database.execute(self._insert, self._values(answer))
+            if self._every or answer.row % self._stride == 0:
+                self._keep_markers(answer)
+            if self.due:
+                self.commit()
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to write what has been put."""
+        return time.monotonic() > self._written + COMMIT_S
+
+    def commit(self) -> None:
+        """Write what has been put."""
+        with _telling(self._path):
+            self._database.commit()
+        self._written = time.monotonic()
+
+    def restart(self) -> None:
+        """Forget all frames."""
+        self.cut(0)
+
+    def cut(self, rows: int) -> None:
+        """Forget all frames but the first `rows`."""
+        with _telling(self._path):
+            for table in ("frames", "markers", "checkpoint"):
+                self._database.execute(f"DELETE FROM {table} WHERE row >= ?", (rows,))
+
+    def tell(self, **about: Any) -> None:
+        """Keep what the run is about, ready for JSON, by name."""
+        rows = [(name, json.dumps(value, ensure_ascii=False)) for name, value in about.items()]
+        with _telling(self._path):
+            self._database.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", rows)
+
+    def keep_checkpoint(self, row: int, state: bytes) -> None:
+        """Keep what is needed to go on after a row."""
+        with _telling(self._path):
+            self._database.execute("DELETE FROM checkpoint")
+            self._database.execute("INSERT INTO checkpoint VALUES (?, ?)", (row, state))
+
+    def close(self) -> None:
+        """Write everything and close."""
+        with _telling(self._path):
+            self._database.commit()
+            self._database.execute("PRAGMA journal_mode=DELETE")
+            self._database.close()
+
+    def _values(self, answer: Answer) -> list[Any]:
+        values: list[Any] = [answer.row]
+        for method in self._methods:
+            estimate = answer.estimates[method]
+            values += [_plain(getattr(estimate, name)) for name in Record.columns()]
+        disc = answer.sight.disc or Disc(np.nan, np.nan, np.nan, np.nan)
+        others = (answer.axis, answer.frame.imprint[0], int(answer.sight.rests))
+        return [*values, *map(_plain, (*others, *disc, *answer.margin))]
+
+    def _keep_markers(self, answer: Answer) -> None:
+        main, frame = answer.estimates[self._methods[0]], answer.frame
+        kept = (frame.positions, answer.turned, frame.valid, main.stick, main.contact)
+        blobs = [
+            np.ascontiguousarray(values, dtype=kind).tobytes()
+            for values, kind in zip(kept, _MARKERS.values(), strict=True)
+        ]
+        marks = ", ".join("?" * (1 + len(blobs)))
+        self._database.execute(f"INSERT INTO markers VALUES ({marks})", [answer.row, *blobs])
+        if not self._every and answer.row // self._stride >= MOST_KEPT:
+            self._stride *= 2
+            self._database.execute("DELETE FROM markers WHERE row % ?", (self._stride,))
+
+
+class RecordReader:
+    """A record that is read.
+
+    Attributes:
+        about: what the run is about, by name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open it.
+
+        Raises:
+            FileNotFoundError: it is not there.
+            ValueError: it is no record of ours, or of a later version.
+            OSError: it cannot be read.
+        """
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} does not exist: give the folder that a run writes to")
+        self.path = path
+        with _telling(path):
+            self._database = sqlite3.connect(path)
+            rows = self._database.execute("SELECT name, content FROM about").fetchall()
+        self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
+        if self.about.get("format_version") != FORMAT_VERSION:
+            raise ValueError(
+                f"{path} is of format {self.about.get('format_version')}, this version reads "
+                f"{FORMAT_VERSION}: run again, or make its report with the version that wrote it"
+            )
+
+    def __enter__(self) -> "RecordReader":
+        """Itself."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Close it."""
+        self._database.close()
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return self._database.execute("SELECT COUNT(*) FROM frames").fetchone()[0]
+
+    def track(self, method: str) -> Track:
+        """The answers of one method.
+
+        Raises:
+            ValueError: the record is damaged.
+        """
+        values: dict[str, Any] = {
+            name: self._column(f"{method}.{name}", kind) for name, kind in _kinds().items()
+        }
+        values["state"] = tuple(map(State, values["state"]))
+        return Track(method=method, **values)
+
+    def column(self, name: str) -> Float[np.ndarray, " frames"]:
+        """A quantity beside the methods' answers: `axis`, `imprint`."""
+        return self._column(name, "REAL")
+
+    def sights(self) -> Iterator[Sight]:
+        """What the slip watch saw, by frame."""
+        names = ", ".join(f"disc_{name}" for name in Disc._fields)
+        for rests, *disc in self._rows(f"rests, {names}"):
+            yield Sight(None if disc[0] is None else Disc(*disc), bool(rests))
+
+    def margins(self) -> Iterator[Margin]:
+        """What was left before macro slip, by frame."""
+        for values in self._rows(", ".join(Margin._fields)):
+            yield Margin(*(np.nan if value is None else value for value in values))
+
+    def markers(self) -> Iterator[KeptMarkers]:
+        """The markers of the frames that they are kept of."""
+        with _telling(self.path):
+            cursor = self._database.execute("SELECT * FROM markers ORDER BY row")
+            for row, *blobs in cursor:
+                arrays = [
+                    np.frombuffer(blob, dtype=kind)
+                    for blob, kind in zip(blobs, _MARKERS.values(), strict=True)
+                ]
+                positions = arrays[0].reshape(len(arrays[1]), -1)
+                yield KeptMarkers(row, positions, *arrays[1:])
+
+    def checkpoint(self) -> tuple[int, bytes]:
+        """Rows that were done, and the state after them; none and nothing if there is none."""
+        with _telling(self.path):
+            found = self._database.execute("SELECT row, state FROM checkpoint").fetchone()
+        return (0, b"") if found is None else (found[0] + 1, found[1])
+
+    def _column(self, name: str, kind: str) -> Any:
+        values = (value for (value,) in self._rows(f'"{name}"'))
+        if kind == "TEXT":
+            words: dict[str, str] = {}
+            return tuple(words.setdefault(value, value) for value in values)
+        known = (np.nan if value is None else value for value in values)
+        array = np.fromiter(known, dtype=float, count=len(self))
+        return array if kind == "REAL" else array.astype(int if kind == "INTEGER" else bool)
+
+    def _rows(self, names: str) -> Iterator[tuple[Any, ...]]:
+        with _telling(self.path):
+            yield from self._database.execute(f"SELECT {names} FROM frames ORDER BY row")
+
+
+@contextmanager
+def _telling(path: Path) -> Iterator[None]:
+    """Tell what is wrong with a database as other files' errors are told."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise OSError(f"{path}: {error}") from error
+    except sqlite3.DatabaseError as error:
+        raise ValueError(f"{path} is no record of a run, or damaged ({error})") from error
+
+
+def _kinds() -> dict[str, str]:
+    """How each quantity of a record is stored."""
+    stored = {Number: "REAL", Whole: "INTEGER", Flag: "BOOLEAN", Label: "TEXT", Text: "TEXT"}
+    return {name: stored[Record.__annotations__[name]] for name in Record.columns()}
+
+
+def _columns(methods: tuple[str, ...]) -> dict[str, str]:
+    kinds = _kinds().items()
+    return {f"{method}.{name}": kind for method in methods for name, kind in kinds}
+
+
+def _plain(value: Any) -> Any:
+    """A value that SQLite knows."""
+    if isinstance(value, str):
+        return str(value)
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,374 @@
+"""Frames answered one after the other: from any source, by every method, into any sink.
+
+A folder, a file, a camera and any other source of frames go the same way. What a stream keeps of
+its past is bounded; what it has found goes to its sinks.
+"""
+
+import hashlib
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.estimators.result import Estimate
+from estimation.fields.outline import OutlineFollower
+from estimation.frames.noise import Noise, find_noise
+from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
+from estimation.frames.state import save_state
+from estimation.pictures.reader import MarkerReader
+from estimation.settings import Settings
+from estimation.slip.margin import Branch, Margin, MarginTracker
+from estimation.slip.motion import Count
+from estimation.slip.onset import Sight, SlipWatch
+from estimation.tracker import Trackers
+
+AHEAD = 96
+"""Frames that are read before the first is answered, for the noise that they show."""
+AHEAD_LIVE = 24
+"""The same of a source that gives them as they are taken: less than a second at 25 per second."""
+MOST_HELD = 2000
+"""Frames that are answered anew when a better reference is found after them."""
+
+
+SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
+"""What a source tells beside its frames."""
+
+
+class Source(Protocol):
+    """Whatever gives frames one after the other; a `Recording` is one.
+
+    Attributes:
+        layout: markers and reference of the last frame it gave; it may change while they come.
+        name: short name.
+        source: where the frames come from.
+        convention: how the axes lie.
+        unit: of lengths, mm or px.
+        notes: what a reader should know, in sentences, as known by now.
+        warnings: what is assumed or looks wrong, in sentences.
+    """
+
+    @property
+    def layout(self) -> MarkerLayout: ...  # noqa: D102
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def source(self) -> str: ...  # noqa: D102
+    @property
+    def convention(self) -> str: ...  # noqa: D102
+    @property
+    def unit(self) -> str: ...  # noqa: D102
+    @property
+    def notes(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def warnings(self) -> tuple[str, ...]: ...  # noqa: D102
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames in order of time."""
+        ...
+
+
+@dataclass
+class FrameStream:
+    """A source made of any frames, as from a socket or a simulator.
+
+    Attributes:
+        layout: markers and reference; it may be given anew while the frames come.
+        frames: in order of time.
+        name: short name.
+        source: where the frames come from.
+        convention: how the axes lie.
+        unit: of lengths, mm or px.
+        notes: what a reader should know, in sentences.
+        warnings: what is assumed or looks wrong, in sentences.
+    """
+
+    layout: MarkerLayout
+    frames: Iterable[Frame]
+    name: str = "stream"
+    source: str = ""
+    convention: str = "z out of the elastomer towards the object"
+    unit: str = "mm"
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames in order of time."""
+        return iter(self.frames)
+
+
+class Answer(NamedTuple):
+    """What is known after a frame.
+
+    Attributes:
+        row: of the frame, counted from 0.
+        frame: as the source gave it.
+        estimates: by method.
+        axis: direction of the contact's long axis [rad], NaN where refused.
+        sight: what the motion over the last frames shows of the region that sticks.
+        margin: what is left before macro slip, by the chosen method.
+        turned: φ of each marker since that method's angle is counted [rad].
+    """
+
+    row: int
+    frame: Frame
+    estimates: dict[str, Estimate]
+    axis: float
+    sight: Sight
+    margin: Margin
+    turned: Float[np.ndarray, " n"]
+
+
+class Sink(Protocol):
+    """Whatever takes answers: a table on the disc, a screen, a robot."""
+
+    def put(self, answer: Answer) -> None:
+        """Take the next answer."""
+        ...
+
+    def restart(self) -> None:
+        """Forget all answers so far: with a better reference they are given anew."""
+        ...
+
+
+class Follower:
+    """Answers the frames of one source; it keeps no more of the past than its methods do.
+
+    Attributes:
+        layout: markers and reference.
+        noise: of the markers.
+        notes: about the noise and the reference, in sentences.
+        row: of the next frame.
+        last: time stamp [s] and number of the last frame that had them.
+        flaws: how many frames could not be used, by the reason.
+    """
+
+    def __init__(
+        self,
+        layout: MarkerLayout,
+        settings: Settings,
+        noise: Noise | None,
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        """Begin with the first frame.
+
+        Args:
+            layout: markers and reference.
+            settings: of the run.
+            noise: of the markers; without it intervals come from the misfit within each frame.
+            notes: about the noise.
+
+        Raises:
+            ValueError: a wrong setting, or too few markers.
+        """
+        self.noise, self.notes, self.row = noise, notes, 0
+        self.last = (0.0, -1)
+        self.flaws: Counter[str] = Counter()
+        self._settings = settings
+        self._begin(layout)
+
+    def _begin(self, layout: MarkerLayout) -> None:
+        told = self._settings
+        self.layout = layout
+        self.trackers = Trackers(
+            layout,
+            told.methods,
+            noise=self.noise,
+            softness=told.softness,
+            contact=told.contact,
+        )
+        self._outline, self._margin, self._count = OutlineFollower(), MarginTracker(), Count()
+        self._watch = None if self.noise is None else SlipWatch(layout, self.noise)
+        self._digest = hashlib.sha256(np.ascontiguousarray(layout.reference).tobytes()).digest()
+
+    def relay(self, layout: MarkerLayout, why: str = "") -> None:
+        """Go on with another reference.
+
+        Args:
+            layout: with that reference.
+            why: what has happened, where the frames so far are not to be answered anew.
+        """
+        if why:
+            self.notes = (
+                *self.notes,
+                f"From frame {self.row} on angles are relative to another reference: {why}.",
+            )
+        else:
+            self.row, self.flaws = 0, Counter()
+        self._begin(layout)
+
+    def update(self, frame: Frame) -> Answer:
+        """What is known after the next frame.
+
+        Raises:
+            ValueError: the frame is not of this layout.
+        """
+        estimates = self.trackers.update(frame)
+        seen = self.trackers.observation
+        assert seen is not None
+        if seen.flaw:
+            self.flaws[seen.flaw] += 1
+        if np.isfinite(frame.time):
+            self.last = (frame.time, frame.source_index)
+        main = estimates[self._settings.method]
+        self._digest = hashlib.sha256(
+            self._digest + frame.positions.tobytes() + frame.valid.tobytes()
+        ).digest()
+        sight = Sight(None, False)
+        if self._watch is not None:
+            sight = self._watch.update(frame.positions, main.contact, frame.time)
+        answer = Answer(
+            row=self.row,
+            frame=frame,
+            estimates=estimates,
+            axis=self._outline.update(seen.fields)[0],
+            sight=sight,
+            margin=self._margin.follow(main.state, main.angle, main.moment, main.contact_markers),
+            turned=self._count.turned(main.state, main.anew, main.rotation),
+        )
+        self.row += 1
+        return answer
+
+    @property
+    def branch(self) -> Branch | None:
+        """Moment against angle as known in the last frame that had a margin."""
+        return self._margin.last
+
+    @property
+    def sha256(self) -> str:
+        """Of what the angles were computed from: reference, positions and validity, in a chain."""
+        return self._digest.hex()
+
+
+class Checkpoint(NamedTuple):
+    """Where a stream has got to.
+
+    Attributes:
+        follower: that has answered the frames so far.
+        held: frames that a better reference, which may still be found, would answer anew; None
+            where there are too many of them.
+        reader: of pictures, which has read as many; None of other sources.
+        clock: when that was [s since the epoch].
+    """
+
+    follower: Follower
+    held: list[Frame] | None
+    reader: MarkerReader | None
+    clock: float
+
+    @property
+    def row(self) -> int:
+        """Of the next frame."""
+        return self.follower.row
+
+    def clock_now(self) -> tuple[float, int]:
+        """Time stamp [s] and number of a frame that is taken now."""
+        last, number = self.follower.last
+        return last + max(time.time() - self.clock, 0.0), number + 1
+
+
+class Stream:
+    """A source that is followed.
+
+    Attributes:
+        source: of the frames.
+        follower: that answers them.
+        interrupted: whether Ctrl-C came while it looked ahead.
+    """
+
+    def __init__(
+        self, source: Source, settings: Settings, resumed: Checkpoint | None = None
+    ) -> None:
+        """Look ahead, for the noise that the first frames show.
+
+        Args:
+            source: of the frames.
+            settings: of the run.
+            resumed: where an earlier stream got to; the source begins with the frame after.
+
+        Raises:
+            ValueError: a wrong setting, or no frames.
+        """
+        self.source, self.interrupted = source, False
+        self._frames, self._ahead = iter(source), list[Frame]()
+        self._held: list[Frame] | None = []
+        if resumed is not None:
+            self.follower, self._held = resumed.follower, resumed.held
+            if getattr(source, "live", False):
+                self._held = []
+                self.follower.relay(source.layout, "nothing was seen while the run stood still")
+            self.follower.layout = source.layout
+            return
+        noise, notes = settings.noise, ()
+        if noise is None and isinstance(source, Recording):
+            noise, notes = find_noise(source)
+        elif noise is None:
+            noise, notes = self._look_ahead()
+        self.follower = Follower(source.layout, settings, noise, notes)
+
+    def _look_ahead(self) -> tuple[Noise | None, tuple[str, ...]]:
+        live = getattr(self.source, "live", True)
+        try:
+            for frame in islice(self._frames, AHEAD_LIVE if live else AHEAD):
+                self._ahead.append(frame)
+        except KeyboardInterrupt:
+            self.interrupted = True
+        if not self._ahead:
+            raise ValueError(f"{self.source.name} has no frames")
+        return find_noise(record_frames(self.source.layout, self._ahead))
+
+    def answers(self, *sinks: Sink) -> Iterator[Answer]:
+        """Answer frame by frame; an answer has gone to every sink before it is given.
+
+        Args:
+            *sinks: that take the answers, in this order.
+
+        Raises:
+            ValueError: a frame is not of the source's layout.
+            OSError: a sink cannot write.
+        """
+        for frame in self._next_frames():
+            again: list[Frame] = []
+            if self.source.layout is not self.follower.layout:
+                again = self._relay(sinks)
+            self._hold(frame)
+            for one in (*again, frame):
+                answer = self.follower.update(one)
+                for sink in sinks:
+                    sink.put(answer)
+                yield answer
+
+    def checkpoint(self) -> bytes:
+        """All that is needed to go on after the last answer; empty where it cannot be told yet."""
+        if self._ahead:
+            return b""
+        reader = getattr(self.source, "reader", None)
+        return save_state(Checkpoint(self.follower, self._held, reader, time.time()))
+
+    def _next_frames(self) -> Iterator[Frame]:
+        while self._ahead:
+            yield self._ahead.pop(0)
+        if not self.interrupted:
+            yield from self._frames
+
+    def _relay(self, sinks: tuple[Sink, ...]) -> list[Frame]:
+        """Go on with the source's new reference; the frames that are to be answered anew."""
+        held, self._held = self._held, []
+        if held is None or len(held) < self.follower.row:
+            self.follower.relay(self.source.layout, "a better one was found, too late to go back")
+            return []
+        self.follower.relay(self.source.layout)
+        for sink in sinks:
+            sink.restart()
+        return held
+
+    def _hold(self, frame: Frame) -> None:
+        """Keep a frame while a better reference may be found, unless there are too many."""
+        if not getattr(self.source, "provisional", False):
+            self._held = []
+        elif self._held is not None:
+            self._held = None if len(self._held) >= MOST_HELD else [*self._held, frame]
