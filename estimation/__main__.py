@@ -8,9 +8,8 @@ import typer
 
 from contactmodel.common.command_line import errors, make_app, run_app, say
 from contactmodel.common.options import spread
+from estimation.choices import Choices, Constants, Known
 from estimation.frames import datasets
-from estimation.options import Constants, Known
-from estimation.settings import Choices
 
 app = make_app("From frames of a tactile sensor to the angle of the object it holds.")
 

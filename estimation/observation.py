@@ -1,16 +1,17 @@
 """What one frame shows, found once for every estimator and for the contact's outline."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from estimation.fields.contact import SHARE, reaches_edge
+from estimation.choices import DEFAULT_CONTACT, ContactSettings
+from estimation.fields.contact import reaches_edge
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
-from estimation.fields.stick import MIN_STICK_MARKERS, check_positive, check_share
-from estimation.frames.recording import ONSET_MM, Frame, MarkerLayout
+from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.frames.recording import Frame, MarkerLayout
 from estimation.softness import ScalarSoftness, Softness
 from estimation.softness.lifting import displacement_as_seen
 
@@ -36,33 +37,6 @@ class Observation(NamedTuple):
     flaw: str = ""
     cut: bool = False
     as_seen: Float[np.ndarray, "n 2"] | None = None
-
-
-@dataclass(frozen=True)
-class ContactSettings:
-    """How the contact and its state are told.
-
-    Attributes:
-        onset_mm: displacement of the stick centre from which there is contact [mm].
-        contact_share: share of the largest normal displacement that bounds the contact [-].
-        stick_share: share of the contact's markers from which the state is `stick` [-].
-
-    Raises:
-        ValueError: a value out of range.
-    """
-
-    onset_mm: float = ONSET_MM
-    contact_share: float = SHARE
-    stick_share: float = 0.9
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_positive("onset_mm", self.onset_mm)
-        check_share("contact_share", self.contact_share)
-        check_share("stick_share", self.stick_share)
-
-
-DEFAULT_CONTACT = ContactSettings()
 
 
 class Observer:

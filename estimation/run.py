@@ -29,6 +29,7 @@ from estimation.pictures.stream import is_camera, is_pictures
 from estimation.settings import Settings
 from estimation.sources import find_recordings, open_source
 from estimation.stream import Checkpoint, Sink, Source, Stream
+from estimation.tracker import Trackers
 from estimation.virtual.recording import Truth, simulate_pivot
 
 UNFINISHED = "unfinished"
@@ -190,6 +191,14 @@ def run_all(
         find_encoder()
     if not resume:
         _expect_finished(out)
+    for one in inputs:  # before anything is computed
+        Trackers(
+            one.source.layout,
+            settings.methods,
+            noise=settings.noise,
+            softness=settings.softness,
+            contact=settings.contact,
+        )
     names = number_alike([one.source.name for one in inputs])
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []

@@ -4,36 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from contactmodel.common.options import option
-from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
+from estimation.choices import Choices
+from estimation.estimators import METHODS
 from estimation.frames.noise import Noise
-from estimation.observation import RIGID_OBJECT, ContactSettings
+from estimation.observation import RIGID_OBJECT
 from estimation.pictures.reader import ImageSettings
 from estimation.softness import Softness
-
-
-@dataclass(frozen=True)
-class Choices:
-    """What a run is told beside what is known of sensor, object and method.
-
-    Attributes:
-        method: method of angles.csv; the others stand beside it in angles_all.csv.
-        grasp: two recordings of fingers that hold one object.
-        keep_withdrawn: keep the angles that were reported while the object may have been sliding
-            unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
-        preview: write an annotated video, preview.mp4 (needs the extra `video`).
-        seed: seed of the virtual pivot.
-        contact: how the contact and its state are told.
-    """
-
-    method: str = field(
-        default=DEFAULT_METHOD, metadata=option(more=f" Of {', '.join(METHODS | RIVALS)}.")
-    )
-    grasp: bool = False
-    keep_withdrawn: bool = False
-    preview: bool = False
-    seed: int = 0
-    contact: ContactSettings = field(default_factory=ContactSettings)
 
 
 @dataclass(frozen=True)

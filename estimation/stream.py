@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -39,6 +39,7 @@ SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
 """What a source tells beside its frames."""
 
 
+@runtime_checkable
 class Source(Protocol):
     """Whatever gives frames one after the other; a `Recording` is one.
 
@@ -123,6 +124,7 @@ class Answer(NamedTuple):
     turned: Float[np.ndarray, " n"]
 
 
+@runtime_checkable
 class Sink(Protocol):
     """Whatever takes answers: a table on the disc, a screen, a robot."""
 

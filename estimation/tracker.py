@@ -6,12 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimation.choices import DEFAULT_CONTACT, ContactSettings
 from estimation.estimators import (
     DEFAULT_METHOD,
     METHODS,
     RIVALS,
     Estimator,
     Measurement,
+    method_constants,
     share_fits,
 )
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, Result, State
@@ -19,13 +21,7 @@ from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
-from estimation.observation import (
-    DEFAULT_CONTACT,
-    RIGID_OBJECT,
-    ContactSettings,
-    Observation,
-    Observer,
-)
+from estimation.observation import RIGID_OBJECT, Observation, Observer
 from estimation.slip.motion import Count, gel_ends
 from estimation.softness import Contact, Softness
 
@@ -261,22 +257,6 @@ def _make_estimator(
             )
     takes_gain = "gain" in signature(make).parameters
     return make(stencils, noise, **({"gain": gain} if takes_gain else {}), **constants)
-
-
-def method_constants(method: str) -> dict[str, Any]:
-    """A method's constants at their defaults.
-
-    Args:
-        method: one of `METHODS` or `RIVALS`.
-
-    Raises:
-        ValueError: there is no such method.
-    """
-    if method not in METHODS | RIVALS:
-        raise ValueError(f"no method {method!r}; there are {', '.join(METHODS | RIVALS)}")
-    parameters = signature((METHODS | RIVALS)[method]).parameters
-    others = ("stencils", "noise", "gain")
-    return {name: one.default for name, one in parameters.items() if name not in others}
 
 
 def estimate_angles(

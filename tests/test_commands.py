@@ -90,7 +90,8 @@ def compile_with(folder, **environment):
         "jax.config.update('jax_persistent_cache_min_compile_time_secs', 0.0)\n"
         "print(float(jax.jit(lambda x: jnp.sin(x) + 1.0)(0.0)), jnp.ones(1).dtype)"
     )
-    told = {**os.environ, "CONTACTMODEL_CACHE": str(folder), **environment}
+    own = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    told = {**own, "CONTACTMODEL_CACHE": str(folder), **environment}
     done = subprocess.run(
         [sys.executable, "-c", code], env=told, capture_output=True, text=True, check=True
     )

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Hashable, Iterable
 from functools import partial
-from typing import Protocol, runtime_checkable
+from inspect import signature
+from typing import Any, Protocol, runtime_checkable
 
 from estimation.estimators.incremental import Incremental
 from estimation.estimators.measurement import Measurement
@@ -22,6 +23,7 @@ __all__ = [
     "Paper",
     "Rigid",
     "Tracked",
+    "method_constants",
     "share_fits",
 ]
 
@@ -67,3 +69,19 @@ def share_fits(estimators: Iterable[Estimator]) -> None:
         elif isinstance(estimator, Incremental):
             own = estimator.rigid
             estimator.rigid = rigids.setdefault(own.settings, own)
+
+
+def method_constants(method: str) -> dict[str, Any]:
+    """A method's constants at their defaults.
+
+    Args:
+        method: one of `METHODS` or `RIVALS`.
+
+    Raises:
+        ValueError: there is no such method.
+    """
+    if method not in METHODS | RIVALS:
+        raise ValueError(f"no method {method!r}; there are {', '.join(METHODS | RIVALS)}")
+    parameters = signature((METHODS | RIVALS)[method]).parameters
+    others = ("stencils", "noise", "gain")
+    return {name: one.default for name, one in parameters.items() if name not in others}

@@ -123,8 +123,8 @@ class Incremental:
             angle_floor_deg: least denominator of Eq. (15) [deg].
             max_strain: misfit over size of the region beyond which it is no one body [-].
             min_stick_markers: markers below which nothing sticks [-].
-            keyframe_interval: frames from one keyframe to the next [-].
-            mature_age: frames over which markers must have moved as one to count as sticking [-].
+            keyframe_interval: interval between keyframes [frames].
+            mature_age: how long markers must have moved as one to count as sticking [frames].
                 In macro slip the gel hardly moves from one frame to the next and all of it seems
                 to stick; over a longer time it does not.
         """

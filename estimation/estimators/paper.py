@@ -47,7 +47,7 @@ class Paper:
             noise: of the markers; without it the scatter of φ over the region takes its place.
             threshold: Δφ_th of Eq. (15) [-].
             angle_floor_deg: least denominator of Eq. (15) [deg].
-            window: frames of the trailing mean [-]; begun anew with every contact and slip.
+            window: of the trailing mean, begun anew with every contact and slip [frames].
             zero_drift: whether to take off the mean φ that each marker had while unloaded.
             min_stick_markers: markers below which nothing sticks [-].
         """

@@ -78,9 +78,9 @@ class Tracked:
             angle_floor_deg: least denominator of Eq. (15) [deg].
             max_strain: misfit over size of the region beyond which it is no one body [-].
             min_stick_markers: markers below which nothing sticks [-].
-            keyframe_interval: frames from one keyframe to the next [-].
-            mature_age: frames over which markers must have moved as one to count as sticking, and
-                over which gel and outline are compared [-].
+            keyframe_interval: interval between keyframes [frames].
+            mature_age: how long markers must have moved as one to count as sticking, and over which
+                gel and outline are compared [frames].
             slip_deg: how far the outline turns away from the gel in that time in macro slip [deg].
             shape_change: share by which the contact's curvature may differ from what it was when
                 the outline was first seen; beyond, it is not that of the same face [-].

@@ -53,6 +53,7 @@ FILES = {
     "record.sqlite",
 }
 SINGLE = FILES | {"manifest.json"}
+GROWING = {"angles.csv", "record.sqlite"}
 
 
 @pytest.fixture
@@ -204,7 +205,9 @@ def test_a_full_disk_leaves_no_half_written_file(tmp_path, progress, monkeypatch
     with pytest.raises(OSError, match="No space left"):
         run_all([Input(recording.head(8))], tmp_path, Settings(), progress)
     assert (tmp_path / "angles.csv").read_bytes() == before
-    assert {path.name for path in tmp_path.iterdir()} == SINGLE
+    assert {path.name for path in tmp_path.iterdir()} == SINGLE | {"unfinished"}
+    assert {path.name for path in (tmp_path / "unfinished").iterdir()} == GROWING
+    assert len(rows_of(tmp_path / "unfinished" / "angles.csv")) == 8
 
 
 def test_a_file_where_the_folder_should_be(tmp_path, progress):

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimation.choices import ContactSettings
 from estimation.estimators import METHODS
 from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
-from estimation.observation import ContactSettings
 from estimation.tracker import Tracker, estimate_angles
 from tests.cases import domed_pad, lift
 

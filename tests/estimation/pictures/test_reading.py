@@ -2,24 +2,29 @@
 
 import csv
 import struct
+from pathlib import Path
 
 import av
 import cv2
 import numpy as np
 import pytest
+from rich.progress import Progress
 from typer.testing import CliRunner
 
 from estimation.__main__ import app
 from estimation.frames.extras import EXTRAS
+from estimation.frames.noise import Noise
 from estimation.output import preview
 from estimation.output.lines import HEADER
+from estimation.output.record import RecordReader
 from estimation.pictures.imprint import ImprintFollower, paint_out
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import read_pictures
+from estimation.run import Input, run_all
 from estimation.settings import Settings
-from estimation.sources import read_recording
+from estimation.sources import open_source, read_recording
 from tests.estimation.pictures.scenes import REST, picture, twisted
 
 ANGLES = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
@@ -245,10 +250,13 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
             pass
 
     monkeypatch.setattr(cv2, "VideoCapture", Unplugged)
-    settings = Settings(images=ImageSettings(Sensor(dark=True, radius=4.3)))
-    (found,) = gather_recordings(["camera:0"], settings, print, print)
-    assert found.recording.flaws == ("", "", "", "", "the camera has gone")
-    assert found.recording.valid[:4].all()
+    known = ImageSettings(Sensor(dark=True, radius=4.3))
+    settings = Settings(images=known, noise=Noise.given(0.01))
+    source = open_source(Path("camera:0"), known, "camera")
+    outcome = run_all([Input(source)], tmp_path, settings, Progress(disable=True), print)
+    assert not outcome.interrupted
+    with RecordReader(tmp_path / "record.sqlite") as record:
+        assert record.track("tracked").reason[4] == "the camera has gone"
     lines = [text.strip().splitlines() for text in (*told, capsys.readouterr().out)]
     assert lines[0] == []
     assert lines[1][0] == HEADER
@@ -331,10 +339,10 @@ def test_times_that_are_none_get_a_place_in_a_preview():
     assert (np.diff(preview.to_ticks(np.array([0.0, 1e-9, 2e-9]))) > 0).all()
 
 
-def test_a_preview_that_cannot_be_written_is_refused_before_the_run(monkeypatch):
+def test_a_preview_that_cannot_be_written_is_refused_before_the_run(monkeypatch, tmp_path):
     monkeypatch.setattr(preview, "ENCODERS", ("no_encoder",))
     with pytest.raises(ValueError, match=r"needs an H.264 encoder, no_encoder; .*--force-reinst"):
-        Settings(preview=True)
+        run_all([], tmp_path, Settings(preview=True), Progress(disable=True))
     monkeypatch.setitem(EXTRAS, "video", ("no_package",))
     with pytest.raises(ValueError, match=r"preview.*needs no_package.*contactmodel\[video\]"):
-        Settings(preview=True)
+        run_all([], tmp_path, Settings(preview=True), Progress(disable=True))

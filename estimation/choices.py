@@ -1,17 +1,78 @@
-"""Options of the command line beside the settings: files, and what overrides them."""
+"""What a run is told, as the command line takes it: plain values with units, and files."""
 
 from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from contactmodel.common.options import describe_parameters, option
-from estimation.estimators import METHODS, RIVALS
-from estimation.tracker import method_constants
+from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, method_constants
+from estimation.fields.contact import SHARE
+from estimation.fields.stick import check_positive, check_share
+from estimation.frames.recording import ONSET_MM
 
 if TYPE_CHECKING:
     from estimation.frames.noise import Noise
     from estimation.pictures.sensor import Sensor
-    from estimation.settings import Choices, Settings
+    from estimation.settings import Settings
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How the contact and its state are told.
+
+    Attributes:
+        onset_mm: displacement of the stick centre from which there is contact [mm].
+        contact_share: share of the largest normal displacement that bounds the contact [-].
+        stick_share: share of the contact's markers from which the state is `stick` [-].
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    onset_mm: float = ONSET_MM
+    contact_share: float = SHARE
+    stick_share: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_positive("onset_mm", self.onset_mm)
+        check_share("contact_share", self.contact_share)
+        check_share("stick_share", self.stick_share)
+
+
+DEFAULT_CONTACT = ContactSettings()
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a run is told beside what is known of sensor, object and method.
+
+    Attributes:
+        method: method of angles.csv; the others stand beside it in angles_all.csv.
+        grasp: two recordings of fingers that hold one object.
+        keep_withdrawn: keep the angles that were reported while the object may have been sliding
+            unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
+        preview: write an annotated video, preview.mp4 (needs the extra `video`).
+        seed: seed of the virtual pivot.
+        contact: how the contact and its state are told.
+
+    Raises:
+        ValueError: the seed is below 0.
+    """
+
+    method: str = field(
+        default=DEFAULT_METHOD, metadata=option(more=f" Of {', '.join(METHODS | RIVALS)}.")
+    )
+    grasp: bool = False
+    keep_withdrawn: bool = False
+    preview: bool = False
+    seed: int = 0
+    contact: ContactSettings = field(default_factory=ContactSettings)
+
+    def __post_init__(self) -> None:
+        """Check the seed."""
+        if self.seed < 0:
+            raise ValueError(f"the seed is {self.seed} (--seed): it must be 0 or more")
 
 
 @dataclass(frozen=True)
@@ -43,7 +104,7 @@ class Known:
     stereo: Path | None = field(default=None, metadata=option("one view"))
     noise_um: float | None = field(default=None, metadata=option("from the recording"))
 
-    def settings(self, choices: "Choices", constants: Any) -> "Settings":
+    def settings(self, choices: Choices, constants: Any) -> "Settings":
         """The settings of a run, with the files read.
 
         Args:
