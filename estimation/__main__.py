@@ -43,8 +43,9 @@ def run(
     from rich.progress import Progress
 
     from estimation.run import open_inputs, run_all
+    from estimation.settings import read_settings
 
-    settings = known.settings(choices, constants)
+    settings = read_settings(choices, known, constants)
     inputs = open_inputs(recordings or [], settings, say, out if resume else None)
     with Progress(console=errors) as progress:
         answer = partial(print, flush=True)

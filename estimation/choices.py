@@ -1,19 +1,14 @@
 """What a run is told, as the command line takes it: plain values with units, and files."""
 
-from dataclasses import dataclass, field, make_dataclass, replace
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from contactmodel.common.options import describe_parameters, option
 from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, method_constants
 from estimation.fields.contact import SHARE
 from estimation.fields.stick import check_positive, check_share
 from estimation.frames.recording import ONSET_MM
-
-if TYPE_CHECKING:
-    from estimation.frames.noise import Noise
-    from estimation.pictures.sensor import Sensor
-    from estimation.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -103,51 +98,6 @@ class Known:
     marker: str | None = field(default=None, metadata=option("detected"))
     stereo: Path | None = field(default=None, metadata=option("one view"))
     noise_um: float | None = field(default=None, metadata=option("from the recording"))
-
-    def settings(self, choices: Choices, constants: Any) -> "Settings":
-        """The settings of a run, with the files read.
-
-        Args:
-            choices: made beside.
-            constants: of the chosen method, a `Constants`.
-
-        Raises:
-            ValueError: a wrong value, or a file that does not say what it should.
-            OSError: a file cannot be read.
-        """
-        from estimation.observation import RIGID_OBJECT
-        from estimation.pictures.reader import ImageSettings
-        from estimation.pictures.rig import read_rig
-        from estimation.settings import Settings
-        from estimation.softness import read_softness
-
-        sensor = self._describe_sensor()
-        rig = None if self.stereo is None else read_rig(self.stereo)
-        given = {name: value for name, value in vars(constants).items() if value is not None}
-        return Settings(
-            **vars(choices),
-            softness=RIGID_OBJECT if self.softness is None else read_softness(self.softness),
-            noise=self._noise(sensor),
-            constants=given,
-            images=ImageSettings(sensor, self.unloaded_frame, rig, self.fps),
-        )
-
-    def _describe_sensor(self) -> "Sensor":
-        from estimation.pictures.sensor import Sensor, read_sensor
-
-        told = {
-            "mm_per_px": self.mm_per_px,
-            "radius": self.dot_radius_px,
-            "dark": self.dark_dots,
-            "marker": self.marker,
-        }
-        described = Sensor() if self.sensor is None else read_sensor(self.sensor)
-        return replace(described, **{name: one for name, one in told.items() if one is not None})
-
-    def _noise(self, sensor: "Sensor") -> "Noise | None":
-        from estimation.frames.noise import Noise
-
-        return sensor.noise if self.noise_um is None else Noise.given(self.noise_um * 1e-3)
 
 
 def _make_constants() -> type:

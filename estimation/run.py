@@ -275,6 +275,7 @@ class _Job:
             sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
             if answer is not None and getattr(source, "live", False):
                 sinks.append(LineWriter(answer, self.settings.method))
+            self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
             self._tell_state(writer, stream, complete=not interrupted)
         if not stream.follower.row:

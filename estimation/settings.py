@@ -1,15 +1,17 @@
 """What a run is told: the one settings object of command line, summary and Python."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from estimation.choices import Choices
+from estimation.choices import Choices, Known
 from estimation.estimators import METHODS
 from estimation.frames.noise import Noise
 from estimation.observation import RIGID_OBJECT
 from estimation.pictures.reader import ImageSettings
-from estimation.softness import Softness
+from estimation.pictures.rig import read_rig
+from estimation.pictures.sensor import Sensor, read_sensor
+from estimation.softness import Softness, read_softness
 
 
 @dataclass(frozen=True)
@@ -33,3 +35,35 @@ class Settings(Choices):
         """All methods that are run, the chosen one first, each with its constants."""
         others = {name: {} for name in METHODS if name != self.method}
         return {self.method: self.constants} | others
+
+
+def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
+    """The settings of a run, as the command line tells them, with the files read.
+
+    Args:
+        choices: plain values.
+        known: of object and sensor.
+        constants: of the chosen method, a `Constants`; None for its own.
+
+    Raises:
+        ValueError: a wrong value, or a file that does not say what it should.
+        OSError: a file cannot be read.
+    """
+    told = {
+        "mm_per_px": known.mm_per_px,
+        "radius": known.dot_radius_px,
+        "dark": known.dark_dots,
+        "marker": known.marker,
+    }
+    sensor = replace(
+        Sensor() if known.sensor is None else read_sensor(known.sensor),
+        **{name: value for name, value in told.items() if value is not None},
+    )
+    rig = None if known.stereo is None else read_rig(known.stereo)
+    return Settings(
+        **vars(choices),
+        softness=RIGID_OBJECT if known.softness is None else read_softness(known.softness),
+        noise=sensor.noise if known.noise_um is None else Noise.given(known.noise_um * 1e-3),
+        constants={name: value for name, value in vars(constants).items() if value is not None},
+        images=ImageSettings(sensor, known.unloaded_frame, rig, known.fps),
+    )

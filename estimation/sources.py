@@ -91,8 +91,8 @@ def open_source(
             after = (0.0, 0) if checkpoint is None else checkpoint.clock_now()
             return PictureSource(path, images, name=name, after=after)
         if is_pictures(path):
-            reader, row = (None, 0) if checkpoint is None else (checkpoint.reader, checkpoint.row)
-            return PictureSource(path, images, name=name, reader=reader, skip=row)
+            state, row = (None, 0) if checkpoint is None else (checkpoint.pictures, checkpoint.row)
+            return PictureSource(path, images, name=name, state=state, skip=row)
         recording = replace(read_recording(path, images), name=name)
         if checkpoint is None:
             return recording

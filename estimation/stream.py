@@ -20,7 +20,7 @@ from estimation.fields.outline import OutlineFollower
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 from estimation.frames.state import save_state
-from estimation.pictures.reader import MarkerReader
+from estimation.pictures.reading import PictureState
 from estimation.settings import Settings
 from estimation.slip.margin import Branch, Margin, MarginTracker
 from estimation.slip.motion import Count
@@ -253,13 +253,13 @@ class Checkpoint(NamedTuple):
         follower: that has answered the frames so far.
         held: frames that a better reference, which may still be found, would answer anew; None
             where there are too many of them.
-        reader: of pictures, which has read as many; None of other sources.
+        pictures: what the source has learnt from as many pictures; None of other sources.
         clock: when that was [s since the epoch].
     """
 
     follower: Follower
     held: list[Frame] | None
-    reader: MarkerReader | None
+    pictures: PictureState | None
     clock: float
 
     @property
@@ -348,8 +348,8 @@ class Stream:
         """All that is needed to go on after the last answer; empty where it cannot be told yet."""
         if self._ahead:
             return b""
-        reader = getattr(self.source, "reader", None)
-        return save_state(Checkpoint(self.follower, self._held, reader, time.time()))
+        pictures = getattr(self.source, "state", None)
+        return save_state(Checkpoint(self.follower, self._held, pictures, time.time()))
 
     def _next_frames(self) -> Iterator[Frame]:
         while self._ahead:

@@ -8,10 +8,17 @@ from bisect import bisect_left
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from estimation.frames.recording import LARGEST, ONSET_MM, Recording, declared_arrays, expect_places
+from estimation.frames.recording import (
+    LARGEST,
+    ONSET_MM,
+    Frame,
+    Recording,
+    declared_arrays,
+    expect_places,
+)
 
 FROZEN_STEPS = 5
 """Steps in a row without any change after which a marker counts as frozen.
@@ -77,6 +84,56 @@ def inspect_recording(recording: Recording) -> Recording:
     ]
     notes = recording.notes + tuple(note for note in found if note not in recording.notes)
     return replace(recording, valid=valid & ~blank[:, None], flaws=tuple(flaws), notes=notes)
+
+
+class LiveInspector:
+    """Inspects frames as they come, knowing only the past.
+
+    A frame is flawed that shows every marker exactly where the one before did, but for the
+    reference; a marker is not valid once it is frozen (`frozen_markers`), which takes
+    `FROZEN_STEPS` steps to be seen.
+    """
+
+    def __init__(self) -> None:
+        """Begin with no frame."""
+        self._before: Float[np.ndarray, "n d"] | None = None
+        self._still: Int[np.ndarray, " n"] | int = 0
+        self._found: dict[str, tuple[int, Bool[np.ndarray, " n"]]] = {}
+
+    def inspect(self, frame: Frame, reference: Float[np.ndarray, "n d"]) -> Frame:
+        """The next frame, with what is found wrong with it.
+
+        Args:
+            frame: as it came.
+            reference: positions of its markers at rest.
+        """
+        seen = np.isfinite(frame.positions).all(axis=-1)
+        before, self._before = self._before, frame.positions
+        if before is None or frame.flaw or before.shape != frame.positions.shape:
+            return frame
+        both = seen & np.isfinite(before).all(axis=-1)
+        same = both & (frame.positions == before).all(axis=-1)
+        rests = ((frame.positions == reference).all(axis=-1) | ~seen).all()
+        if seen.any() and np.array_equal(same, seen) and not rests:
+            return replace(frame, flaw="repeats the frame before")
+        if 2 * (both & ~same).sum() > both.sum():
+            self._still = np.where(same, self._still + 1, 0)
+        frozen = np.broadcast_to(np.asarray(self._still) >= FROZEN_STEPS, seen.shape) & seen
+        self._count("a marker was not seen", ~seen)
+        self._count("a marker was frozen while the others moved", frozen)
+        return replace(frame, valid=frame.valid & ~frozen) if frozen.any() else frame
+
+    def notes(self) -> tuple[str, ...]:
+        """In how many frames and for how many markers something was wrong."""
+        return tuple(
+            f"{what}: {which.sum()} markers, in {frames} frames"
+            for what, (frames, which) in self._found.items()
+        )
+
+    def _count(self, what: str, where: Bool[np.ndarray, " n"]) -> None:
+        if where.any():
+            frames, which = self._found.get(what, (0, np.zeros_like(where)))
+            self._found[what] = frames + 1, which | where
 
 
 def _take_out_absurd(recording: Recording) -> tuple[Recording, list[str]]:

@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 from itertools import chain, islice
 from pathlib import Path
+from typing import NamedTuple
 
+from estimation.frames.inspection import LiveInspector
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 from estimation.pictures.corners.reader import CornerReader
@@ -32,6 +34,13 @@ READERS: dict[str, type[MarkerReader]] = dict(
 """What reads each kind of markers."""
 
 
+class PictureState(NamedTuple):
+    """What has been learnt from pictures: of their markers, and of what is wrong with them."""
+
+    reader: MarkerReader
+    inspector: LiveInspector
+
+
 class PictureSource:
     """The frames of a video, a folder of images or a camera, one after the other.
 
@@ -53,7 +62,7 @@ class PictureSource:
         settings: ImageSettings | None = None,
         *,
         name: str = "",
-        reader: MarkerReader | None = None,
+        state: PictureState | None = None,
         skip: int = 0,
         after: tuple[float, int] = (0.0, 0),
     ) -> None:
@@ -63,7 +72,7 @@ class PictureSource:
             path: as for `read_pictures`.
             settings: what is known of the sensor.
             name: short name; that of the path unless given.
-            reader: that has read the first pictures already.
+            state: of a source that has read the first pictures already.
             skip: so many.
             after: time stamp [s] and number of the first picture, of a camera that goes on.
 
@@ -77,6 +86,7 @@ class PictureSource:
         self.name = name or name_recordings([path])[0]
         self.source, self.convention = str(path), CONVENTION
         self.warnings = describe_pictures(path, settings.rate)
+        reader = None if state is None else state.reader
         if reader is None and settings.unloaded is not None:
             reader = _reader_at(path, settings)
         pictures = islice(_read(path, settings), skip, None)
@@ -85,6 +95,7 @@ class PictureSource:
         )
         self._waiting: list[Picture] = []
         self.reader = reader or self._find_reader(settings)
+        self._inspector = LiveInspector() if state is None else state.inspector
         self._count = count_pictures(path)
 
     def _find_reader(self, settings: ImageSettings) -> MarkerReader:
@@ -116,7 +127,12 @@ class PictureSource:
         """What the report should say of the markers, as known by now."""
         chosen = (self.reader.chosen,) if self.reader.chosen else ()
         lengths = ("Lengths are in px: no scale was given.",) if self.unit == "px" else ()
-        return (*chosen, *self.reader.notes(), *lengths)
+        return (*chosen, *self.reader.notes(), *lengths, *self._inspector.notes())
+
+    @property
+    def state(self) -> PictureState:
+        """What has been learnt from the pictures so far."""
+        return PictureState(self.reader, self._inspector)
 
     def __len__(self) -> int:
         """How many pictures there are, as far as is known before they are read; 0 for a camera."""
@@ -125,7 +141,8 @@ class PictureSource:
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order; it can be done once."""
         for picture in chain(self._waiting, self._pictures):
-            yield self.reader.frame(self.reader.read(picture))
+            frame = self.reader.frame(self.reader.read(picture))
+            yield self._inspector.inspect(frame, self.layout.reference)
 
 
 def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
