@@ -8,7 +8,7 @@ from bisect import bisect_left
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from estimation.frames.recording import (
@@ -97,7 +97,7 @@ class LiveInspector:
     def __init__(self) -> None:
         """Begin with no frame."""
         self._before: Float[np.ndarray, "n d"] | None = None
-        self._still: Int[np.ndarray, " n"] | int = 0
+        self._still = np.zeros(0, dtype=int)
         self._found: dict[str, tuple[int, Bool[np.ndarray, " n"]]] = {}
 
     def inspect(self, frame: Frame, reference: Float[np.ndarray, "n d"]) -> Frame:
@@ -107,9 +107,10 @@ class LiveInspector:
             frame: as it came.
             reference: positions of its markers at rest.
         """
-        seen = np.isfinite(frame.positions).all(axis=-1)
+        seen = np.asarray(np.isfinite(frame.positions).all(axis=-1))
         before, self._before = self._before, frame.positions
         if before is None or frame.flaw or before.shape != frame.positions.shape:
+            self._still = np.zeros(len(seen), dtype=int)
             return frame
         both = seen & np.isfinite(before).all(axis=-1)
         same = both & (frame.positions == before).all(axis=-1)
@@ -118,7 +119,7 @@ class LiveInspector:
             return replace(frame, flaw="repeats the frame before")
         if 2 * (both & ~same).sum() > both.sum():
             self._still = np.where(same, self._still + 1, 0)
-        frozen = np.broadcast_to(np.asarray(self._still) >= FROZEN_STEPS, seen.shape) & seen
+        frozen = np.logical_and(seen, self._still >= FROZEN_STEPS)
         self._count("a marker was not seen", ~seen)
         self._count("a marker was frozen while the others moved", frozen)
         return replace(frame, valid=frame.valid & ~frozen) if frozen.any() else frame
@@ -130,7 +131,7 @@ class LiveInspector:
             for what, (frames, which) in self._found.items()
         )
 
-    def _count(self, what: str, where: Bool[np.ndarray, " n"]) -> None:
+    def _count(self, what: str, where: np.ndarray) -> None:
         if where.any():
             frames, which = self._found.get(what, (0, np.zeros_like(where)))
             self._found[what] = frames + 1, which | where

@@ -1,0 +1,212 @@
+import os
+import pickle
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+from rich.progress import Progress
+
+from estimation.estimators.result import Record
+from estimation.frames.noise import Noise
+from estimation.frames.recording import MarkerLayout
+from estimation.frames.state import load_state, save_state
+from estimation.output.lines import HEADER, LineWriter
+from estimation.output.record import MOST_KEPT, RecordReader, RecordWriter
+from estimation.output.table import TableWriter
+from estimation.run import Input, report_all, run_all
+from estimation.settings import Settings
+from estimation.stream import Checkpoint, FrameStream, Stream
+from estimation.tracker import estimate_angles
+from tests.cases import lift
+
+SETTINGS = Settings(noise=Noise.given(1e-3))
+ANGLES = np.radians(np.linspace(0.0, 8.0, 12))
+TABLES = ("angles.csv", "angles_all.csv", "summary.json")
+
+
+class Taken:
+    """A sink that keeps what it takes."""
+
+    def __init__(self):
+        self.answers, self.restarts = [], 0
+
+    def put(self, answer):
+        self.answers.append(answer)
+
+    def restart(self):
+        self.answers, self.restarts = [], self.restarts + 1
+
+
+def streamed(recording, frames=None):
+    return FrameStream(recording.layout, iter(frames or recording), source="socket")
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return lift(ANGLES)
+
+
+def test_any_frames_give_the_answers_of_a_recording(recording):
+    taken, result = Taken(), estimate_angles(recording, noise=SETTINGS.noise)
+    answers = list(Stream(streamed(recording), SETTINGS).answers(taken))
+    assert answers == taken.answers
+    assert [answer.row for answer in answers] == list(range(len(recording)))
+    for name in Record.columns():
+        found = [getattr(answer.estimates["tracked"], name) for answer in answers]
+        np.testing.assert_array_equal(found, getattr(result, name))
+
+
+def test_noise_is_told_by_the_first_frames(recording):
+    stream = Stream(streamed(recording), Settings())
+    assert stream.follower.noise is None or stream.follower.noise.frames <= len(recording)
+    assert len(list(stream.answers())) == len(recording)
+    with pytest.raises(ValueError, match="stream has no frames"):
+        Stream(FrameStream(recording.layout, ()), Settings())
+
+
+class Moved:
+    """A source that finds a better reference in some frame."""
+
+    name, source, convention, unit, notes, warnings = "moved", "", "", "mm", (), ()
+
+    def __init__(self, recording, at):
+        self.layout, self.provisional = recording.layout, True
+        self._recording, self._at = recording, at
+
+    def __iter__(self):
+        for i, frame in enumerate(self._recording):
+            if i == self._at:
+                old = self.layout
+                self.layout = MarkerLayout(old.reference + 0.0, old.neighbours, old.grid_shape)
+                self.provisional = False
+            yield frame
+
+
+def test_a_better_reference_answers_the_frames_before_anew(recording, monkeypatch):
+    taken = Taken()
+    answers = list(Stream(Moved(recording, 6), SETTINGS).answers(taken))
+    assert taken.restarts == 1
+    assert [answer.row for answer in taken.answers] == list(range(len(recording)))
+    assert len(answers) == len(recording) + 6
+    monkeypatch.setattr("estimation.stream.MOST_HELD", 4)
+    taken, stream = Taken(), Stream(Moved(recording, 6), SETTINGS)
+    assert len(list(stream.answers(taken))) == len(recording)
+    assert taken.restarts == 0
+    assert "From frame 6 on" in stream.follower.notes[-1]
+
+
+def test_a_stream_goes_on_from_a_checkpoint(recording):
+    whole = list(Stream(streamed(recording), SETTINGS).answers())
+    first = Stream(streamed(recording), SETTINGS)
+    before = list(islice(first.answers(), 9))
+    resumed = load_state(first.checkpoint())
+    assert isinstance(resumed, Checkpoint)
+    rest = FrameStream(recording.layout, islice(recording, resumed.row, None))
+    after = list(Stream(rest, SETTINGS, resumed).answers())
+    for one, other in zip([*before, *after], whole, strict=True):
+        assert one.estimates["tracked"].angle == pytest.approx(
+            other.estimates["tracked"].angle, abs=0.0, nan_ok=True
+        )
+        assert one.row == other.row
+
+
+def test_a_state_that_could_run_something_is_refused():
+    class Evil:
+        def __reduce__(self):
+            return os.system, ("true",)
+
+    for state in (pickle.dumps(Evil()), pickle.dumps(("0", print)), b"nothing"):
+        with pytest.raises(ValueError, match="cannot be gone on with"):
+            load_state(state)
+    with pytest.raises(ValueError, match="is not read"):
+        load_state(save_state(TableWriter))
+    with pytest.raises(ValueError, match="version 0 wrote"):
+        load_state(pickle.dumps(("0", 1.0)))
+
+
+def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypatch):
+    run_all([Input(recording)], tmp_path / "whole", SETTINGS, Progress(disable=True))
+    out = tmp_path / "cut"
+    monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
+
+    def until(row):
+        put = TableWriter.put
+
+        def put_until(self, answer):
+            if answer.row == row:
+                raise MemoryError("killed")
+            put(self, answer)
+
+        return put_until
+
+    with monkeypatch.context() as patch:
+        patch.setattr(TableWriter, "put", until(9))
+        with pytest.raises(MemoryError):
+            run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
+    assert {path.name for path in out.iterdir()} == {"unfinished"}
+    rows = (out / "unfinished" / "angles.csv").read_text().splitlines()
+    assert len(rows) == 1 + 9
+    told = report_all(out)
+    assert f"{out / 'unfinished' / 'report.html'}" in told[0]
+    assert "Interrupted" in (out / "unfinished" / "report.html").read_text()
+    with pytest.raises(ValueError, match="go on with --resume"):
+        run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
+    with RecordReader(out / "unfinished" / "record.sqlite") as record:
+        row, state = record.checkpoint()
+        assert row == 9
+    rest = FrameStream(
+        recording.layout,
+        islice(recording, row, None),
+        recording.name,
+        recording.source,
+        recording.convention,
+        notes=recording.notes,
+    )
+    job = Input(rest, checkpoint=load_state(state))
+    run_all([job], out, SETTINGS, Progress(disable=True), resume=True)
+    for name in TABLES:
+        assert (out / name).read_text() == (tmp_path / "whole" / name).read_text()
+    assert not (out / "unfinished").exists()
+
+
+def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
+    path = tmp_path / "record.sqlite"
+    writer = RecordWriter(path, ("tracked", "rigid"))
+    writer.tell(format_version=1)
+    answers = list(Stream(streamed(recording), SETTINGS).answers())
+    for row in range(2 * MOST_KEPT):
+        writer.put(answers[row % len(answers)]._replace(row=row))
+    writer.close()
+    with RecordReader(path) as record:
+        assert len(record) == 2 * MOST_KEPT
+        track = record.track("rigid")
+        for name in Record.columns():
+            expected = [getattr(answer.estimates["rigid"], name) for answer in answers]
+            np.testing.assert_array_equal(getattr(track, name)[: len(answers)], expected)
+        kept = [one.row for one in record.markers()]
+        assert kept == list(range(0, 2 * MOST_KEPT, 2))
+    (tmp_path / "other").write_bytes(b"no database at all, but long enough to be looked at" * 40)
+    with pytest.raises(ValueError, match="no record of a run, or damaged"):
+        RecordReader(tmp_path / "other")
+    with pytest.raises(FileNotFoundError, match="give the folder"):
+        report_all(tmp_path / "nowhere")
+
+
+def test_lines_say_each_frame_once(recording):
+    said = []
+    writer = LineWriter(said.append, "tracked")
+    for answer in Stream(Moved(recording, 6), SETTINGS).answers(writer):
+        assert len(said) <= answer.row + 2 or answer.row < 6
+    assert said[0] == HEADER
+    assert len(said) == 1 + len(recording)
+
+
+def test_a_record_of_other_settings_is_not_gone_on_with(recording, tmp_path, monkeypatch):
+    from estimation import run
+
+    run_all([Input(recording)], tmp_path, SETTINGS, Progress(disable=True))
+    same = run._find_earlier(tmp_path, "", recording.source, SETTINGS)
+    assert same == (None, tmp_path / "record.sqlite")
+    with pytest.raises(ValueError, match=r"told something else \(method\)"):
+        run._find_earlier(tmp_path, "", recording.source, replace(SETTINGS, method="rigid"))
