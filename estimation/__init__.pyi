@@ -1,4 +1,5 @@
 from contactmodel.common.version import __version__ as __version__
+from estimation.choices import ContactSettings as ContactSettings
 from estimation.estimators import METHODS as METHODS
 from estimation.estimators import RIVALS as RIVALS
 from estimation.estimators.grasp import Grasp as Grasp
@@ -6,6 +7,7 @@ from estimation.estimators.grasp import compare_fingers as compare_fingers
 from estimation.estimators.result import Estimate as Estimate
 from estimation.estimators.result import Result as Result
 from estimation.estimators.result import State as State
+from estimation.estimators.result import Track as Track
 from estimation.fields.outline import follow_outline as follow_outline
 from estimation.frames.archive import write_archive as write_archive
 from estimation.frames.datasets import fetch as fetch
@@ -19,11 +21,16 @@ from estimation.output.plots import plot_angles as plot_angles
 from estimation.output.plots import plot_grasp as plot_grasp
 from estimation.output.plots import plot_maps as plot_maps
 from estimation.output.plots import plot_overview as plot_overview
+from estimation.output.record import RecordReader as RecordReader
+from estimation.output.record import RecordWriter as RecordWriter
+from estimation.output.table import TableWriter as TableWriter
 from estimation.pictures.reader import ImageSettings as ImageSettings
+from estimation.pictures.reading import PictureSource as PictureSource
 from estimation.pictures.sensor import Lens as Lens
 from estimation.pictures.sensor import Sensor as Sensor
 from estimation.pictures.sensor import read_sensor as read_sensor
 from estimation.pictures.sensor import write_sensor as write_sensor
+from estimation.settings import Settings as Settings
 from estimation.softness import LayeredSoftness as LayeredSoftness
 from estimation.softness import ScalarSoftness as ScalarSoftness
 from estimation.softness import Softness as Softness
@@ -31,6 +38,11 @@ from estimation.softness import read_softness as read_softness
 from estimation.softness import write_softness as write_softness
 from estimation.sources import find_recordings as find_recordings
 from estimation.sources import read_recording as read_recording
+from estimation.stream import Answer as Answer
+from estimation.stream import FrameStream as FrameStream
+from estimation.stream import Sink as Sink
+from estimation.stream import Source as Source
+from estimation.stream import Stream as Stream
 from estimation.tracker import Tracker as Tracker
 from estimation.tracker import Trackers as Trackers
 from estimation.tracker import estimate_angles as estimate_angles

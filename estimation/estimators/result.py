@@ -1,6 +1,6 @@
 """What an estimator found: per frame the state of the contact and the object's angle."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -31,32 +31,37 @@ class State(StrEnum):
     UNKNOWN = "unknown"
 
 
+def show_plain(values: Iterable[Any]) -> list[str]:
+    """A table's cells of whole numbers or words."""
+    return [str(value) for value in values]
+
+
+def show_numbers(values: Iterable[float]) -> list[str]:
+    """A table's cells of numbers; 0 has no sign."""
+    return [f"{value:.6f}" for value in (np.round(np.asarray(values), 6) + 0.0).tolist()]
+
+
+def show_degrees(values: Iterable[float]) -> list[str]:
+    """A table's cells of angles [rad]."""
+    return show_numbers(np.degrees(np.asarray(values)))
+
+
 class Column(NamedTuple):
     """How a quantity of each frame is handled beside its values.
 
     Attributes:
         name: of its column in tables, with the unit; empty where it has none.
-        show: its cell in a frame.
+        show: its cells in frames, from its values in them.
         answer: whether it is withdrawn with the frame's answer.
     """
 
     name: str = ""
-    show: Callable[[Any], str] = str
+    show: Callable[[Iterable[Any]], list[str]] = show_plain
     answer: bool = False
 
 
-def show_number(value: float) -> str:
-    """A table's cell of a number; 0 has no sign."""
-    return f"{round(value, 6) + 0.0:.6f}"
-
-
-def show_degrees(value: float) -> str:
-    """A table's cell of an angle [rad]."""
-    return show_number(np.degrees(value))
-
-
 def per_frame(
-    name: str = "", show: Callable[[Any], str] = str, *, answer: bool = False
+    name: str = "", show: Callable[[Iterable[Any]], list[str]] = show_plain, *, answer: bool = False
 ) -> dict[str, Column]:
     """Metadata of a dataclass field that has a value in each frame; arguments as of `Column`."""
     return {"column": Column(name, show, answer)}
@@ -102,18 +107,18 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         covered: whether the softness holds for a contact like this one.
     """
 
-    time: Number = field(metadata=per_frame("time_s", show_number))
+    time: Number = field(metadata=per_frame("time_s", show_numbers))
     source_index: Whole = field(metadata=per_frame("source_index"))
     state: Label = field(metadata=per_frame("state", answer=True))
     reason: Text = field(metadata=per_frame("reason"))
     angle: Number = field(metadata=per_frame("angle_deg", show_degrees, answer=True))
     low: Number = field(metadata=per_frame("angle_low_deg", show_degrees, answer=True))
     high: Number = field(metadata=per_frame("angle_high_deg", show_degrees, answer=True))
-    since: Number = field(metadata=per_frame("since_s", show_number))
+    since: Number = field(metadata=per_frame("since_s", show_numbers))
     anew: Whole = field(metadata=per_frame("counted_anew"))
     stick_markers: Whole = field(metadata=per_frame("stick_markers", answer=True))
     contact_markers: Whole = field(metadata=per_frame("contact_markers"))
-    moment: Number = field(metadata=per_frame("moment_Nmm", show_number))
+    moment: Number = field(metadata=per_frame("moment_Nmm", show_numbers))
     gel_low: Number = field(metadata=per_frame())
     gel_high: Number = field(metadata=per_frame())
     stiffness_ratio: Number = field(metadata=per_frame())

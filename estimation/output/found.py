@@ -131,9 +131,9 @@ def find_in_record(record: RecordReader) -> Run:
     results = Tracks(methods, look_back)
     main = results[methods[0]]
     margins, branch = list(record.margins()), about["branch"]
-    changed = np.flatnonzero(~np.isclose(main.angle, live.angle, equal_nan=True))
-    if len(changed):
-        margin = follow_margin(main, known=margins[: changed[0]])
+    changed = ~np.isclose(main.angle, live.angle, equal_nan=True)
+    if changed.any():
+        margin = follow_margin(main, known=margins, changed=changed)
     else:
         margin = MarginPath(margins, None if branch is None else Branch.read(branch))
     notes = [*about["warnings"], *about["source_notes"], *about["notes"], *_reference_notes(main)]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimation.estimators.grasp import Fit, Grasp
-from estimation.estimators.result import show_number
+from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
 from estimation.output.found import Run
 from estimation.output.plots import plot_grasp, plot_moment, plot_overview
@@ -115,9 +115,8 @@ def _comparison(grasp: Grasp) -> str:
     writer.writerow(COMPARISON_COLUMNS)
     columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
     degrees = np.degrees(np.stack(columns, axis=1))
-    for i, time in enumerate(grasp.time):
-        angles = map(show_number, degrees[i])
-        writer.writerow((show_number(time), *angles, int(grasp.holds[i])))
+    cells = [show_numbers(values) for values in (grasp.time, *degrees.T)]
+    writer.writerows(zip(*cells, grasp.holds.astype(int), strict=True))
     return text.getvalue()
 
 

@@ -35,6 +35,8 @@ NAME = "record.sqlite"
 FORMAT_VERSION = 1
 COMMIT_S = 0.5
 """Longest time that an answer waits for the disc [s]."""
+CHUNK = 10_000
+"""Frames that are read at a time."""
 MOST_KEPT = 256
 """Frames whose markers are kept, evenly spread, unless all are."""
 
@@ -219,15 +221,15 @@ class RecordReader:
         Raises:
             ValueError: the record is damaged.
         """
-        values: dict[str, Any] = {
-            name: self._column(f"{method}.{name}", kind) for name, kind in _kinds().items()
-        }
+        kinds = _kinds()
+        arrays = self._arrays({f"{method}.{name}": kind for name, kind in kinds.items()})
+        values: dict[str, Any] = dict(zip(kinds, arrays, strict=True))
         values["state"] = tuple(map(State, values["state"]))
         return Track(method=method, **values)
 
     def column(self, name: str) -> Float[np.ndarray, " frames"]:
         """A quantity beside the methods' answers: `axis`, `imprint`."""
-        return self._column(name, "REAL")
+        return self._arrays({name: "REAL"})[0]
 
     def sights(self) -> Iterator[Sight]:
         """What the slip watch saw, by frame."""
@@ -258,14 +260,26 @@ class RecordReader:
             found = self._database.execute("SELECT row, state FROM checkpoint").fetchone()
         return (0, b"") if found is None else (found[0] + 1, found[1])
 
-    def _column(self, name: str, kind: str) -> Any:
-        values = (value for (value,) in self._rows(f'"{name}"'))
-        if kind == "TEXT":
-            words: dict[str, str] = {}
-            return tuple(words.setdefault(value, value) for value in values)
-        known = (np.nan if value is None else value for value in values)
-        array = np.fromiter(known, dtype=float, count=len(self))
-        return array if kind == "REAL" else array.astype(int if kind == "INTEGER" else bool)
+    def _arrays(self, kinds: dict[str, str]) -> list[Any]:
+        """Columns over all frames: arrays, texts as tuples."""
+        words: dict[str, str] = {}
+        parts: list[list[Any]] = [[] for _ in kinds]
+        types = {"REAL": float, "INTEGER": int, "BOOLEAN": bool}
+        with _telling(self.path):
+            names = ", ".join(f'"{name}"' for name in kinds)
+            cursor = self._database.execute(f"SELECT {names} FROM frames ORDER BY row")
+            while rows := cursor.fetchmany(CHUNK):
+                for part, values, kind in zip(
+                    parts, zip(*rows, strict=True), kinds.values(), strict=True
+                ):
+                    if kind == "TEXT":
+                        part += [words.setdefault(value, value) for value in values]
+                    else:
+                        part.append(np.array(values, dtype=types[kind]))
+        return [
+            tuple(part) if kind == "TEXT" else np.concatenate(part)
+            for part, kind in zip(parts, kinds.values(), strict=True)
+        ]
 
     def _rows(self, names: str) -> Iterator[tuple[Any, ...]]:
         with _telling(self.path):

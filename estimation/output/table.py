@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from estimation.estimators.result import Track, Withdrawn, show_degrees, show_number
+from estimation.estimators.result import Track, Withdrawn, show_degrees, show_numbers
 from estimation.frames.files import write_whole
 from estimation.slip.margin import Margin
 from estimation.slip.motion import accumulate_slip, follow_gel
@@ -127,19 +127,23 @@ def tabulate(
     frames, table = range(len(track.time)), dict[str, list[str]]()
     for name, column in track.columns().items():
         if column.name:
-            table[column.name] = [column.show(value) for value in getattr(track, name)]
+            table[column.name] = column.show(getattr(track, name))
         if name == "time":
             table["frame"] = [str(first + i) for i in frames]
     series = {"slip_deg": accumulate_slip(track), "gel_deg": follow_gel(track)}
     series["imprint_deg"] = np.full(len(frames), np.nan) if imprint is None else imprint
-    table |= {name: [show_degrees(angle) for angle in angles] for name, angles in series.items()}
+    table |= {name: show_degrees(angles) for name, angles in series.items()}
     gone = track.withdrawn
     for name, column in Withdrawn.columns().items():
-        if column.name and column.answer:
-            table[f"withdrawn_{column.name}"] = [
-                "" if gone is None or not gone.rows[i] else column.show(getattr(gone, name)[i])
-                for i in frames
+        if not (column.name and column.answer):
+            continue
+        cells = [""] * len(frames)
+        if gone is not None and gone.rows.any():
+            shown = column.show(getattr(gone, name))
+            cells = [
+                cell if is_gone else "" for cell, is_gone in zip(shown, gone.rows, strict=True)
             ]
+        table[f"withdrawn_{column.name}"] = cells
     return table
 
 
@@ -150,7 +154,7 @@ def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[s
     left = np.array(margins).reshape(-1, len(MARGIN_COLUMNS) - 1)
     values = np.column_stack([ratio, np.degrees(left[:, :3]), left[:, 3:]])
     return {
-        name: [show_number(value) if np.isfinite(value) else "" for value in column]
+        name: ["" if cell == "nan" else cell for cell in show_numbers(column)]
         for name, column in zip(MARGIN_COLUMNS, values.T, strict=True)
     }
 

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
 from contactmodel.analytic import lubkin_moment, lubkin_twist
@@ -211,17 +211,20 @@ class MarginPath(NamedTuple):
 
 
 def follow_margin(
-    track: Track, settings: MarginSettings = DEFAULT_SETTINGS, known: Sequence[Margin] = ()
+    track: Track,
+    settings: MarginSettings = DEFAULT_SETTINGS,
+    known: Sequence[Margin] | None = None,
+    changed: Bool[np.ndarray, " frames"] | None = None,
 ) -> MarginPath:
     """Margins of a recording, frame by frame.
 
     Args:
         track: of the chosen method.
         settings: of the fits.
-        known: margins of the first frames, found before.
+        known: margins found before answers were withdrawn.
+        changed: frames whose answer was withdrawn; they change the margins of their contact's later
+            frames.
     """
-    tracker, margins = MarginTracker(settings), list(known[:-1])
-    skipped = len(margins)
     frames = zip(
         track.state,
         track.angle.tolist(),
@@ -229,14 +232,30 @@ def follow_margin(
         track.contact_markers.tolist(),
         strict=True,
     )
+    fitted = np.ones(len(track.time), dtype=bool)
+    if known is not None and changed is not None:
+        fitted = _is_stale(track, changed)
+        told = np.flatnonzero(~fitted & np.isfinite([left.angle_left for left in known]))
+        fitted[told[-1:]] = True  # for the branch
+    tracker, margins = MarginTracker(settings), list[Margin]()
     for row, (state, angle, moment, contact) in enumerate(frames):
-        if row >= skipped:
+        if fitted[row] or known is None:
             margins.append(tracker.follow(state, angle, moment, contact))
-        elif state == State.NO_CONTACT:
+            continue
+        margins.append(known[row])
+        if state == State.NO_CONTACT:
             tracker.restart()
         else:
             tracker.pass_by(angle, moment)
     return MarginPath(margins, tracker.last)
+
+
+def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
+    """Frames of contacts in which a frame was changed, from that on."""
+    free = np.array([state == State.NO_CONTACT for state in track.state])
+    so_far = np.cumsum(changed)
+    before = np.maximum.accumulate(np.where(free, so_far, 0))
+    return so_far > before
 
 
 def fit_branch(

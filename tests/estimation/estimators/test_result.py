@@ -14,7 +14,7 @@ from estimation.estimators.result import (
     Track,
     Withdrawn,
     per_frame,
-    show_number,
+    show_numbers,
 )
 from estimation.output.table import csv_text, tabulate
 from estimation.slip.lookback import withdraw
@@ -27,7 +27,7 @@ NONE = np.zeros(4, dtype=bool)
 class WarmEstimate(Estimate):
     """An estimate with a quantity that is made up."""
 
-    warmth: float = field(metadata=per_frame("warmth_K", show_number, answer=True))
+    warmth: float = field(metadata=per_frame("warmth_K", show_numbers, answer=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class WarmResult(Result):
     """A result of such estimates."""
 
     warmth: Float[np.ndarray, " frames"] = field(
-        metadata=per_frame("warmth_K", show_number, answer=True)
+        metadata=per_frame("warmth_K", show_numbers, answer=True)
     )
 
 
@@ -115,5 +115,5 @@ def test_quantities_of_other_lengths_are_refused():
 
 
 def test_zero_has_no_sign_in_tables():
-    cells = [show_number(value) for value in (-1e-9, 0.0, -1e-6, np.nan)]
+    cells = [show_numbers(value) for value in (-1e-9, 0.0, -1e-6, np.nan)]
     assert cells == ["0.000000", "0.000000", "-0.000001", "nan"]
