@@ -218,7 +218,7 @@ def run_all(
                 results.keep_earlier()
                 return Outcome(lines, True)
         if len(done) > 1:
-            lines += _put_side_by_side(done, results.draft, settings)
+            lines += _put_side_by_side(done, results.draft)
             lines.append(f"side by side: {out / 'report.html'}")
     return Outcome(lines, False)
 
@@ -273,7 +273,7 @@ class _Job:
             writer = opened.enter_context(closing(self._open_record(rows)))
             table = TableWriter(self.folder / "angles.csv", self.settings.method, rows)
             sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
-            if answer is not None and getattr(source, "live", False):
+            if answer is not None and _is_live(source):
                 sinks.append(LineWriter(answer, self.settings.method))
             self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
@@ -297,8 +297,8 @@ class _Job:
                     kept = time.monotonic()
         except KeyboardInterrupt:
             writer.cut(stream.follower.row)
-            return True
-        return stream.interrupted
+            return not _is_live(stream.source)  # which has no other end
+        return stream.interrupted and not _is_live(stream.source)
 
     def _open_record(self, rows: int) -> RecordWriter:
         settings, source = self.settings, self.input.source
@@ -346,6 +346,7 @@ class _Job:
                 "softness": settings.softness.content(),
                 **vars(settings.contact),
                 "keep_withdrawn": settings.keep_withdrawn,
+                "grasp": settings.grasp,
                 **follower.trackers.constants[settings.method],
             },
         )
@@ -365,6 +366,10 @@ class _Job:
         return summary, lines
 
 
+def _is_live(source: Source) -> bool:
+    return getattr(source, "live", False)
+
+
 def report_all(folder: Path) -> list[str]:
     """Make the reports of a run anew from its records, as far as it has got.
 
@@ -381,26 +386,36 @@ def report_all(folder: Path) -> list[str]:
         ValueError: a record is damaged, or of a later version.
         OSError: something cannot be written.
     """
-    records = sorted(folder.rglob(NAME))
-    if not records:
+    places = sorted(folder.rglob(NAME))
+    if not places:
         raise FileNotFoundError(f"{folder} has no {NAME}: give the folder that a run writes to")
-    lines = []
-    for place in records:
-        with RecordReader(place) as record:
-            run = find_in_record(record)
-            write_run(run, place.parent, table=bool(record.about["complete"]))
-            lines += _tell(run, summarise(run), place.parent)
+    lines: list[str] = []
+    done: list[tuple[Run, dict[str, Any]]] = []
+    with renew_results(folder, "estimation run", lines.append) as results:
+        results.keep_earlier()
+        for place in places:
+            with RecordReader(place) as record:
+                if not len(record):
+                    lines.append(f"{place} has no frames yet")
+                    continue
+                run, inner = find_in_record(record), place.parent.relative_to(folder)
+                if UNFINISHED in inner.parts:
+                    summary = write_run(run, place.parent, table=False)
+                else:
+                    summary = write_run(run, results.draft / inner)
+                    done.append((run, summary))
+            lines += _tell(run, summary, place.parent)
+        if len(done) > 1:
+            lines += _put_side_by_side(done, results.draft)
     return lines
 
 
-def _put_side_by_side(
-    done: Sequence[tuple[Run, dict[str, Any]]], folder: Path, settings: Settings
-) -> list[str]:
+def _put_side_by_side(done: Sequence[tuple[Run, dict[str, Any]]], folder: Path) -> list[str]:
     """Write the angles of several recordings side by side, and two fingers as one grasp.
 
     Where the fingers cannot be brought together, the report and a line say so.
     """
-    if not settings.grasp or len(done) != 2:
+    if not all(run.settings["grasp"] for run, _ in done) or len(done) != 2:
         write_overview(done, folder)
         return []
     try:

@@ -89,18 +89,18 @@ class PictureSource:
         reader = None if state is None else state.reader
         if reader is None and settings.unloaded is not None:
             reader = _reader_at(path, settings)
-        pictures = islice(_read(path, settings), skip, None)
-        self._pictures = (
-            one._replace(time=one.time + after[0], number=one.number + after[1]) for one in pictures
-        )
+        self._settings, self._skip, self._after = settings, skip, after
+        self._taken = _read(path, settings) if self.live else None
         self._waiting: list[Picture] = []
         self.reader = reader or self._find_reader(settings)
+        if self._taken is None:
+            self._waiting = []  # they are read again
         self._inspector = LiveInspector() if state is None else state.inspector
         self._count = count_pictures(path)
 
     def _find_reader(self, settings: ImageSettings) -> MarkerReader:
         """The reader for what the first usable picture shows."""
-        for picture in self._pictures:
+        for picture in self._taken or _read(self.path, settings):
             self._waiting.append(picture)
             if picture.image is not None and not picture.flaw:
                 return _make_reader(picture, settings)
@@ -139,8 +139,15 @@ class PictureSource:
         return self._count
 
     def __iter__(self) -> Iterator[Frame]:
-        """The frames in order; it can be done once."""
-        for picture in chain(self._waiting, self._pictures):
+        """The frames in order; it can be done once, since the reader learns."""
+        if self._taken is not None:
+            pictures = chain(self._waiting, self._taken)
+        else:
+            pictures = islice(_read(self.path, self._settings), self._skip, None)
+        self._waiting = []
+        since, first = self._after
+        for one in pictures:
+            picture = one._replace(time=one.time + since, number=one.number + first)
             frame = self.reader.frame(self.reader.read(picture))
             yield self._inspector.inspect(frame, self.layout.reference)
 
