@@ -163,7 +163,7 @@ class DotReader(MarkerReader):
                 return region
         region = region_of_print(self.reference, level, self.printed)
         if self.printed and not region.any():
-            self.guessed, self.resting = True, 0
+            self.provisional, self.resting = True, 0
         self.printed = bool(region.any())
         self.prints |= self.printed
         if self.printed:

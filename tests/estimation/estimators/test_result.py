@@ -115,5 +115,5 @@ def test_quantities_of_other_lengths_are_refused():
 
 
 def test_zero_has_no_sign_in_tables():
-    cells = [show_numbers(value) for value in (-1e-9, 0.0, -1e-6, np.nan)]
+    cells = show_numbers([-1e-9, 0.0, -1e-6, np.nan])
     assert cells == ["0.000000", "0.000000", "-0.000001", "nan"]
