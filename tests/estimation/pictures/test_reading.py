@@ -269,7 +269,7 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
 
 
 def test_wrong_settings_are_refused(pictures, tmp_path):
-    with pytest.raises(ValueError, match="mm_per_px is -1.0"):
+    with pytest.raises(ValueError, match="mm_per_px is -1"):
         Sensor(mm_per_px=-1.0)
     folder = write_folder(tmp_path / "clip", pictures[:2])
     with pytest.raises(ValueError, match="no frame 9"):
