@@ -58,6 +58,7 @@ STAGES: dict[str, list[tuple[str, Owner, str]]] = {
         ("fit to the table", style, "fit_alike"),
         ("fit in full", style, "fit_dots"),
         ("which dot is which", DotTracker, "update"),
+        ("texture", images, "paint_out"),
         ("contact region", images.DotReader, "_contact"),
         ("imprint", ImprintFollower, "update"),
         ("angle (`tracked`)", Tracker, "update"),
