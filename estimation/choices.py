@@ -86,6 +86,7 @@ class Known:
         marker: kind of markers: corners, dots, speckle.
         stereo: TOML file of a stereo calibration, where mirrors split the picture.
         noise_um: marker noise per in-plane coordinate [µm].
+        noise_px: the same of pictures without a scale [px].
     """
 
     softness: Path | None = field(default=None, metadata=option("a rigid object"))
@@ -98,6 +99,7 @@ class Known:
     marker: str | None = field(default=None, metadata=option("detected"))
     stereo: Path | None = field(default=None, metadata=option("one view"))
     noise_um: float | None = field(default=None, metadata=option("from the recording"))
+    noise_px: float | None = field(default=None, metadata=option("from the recording"))
 
 
 def _make_constants() -> type:

@@ -28,7 +28,7 @@ from estimation.output.table import TableWriter
 from estimation.pictures.stream import is_camera, is_pictures
 from estimation.settings import Settings
 from estimation.sources import find_recordings, open_source
-from estimation.stream import Checkpoint, Sink, Source, Stream
+from estimation.stream import Checkpoint, Sink, Source, Stream, expect_unit
 from estimation.tracker import Trackers
 from estimation.virtual.recording import Truth, simulate_pivot
 
@@ -192,6 +192,7 @@ def run_all(
     if not resume:
         _expect_finished(out)
     for one in inputs:  # before anything is computed
+        expect_unit(settings.noise, one.source)
         Trackers(
             one.source.layout,
             settings.methods,

@@ -63,7 +63,15 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
     return Settings(
         **vars(choices),
         softness=RIGID_OBJECT if known.softness is None else read_softness(known.softness),
-        noise=sensor.noise if known.noise_um is None else Noise.given(known.noise_um * 1e-3),
+        noise=_given_noise(known) or sensor.noise,
         constants={name: value for name, value in vars(constants).items() if value is not None},
         images=ImageSettings(sensor, known.unloaded_frame, rig, known.fps),
     )
+
+
+def _given_noise(known: Known) -> Noise | None:
+    if known.noise_um is not None and known.noise_px is not None:
+        raise ValueError("the noise is given in µm and in px: give one of --noise-um, --noise-px")
+    if known.noise_px is not None:
+        return Noise.given(known.noise_px, "px")
+    return None if known.noise_um is None else Noise.given(known.noise_um * 1e-3)

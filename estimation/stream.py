@@ -124,6 +124,20 @@ class Answer(NamedTuple):
     turned: Float[np.ndarray, " n"]
 
 
+def expect_unit(noise: Noise | None, source: Source) -> None:
+    """Check that a noise that is given is in the unit of a source's lengths.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if noise is not None and noise.unit != source.unit:
+        raise ValueError(
+            f"{source.name}: the noise is given in {noise.unit}, lengths are in {source.unit}: "
+            "give it in the same unit (--noise-um, --noise-px), or the scale of the pictures "
+            "(--mm-per-px)"
+        )
+
+
 @runtime_checkable
 class Sink(Protocol):
     """Whatever takes answers: a table on the disc, a screen, a robot."""
@@ -293,7 +307,7 @@ class Stream:
             resumed: where an earlier stream got to; the source begins with the frame after.
 
         Raises:
-            ValueError: a wrong setting, or no frames.
+            ValueError: a wrong setting, a noise in another unit than the lengths, or no frames.
         """
         self.source, self.interrupted = source, False
         self._frames, self._ahead = iter(source), list[Frame]()
@@ -306,6 +320,7 @@ class Stream:
             self.follower.layout = source.layout
             return
         noise, notes = settings.noise, ()
+        expect_unit(noise, source)
         if noise is None and isinstance(source, Recording):
             noise, notes = find_noise(source)
         elif noise is None:

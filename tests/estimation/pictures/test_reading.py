@@ -251,7 +251,7 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
 
     monkeypatch.setattr(cv2, "VideoCapture", Unplugged)
     known = ImageSettings(Sensor(dark=True, radius=4.3))
-    settings = Settings(images=known, noise=Noise.given(0.01))
+    settings = Settings(images=known, noise=Noise.given(0.01, "px"))
     source = open_source(Path("camera:0"), known, "camera")
     outcome = run_all([Input(source)], tmp_path, settings, Progress(disable=True), print)
     assert not outcome.interrupted
@@ -266,6 +266,16 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
     assert "the camera has gone" in cells[4][-1]
     # a dozen dots that stick, 35 px from their middle, 0.01 px each: 0.005°, and some slip unseen
     assert [float(one[3]) for one in cells[2:4]] == pytest.approx([3.0, 4.0], abs=0.1)
+
+
+def test_a_noise_in_another_unit_is_refused(pictures, tmp_path):
+    folder = write_folder(tmp_path / "clip", pictures)
+    told = ["run", str(folder), "--out", str(tmp_path / "out"), "--noise-um", "10"]
+    refused = CliRunner().invoke(app, told)
+    assert "noise is given in mm, lengths are in px" in str(refused.exception)
+    refused = CliRunner().invoke(app, [*told, "--noise-px", "0.01"])
+    assert "give one of --noise-um, --noise-px" in str(refused.exception)
+    assert not (tmp_path / "out").exists()
 
 
 def test_wrong_settings_are_refused(pictures, tmp_path):
@@ -302,7 +312,7 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
     folder = write_folder(tmp_path / "clip", odd, "frame{}.png", start=7)
     (folder / "frame13.png").rename(folder / "frame15.png")
     numbers, out = [7, 8, 9, 10, 11, 12, 15], tmp_path / "out"
-    told = ["--out", str(out), "--preview", "--noise-um", "10", "--unloaded-frame", "8"]
+    told = ["--out", str(out), "--preview", "--noise-px", "0.01", "--unloaded-frame", "8"]
     done = CliRunner().invoke(app, ["run", str(folder), *told])
     assert done.exit_code == 0, done.output
     with (out / "angles.csv").open(newline="") as file:
