@@ -46,12 +46,14 @@ class Input(NamedTuple):
         truth: of a virtual recording.
         checkpoint: where an earlier run got to.
         record: of an earlier run that has finished this.
+        place: path that the source was opened at; what the source calls it unless given.
     """
 
     source: Source
     truth: Truth | None = None
     checkpoint: Checkpoint | None = None
     record: Path | None = None
+    place: str = ""
 
 
 class Outcome(NamedTuple):
@@ -107,7 +109,7 @@ def open_inputs(
         earlier = _find_earlier(resume, "", recording.source, settings)
         return [Input(recording, truth, *earlier)]
     paths = find_paths(names, say)
-    named = number_alike(name_recordings(paths))
+    named = _name_folders(name_recordings(paths))
     inputs = []
     for path, name in zip(paths, named, strict=True):
         inner = name if len(paths) > 1 else ""
@@ -115,8 +117,13 @@ def open_inputs(
         source = open_source(path, settings.images, name, checkpoint)
         for warning in source.warnings:
             say(f"{name}: {warning}")
-        inputs.append(Input(source, None, checkpoint, record))
+        inputs.append(Input(source, None, checkpoint, record, str(path)))
     return inputs
+
+
+def _name_folders(names: Sequence[str]) -> list[str]:
+    """The names, numbered where two are the same or one is that of the unfinished run."""
+    return number_alike([UNFINISHED, *names])[1:]
 
 
 def _find_earlier(
@@ -200,7 +207,7 @@ def run_all(
             softness=settings.softness,
             contact=settings.contact,
         )
-    names = number_alike([one.source.name for one in inputs])
+    names = _name_folders([one.source.name for one in inputs])
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
     with renew_results(out, "estimation run", lines.append, draft=UNFINISHED) as results:
@@ -279,8 +286,9 @@ class _Job:
             self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
             self._tell_state(writer, stream, complete=not interrupted)
-        if not stream.follower.row:
-            shutil.rmtree(self.folder)
+        if not stream.done:
+            for name in (NAME, "angles.csv"):
+                (self.folder / name).unlink()
         return interrupted
 
     def _answer(
@@ -297,7 +305,7 @@ class _Job:
                     self._tell_state(writer, stream)
                     kept = time.monotonic()
         except KeyboardInterrupt:
-            writer.cut(stream.follower.row)
+            writer.cut(stream.done)
             return not _is_live(stream.source)  # which has no other end
         return stream.interrupted and not _is_live(stream.source)
 
@@ -308,7 +316,7 @@ class _Job:
         truth = self.input.truth
         writer.tell(
             format_version=FORMAT_VERSION,
-            identity=_identity(source.source, settings),
+            identity=_identity(self.input.place or source.source, settings),
             name=self.name,
             source=source.source,
             convention=source.convention,
@@ -324,14 +332,11 @@ class _Job:
     def _tell_state(self, writer: RecordWriter, stream: Stream, complete: bool = False) -> None:
         """Keep what is known by now, and what is needed to go on."""
         follower, source, settings = stream.follower, stream.source, self.settings
-        noise, row = follower.noise, follower.row
+        noise, row = follower.noise, stream.done
         notes = [*follower.notes, *(f"{n} frames: {flaw}" for flaw, n in follower.flaws.items())]
-        if not complete:
-            total = len(source) if isinstance(source, Sized) else 0
-            done = f"{row} of {total} frames were" if total else f"{row} frames were"
-            notes.append(f"Interrupted: {done} done.")
         writer.tell(
             complete=complete,
+            total=len(source) if isinstance(source, Sized) else 0,
             reference=follower.layout.reference.tolist(),
             source_notes=source.notes,
             notes=notes,
@@ -351,13 +356,14 @@ class _Job:
                 **follower.trackers.constants[settings.method],
             },
         )
-        if row and (state := stream.checkpoint()):
+        if state := stream.checkpoint():
             writer.keep_checkpoint(row - 1, state)
         writer.commit()
 
     def conclude(self, run: Run) -> tuple[dict[str, Any], list[str]]:
         """Write what was found; the summary, and lines for the terminal."""
         if self.record.parent == self.shown:
+            self.results.keep_earlier(self.inner)
             done = f"{self.name}: was done before; see {self.shown / 'report.html'}"
             return summarise(run), [done]
         summary = write_run(run, self.folder)

@@ -293,7 +293,8 @@ class Stream:
     Attributes:
         source: of the frames.
         follower: that answers them.
-        interrupted: whether Ctrl-C came while it looked ahead.
+        done: frames whose answers have gone to every sink.
+        interrupted: whether Ctrl-C came while it read, answered or looked ahead.
     """
 
     def __init__(
@@ -309,15 +310,16 @@ class Stream:
         Raises:
             ValueError: a wrong setting, a noise in another unit than the lengths, or no frames.
         """
-        self.source, self.interrupted = source, False
+        self.source, self.interrupted, self.done = source, False, 0
         self._frames, self._ahead = iter(source), list[Frame]()
         self._held: list[Frame] | None = []
+        self._settled = False
         if resumed is not None:
             self.follower, self._held = resumed.follower, resumed.held
             if getattr(source, "live", False):
                 self._held = []
                 self.follower.relay(source.layout, "nothing was seen while the run stood still")
-            self.follower.layout = source.layout
+            self.follower.layout, self.done = source.layout, self.follower.row
             return
         noise, notes = settings.noise, ()
         expect_unit(noise, source)
@@ -348,20 +350,30 @@ class Stream:
             ValueError: a frame is not of the source's layout.
             OSError: a sink cannot write.
         """
-        for frame in self._next_frames():
-            again: list[Frame] = []
-            if self.source.layout is not self.follower.layout:
-                again = self._relay(sinks)
-            self._hold(frame)
-            for one in (*again, frame):
-                answer = self.follower.update(one)
-                for sink in sinks:
-                    sink.put(answer)
-                yield answer
+        try:
+            for frame in self._next_frames():
+                again: list[Frame] = []
+                if self.source.layout is not self.follower.layout:
+                    again = self._relay(sinks)
+                self._hold(frame)
+                for one in (*again, frame):
+                    answer = self.follower.update(one)
+                    for sink in sinks:
+                        sink.put(answer)
+                    self.done = self.follower.row
+                    self._settled = one is frame and not (self._ahead or self.interrupted)
+                    yield answer
+        except KeyboardInterrupt:
+            self.interrupted, self._settled = True, False
+            raise
 
     def checkpoint(self) -> bytes:
-        """All that is needed to go on after the last answer; empty where it cannot be told yet."""
-        if self._ahead:
+        """All that is needed to go on after the last answer.
+
+        Empty while frames that were read are not answered, and once Ctrl-C has come: a frame may
+        then be half read or half answered.
+        """
+        if not self._settled:
             return b""
         pictures = getattr(self.source, "state", None)
         return save_state(Checkpoint(self.follower, self._held, pictures, time.time()))

@@ -136,7 +136,8 @@ def find_in_record(record: RecordReader) -> Run:
         margin = follow_margin(main, known=margins, changed=changed)
     else:
         margin = MarginPath(margins, None if branch is None else Branch.read(branch))
-    notes = [*about["warnings"], *about["source_notes"], *about["notes"], *_reference_notes(main)]
+    notes = [*about["warnings"], *about["source_notes"], *about["notes"]]
+    notes += [*_progress_notes(about, len(record)), *_reference_notes(main)]
     notes += [*describe_counts(main), *_softness_notes(main), *describe_slips(slips, main.time[0])]
     truth = about.get("truth")
     rows = slice(len(main.time))
@@ -158,6 +159,14 @@ def find_in_record(record: RecordReader) -> Run:
         slips=slips,
         margin=margin,
     )
+
+
+def _progress_notes(about: Mapping[str, Any], frames: int) -> tuple[str, ...]:
+    """How far a run has got that goes on, or was cut off."""
+    if about["complete"]:
+        return ()
+    done = f"{frames} of {about['total']}" if about["total"] else str(frames)
+    return (f"Interrupted: {done} frames were done.",)
 
 
 def _reference_notes(track: Track) -> tuple[str, ...]:

@@ -35,6 +35,8 @@ NAME = "record.sqlite"
 FORMAT_VERSION = 1
 COMMIT_S = 0.5
 """Longest time that an answer waits for the disc [s]."""
+PATIENCE_S = 60.0
+"""Longest time that the end of a run waits for a report that reads its record [s]."""
 CHUNK = 10_000
 """Frames that are read at a time."""
 MOST_KEPT = 256
@@ -149,8 +151,21 @@ class RecordWriter:
         """Write everything and close."""
         with _telling(self._path):
             self._database.commit()
-            self._database.execute("PRAGMA journal_mode=DELETE")
+            self._end_log()
             self._database.close()
+
+    def _end_log(self) -> None:
+        """Put the log into the database, once nobody reads it or patience ends."""
+        patience = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                self._database.execute("PRAGMA journal_mode=DELETE")
+            except sqlite3.OperationalError:  # raised at once: SQLite does not wait here
+                if time.monotonic() > patience:
+                    return  # the reader puts it there
+                time.sleep(0.1)
+            else:
+                return
 
     def _values(self, answer: Answer) -> list[Any]:
         values: list[Any] = [answer.row]

@@ -67,9 +67,13 @@ class ResultFolder:
             self._write_manifest()
             self._published = True
 
-    def keep_earlier(self) -> None:
-        """Leave the files of the last run, because this run is not complete."""
-        self._stale = {}
+    def keep_earlier(self, inner: str = "") -> None:
+        """Leave the files of the last run, or of it those in an inner folder."""
+        self._stale = {
+            name: sha256
+            for name, sha256 in self._stale.items()
+            if inner and not name.startswith(f"{inner}/")
+        }
 
     def clear(self) -> None:
         """Remove what the last run of the command wrote and this one has not.

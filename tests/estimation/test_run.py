@@ -12,7 +12,7 @@ from estimation.estimators import METHODS
 from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
 from estimation.output.table import MARGIN_COLUMNS
-from estimation.run import Input, run_all
+from estimation.run import UNFINISHED, Input, run_all
 from estimation.settings import Settings
 from estimation.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
@@ -191,6 +191,24 @@ def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):
     notes = json.loads((tmp_path / "left" / "summary.json").read_text())["notes"]
     assert "Interrupted: 9 of 25 frames were done." in notes
     assert not (tmp_path / "right").exists()
+
+
+def test_ctrl_c_before_the_first_answer_leaves_nothing(tmp_path, progress, monkeypatch):
+    def interrupt(self, frame):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Trackers, "update", interrupt)
+    assert run_all([Input(lift(ANGLES))], tmp_path, Settings(), progress).interrupted
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_may_be_called_as_the_folder_of_the_run(tmp_path, progress, monkeypatch):
+    inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", UNFINISHED)]
+    monkeypatch.setattr("estimation.run.write_run", lambda run, folder: {})
+    monkeypatch.setattr("estimation.run.write_overview", lambda done, folder: None)
+    run_all(inputs, tmp_path, Settings(noise=Noise.given(1e-3)), progress)
+    folders = {path.name for path in tmp_path.iterdir() if path.is_dir()}
+    assert folders == {"left", f"{UNFINISHED}-2"}
 
 
 def test_a_full_disk_leaves_no_half_written_file(tmp_path, progress, monkeypatch):

@@ -1,23 +1,27 @@
 import os
 import pickle
 from dataclasses import replace
-from itertools import islice
+from itertools import count, islice
+from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from rich.progress import Progress
 
 from estimation.estimators.result import Record
+from estimation.frames.archive import write_archive
 from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
 from estimation.frames.state import load_state, save_state
+from estimation.output import report
 from estimation.output.lines import HEADER, LineWriter
 from estimation.output.record import MOST_KEPT, RecordReader, RecordWriter
 from estimation.output.table import TableWriter
-from estimation.run import Input, report_all, run_all
+from estimation.run import Input, open_inputs, report_all, run_all
 from estimation.settings import Settings
 from estimation.stream import Checkpoint, FrameStream, Stream
-from estimation.tracker import estimate_angles
+from estimation.tracker import Trackers, estimate_angles
 from tests.cases import lift
 
 SETTINGS = Settings(noise=Noise.given(1e-3))
@@ -149,7 +153,8 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
     assert len(rows) == 1 + 9
     told = report_all(out)
     assert f"{out / 'unfinished' / 'report.html'}" in told[0]
-    assert "Interrupted" in (out / "unfinished" / "report.html").read_text()
+    page = (out / "unfinished" / "report.html").read_text()
+    assert f"Interrupted: 10 of {len(recording)} frames were done." in page
     with pytest.raises(ValueError, match="go on with --resume"):
         run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
     with RecordReader(out / "unfinished" / "record.sqlite") as record:
@@ -168,6 +173,47 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
     for name in TABLES:
         assert (out / name).read_text() == (tmp_path / "whole" / name).read_text()
     assert not (out / "unfinished").exists()
+
+
+def test_ctrl_c_within_a_frame_is_gone_on_with_as_if_it_had_not_come(tmp_path, monkeypatch):
+    monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
+    monkeypatch.setattr("estimation.run.write_overview", lambda done, folder: None)
+    monkeypatch.setattr(report, "figure_png", lambda figure: plt.close(figure) or b"")
+    names = [str(tmp_path / f"{name}.npz") for name in "ab"]
+    for name in names:
+        write_archive(lift(ANGLES), Path(name))
+    out, whole, kept = tmp_path / "cut [1]", tmp_path / "whole", "a/angles.csv"
+    run_all(open_inputs(names, SETTINGS, print), whole, SETTINGS, Progress(disable=True))
+    calls, update = count(), Trackers.update
+
+    def update_until(self, frame):
+        if next(calls) > 26:
+            update(self, frame)  # half done
+            raise KeyboardInterrupt
+        return update(self, frame)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Trackers, "update", update_until)
+        inputs = open_inputs(names, SETTINGS, print)
+        assert run_all(inputs, out, SETTINGS, Progress(disable=True)).interrupted
+    written = (out / kept).stat().st_mtime_ns
+    for _ in range(2):  # and a run that has finished
+        inputs = open_inputs(names, SETTINGS, print, out)
+        assert inputs[0].record == out / "a" / "record.sqlite"
+        run_all(inputs, out, SETTINGS, Progress(disable=True), resume=True)
+        for name in (f"{inner}/{table}" for inner in "ab" for table in TABLES):
+            assert (out / name).read_text() == (whole / name).read_text(), name
+        assert (out / kept).stat().st_mtime_ns == written
+
+
+def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
+    writer = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
+    writer.tell(format_version=1)
+    writer.commit()
+    with RecordReader(tmp_path / "record.sqlite") as record:
+        monkeypatch.setattr("estimation.output.record.PATIENCE_S", 0.0)
+        writer.close()
+        assert len(record) == 0
 
 
 def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
