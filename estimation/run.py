@@ -196,8 +196,6 @@ def run_all(
         raise ValueError(f"a grasp takes the recordings of two fingers, not {len(inputs)}")
     if settings.preview:
         find_encoder()
-    if not resume:
-        _expect_finished(out)
     for one in inputs:  # before anything is computed
         expect_unit(settings.noise, one.source)
         Trackers(
@@ -208,11 +206,13 @@ def run_all(
             contact=settings.contact,
         )
     names = _name_folders([one.source.name for one in inputs])
+    inner = names if len(inputs) > 1 else [""]
+    _expect_finished(out, inner if resume else [])
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
     with renew_results(out, "estimation run", lines.append, draft=UNFINISHED) as results:
-        for one, name in zip(inputs, names, strict=True):
-            job = _Job(one, name, name if len(inputs) > 1 else "", results, settings)
+        for one, name, folder in zip(inputs, names, inner, strict=True):
+            job = _Job(one, name, folder, results, settings)
             interrupted = job.follow(progress, answer)
             if job.record.is_file():
                 with RecordReader(job.record) as record:
@@ -231,14 +231,21 @@ def run_all(
     return Outcome(lines, False)
 
 
-def _expect_finished(out: Path) -> None:
+def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
+    """Expect no frames of an unfinished run, but in folders that are gone on with."""
+    folders = [out / UNFINISHED / inner for inner in resumed]
     for place in sorted((out / UNFINISHED).rglob(NAME)):
+        if place.parent in folders:
+            continue
         with RecordReader(place) as record:
-            if frames := len(record):
-                raise ValueError(
-                    f"{place.parent} has {frames} frames of a run that goes on, or was cut off: go "
-                    f"on with --resume, give another folder (--out), or remove {out / UNFINISHED}"
-                )
+            frames = len(record)
+        if frames:
+            raise ValueError(
+                f"{place.parent} has {frames} frames of a run that goes on, or was cut off: go on "
+                "with the same command and --resume, give another folder (--out), or remove "
+                f"{out / UNFINISHED}"
+            )
+        place.unlink()  # of a run that answered nothing
 
 
 @dataclass

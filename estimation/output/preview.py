@@ -1,6 +1,5 @@
 """A video of the pictures with what was found drawn into them."""
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
@@ -83,10 +82,12 @@ def write_preview(run: Run, sensor: Sensor, path: Path, rig: Rig | None = None) 
             image = annotate(picture.image, run, markers, spots, float(gel[markers.row]))
             yield int(ticks[markers.row]), image
 
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        draft = Path(folder) / path.name
+    draft = path.with_name(f".{path.name}")
+    try:
         _encode(pictures(), draft)
         draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:

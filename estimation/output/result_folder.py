@@ -46,12 +46,15 @@ class ResultFolder:
         self._published = False
 
     def publish(self) -> None:
-        """Move the files of the draft to their places, and list them.
+        """Move the files of the draft to their places, and list them; but for hidden ones.
+
+        Those are what a run that was killed had not written to the end.
 
         Raises:
             OSError: the folder cannot be written to.
         """
-        files = sorted(one for one in self.draft.rglob("*") if one.is_file())
+        found = (one for one in self.draft.rglob("*") if one.is_file())
+        files = sorted(one for one in found if not one.name.startswith("."))
         for file in files:
             name, sha256 = file.relative_to(self.draft).as_posix(), _hash(file)
             target = self.path / name

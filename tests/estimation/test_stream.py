@@ -130,8 +130,8 @@ def test_a_state_that_could_run_something_is_refused():
 
 
 def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypatch):
-    run_all([Input(recording)], tmp_path / "whole", SETTINGS, Progress(disable=True))
-    out = tmp_path / "cut"
+    whole, out = tmp_path / "whole", tmp_path / "cut"
+    run_all([Input(recording)], whole, SETTINGS, Progress(disable=True))
     monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
 
     def until(row):
@@ -155,8 +155,11 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
     assert f"{out / 'unfinished' / 'report.html'}" in told[0]
     page = (out / "unfinished" / "report.html").read_text()
     assert f"Interrupted: 10 of {len(recording)} frames were done." in page
-    with pytest.raises(ValueError, match="go on with --resume"):
+    with pytest.raises(ValueError, match="go on with the same command and --resume"):
         run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
+    with pytest.raises(ValueError, match="has 10 frames of a run"):  # of another command
+        run_all([Input(recording)] * 2, out, SETTINGS, Progress(disable=True), resume=True)
+    (out / "unfinished" / ".angles.csv.half").write_text("time_s,fr")  # as write_whole leaves it
     with RecordReader(out / "unfinished" / "record.sqlite") as record:
         row, state = record.checkpoint()
         assert row == 9
@@ -171,8 +174,8 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
     job = Input(rest, checkpoint=load_state(state))
     run_all([job], out, SETTINGS, Progress(disable=True), resume=True)
     for name in TABLES:
-        assert (out / name).read_text() == (tmp_path / "whole" / name).read_text()
-    assert not (out / "unfinished").exists()
+        assert (out / name).read_text() == (whole / name).read_text()
+    assert {one.name for one in out.iterdir()} == {one.name for one in whole.iterdir()}
 
 
 def test_ctrl_c_within_a_frame_is_gone_on_with_as_if_it_had_not_come(tmp_path, monkeypatch):
