@@ -207,10 +207,10 @@ def run_all(
         )
     names = _name_folders([one.source.name for one in inputs])
     inner = names if len(inputs) > 1 else [""]
-    _expect_finished(out, inner if resume else [])
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
     with renew_results(out, "estimation run", lines.append, draft=UNFINISHED) as results:
+        _expect_finished(out, inner if resume else [])
         for one, name, folder in zip(inputs, names, inner, strict=True):
             job = _Job(one, name, folder, results, settings)
             interrupted = job.follow(progress, answer)

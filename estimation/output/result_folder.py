@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from itertools import count
 from pathlib import Path, PureWindowsPath
 
+from filelock import FileLock, Timeout
+
 from estimation.frames.files import check_writable, write_whole
 
 MANIFEST = "manifest.json"
@@ -143,14 +145,15 @@ def renew_results(
             have left; without it a new one, which never stays.
 
     Raises:
-        OSError: the folder cannot be written to.
+        OSError: the folder cannot be written to, or another run is writing to the draft.
     """
     check_writable(folder)
     if draft:
         (folder / draft).mkdir(exist_ok=True)
-        results = ResultFolder(folder, folder / draft, command, say)
-        yield results
-        results.publish()
+        with _lock(folder / draft):
+            results = ResultFolder(folder, folder / draft, command, say)
+            yield results
+            results.publish()
         shutil.rmtree(folder / draft)
     else:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as made:
@@ -160,6 +163,24 @@ def renew_results(
             finally:
                 results.publish()
     results.clear()
+
+
+@contextmanager
+def _lock(folder: Path) -> Iterator[None]:
+    """Let no other run write to the folder; a run that is killed lets go."""
+    path = folder / ".lock"
+    lock = FileLock(path, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout as error:
+        raise OSError(
+            f"another run is writing to {folder}: wait until it ends, or give another folder"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()
+        path.unlink(missing_ok=True)
 
 
 def _read_manifest(path: Path) -> Listed:

@@ -120,6 +120,17 @@ def test_what_is_published_is_there_before_the_run_ends(tmp_path):
     assert files(tmp_path) == {"a/angles.csv": "new"}
 
 
+def test_two_runs_do_not_write_to_one_draft(tmp_path):
+    with renew_results(tmp_path, RUN, draft="half"):
+        with pytest.raises(OSError, match="another run is writing to"):
+            renew_results(tmp_path, RUN, draft="half").__enter__()
+        with renew_results(tmp_path, RUN):  # as a report does
+            pass
+    with renew_results(tmp_path, RUN, draft="half") as results:
+        (results.draft / "angles.csv").write_text("1")
+    assert {one.name for one in tmp_path.iterdir()} == {"angles.csv", "manifest.json"}
+
+
 def test_an_incomplete_run_leaves_what_it_did_not_replace(tmp_path):
     write(tmp_path, {"a.csv": "1", "b.csv": "1"})
     with renew_results(tmp_path, RUN) as results:
