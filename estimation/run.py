@@ -23,7 +23,7 @@ from estimation.output.overview import write_overview
 from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
-from estimation.output.result_folder import ResultFolder, renew_results
+from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
 from estimation.output.table import TableWriter
 from estimation.pictures.stream import is_camera, is_pictures
 from estimation.settings import Settings
@@ -388,6 +388,7 @@ def report_all(folder: Path) -> list[str]:
     """Make the reports of a run anew from its records, as far as it has got.
 
     The reports of a run that goes on, or was cut off, are written to its folder `unfinished`.
+    Results of other runs in folders inside are left alone.
 
     Args:
         folder: that the run writes to.
@@ -400,7 +401,11 @@ def report_all(folder: Path) -> list[str]:
         ValueError: a record is damaged, or of a later version.
         OSError: something cannot be written.
     """
-    places = sorted(folder.rglob(NAME))
+    places = [
+        place
+        for place in sorted(folder.rglob(NAME))
+        if not any((up / MANIFEST).exists() for up in place.parents if folder in up.parents)
+    ]
     if not places:
         raise FileNotFoundError(f"{folder} has no {NAME}: give the folder that a run writes to")
     lines: list[str] = []

@@ -56,7 +56,16 @@ def load_state(data: bytes) -> Any:
     """
     try:
         version, state = _Reader(io.BytesIO(data)).load()
-    except (pickle.UnpicklingError, EOFError, AttributeError, ImportError, TypeError) as error:
+    except (
+        pickle.UnpicklingError,
+        EOFError,
+        AttributeError,
+        ImportError,
+        LookupError,
+        MemoryError,
+        OverflowError,
+        TypeError,
+    ) as error:
         raise ValueError(
             f"the run cannot be gone on with: its state cannot be read ({error})"
         ) from error

@@ -120,7 +120,12 @@ def test_a_state_that_could_run_something_is_refused():
         def __reduce__(self):
             return os.system, ("true",)
 
-    for state in (pickle.dumps(Evil()), pickle.dumps(("0", print)), b"nothing"):
+    for state in (
+        pickle.dumps(Evil()),
+        pickle.dumps(("0", print)),
+        b"nothing",
+        b"\x80\x05\x8e" + b"\xff" * 8,
+    ):
         with pytest.raises(ValueError, match="cannot be gone on with"):
             load_state(state)
     with pytest.raises(ValueError, match="is not read"):
@@ -255,6 +260,8 @@ def test_a_record_of_other_settings_is_not_gone_on_with(recording, tmp_path, mon
     from estimation import run
 
     run_all([Input(recording)], tmp_path, SETTINGS, Progress(disable=True))
+    with pytest.raises(FileNotFoundError, match="give the folder that a run"):
+        report_all(tmp_path.parent)  # whose run this is not
     same = run._find_earlier(tmp_path, "", recording.source, SETTINGS)
     assert same == (None, tmp_path / "record.sqlite")
     with pytest.raises(ValueError, match=r"told something else \(method\)"):
