@@ -22,7 +22,8 @@ from estimation.frames.recording import Frame, MarkerLayout, Recording, record_f
 from estimation.frames.state import save_state
 from estimation.pictures.reading import PictureState
 from estimation.settings import Settings
-from estimation.slip.margin import Branch, Margin, MarginTracker
+from estimation.slip.branch import Branch
+from estimation.slip.margin import Margin, MarginTracker
 from estimation.slip.motion import Count
 from estimation.slip.onset import Sight, SlipWatch
 from estimation.tracker import Trackers

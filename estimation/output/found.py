@@ -9,8 +9,9 @@ from jaxtyping import Float, Int
 
 from estimation.estimators.result import State, Track
 from estimation.output.record import KeptMarkers, RecordReader
+from estimation.slip.branch import Branch
 from estimation.slip.lookback import FOLLOWING, date_doubts, withdraw
-from estimation.slip.margin import Branch, MarginPath, follow_margin
+from estimation.slip.margin import MarginPath, follow_margin
 from estimation.slip.motion import describe_counts
 from estimation.slip.onset import MacroSlip, describe_slips
 

@@ -16,7 +16,7 @@ from estimation.estimators.grasp import Grasp
 from estimation.estimators.result import Result, State, Track
 from estimation.frames.recording import Recording
 from estimation.output.record import KeptMarkers
-from estimation.slip.margin import Branch
+from estimation.slip.branch import Branch
 from estimation.slip.motion import slip_curl, turned_since_counted
 
 STATE_COLOURS = {

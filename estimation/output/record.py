@@ -27,8 +27,9 @@ from estimation.estimators.result import (
     Track,
     Whole,
 )
+from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin
-from estimation.slip.onset import Disc, Sight
+from estimation.slip.onset import Sight
 from estimation.stream import Answer
 
 NAME = "record.sqlite"

@@ -21,7 +21,7 @@ from estimation.output.found import Known, Run
 from estimation.output.missing import count_missing
 from estimation.output.plots import choose_frames, plot_angles, plot_markers, plot_moment
 from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
-from estimation.slip.margin import Branch
+from estimation.slip.branch import Branch
 from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.onset import MacroSlip
 

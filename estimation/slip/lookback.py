@@ -26,14 +26,8 @@ from estimation.estimators.result import (
 )
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
-from estimation.slip.onset import (
-    DEFAULT_SETTINGS,
-    MacroSlip,
-    Sight,
-    SlipSettings,
-    SlipWatch,
-    date_slips,
-)
+from estimation.slip.disc import DEFAULT_SETTINGS, SlipSettings
+from estimation.slip.onset import MacroSlip, Sight, SlipWatch, date_slips
 
 FOLLOWING = ("tracked", "incremental")
 """Methods that follow the object, whose angles are withdrawn where they may have lost it."""

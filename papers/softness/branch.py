@@ -23,7 +23,7 @@ from estimation.estimators.measurement import Z95
 from estimation.fields.outline import follow_outline
 from estimation.frames import datasets
 from estimation.frames.recording import Recording
-from estimation.slip.margin import Branch, MarginSettings
+from estimation.slip.branch import Branch, MarginSettings
 from estimation.softness import disc_radius
 from estimation.sources import find_recordings, read_recording
 from estimation.tracker import estimate_angles

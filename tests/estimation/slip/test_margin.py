@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from estimation.slip.margin import MarginTracker, fit_branch
+from estimation.slip.branch import fit_branch
+from estimation.slip.margin import MarginTracker
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
 

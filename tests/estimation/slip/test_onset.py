@@ -5,8 +5,9 @@ import pytest
 
 from contactmodel.analytic import hertz_density, torsion_displacement
 from estimation.frames.noise import Noise, estimate_noise
+from estimation.slip.disc import _share, _share_slope
 from estimation.slip.lookback import find_slips
-from estimation.slip.onset import _share, _share_slope, describe_slips
+from estimation.slip.onset import describe_slips
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 

@@ -1,0 +1,218 @@
+"""The disc of markers that still stick, as their motion over a few frames shows it.
+
+[Jaeger1995] J. Jäger, "Axi-symmetric bodies of equal material in contact under torsion or shift".
+
+Whatever the pressure of a round contact, a small further twist moves the elastomer as a rigid disc
+does that has the radius c of the region that sticks ([Jaeger1995]): by dθ inside, and outside by
+(2/π)[asin(c/r) − (c/r)√(1 − c²/r²)] dθ. The motion of all markers thus tells c, however few of them
+are inside, and when fewer than three are.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.optimize import leastsq
+
+from estimation.fields.stick import MIN_STICK_MARKERS
+
+
+@dataclass(frozen=True)
+class SlipSettings:
+    """How macro slip is dated and doubted, looking back; lengths are in pitches of the markers.
+
+    Attributes:
+        window: over which the motion is taken [frames].
+        least_markers: markers in contact from which a disc is fitted, which has four unknowns.
+        load_change: share by which the contact may grow or shrink over a window: pressing moves its
+            markers too [-].
+        worst_misfit: misfit over noise from which the motion is not a disc's [-].
+        largest_misfit: share of the motion that the disc may leave unexplained [-].
+        largest_error: standard error of the disc's radius beyond which a window says nothing: the
+            object rests, or slides [pitches].
+        at_rest: motion of the markers about the axis, over its noise, below which the contact rests
+            [-].
+        axis_drift: how far the axis may be from where it was while nine markers stuck [pitches].
+        round_misfit: misfit of a disc, as a share of the motion beyond its noise, from which the
+            contact is not round. The disc closes while a window lasts: round virtual pivots without
+            noise show up to 0.056, contacts of 2:1 from 0.16 on [-].
+        roundness: error of the radius beyond the noise; what markers of the virtual pivots show
+            [pitches].
+        regained: margin from which markers stick again: a turn back makes all of them stick
+            [pitches].
+        around: windows before and after the date through which a line is laid [-].
+        widest: half-width of a date's interval beyond which it is no date [frames].
+        noise_frames: over which the noise is correlated [frames].
+        most_steps: evaluations of the misfit in one fit of a disc [-].
+        firm_share: share of the contact's markers that stick beyond which the angle is not believed
+            to be lost [-].
+        least_margin: radius of the closing disc beyond the third marker from which gel that comes
+            to rest is believed to rest under the object. On virtual pivots the last four discs
+            before an unseen slip come below it; before a true rest they do where hardly more than
+            three markers stick [pitches].
+    """
+
+    window: int = 6
+    least_markers: int = 12
+    load_change: float = 0.15
+    worst_misfit: float = 2.0
+    largest_misfit: float = 0.5
+    largest_error: float = 0.15
+    at_rest: float = 1.5
+    axis_drift: float = 0.05
+    round_misfit: float = 0.06
+    roundness: float = 0.02
+    regained: float = 0.5
+    around: int = 6
+    widest: float = 30.0
+    noise_frames: float = 3.0
+    most_steps: int = 20
+    firm_share: float = 1.0 / 3.0
+    least_margin: float = 0.25
+
+
+DEFAULT_SETTINGS = SlipSettings()
+
+
+class Disc(NamedTuple):
+    """The region that sticks, as the markers' motion over a window shows it.
+
+    Attributes:
+        time: middle of the window [s].
+        margin: radius less the third marker's distance from the axis, in pitches; below 0 fewer
+            than three stick.
+        error: its standard error, in pitches.
+        misfit: share of the markers' motion, beyond their noise, that is not the disc's [-].
+    """
+
+    time: float
+    margin: float
+    error: float
+    misfit: float = 0.0
+
+
+class DiscFit(NamedTuple):
+    """Axis x and y, radius and rotation of a disc, and what they leave of the motion."""
+
+    parameters: Float[np.ndarray, " 4"]
+    residual: Float[np.ndarray, " m"]
+    jacobian: Float[np.ndarray, "m 4"]
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared residuals."""
+        return float(self.residual @ self.residual)
+
+
+def describe_disc(
+    best: DiscFit,
+    before: Complex[np.ndarray, " m"],
+    after: Complex[np.ndarray, " m"],
+    scale: float,
+    settings: SlipSettings,
+) -> Disc:
+    """The disc of a fit; its time is not known here."""
+    misfit = float(np.sqrt(np.mean(best.residual**2))) / settings.worst_misfit
+    error = np.sqrt(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2]) * max(misfit, 1.0)
+    distance = np.sort(np.abs(before - complex(*best.parameters[:2])))
+    moved = float(np.sqrt(0.5 * np.mean(np.abs(after - before) ** 2)))  # per coordinate
+    beyond = settings.worst_misfit * scale * np.sqrt(max(misfit**2 - 1.0, 0.0))
+    return Disc(
+        time=np.nan,
+        margin=float(abs(best.parameters[2]) - distance[MIN_STICK_MARKERS - 1]),
+        error=float(np.hypot(error, settings.roundness)),
+        misfit=float(beyond / moved),
+    )
+
+
+def is_still(moved: Float[np.ndarray, " m"], scale: float, at_rest: float) -> bool:
+    """Whether markers have moved over a window by hardly more than their noise.
+
+    Args:
+        moved: by how much each.
+        scale: noise of the difference of two positions, per coordinate.
+        at_rest: motion over its noise that is hardly more [-].
+    """
+    return bool(np.mean(moved**2) < 2.0 * (at_rest * scale) ** 2)
+
+
+def fit_disc(
+    before: Complex[np.ndarray, " m"],
+    after: Complex[np.ndarray, " m"],
+    scale: float,
+    last: np.ndarray | None,
+    axis: np.ndarray | None,
+    settings: SlipSettings,
+) -> DiscFit:
+    """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
+
+    def stack(left: Complex[np.ndarray, "m ..."], drift: Float[np.ndarray, "2 ..."]) -> np.ndarray:
+        parts = [np.real(left) / scale, np.imag(left) / scale]
+        return np.concatenate(parts if axis is None else [*parts, drift / settings.axis_drift])
+
+    def residual(parameters: np.ndarray) -> np.ndarray:
+        x, y, radius, turned = parameters
+        arm = before - complex(x, y)
+        left = after - before - np.expm1(1j * turned * _share(np.abs(arm), abs(radius))) * arm
+        return stack(left, parameters[:2] - (0.0 if axis is None else axis))
+
+    def jacobian(parameters: np.ndarray) -> np.ndarray:
+        x, y, radius, turned = parameters
+        arm = before - complex(x, y)
+        distance = np.maximum(np.abs(arm), 1e-12)
+        share, slope = _share(distance, abs(radius)), _share_slope(distance, abs(radius))
+        spin = np.exp(1j * turned * share)
+        outwards = 1j * turned * slope * spin * arm  # by d ln(radius), less d ln(distance)
+        moved = spin - 1.0
+        columns = (
+            moved - outwards * arm.real / distance**2,
+            1j * moved - outwards * arm.imag / distance**2,
+            -outwards / radius,
+            -1j * share * spin * arm,
+        )
+        return stack(np.stack(columns, axis=1), np.eye(2, 4))
+
+    def solve(start: np.ndarray) -> DiscFit:
+        found, *_ = leastsq(
+            residual,
+            start,
+            Dfun=jacobian,
+            full_output=True,  # and no warning where the steps are used up
+            ftol=1e-8,
+            xtol=1e-8,
+            gtol=1e-8,
+            maxfev=settings.most_steps,
+            diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01]),  # typical changes, pitches and rad
+        )
+        return DiscFit(found, residual(found), jacobian(found))
+
+    solutions = []
+    if last is not None:
+        solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0])]
+    if (
+        not solutions
+        or min(s.squares for s in solutions) > 2.0 * len(before) * settings.worst_misfit**2
+    ):
+        centre = complex(before.mean()) if axis is None else complex(*axis)
+        arm = before - centre
+        turned = np.sum(np.imag(np.conj(arm) * (after - before))) / np.sum(np.abs(arm) ** 2)
+        solutions += [
+            solve(np.array([centre.real, centre.imag, radius, turned]))
+            for radius in (1.0, 2.0, 4.0)
+        ]
+    return min(solutions, key=lambda solution: solution.squares)
+
+
+def _share(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:
+    """Rotation about the axis, over that of the disc, of points of the surface ([Jaeger1995])."""
+    q = np.minimum(radius / np.maximum(distance, 1e-12), 1.0)
+    return 2.0 / np.pi * (np.arcsin(q) - q * np.sqrt(1.0 - q * q))
+
+
+def _share_slope(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:
+    """Derivative of the share by the logarithm of the radius; at the rim, where it has no bound,
+    that of a twentieth."""
+    q = np.minimum(radius / np.maximum(distance, 1e-12), 1.0)
+    root = np.sqrt(1.0 - q * q)
+    return np.where(q < 1.0, 4.0 / np.pi * q**3 / np.maximum(root, 0.05), 0.0)
