@@ -226,8 +226,9 @@ def run_all(
                 results.keep_earlier()
                 return Outcome(lines, True)
         if len(done) > 1:
-            lines += _put_side_by_side(done, results.draft)
-            lines.append(f"side by side: {out / 'report.html'}")
+            first, more = _put_side_by_side(done, results.draft)
+            lines[:0] = first
+            lines += [*more, f"side by side: {out / 'report.html'}"]
     return Outcome(lines, False)
 
 
@@ -425,26 +426,34 @@ def report_all(folder: Path) -> list[str]:
                     done.append((run, summary))
             lines += _tell(run, summary, place.parent)
         if len(done) > 1:
-            lines += _put_side_by_side(done, results.draft)
+            first, more = _put_side_by_side(done, results.draft)
+            lines[:0] = first
+            lines += more
     return lines
 
 
-def _put_side_by_side(done: Sequence[tuple[Run, dict[str, Any]]], folder: Path) -> list[str]:
+def _put_side_by_side(
+    done: Sequence[tuple[Run, dict[str, Any]]], folder: Path
+) -> tuple[list[str], list[str]]:
     """Write the angles of several recordings side by side, and two fingers as one grasp.
 
     Where the fingers cannot be brought together, the report and a line say so.
+
+    Returns:
+        A line that comes before all others, if the fingers disagree; the lines that come last.
     """
     if not all(run.settings["grasp"] for run, _ in done) or len(done) != 2:
         write_overview(done, folder)
-        return []
+        return [], []
     try:
-        grasp = compare_fingers(*(run.main for run, _ in done))
+        grasp = compare_fingers(done[0][0].main, done[1][0].main)
     except ValueError as error:
         note = f"no comparison: {error}"
         write_overview(done, folder, note=note)
-        return [note]
-    write_overview(done, folder, grasp)
-    return [
+        return [], [note]
+    first = [grasp.raw.describe()] if grasp.raw is not None and grasp.raw.clear else []
+    write_overview(done, folder, grasp, note="".join(first))
+    lines = [
         f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip, {what}, clock "
         f"offset {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s"
         for fit, what in (
@@ -452,6 +461,9 @@ def _put_side_by_side(done: Sequence[tuple[Run, dict[str, Any]]], folder: Path) 
             (grasp.free, f"slope {grasp.free.slope:.3f} ± {grasp.free.errors[0]:.3f}"),
         )
     ]
+    if grasp.own_clocks:
+        lines.append("the recordings' own clocks are used: the angles show no offset between them")
+    return first, lines
 
 
 def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:

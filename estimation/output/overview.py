@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.estimators.grasp import Fit, Grasp
+from estimation.estimators.grasp import Disagreement, Fit, Grasp
 from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
 from estimation.output.found import Run
@@ -86,9 +86,22 @@ def _describe_grasp(grasp: Grasp, runs: Mapping[str, Run]) -> dict[str, Any]:
     return {
         "first": first,
         "second": second,
+        "before_offsets": None if grasp.raw is None else _describe_raw(grasp.raw),
+        "own_clocks": grasp.own_clocks,
         "slope_fixed": _describe_fit(grasp.fixed),
         "slope_free": _describe_fit(grasp.free),
         "branches": {name: describe_branch(run.margin.last) for name, run in runs.items()},
+    }
+
+
+def _describe_raw(raw: Disagreement) -> dict[str, Any]:
+    """The fingers' difference before offsets are fitted, in the units of the command line."""
+    return {
+        "disagree": raw.clear,
+        "largest_difference_deg": json_number(np.degrees(raw.largest)),
+        "half_width_deg": json_number(np.degrees(raw.interval)),
+        "time_s": json_number(raw.time),
+        "share_of_frames_beyond_interval": json_number(raw.share),
     }
 
 

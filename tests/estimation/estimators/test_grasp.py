@@ -1,4 +1,5 @@
 import base64
+import html
 import json
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import pytest
 from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
-from estimation.estimators.result import State
+from estimation.estimators.result import State, Track
 from estimation.run import Input, run_all
 from estimation.settings import Settings
 from estimation.tracker import estimate_angles
@@ -81,9 +82,14 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     assert figures["slope_fixed"]["slope"] == 1.0
     assert figures["slope_free"]["slope_standard_error"] > 0
     assert any("rms before macro slip" in line for line in outcome.lines)
+    assert outcome.lines[0].startswith("the fingers disagree")  # 0.4 s apart on their own clocks
+    assert figures["before_offsets"]["disagree"]
+    assert not figures["own_clocks"]
     rows = (tmp_path / "comparison.csv").read_text().splitlines()
     assert len(rows) == len(first) + 1
     page = (tmp_path / "report.html").read_text()
+    assert outcome.lines[0] in html.unescape(page)
+    assert page.index("the fingers disagree") < page.index("The grasp")
     picture = base64.b64encode((tmp_path / "grasp.png").read_bytes()).decode()
     assert f'src="data:image/png;base64,{picture}"' in page
     for column in ("joint_deg", "joint_low_deg", "joint_high_deg", "second_deg"):
@@ -94,6 +100,79 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     assert f"<td>{figures['slope_fixed']['rms_difference_deg']:.3f}</td>" in page
     with pytest.raises(ValueError, match="two fingers, not 1"):
         run_all(inputs[:1], tmp_path, Settings(grasp=True), Progress(disable=True))
+
+
+@pytest.fixture(scope="module")
+def turns(fingers):
+    """Makes two fingers' tracks of one turn: noise, a later clock of the second, its own slip."""
+    base = estimate_angles(fingers[0])
+    time = np.arange(300) / 25
+
+    def turn(time):  # a lift, shaking, a release
+        shaking = 0.1 * np.sin(5 * time) * (np.abs(time - 5) < 2)
+        return 0.2 / (1 + np.exp(-8 * (time - 2.5))) + shaking - 0.3 / (1 + np.exp(-8 * (time - 9)))
+
+    def track(angle):
+        count, half = len(time), np.radians(0.5)
+        values = {
+            name: column[:1] * count if isinstance(column, tuple) else column[:1].repeat(count)
+            for name, column in base.quantities().items()
+            if name in Track.columns()
+        }
+        values |= {"time": time, "state": (State.STICK,) * count}
+        values |= {"angle": angle, "low": angle - half, "high": angle + half}
+        return Track(method="tracked", **values)
+
+    def make(late=0.0, slip=0.0, seed=0, turned=1.0):
+        noise = np.random.default_rng(seed).normal(0.0, np.radians(0.1), (2, len(time)))
+        moved = turned * turn(time - late) + slip
+        return track(turned * turn(time) + noise[0]), track(-moved - noise[1])
+
+    return make, time
+
+
+@pytest.mark.parametrize("slip_deg", [0.0, 4.0])
+@pytest.mark.parametrize("late", [0.0, 0.24])
+def test_slow_slip_of_a_finger_does_not_move_its_clock(turns, late, slip_deg):
+    make, time = turns
+    grasp = compare_fingers(*make(late, np.radians(slip_deg) * time / time[-1]))
+    error = grasp.fixed.errors[1]
+    assert grasp.fixed.clock_offset == pytest.approx(-late, abs=min(0.03, 2 * error))
+    assert grasp.own_clocks == (late == 0.0)
+    both = np.isfinite(grasp.second)
+    for angle in (grasp.first, grasp.second):
+        assert np.all((grasp.low <= angle + 1e-9) & (angle <= grasp.high + 1e-9) | ~both)
+    assert grasp.raw.clear == (late > 0 or slip_deg > 0)
+
+
+def test_the_error_of_the_clock_covers_its_scatter(turns):
+    make, time = turns
+    misses = []
+    for seed in range(20):
+        wander = np.cumsum(np.random.default_rng(100 + seed).normal(0, np.radians(0.3), len(time)))
+        fit = compare_fingers(*make(0.24, wander, seed)).fixed
+        misses.append((fit.clock_offset + 0.24) / fit.errors[1])
+    assert 0.2 < np.sqrt(np.mean(np.square(misses))) < 1.5
+
+
+def test_a_slip_shows_in_the_joint_interval_and_before_the_fit(turns):
+    make, time = turns
+    first, second = make(slip=np.radians(3.0) * (time > 1))
+    grasp = compare_fingers(first, second)
+    assert grasp.raw.clear
+    assert grasp.raw.share > 0.8
+    assert abs(np.degrees(grasp.raw.largest)) == pytest.approx(3.0, abs=0.8)
+    raw = -second.angle + second.angle[0] + first.angle[0]
+    assert np.all((grasp.low <= raw + 1e-9) & (raw <= grasp.high + 1e-9))
+
+
+def test_fingers_that_hardly_turn_keep_their_clocks(turns):
+    make, _ = turns
+    grasp = compare_fingers(*make(late=0.24, turned=0.005))
+    assert grasp.own_clocks
+    assert grasp.fixed.clock_offset == 0.0
+    assert grasp.fixed.errors[1] > 0.05
+    assert not grasp.raw.clear
 
 
 def test_no_overlap_is_said_and_the_rest_is_kept(fingers, tmp_path):
