@@ -235,8 +235,7 @@ def _describe(sensor: Path | None) -> Any:
 def _read(names: list[str], sensor: Any) -> list[Recording]:
     """Recordings by path or data set, their pictures as those of a sensor."""
     from estimation.pictures.reader import ImageSettings
-    from estimation.run import find_paths
-    from estimation.sources import read_recordings
+    from estimation.sources import find_paths, read_recordings
 
     return read_recordings(find_paths(names, say), ImageSettings(sensor), say)
 

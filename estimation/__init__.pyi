@@ -17,6 +17,8 @@ from estimation.frames.recording import Frame as Frame
 from estimation.frames.recording import MarkerLayout as MarkerLayout
 from estimation.frames.recording import Recording as Recording
 from estimation.frames.recording import layout_markers as layout_markers
+from estimation.frames.source import FrameStream as FrameStream
+from estimation.frames.source import Source as Source
 from estimation.output.plots import plot_angles as plot_angles
 from estimation.output.plots import plot_grasp as plot_grasp
 from estimation.output.plots import plot_maps as plot_maps
@@ -39,9 +41,7 @@ from estimation.softness import write_softness as write_softness
 from estimation.sources import find_recordings as find_recordings
 from estimation.sources import read_recording as read_recording
 from estimation.stream import Answer as Answer
-from estimation.stream import FrameStream as FrameStream
 from estimation.stream import Sink as Sink
-from estimation.stream import Source as Source
 from estimation.stream import Stream as Stream
 from estimation.tracker import Tracker as Tracker
 from estimation.tracker import Trackers as Trackers

@@ -42,8 +42,9 @@ def run(
     """
     from rich.progress import Progress
 
-    from estimation.run import open_inputs, run_all
+    from estimation.run import run_all
     from estimation.settings import read_settings
+    from estimation.sources import open_inputs
 
     settings = read_settings(choices, known, constants)
     inputs = open_inputs(recordings or [], settings, say, out if resume else None)

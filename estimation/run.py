@@ -11,11 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.progress import Progress
 
-from contactmodel.common.version import __version__
 from estimation.estimators.grasp import compare_fingers
-from estimation.frames import datasets
-from estimation.frames.names import name_recordings, number_alike
-from estimation.frames.state import load_state
+from estimation.frames.source import Source
 from estimation.output.found import Run, find_in_record
 from estimation.output.lines import LineWriter
 from estimation.output.missing import describe_answers
@@ -25,35 +22,14 @@ from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordW
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
 from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
 from estimation.output.table import TableWriter
-from estimation.pictures.stream import is_camera, is_pictures
+from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
-from estimation.sources import find_recordings, open_source
-from estimation.stream import Checkpoint, Sink, Source, Stream, expect_unit
+from estimation.sources import UNFINISHED, Input, identity_of, name_folders
+from estimation.stream import Sink, Stream, expect_unit
 from estimation.tracker import Trackers
-from estimation.virtual.recording import Truth, simulate_pivot
 
-UNFINISHED = "unfinished"
-"""The folder, in that of the results, of a run that goes on or was cut off."""
 CHECKPOINT_S = 5.0
 """Longest work that is done again after a run was killed [s]."""
-
-
-class Input(NamedTuple):
-    """What to run over.
-
-    Attributes:
-        source: of the frames.
-        truth: of a virtual recording.
-        checkpoint: where an earlier run got to.
-        record: of an earlier run that has finished this.
-        place: path that the source was opened at; what the source calls it unless given.
-    """
-
-    source: Source
-    truth: Truth | None = None
-    checkpoint: Checkpoint | None = None
-    record: Path | None = None
-    place: str = ""
 
 
 class Outcome(NamedTuple):
@@ -61,107 +37,6 @@ class Outcome(NamedTuple):
 
     lines: list[str]
     interrupted: bool
-
-
-def find_paths(names: Sequence[str], say: Callable[[str], None]) -> list[Path]:
-    """The recordings that were asked for.
-
-    Args:
-        names: paths of recordings or names of data sets.
-        say: told what a data set's fetching has to say.
-
-    Raises:
-        ValueError: what is there is no recording, or a data set cannot be fetched.
-        OSError: a folder cannot be read.
-    """
-    paths: list[Path] = []
-    for name in names:
-        is_dataset = name in datasets.NAMES and not Path(name).exists()
-        paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
-    return paths
-
-
-def open_inputs(
-    names: Sequence[str],
-    settings: Settings,
-    say: Callable[[str], None],
-    resume: Path | None = None,
-) -> list[Input]:
-    """Open every recording that was asked for, before anything is computed.
-
-    Args:
-        names: paths of recordings or names of data sets; none for the virtual pivot.
-        settings: of the run.
-        say: told what is assumed about a recording or looks wrong with it.
-        resume: the folder of the run that is gone on with.
-
-    Returns:
-        The recordings, each with a name of its own: that of its file or folder, and as much of what
-        is above it as tells it apart.
-
-    Raises:
-        ValueError: what is there is no recording, a data set cannot be fetched, or the earlier run
-            was told something else.
-        OSError: a file cannot be read.
-    """
-    if not names:
-        recording, truth = simulate_pivot(seed=settings.seed)
-        earlier = _find_earlier(resume, "", recording.source, settings)
-        return [Input(recording, truth, *earlier)]
-    paths = find_paths(names, say)
-    named = _name_folders(name_recordings(paths))
-    inputs = []
-    for path, name in zip(paths, named, strict=True):
-        inner = name if len(paths) > 1 else ""
-        checkpoint, record = _find_earlier(resume, inner, str(path), settings)
-        source = open_source(path, settings.images, name, checkpoint)
-        for warning in source.warnings:
-            say(f"{name}: {warning}")
-        inputs.append(Input(source, None, checkpoint, record, str(path)))
-    return inputs
-
-
-def _name_folders(names: Sequence[str]) -> list[str]:
-    """The names, numbered where two are the same or one is that of the unfinished run."""
-    return number_alike([UNFINISHED, *names])[1:]
-
-
-def _find_earlier(
-    folder: Path | None, inner: str, source: str, settings: Settings
-) -> tuple[Checkpoint | None, Path | None]:
-    """Where an earlier run over a source got to, or the record of one that has finished."""
-    if folder is None:
-        return None, None
-    for place in (folder / UNFINISHED / inner / NAME, folder / inner / NAME):
-        if not place.is_file():
-            continue
-        with RecordReader(place) as record:
-            _expect_same(record.about.get("identity", {}), _identity(source, settings), place)
-            if record.about.get("complete"):
-                return None, place
-            _, state = record.checkpoint()
-            return (load_state(state) if state else None), None
-    return None, None
-
-
-def _identity(source: str, settings: Settings) -> dict[str, str]:
-    """What must be the same for a run to be gone on with, by name."""
-    path = Path(source)
-    stamp = ""
-    if path.exists() and not is_camera(path):
-        files = sorted(path.iterdir()) if path.is_dir() else [path]
-        stamp = str([(one.name, one.stat().st_size, one.stat().st_mtime_ns) for one in files])
-    told = {name: repr(value) for name, value in vars(settings).items()}
-    return {"source": source, "files": stamp, "version": __version__} | told
-
-
-def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None:
-    changed = [name for name in now if then.get(name) != now[name]]
-    if changed:
-        raise ValueError(
-            f"{place} is of a run that was told something else ({', '.join(changed)}): give the "
-            "same command, or leave --resume out and give another folder"
-        )
 
 
 def run_all(
@@ -176,7 +51,7 @@ def run_all(
 
     While a recording is run, `out/unfinished` has `angles.csv`, to which every frame adds its row,
     and the record that everything else is made from. A run that is killed leaves them whole, and is
-    gone on with by `resume`. What is done goes to `out`: one recording to `out` itself, several to
+    resumed by `resume`. What is done goes to `out`: one recording to `out` itself, several to
     a folder each, named after the recording. Ctrl-C ends the run early: what was computed is
     written, and so labelled.
 
@@ -189,7 +64,7 @@ def run_all(
         resume: go on where an earlier run was cut off.
 
     Raises:
-        ValueError: a wrong setting, or an unfinished run in the folder that is not gone on with.
+        ValueError: a wrong setting, or an unfinished run in the folder that is not resumed.
         OSError: something cannot be written; what was written before stays.
     """
     if settings.grasp and len(inputs) != 2:
@@ -205,7 +80,7 @@ def run_all(
             softness=settings.softness,
             contact=settings.contact,
         )
-    names = _name_folders([one.source.name for one in inputs])
+    names = name_folders([one.source.name for one in inputs])
     inner = names if len(inputs) > 1 else [""]
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
@@ -233,7 +108,7 @@ def run_all(
 
 
 def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
-    """Expect no frames of an unfinished run, but in folders that are gone on with."""
+    """Expect no frames of an unfinished run, but in folders that are resumed."""
     folders = [out / UNFINISHED / inner for inner in resumed]
     for place in sorted((out / UNFINISHED).rglob(NAME)):
         if place.parent in folders:
@@ -324,7 +199,7 @@ class _Job:
         truth = self.input.truth
         writer.tell(
             format_version=FORMAT_VERSION,
-            identity=_identity(self.input.place or source.source, settings),
+            identity=identity_of(self.input.place or source.source, settings),
             name=self.name,
             source=source.source,
             convention=source.convention,

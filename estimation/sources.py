@@ -1,20 +1,29 @@
-"""Which reader a path is for."""
+"""Recordings opened by name, and what an earlier run has made of them."""
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from contactmodel.common.inputs import naming
+from contactmodel.common.version import __version__
+from estimation.frames import datasets
 from estimation.frames.archive import SUFFIX, read_archive
 from estimation.frames.inspection import inspect_recording
-from estimation.frames.names import name_recordings, natural_key
+from estimation.frames.names import name_recordings, natural_key, number_alike
 from estimation.frames.recording import Recording
+from estimation.frames.source import SOURCE_FACTS, FrameStream, Source
+from estimation.frames.state import load_state
 from estimation.frames.tac3d import is_tac3d, read_tac3d
+from estimation.output.record import NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.stream import ignored_rate, is_camera, is_pictures
-from estimation.stream import SOURCE_FACTS, Checkpoint, FrameStream, Source
+from estimation.settings import Settings
+from estimation.stream import Checkpoint
+from estimation.virtual.recording import Truth, simulate_pivot
 
 EXPECTED = (
     f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
@@ -130,3 +139,127 @@ def find_recordings(path: str | Path) -> list[Path]:
         what = "holds no recording" if inside else "is empty"
         raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of those")
     return found
+
+
+UNFINISHED = "unfinished"
+"""The folder, in that of the results, of a run that goes on or was cut off."""
+
+
+class Input(NamedTuple):
+    """What to run over.
+
+    Attributes:
+        source: of the frames.
+        truth: of a virtual recording.
+        checkpoint: where an earlier run got to.
+        record: of an earlier run that has finished this.
+        place: path that the source was opened at; what the source calls it unless given.
+    """
+
+    source: Source
+    truth: Truth | None = None
+    checkpoint: Checkpoint | None = None
+    record: Path | None = None
+    place: str = ""
+
+
+def find_paths(names: Sequence[str], say: Callable[[str], None]) -> list[Path]:
+    """The recordings that were asked for.
+
+    Args:
+        names: paths of recordings or names of data sets.
+        say: told what a data set's fetching has to say.
+
+    Raises:
+        ValueError: what is there is no recording, or a data set cannot be fetched.
+        OSError: a folder cannot be read.
+    """
+    paths: list[Path] = []
+    for name in names:
+        is_dataset = name in datasets.NAMES and not Path(name).exists()
+        paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
+    return paths
+
+
+def open_inputs(
+    names: Sequence[str],
+    settings: Settings,
+    say: Callable[[str], None],
+    resume: Path | None = None,
+) -> list[Input]:
+    """Open every recording that was asked for, before anything is computed.
+
+    Args:
+        names: paths of recordings or names of data sets; none for the virtual pivot.
+        settings: of the run.
+        say: told what is assumed about a recording or looks wrong with it.
+        resume: the folder of the run that is resumed.
+
+    Returns:
+        The recordings, each with a name of its own: that of its file or folder, and as much of what
+        is above it as tells it apart.
+
+    Raises:
+        ValueError: what is there is no recording, a data set cannot be fetched, or the earlier run
+            was given another command.
+        OSError: a file cannot be read.
+    """
+    if not names:
+        recording, truth = simulate_pivot(seed=settings.seed)
+        earlier = find_earlier(resume, "", recording.source, settings)
+        return [Input(recording, truth, *earlier)]
+    paths = find_paths(names, say)
+    named = name_folders(name_recordings(paths))
+    inputs = []
+    for path, name in zip(paths, named, strict=True):
+        inner = name if len(paths) > 1 else ""
+        checkpoint, record = find_earlier(resume, inner, str(path), settings)
+        source = open_source(path, settings.images, name, checkpoint)
+        for warning in source.warnings:
+            say(f"{name}: {warning}")
+        inputs.append(Input(source, None, checkpoint, record, str(path)))
+    return inputs
+
+
+def name_folders(names: Sequence[str]) -> list[str]:
+    """The names, numbered where two are the same or one is that of the unfinished run."""
+    return number_alike([UNFINISHED, *names])[1:]
+
+
+def find_earlier(
+    folder: Path | None, inner: str, source: str, settings: Settings
+) -> tuple[Checkpoint | None, Path | None]:
+    """Where an earlier run over a source got to, or the record of one that has finished."""
+    if folder is None:
+        return None, None
+    for place in (folder / UNFINISHED / inner / NAME, folder / inner / NAME):
+        if not place.is_file():
+            continue
+        with RecordReader(place) as record:
+            _expect_same(record.about.get("identity", {}), identity_of(source, settings), place)
+            if record.about.get("complete"):
+                return None, place
+            _, state = record.checkpoint()
+            return (load_state(state) if state else None), None
+    return None, None
+
+
+def identity_of(source: str, settings: Settings) -> dict[str, str]:
+    """What must be the same for a run to be resumed, by name."""
+    path = Path(source)
+    stamp = hashlib.sha256()
+    if source and path.exists() and not is_camera(path):
+        files = sorted(path.iterdir()) if path.is_dir() else [path, path.with_suffix(".csv")]
+        for one in filter(Path.exists, files):
+            stamp.update(repr((one.name, one.stat().st_size, one.stat().st_mtime_ns)).encode())
+    told = {name: repr(value) for name, value in vars(settings).items()}
+    return {"source": source, "files": stamp.hexdigest(), "version": __version__} | told
+
+
+def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None:
+    changed = [name for name in now if then.get(name) != now[name]]
+    if changed:
+        raise ValueError(
+            f"{place} was made with another command or from other files ({', '.join(changed)}): "
+            "give the same, or leave --resume out and give another folder (--out)"
+        )

@@ -7,8 +7,7 @@ its past is bounded; what it has found goes to its sinks.
 import hashlib
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from itertools import islice
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -19,6 +18,7 @@ from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
+from estimation.frames.source import Source
 from estimation.frames.state import save_state
 from estimation.pictures.reading import PictureState
 from estimation.settings import Settings
@@ -34,73 +34,6 @@ AHEAD_LIVE = 24
 """The same of a source that gives them as they are taken: less than a second at 25 per second."""
 MOST_HELD = 2000
 """Frames that are answered anew when a better reference is found after them."""
-
-
-SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
-"""What a source tells beside its frames."""
-
-
-@runtime_checkable
-class Source(Protocol):
-    """Whatever gives frames one after the other; a `Recording` is one.
-
-    Attributes:
-        layout: markers and reference of the last frame it gave; it may change while they come.
-        name: short name.
-        source: where the frames come from.
-        convention: how the axes lie.
-        unit: of lengths, mm or px.
-        notes: what a reader should know, in sentences, as known by now.
-        warnings: what is assumed or looks wrong, in sentences.
-    """
-
-    @property
-    def layout(self) -> MarkerLayout: ...  # noqa: D102
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def source(self) -> str: ...  # noqa: D102
-    @property
-    def convention(self) -> str: ...  # noqa: D102
-    @property
-    def unit(self) -> str: ...  # noqa: D102
-    @property
-    def notes(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def warnings(self) -> tuple[str, ...]: ...  # noqa: D102
-
-    def __iter__(self) -> Iterator[Frame]:
-        """The frames in order of time."""
-        ...
-
-
-@dataclass
-class FrameStream:
-    """A source made of any frames, as from a socket or a simulator.
-
-    Attributes:
-        layout: markers and reference; it may be given anew while the frames come.
-        frames: in order of time.
-        name: short name.
-        source: where the frames come from.
-        convention: how the axes lie.
-        unit: of lengths, mm or px.
-        notes: what a reader should know, in sentences.
-        warnings: what is assumed or looks wrong, in sentences.
-    """
-
-    layout: MarkerLayout
-    frames: Iterable[Frame]
-    name: str = "stream"
-    source: str = ""
-    convention: str = "z out of the elastomer towards the object"
-    unit: str = "mm"
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    def __iter__(self) -> Iterator[Frame]:
-        """The frames in order of time."""
-        return iter(self.frames)
 
 
 class Answer(NamedTuple):

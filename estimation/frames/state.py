@@ -67,11 +67,10 @@ def load_state(data: bytes) -> Any:
         TypeError,
     ) as error:
         raise ValueError(
-            f"the run cannot be gone on with: its state cannot be read ({error})"
+            f"the run cannot be resumed: its state cannot be read ({error})"
         ) from error
     if version != __version__:
         raise ValueError(
-            f"the run cannot be gone on with: version {version} wrote its state, this is "
-            f"{__version__}"
+            f"the run cannot be resumed: version {version} wrote its state, this is {__version__}"
         )
     return state

@@ -1,6 +1,6 @@
 """Pictures of recordings and results; each function returns a Matplotlib figure."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -253,15 +253,21 @@ def _curl(track: Track, markers: KeptMarkers) -> Float[np.ndarray, " n"]:
 
 
 def choose_frames(
-    track: Track, markers: Iterable[KeptMarkers], count: int = 5
+    track: Track, markers: Callable[[], Iterable[KeptMarkers]], size: int, count: int = 5
 ) -> list[KeptMarkers]:
-    """Frames to draw maps of: evenly spread over those with contact, or over all."""
-    every = list(markers)
-    touching = [one for one in every if track.contact_markers[one.row]] or every
-    return [
-        touching[i]
-        for i in sorted({*np.linspace(0, len(touching) - 1, count).astype(int).tolist()})
-    ]
+    """Frames to draw maps of: evenly spread over those with contact, or over all.
+
+    Args:
+        track: of the method that is drawn.
+        markers: gives those of the frames that they are kept of, one after the other.
+        size: how many there are at the end; a camera that was resumed may have had others.
+        count: most frames.
+    """
+    rows = [one.row for one in markers() if len(one.turned) == size]
+    touching = [row for row in rows if track.contact_markers[row]] or rows
+    spread = np.linspace(0, len(touching) - 1, count).astype(int).tolist()
+    chosen = {touching[i] for i in spread}
+    return [one for one in markers() if one.row in chosen]
 
 
 def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:

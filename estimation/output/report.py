@@ -54,11 +54,10 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
         references["gel that has followed furthest"] = follow_gel(main)
     if run.truth is not None:
         references["truth"] = run.truth.angle
-    # a camera that is resumed may show others than before
-    markers = (one for one in run.markers() if len(one.turned) == len(run.reference))
+    shown = choose_frames(main, run.markers, len(run.reference))
     pictures = {
         "angles.png": plot_angles(run.results, run.method, references),
-        "maps.png": plot_markers(run.reference, run.unit, main, choose_frames(main, markers)),
+        "maps.png": plot_markers(run.reference, run.unit, main, shown),
     }
     if np.isfinite(main.moment).any():
         pictures["moment.png"] = plot_moment({run.name: (main, run.margin.last)})

@@ -2,8 +2,8 @@
 
 A live tracker asks the last markers whether they still move alike, which it can only say some
 frames later; the disc (`estimation.slip.disc`) is followed over windows, and dated looking back
-with frames from after the event. The moment would not do: with c/a = 0.2 it grows with 1 % of its first
-slope (c³/a³), long before and long after.
+with frames from after the event. The moment would not do: with c/a = 0.2 it grows with 1 % of its
+first slope (c³/a³), long before and long after.
 
 Contacts that are not round close in other shapes, and real gels creep: where a disc does not move
 the markers as they moved, to twice their noise, there is no date.

@@ -17,10 +17,12 @@ from rich.progress import Progress
 from rich.table import Table
 
 from estimation.frames.recording import Frame, Recording
+from estimation.frames.source import FrameStream
 from estimation.output.record import NAME
-from estimation.run import Input, run_all
+from estimation.run import run_all
 from estimation.settings import Settings
-from estimation.stream import Answer, Follower, FrameStream, Stream
+from estimation.sources import Input
+from estimation.stream import Answer, Follower, Stream
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser
 

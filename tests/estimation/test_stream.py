@@ -13,14 +13,16 @@ from estimation.estimators.result import Record
 from estimation.frames.archive import write_archive
 from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
+from estimation.frames.source import FrameStream
 from estimation.frames.state import load_state, save_state
 from estimation.output import report
 from estimation.output.lines import HEADER, LineWriter
 from estimation.output.record import MOST_KEPT, RecordReader, RecordWriter
 from estimation.output.table import TableWriter
-from estimation.run import Input, open_inputs, report_all, run_all
+from estimation.run import report_all, run_all
 from estimation.settings import Settings
-from estimation.stream import Checkpoint, FrameStream, Stream
+from estimation.sources import Input, find_earlier, open_inputs
+from estimation.stream import Checkpoint, Stream
 from estimation.tracker import Trackers, estimate_angles
 from tests.cases import lift
 
@@ -126,7 +128,7 @@ def test_a_state_that_could_run_something_is_refused():
         b"nothing",
         b"\x80\x05\x8e" + b"\xff" * 8,
     ):
-        with pytest.raises(ValueError, match="cannot be gone on with"):
+        with pytest.raises(ValueError, match="cannot be resumed"):
             load_state(state)
     with pytest.raises(ValueError, match="is not read"):
         load_state(save_state(TableWriter))
@@ -257,12 +259,10 @@ def test_lines_say_each_frame_once(recording):
 
 
 def test_a_record_of_other_settings_is_not_gone_on_with(recording, tmp_path, monkeypatch):
-    from estimation import run
-
     run_all([Input(recording)], tmp_path, SETTINGS, Progress(disable=True))
     with pytest.raises(FileNotFoundError, match="give the folder that a run"):
         report_all(tmp_path.parent)  # whose run this is not
-    same = run._find_earlier(tmp_path, "", recording.source, SETTINGS)
+    same = find_earlier(tmp_path, "", recording.source, SETTINGS)
     assert same == (None, tmp_path / "record.sqlite")
-    with pytest.raises(ValueError, match=r"told something else \(method\)"):
-        run._find_earlier(tmp_path, "", recording.source, replace(SETTINGS, method="rigid"))
+    with pytest.raises(ValueError, match=r"other files \(method\)"):
+        find_earlier(tmp_path, "", recording.source, replace(SETTINGS, method="rigid"))

@@ -9,8 +9,9 @@ from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
 from estimation.estimators.result import State, Track
-from estimation.run import Input, run_all
+from estimation.run import run_all
 from estimation.settings import Settings
+from estimation.sources import Input
 from estimation.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 

@@ -22,9 +22,9 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import read_pictures
-from estimation.run import Input, run_all
+from estimation.run import run_all
 from estimation.settings import Settings
-from estimation.sources import open_source, read_recording
+from estimation.sources import Input, open_source, read_recording
 from tests.estimation.pictures.scenes import REST, picture, twisted
 
 ANGLES = (0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0)
