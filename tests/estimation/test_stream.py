@@ -258,11 +258,11 @@ def test_lines_say_each_frame_once(recording):
     assert len(said) == 1 + len(recording)
 
 
-def test_a_record_of_other_settings_is_not_gone_on_with(recording, tmp_path, monkeypatch):
-    run_all([Input(recording)], tmp_path, SETTINGS, Progress(disable=True))
+def test_a_record_of_other_settings_is_not_resumed(recording, tmp_path):
+    out = tmp_path / "out"
+    run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
     with pytest.raises(FileNotFoundError, match="give the folder that a run"):
-        report_all(tmp_path.parent)  # whose run this is not
-    same = find_earlier(tmp_path, "", recording.source, SETTINGS)
-    assert same == (None, tmp_path / "record.sqlite")
+        report_all(tmp_path)  # whose run this is not
+    assert find_earlier(out, "", recording.source, SETTINGS) == (None, out / "record.sqlite")
     with pytest.raises(ValueError, match=r"other files \(method\)"):
-        find_earlier(tmp_path, "", recording.source, replace(SETTINGS, method="rigid"))
+        find_earlier(out, "", recording.source, replace(SETTINGS, method="rigid"))
