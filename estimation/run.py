@@ -274,9 +274,13 @@ def report_all(folder: Path) -> list[str]:
 
     Raises:
         FileNotFoundError: there is no record in the folder.
-        ValueError: a record is damaged, or of a later version.
+        ValueError: a record is damaged, or of a later version, or the folder is `unfinished`.
         OSError: something cannot be written.
     """
+    if folder.name == UNFINISHED:
+        raise ValueError(
+            f"{folder} is of a run: give the folder that it writes to, {folder.parent}"
+        )
     places = [
         place
         for place in sorted(folder.rglob(NAME))

@@ -263,6 +263,8 @@ def test_a_record_of_other_settings_is_not_resumed(recording, tmp_path):
     run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
     with pytest.raises(FileNotFoundError, match="give the folder that a run"):
         report_all(tmp_path)  # whose run this is not
+    with pytest.raises(ValueError, match="give the folder that it writes to"):
+        report_all(out / "unfinished")
     assert find_earlier(out, "", recording.source, SETTINGS) == (None, out / "record.sqlite")
     with pytest.raises(ValueError, match=r"other files \(method\)"):
         find_earlier(out, "", recording.source, replace(SETTINGS, method="rigid"))
