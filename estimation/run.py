@@ -25,8 +25,7 @@ from estimation.output.table import TableWriter
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
 from estimation.sources import UNFINISHED, Input, identity_of, name_folders
-from estimation.stream import Sink, Stream, expect_unit
-from estimation.tracker import Trackers
+from estimation.stream import Sink, Stream, expect_unit, make_trackers
 
 CHECKPOINT_S = 5.0
 """Longest work that is done again after a run was killed [s]."""
@@ -73,13 +72,7 @@ def run_all(
         find_encoder()
     for one in inputs:  # before anything is computed
         expect_unit(settings.noise, one.source)
-        Trackers(
-            one.source.layout,
-            settings.methods,
-            noise=settings.noise,
-            softness=settings.softness,
-            contact=settings.contact,
-        )
+        make_trackers(one.source.layout, settings, settings.noise)
     names = name_folders([one.source.name for one in inputs])
     inner = names if len(inputs) > 1 else [""]
     lines: list[str] = []

@@ -24,7 +24,6 @@ from estimation.pictures.reading import PictureState
 from estimation.settings import Settings
 from estimation.slip.branch import Branch
 from estimation.slip.margin import Margin, MarginTracker
-from estimation.slip.motion import Count
 from estimation.slip.onset import Sight, SlipWatch
 from estimation.tracker import Trackers
 
@@ -45,7 +44,7 @@ class Answer(NamedTuple):
         estimates: by method.
         axis: direction of the contact's long axis [rad], NaN where refused.
         sight: what the motion over the last frames shows of the region that sticks.
-        margin: what is left before macro slip, by the chosen method.
+        margin: angle and moment that remain before macro slip, by the chosen method.
         turned: φ of each marker since that method's angle is counted [rad].
     """
 
@@ -56,6 +55,26 @@ class Answer(NamedTuple):
     sight: Sight
     margin: Margin
     turned: Float[np.ndarray, " n"]
+
+
+def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None) -> Trackers:
+    """The trackers of a run.
+
+    Args:
+        layout: markers and reference.
+        settings: of the run.
+        noise: of the markers, given or found.
+
+    Raises:
+        ValueError: a wrong setting, or too few markers.
+    """
+    return Trackers(
+        layout,
+        settings.methods,
+        noise=noise,
+        softness=settings.softness,
+        contact=settings.contact,
+    )
 
 
 def expect_unit(noise: Noise | None, source: Source) -> None:
@@ -122,16 +141,9 @@ class Follower:
         self._begin(layout)
 
     def _begin(self, layout: MarkerLayout) -> None:
-        told = self._settings
         self.layout = layout
-        self.trackers = Trackers(
-            layout,
-            told.methods,
-            noise=self.noise,
-            softness=told.softness,
-            contact=told.contact,
-        )
-        self._outline, self._margin, self._count = OutlineFollower(), MarginTracker(), Count()
+        self.trackers = make_trackers(layout, self._settings, self.noise)
+        self._outline, self._margin = OutlineFollower(), MarginTracker()
         self._watch = None if self.noise is None else SlipWatch(layout, self.noise)
         self._digest = hashlib.sha256(np.ascontiguousarray(layout.reference).tobytes()).digest()
 
@@ -178,7 +190,7 @@ class Follower:
             axis=self._outline.update(seen.fields)[0],
             sight=sight,
             margin=self._margin.follow(main.state, main.angle, main.moment, main.contact_markers),
-            turned=self._count.turned(main.state, main.anew, main.rotation),
+            turned=main.rotation - self.trackers.counts[self._settings.method].start,
         )
         self.row += 1
         return answer
@@ -333,5 +345,7 @@ class Stream:
         """Keep a frame while a better reference may be found, unless there are too many."""
         if not getattr(self.source, "provisional", False):
             self._held = []
-        elif self._held is not None:
-            self._held = None if len(self._held) >= MOST_HELD else [*self._held, frame]
+        elif self._held is not None and len(self._held) < MOST_HELD:
+            self._held.append(frame)
+        else:
+            self._held = None

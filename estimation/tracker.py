@@ -53,6 +53,7 @@ class Trackers:
     Attributes:
         estimators: by method.
         constants: of each method.
+        counts: by method, from where its angle is counted.
         observation: what the last frame showed; None before the first.
     """
 
@@ -87,7 +88,7 @@ class Trackers:
         }
         share_fits(self.estimators.values())
         self._since = dict.fromkeys(methods, _Since())
-        self._counts = {name: Count() for name in methods}
+        self.counts = {name: Count() for name in methods}
         self.observation: Observation | None = None
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
@@ -122,7 +123,7 @@ class Trackers:
         except ValueError as error:
             return _label(frame, str(error), since)
         angle, low, high = softness.correct(gel)
-        turned = self._counts[method].turned(state, since.anew, fields.rotation)
+        turned = self.counts[method].turned(state, since.anew, fields.rotation)
         gel_low, gel_high = gel_ends(turned, fields.contact)
         return Estimate(
             time=frame.time,

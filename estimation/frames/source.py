@@ -12,32 +12,42 @@ SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
 
 @runtime_checkable
 class Source(Protocol):
-    """Whatever gives frames one after the other; a `Recording` is one.
-
-    Attributes:
-        layout: markers and reference of the last frame it gave; it may change while they come.
-        name: short name.
-        source: where the frames come from.
-        convention: how the axes lie.
-        unit: of lengths, mm or px.
-        notes: what a reader should know, in sentences, as known by now.
-        warnings: what is assumed or looks wrong, in sentences.
-    """
+    """Whatever gives frames one after the other; a `Recording` is one."""
 
     @property
-    def layout(self) -> MarkerLayout: ...  # noqa: D102
+    def layout(self) -> MarkerLayout:
+        """Markers and reference of the last frame it gave; they may change while frames come."""
+        ...
+
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def name(self) -> str:
+        """Short name."""
+        ...
+
     @property
-    def source(self) -> str: ...  # noqa: D102
+    def source(self) -> str:
+        """Where the frames come from."""
+        ...
+
     @property
-    def convention(self) -> str: ...  # noqa: D102
+    def convention(self) -> str:
+        """How the axes lie."""
+        ...
+
     @property
-    def unit(self) -> str: ...  # noqa: D102
+    def unit(self) -> str:
+        """Of lengths, mm or px."""
+        ...
+
     @property
-    def notes(self) -> tuple[str, ...]: ...  # noqa: D102
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know, in sentences, as known by now."""
+        ...
+
     @property
-    def warnings(self) -> tuple[str, ...]: ...  # noqa: D102
+    def warnings(self) -> tuple[str, ...]:
+        """What is assumed or looks wrong, in sentences."""
+        ...
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order of time."""

@@ -78,7 +78,7 @@ class Run:
         markers: of some of the frames, or of all.
         truth: of a virtual recording.
         slips: when macro slip began, by the whole recording.
-        margin: what is left before macro slip, by the chosen method.
+        margin: angle and moment that remain before macro slip, by the chosen method.
     """
 
     name: str

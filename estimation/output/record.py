@@ -35,7 +35,7 @@ from estimation.stream import Answer
 NAME = "record.sqlite"
 FORMAT_VERSION = 1
 COMMIT_S = 0.5
-"""Longest time that an answer waits for the disc [s]."""
+"""Time after which answers are written with the next frame [s]."""
 PATIENCE_S = 60.0
 """Longest time that the end of a run waits for a report that reads its record [s]."""
 CHUNK = 10_000
@@ -107,7 +107,7 @@ class RecordWriter:
         self._insert = f"INSERT INTO frames VALUES ({', '.join('?' * len(columns))})"
 
     def put(self, answer: Answer) -> None:
-        """Keep what was found of a frame; it is on the disc half a second later at the latest."""
+        """Keep what was found of a frame; it is written with the next one `COMMIT_S` later."""
         with _telling(self._path):
             self._database.execute(self._insert, self._values(answer))
             if self._every or answer.row % self._stride == 0:

@@ -86,7 +86,7 @@ def write_table(
         path: of the table.
         track: of the method.
         imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
-        margins: what is left before macro slip in each frame.
+        margins: angle and moment that remain before macro slip, in each frame.
 
     Raises:
         OSError: it cannot be written.

@@ -65,7 +65,7 @@ class MarginTracker:
         self.branch: Branch | None = None
 
     def follow(self, state: State, angle: float, moment: float, contact_markers: int) -> Margin:
-        """What is left after a frame in some state; NaN without contact and in macro slip.
+        """The margin after a frame in some state; NaN without contact and in macro slip.
 
         Args:
             state: of the contact.
