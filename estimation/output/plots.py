@@ -35,6 +35,8 @@ def plot_angles(
 ) -> Figure:
     """Angle, markers that stick and moment over time; the state as coloured background.
 
+    The axis of the angle holds the chosen method's answers; the others may leave it.
+
     Args:
         results: by method.
         method: the one drawn with its interval and state.
@@ -68,6 +70,7 @@ def plot_angles(
         gone = np.degrees(main.withdrawn.angle)
         top.plot(time, gone, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
     top.set_ylabel("object's angle [°]")
+    _scale_to(top, main)
     handles, labels = top.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in main.state]
     handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
@@ -104,11 +107,26 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         )
         for row in frames
     ]
-    return plot_markers(recording.layout.reference, recording.unit, result, markers)
+    down = points_down(recording.convention)
+    return plot_markers(recording.layout.reference, recording.unit, result, markers, down=down)
+
+
+def points_down(convention: str) -> bool:
+    """Whether y points down in a source's own view, as it does in pictures.
+
+    Args:
+        convention: how the source's axes lie.
+    """
+    return "y down" in convention
 
 
 def plot_markers(
-    reference: Float[np.ndarray, "n d"], unit: str, track: Track, markers: Sequence[KeptMarkers]
+    reference: Float[np.ndarray, "n d"],
+    unit: str,
+    track: Track,
+    markers: Sequence[KeptMarkers],
+    *,
+    down: bool = False,
 ) -> Figure:
     """Rotation, stick and slip, and curl of the slip in frames whose markers are kept.
 
@@ -117,8 +135,9 @@ def plot_markers(
         unit: of their positions.
         track: of the method that tells what sticks.
         markers: of the frames.
+        down: whether y points down, so that the maps lie as the pictures do.
     """
-    figure, axes = _make_maps(len(markers), reference)
+    figure, axes = _make_maps(len(markers), reference, down)
     rotation = np.degrees([np.where(one.contact, one.turned, np.nan) for one in markers])
     rotation_scale = _colour_scale(rotation)
     curl = np.stack([_curl(track, one) for one in markers])
@@ -277,14 +296,29 @@ def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequen
         axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
 
 
-def _make_maps(columns: int, points: Float[np.ndarray, "n d"]) -> tuple[Figure, np.ndarray]:
+def _scale_to(axis: Axes, track: Track) -> None:
+    """Let an axis hold the answers of a method, those that were withdrawn too, in degrees."""
+    angles = [track.angle, track.low, track.high]
+    angles += [] if track.withdrawn is None else [track.withdrawn.angle]
+    known = np.degrees(np.concatenate(angles))
+    known = known[np.isfinite(known)]
+    if len(known):
+        rim = max(0.05 * float(np.ptp(known)), 0.1)
+        axis.set_ylim(known.min() - rim, known.max() + rim)
+
+
+def _make_maps(
+    columns: int, points: Float[np.ndarray, "n d"], down: bool
+) -> tuple[Figure, np.ndarray]:
     """A figure of three rows of maps.
 
     Only the outer maps have ticks, since every tick takes time.
     """
-    size = (2.1 * columns + 1.5, 7.2)
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     rim = 0.05 * (high - low).max()
+    low, high = low - rim, high + rim
+    tall = float(np.clip((high - low)[1] / (high - low)[0], 0.4, 2.5))
+    size = (2.1 * columns + 1.9, 3 * 2.0 * tall + 1.7)
     figure, axes = plt.subplots(
         3,
         columns,
@@ -292,10 +326,10 @@ def _make_maps(columns: int, points: Float[np.ndarray, "n d"]) -> tuple[Figure, 
         figsize=size,
         subplot_kw={
             "aspect": "equal",
-            "xlim": (low[0] - rim, high[0] + rim),
-            "ylim": (low[1] - rim, high[1] + rim),
+            "xlim": (low[0], high[0]),
+            "ylim": (high[1], low[1]) if down else (low[1], high[1]),
         },
-        gridspec_kw=_margins(size, right=0.9, top=0.5, bottom=0.8, wspace=0.1, hspace=0.1),
+        gridspec_kw=_margins(size, right=1.2, top=0.5, bottom=0.9, wspace=0.1, hspace=0.1),
     )
     for inner in axes[:-1].flat:
         inner.set_xticks([])

@@ -19,7 +19,13 @@ from estimation.estimators.result import State, Track
 from estimation.frames.files import write_whole
 from estimation.output.found import Known, Run
 from estimation.output.missing import count_missing
-from estimation.output.plots import choose_frames, plot_angles, plot_markers, plot_moment
+from estimation.output.plots import (
+    choose_frames,
+    plot_angles,
+    plot_markers,
+    plot_moment,
+    points_down,
+)
 from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
 from estimation.slip.branch import Branch
 from estimation.slip.motion import accumulate_slip, follow_gel
@@ -57,7 +63,9 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     shown = choose_frames(main, run.markers, len(run.reference))
     pictures = {
         "angles.png": plot_angles(run.results, run.method, references),
-        "maps.png": plot_markers(run.reference, run.unit, main, shown),
+        "maps.png": plot_markers(
+            run.reference, run.unit, main, shown, down=points_down(run.convention)
+        ),
     }
     if np.isfinite(main.moment).any():
         pictures["moment.png"] = plot_moment({run.name: (main, run.margin.last)})

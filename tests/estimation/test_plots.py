@@ -1,0 +1,39 @@
+"""Axes of the figures: those of pictures lie as pictures do, and the chosen method fills its plot."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from estimation.frames.noise import Noise
+from estimation.output.plots import plot_angles, plot_maps
+from estimation.pictures.reading import CONVENTION
+from estimation.tracker import estimate_angles
+from tests.cases import lift
+
+
+@pytest.fixture(scope="module")
+def answered():
+    recording = lift(np.radians(np.linspace(0.0, 10.0, 4)))
+    return recording, estimate_angles(recording, noise=Noise.given(1e-3))
+
+
+def test_maps_of_pictures_lie_as_the_pictures_do(answered):
+    recording, result = answered
+    taken = replace(recording, convention=CONVENTION)
+    for one, down in ((recording, False), (taken, True)):
+        figure = plot_maps(one, result, [1, 3])
+        shown = [axis.get_ylim() for axis in figure.axes[:6]]
+        assert all((bottom > top) is down for bottom, top in shown)
+        plt.close(figure)
+
+
+def test_the_axis_of_the_angle_holds_the_chosen_method_and_no_more(answered):
+    _, result = answered
+    wild = replace(result, angle=result.angle + np.radians(300.0))
+    figure = plot_angles({"tracked": result, "paper": wild}, "tracked")
+    low, high = figure.axes[0].get_ylim()
+    assert low < np.degrees(np.nanmin(result.low))
+    assert np.degrees(np.nanmax(result.high)) < high < 20.0
+    plt.close(figure)
