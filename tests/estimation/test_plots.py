@@ -1,4 +1,4 @@
-"""Axes of the figures: those of pictures lie as pictures do, and the chosen method fills its plot."""
+"""Maps of pictures lie as pictures do, and the chosen method fills its plot."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def test_maps_of_pictures_lie_as_the_pictures_do(answered):
     for one, down in ((recording, False), (taken, True)):
         figure = plot_maps(one, result, [1, 3])
         shown = [axis.get_ylim() for axis in figure.axes[:6]]
-        assert all((bottom > top) is down for bottom, top in shown)
+        assert all(bool(bottom > top) is down for bottom, top in shown)
         plt.close(figure)
 
 
