@@ -46,6 +46,10 @@ from estimation.stream import Stream as Stream
 from estimation.tracker import Tracker as Tracker
 from estimation.tracker import Trackers as Trackers
 from estimation.tracker import estimate_angles as estimate_angles
+from estimation.virtual.clip import ClipTruth as ClipTruth
+from estimation.virtual.clip import Scene as Scene
+from estimation.virtual.clip import VirtualClip as VirtualClip
+from estimation.virtual.clip import write_pictures as write_pictures
 from estimation.virtual.recording import PivotModel as PivotModel
 from estimation.virtual.recording import Truth as Truth
 from estimation.virtual.recording import simulate_pivot as simulate_pivot

@@ -111,11 +111,20 @@ def render_dots(
         axes: matrices that take the unit circle to each dot's rim [px].
         rng: of the noise.
     """
-    n, margin = OVERSAMPLING, camera.margin
-    cover = np.zeros(camera.fine_shape, dtype=np.float32)
-    for centre, axis in zip(centres, axes, strict=True):
-        _draw(cover, n * (centre + margin) + 0.5 * (n - 1), n * axis)
-    return expose(camera, cover, rng)
+    return expose(camera, _print_dots(camera, centres, axes), rng)
+
+
+def cover_with_dots(
+    camera: Camera, centres: Float[np.ndarray, "n 2"], axes: Float[np.ndarray, "n 2 2"]
+) -> Float32[np.ndarray, "height width"]:
+    """Share of each pixel that dots cover, as blurred by the camera.
+
+    Args:
+        camera: the camera.
+        centres: of the dots [px].
+        axes: matrices that take the unit circle to each dot's rim [px].
+    """
+    return _blur(camera, _print_dots(camera, centres, axes))
 
 
 def expose(
@@ -128,19 +137,45 @@ def expose(
         cover: share of print, on the grid of `Camera.fine_shape`.
         rng: of the noise.
     """
+    cover = _blur(camera, cover)
+    y, x = np.mgrid[: camera.height, : camera.width]
+    from_middle = np.hypot(x - 0.5 * (camera.width - 1), y - 0.5 * (camera.height - 1))
+    from_middle /= 0.5 * np.hypot(camera.width, camera.height)
+    light = 1.0 - camera.shading * from_middle**2
+    return digitise(camera, light * (camera.background - camera.contrast * cover), rng)
+
+
+def digitise(
+    camera: Camera, level: Float[np.ndarray, "*shape"], rng: np.random.Generator
+) -> UInt8[np.ndarray, "*shape"]:
+    """Grey levels with the camera's noise, rounded to 8 bit.
+
+    Args:
+        camera: the camera.
+        level: of each pixel, and of each colour where there are several [grey levels].
+        rng: of the noise.
+    """
+    noisy = level + rng.normal(0.0, camera.noise, level.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def _print_dots(camera: Camera, centres: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Share of each cell of the fine grid that dots cover."""
+    n, margin = OVERSAMPLING, camera.margin
+    cover = np.zeros(camera.fine_shape, dtype=np.float32)
+    for centre, axis in zip(centres, axes, strict=True):
+        _draw(cover, n * (centre + margin) + 0.5 * (n - 1), n * axis)
+    return cover
+
+
+def _blur(camera: Camera, cover: np.ndarray) -> np.ndarray:
+    """The cover of the pixels, from that of the fine grid."""
     n, margin = OVERSAMPLING, camera.margin
     if camera.blur > 0.0:
         cover = cv2.GaussianBlur(cover, (0, 0), n * camera.blur)
     rows, columns = (size // n for size in camera.fine_shape)
     cover = cover.reshape(rows, n, columns, n).mean(axis=(1, 3))
-    cover = cover[margin:-margin, margin:-margin] if margin else cover
-    y, x = np.mgrid[: camera.height, : camera.width]
-    from_middle = np.hypot(x - 0.5 * (camera.width - 1), y - 0.5 * (camera.height - 1))
-    from_middle /= 0.5 * np.hypot(camera.width, camera.height)
-    light = 1.0 - camera.shading * from_middle**2
-    grey = light * (camera.background - camera.contrast * cover)
-    grey += rng.normal(0.0, camera.noise, grey.shape)
-    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    return cover[margin:-margin, margin:-margin] if margin else cover
 
 
 def _draw(cover: np.ndarray, centre: np.ndarray, axis: np.ndarray) -> None:

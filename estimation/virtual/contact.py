@@ -1,9 +1,11 @@
 """Virtual recordings of any contact the model can solve: every shape, path and pair of bodies."""
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.interpolate import interpn
 
 from contactmodel.elasticity.bodies import stiffness_ratio
+from contactmodel.grid import Grid
 from contactmodel.solution import ContactSolution
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout, Recording
@@ -71,7 +73,7 @@ def simulate_recording(
 def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
     """The truth of every frame, the unloaded ones first."""
     contact, sticking = (
-        np.pad(_at_markers(path, np.asarray(mask), points), ((unloaded, 0), (0, 0)))
+        np.pad(values_at(path.grid, np.asarray(mask), points), ((unloaded, 0), (0, 0)))
         for mask in (path.contact, path.stick)
     )
     axes, on_grid = (path.grid.x, path.grid.y), np.moveaxis(np.asarray(path.slip), (0, 1), (2, 3))
@@ -94,9 +96,16 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
     )
 
 
-def _at_markers(path: ContactSolution, mask: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Value of a mask of the grid in the cell of each marker; False beyond the grid."""
-    grid = path.grid
+def values_at(
+    grid: Grid, mask: Bool[np.ndarray, "frames nx ny"], points: Float[np.ndarray, "n 2"]
+) -> Bool[np.ndarray, "frames n"]:
+    """Value of a mask of the grid in the cell of each point; False beyond the grid.
+
+    Args:
+        grid: of the mask.
+        mask: of each frame.
+        points: of the undeformed elastomer [mm].
+    """
     index = np.floor(points / grid.spacing + 0.5 * np.asarray(grid.shape)).astype(int)
     inside = ((index >= 0) & (index < grid.shape)).all(axis=1)
     i, j = np.clip(index, 0, np.asarray(grid.shape) - 1).T

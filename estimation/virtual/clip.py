@@ -1,0 +1,334 @@
+"""Clips of a pad that never was: an object that prints through a gel with dots, with exact truth.
+
+The contact model moves the gel (a core that sticks, a ring that slips, macro slip); the object goes
+its own way over it. Dots go with the gel. What the object prints goes with the object: its relief
+bends the gel where it is pressed on, and three lamps of different colours show the slopes.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from contactmodel.contact import Contact
+from contactmodel.grid import Grid
+from contactmodel.pose import Pose
+from estimation.choices import DEFAULT_CONTACT
+from estimation.estimators.result import State
+from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.pictures.render import Camera, cover_with_dots, digitise, project_discs
+from estimation.pictures.stream import Picture
+from estimation.virtual.contact import values_at
+from estimation.virtual.gel import Gel, count_from_touch, move_gel
+from estimation.virtual.relief import Lamps, make_relief
+
+FINE = 0.25
+"""Cell of the relief [px]."""
+COARSE = 4
+"""Distance of the points at which the contact's shape is looked up [px]."""
+FULL_PRINT = 0.3
+"""Share of the largest pressure from which the object's relief prints in full [-]."""
+FOLLOWERS, FEWEST = 0.1, 4
+"""Share of the contact, that which has slipped least, whose motion is the gel's [-], and its least
+number of cells."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What a clip shows; everything random comes from the seed.
+
+    Attributes:
+        contact: pad, object, its shape, friction, and a grid that covers the view; its origin is
+            where the object touches.
+        path: poses of the object, one a frame. There is no contact where the approach is not above
+            0; turns and shifts count from the last frame before it touches.
+        relief: what the object prints, one of `RELIEFS`.
+        slope: root mean square of the relief's slope, of edges where they are [-].
+        centre: where the object touches, from the middle of the view [mm].
+        first: poses before the clip begins: it starts loaded where they touch.
+        kinetic: friction once all has slid for long, as a share of that before [-]. It holds while
+            all slides one way.
+        weakening: distance slid over which friction falls there [mm].
+        pitch: distance between dots [mm].
+        dot_radius: of the dots [mm].
+        dot_angle: by which their rows are turned [rad].
+        camera: size, scale, blur, noise, level of the light, and how much a dot takes of it.
+        lamps: around the view.
+        rate: pictures per second [1/s].
+        seed: of relief, noise, and where the dots lie.
+
+    Raises:
+        ValueError: fewer than two poses that are left, or a share or length out of range.
+    """
+
+    contact: Contact
+    path: Pose
+    relief: str = "texture"
+    slope: float = 0.1
+    centre: tuple[float, float] = (0.0, 0.0)
+    first: int = 0
+    kinetic: float = 1.0
+    weakening: float = 0.3
+    pitch: float = 1.9
+    dot_radius: float = 0.3
+    dot_angle: float = 0.0
+    camera: Camera = field(
+        default_factory=lambda: Camera(
+            320, 240, 0.06, background=125.0, contrast=95.0, shading=0.15
+        )
+    )
+    lamps: Lamps = field(default_factory=Lamps)
+    rate: float = 25.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.path.approach.ndim != 1 or not 0 <= self.first < len(self.path.approach) - 1:
+            raise ValueError(
+                f"a clip needs a path of two poses or more after the first {self.first}: make one "
+                "with contactmodel.make_path"
+            )
+        if not (0.0 <= self.kinetic <= 1.0 and self.weakening > 0.0):
+            raise ValueError(
+                f"kinetic is {self.kinetic}, weakening {self.weakening} mm: friction falls to a "
+                "share from 0 to 1, over a distance above 0"
+            )
+
+
+class ClipTruth(NamedTuple):
+    """What the pictures cannot know, by frame.
+
+    Attributes:
+        state: of the contact, by the dots: `macro_slip` where fewer than three of those under the
+            object stick, or not all if there are no more than three; else by the share that stick.
+        angle: of the object since it touched [rad, from x to y of the picture]; NaN before.
+        shift: of the object's axis since it touched [mm]; NaN before.
+        gel_angle: of the gel, the tenth of that under the object that has slipped least [rad]; NaN
+            before.
+        gel_shift: of the same [mm]; NaN before.
+        slip: of the object over the gel where it has slipped least [mm]: 0 while something has
+            stuck since it touched, and about the middle of a turn; NaN before.
+        stick_ratio: share of the contact that sticks [-].
+        force: on the gel [N].
+        moment: on the gel about the object's axis [N·mm].
+    """
+
+    state: tuple[State, ...]
+    angle: Float[np.ndarray, " frames"]
+    shift: Float[np.ndarray, "frames 2"]
+    gel_angle: Float[np.ndarray, " frames"]
+    gel_shift: Float[np.ndarray, "frames 2"]
+    slip: Float[np.ndarray, " frames"]
+    stick_ratio: Float[np.ndarray, " frames"]
+    force: Float[np.ndarray, "frames 3"]
+    moment: Float[np.ndarray, " frames"]
+
+    @property
+    def slip_angle(self) -> Float[np.ndarray, " frames"]:
+        """How far the object has turned over the gel that has slipped least [rad]."""
+        return self.angle - self.gel_angle
+
+    @property
+    def onset(self) -> int | None:
+        """First frame in which no more than a fiftieth of the contact sticks; None without one."""
+        loose = (self.stick_ratio < 0.02) & np.isfinite(self.angle)
+        return int(np.argmax(loose)) if loose.any() else None
+
+
+class VirtualClip:
+    """A clip: its truth, and its pictures, which are drawn as they are asked for.
+
+    Attributes:
+        scene: what it shows.
+        dots: where they are in the undeformed gel, from the middle of the view [mm].
+        gel: in each frame.
+        truth: of each frame.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Solve the contact along the path.
+
+        Args:
+            scene: what the clip shows.
+
+        Raises:
+            ValueError: a relief that there is not.
+            RuntimeError: a contact that is not solved.
+        """
+        self.scene = scene
+        rng = np.random.default_rng(scene.seed)
+        self.dots = _lay_dots(scene, rng)
+        camera = scene.camera
+        reach = np.hypot(camera.width, camera.height) * camera.mm_per_px
+        self._relief = make_relief(scene.relief, scene.slope, reach, FINE * camera.mm_per_px, rng)
+        kept = slice(scene.first, None)
+        self.gel = move_gel(scene.contact, scene.path, scene.kinetic, scene.weakening).take(kept)
+        self._place = np.asarray(scene.path.shift)[kept]
+        self._turned = np.asarray(scene.path.twist)[kept]
+        poses = count_from_touch(scene.path)
+        self.truth = _find_truth(
+            self.gel,
+            np.asarray(poses.twist)[kept],
+            np.asarray(poses.shift)[kept],
+            self.dots - np.array(scene.centre),
+        )
+
+    def __len__(self) -> int:
+        """How many pictures there are."""
+        return len(self.truth.angle)
+
+    def __iter__(self) -> Iterator[Picture]:
+        """The pictures in order."""
+        for frame in range(len(self)):
+            yield Picture(self.draw(frame), frame / self.scene.rate, frame)
+
+    def draw(self, frame: int) -> UInt8[np.ndarray, "height width 3"]:
+        """The picture of a frame, BGR.
+
+        Args:
+            frame: counted from 0, of the clip.
+        """
+        scene, camera = self.scene, self.scene.camera
+        rng = np.random.default_rng((scene.seed, frame))
+        level = scene.lamps.light(camera, self._height(frame))
+        if camera.blur > 0.0:
+            level = cv2.GaussianBlur(level, (0, 0), camera.blur)
+
+        def move(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+            return points + self.moved(frame, points)
+
+        centres, axes = project_discs(camera, move, self.dots, scene.dot_radius)
+        cover = cover_with_dots(camera, centres, axes)[..., None]
+        return digitise(camera, level * (1.0 - camera.contrast / camera.background * cover), rng)
+
+    def _height(self, frame: int) -> np.ndarray:
+        """Depth of the gel's surface at each pixel, the object's relief included [mm]."""
+        scene, pressure = self.scene, self.gel.pressure[frame]
+        if not pressure.any():
+            return np.zeros((scene.camera.height, scene.camera.width))
+        seen = np.minimum(pressure / (FULL_PRINT * pressure.max()), 1.0)
+        depth, seen = self._show(frame, [self.gel.depth[frame], seen])
+        return depth + np.clip(seen, 0.0, 1.0) * self.relief_at(frame)
+
+    def relief_at(self, frame: int) -> Float32[np.ndarray, "height width"]:
+        """Height of the object's relief at each pixel, wherever it touches [mm].
+
+        Args:
+            frame: of the clip.
+        """
+        axis = np.array(self.scene.centre) + self._place[frame]
+        return self._relief.at(self.scene.camera, axis, float(self._turned[frame]))
+
+    def _show(self, frame: int, fields: list[np.ndarray]) -> list[np.ndarray]:
+        """Fields of the undeformed gel at each pixel, without the steps of cells at steep rims."""
+        camera, gel = self.scene.camera, self.gel
+        rows, columns = -(-camera.height // COARSE), -(-camera.width // COARSE)
+        y, x = np.mgrid[:rows, :columns] * float(COARSE) + 0.5 * (COARSE - 1)
+        middle = 0.5 * (np.array([camera.width, camera.height]) - 1)
+        now = (np.column_stack([x.ravel(), y.ravel()]) - middle) * camera.mm_per_px
+        rest = now - self.moved(frame, now - self.moved(frame, now)) - self.scene.centre
+        size = (COARSE * columns, COARSE * rows)
+        coarse = [_look_up(gel.grid, gaussian_filter(one, 1.0), rest) for one in fields]
+        return [
+            cv2.resize(one.reshape(rows, columns), size, interpolation=cv2.INTER_CUBIC)[
+                : camera.height, : camera.width
+            ]
+            for one in coarse
+        ]
+
+    def moved(self, frame: int, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Displacement of points of the gel [mm].
+
+        Args:
+            frame: of the clip.
+            points: where they are in the undeformed gel, from the middle of the view [mm].
+        """
+        own = points - np.array(self.scene.centre)
+        fields = self.gel.displacement[frame]
+        return np.column_stack([_look_up(self.gel.grid, field, own) for field in fields])
+
+
+def write_pictures(clip: VirtualClip, folder: Path) -> None:
+    """Write a clip as the folder of pictures and `times.csv` that `estimation run` reads.
+
+    Args:
+        clip: to draw.
+        folder: made if it is not there.
+
+    Raises:
+        OSError: it cannot be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ["frame,time_s"]
+    for picture in clip:
+        name = folder / f"{picture.number:04d}.png"
+        if picture.image is None or not cv2.imwrite(str(name), picture.image):
+            raise OSError(f"{name} cannot be written: is there room, and may you write there?")
+        lines.append(f"{picture.number},{picture.time:.6f}")
+    (folder / "times.csv").write_text("\n".join(lines) + "\n")
+
+
+def _look_up(grid: Grid, field: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """A field of the grid at points [mm]; beyond the grid as at its rim."""
+    place = points / np.array(grid.spacing) + 0.5 * (np.array(grid.shape) - 1)
+    return map_coordinates(field, place.T, order=3, mode="nearest")
+
+
+def _lay_dots(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Dots of the unloaded gel, in and around the view [mm]."""
+    camera = scene.camera
+    reach = 0.5 * np.hypot(camera.width, camera.height) * camera.mm_per_px + 2.0 * scene.pitch
+    row = np.arange(-np.ceil(reach / scene.pitch), np.ceil(reach / scene.pitch) + 1)
+    nodes = np.stack(np.meshgrid(row, row), axis=-1).reshape(-1, 2) + rng.uniform(-0.5, 0.5, 2)
+    c, s = np.cos(scene.dot_angle), np.sin(scene.dot_angle)
+    dots = scene.pitch * nodes @ np.array([[c, s], [-s, c]])
+    half = 0.5 * np.array([camera.width, camera.height]) * camera.mm_per_px + scene.pitch
+    return dots[(np.abs(dots) < half).all(axis=1)]
+
+
+def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray) -> ClipTruth:
+    contact = gel.contact
+    touching = np.asarray(contact.any(axis=(1, 2)))
+    angle = np.where(touching, twist, np.nan)
+    gel_angle, slip = np.full((2, len(angle)), np.nan)
+    gel_shift = np.full((len(angle), 2), np.nan)
+    for frame in np.flatnonzero(touching):
+        far = np.linalg.norm(gel.slip[frame][:, contact[frame]], axis=0)
+        best = np.argsort(far)[: max(int(FOLLOWERS * len(far)), FEWEST)]
+        moved = gel.displacement[frame][:, contact[frame]][:, best]
+        slip[frame], gel_shift[frame] = far.min(), moved.mean(axis=1)
+        gel_angle[frame] = _turn(gel.grid.points[:, contact[frame]][:, best], moved)
+    under, holding = (values_at(gel.grid, mask, dots).sum(axis=1) for mask in (contact, gel.stick))
+    return ClipTruth(
+        state=tuple(map(_judge, under.tolist(), holding.tolist(), touching.tolist())),
+        angle=angle,
+        shift=np.where(touching[:, None], shift, np.nan),
+        gel_angle=gel_angle,
+        gel_shift=gel_shift,
+        slip=slip,
+        stick_ratio=gel.stick.sum(axis=(1, 2)) / np.maximum(contact.sum(axis=(1, 2)), 1),
+        force=gel.force,
+        moment=gel.moment,
+    )
+
+
+def _turn(points: np.ndarray, moved: np.ndarray) -> float:
+    """Rotation of points that have moved as one body [rad]."""
+    x, y = points - points.mean(axis=1, keepdims=True)
+    to_x, to_y = np.stack([x, y]) + moved - moved.mean(axis=1, keepdims=True)
+    return float(np.arctan2(np.sum(x * to_y - y * to_x), np.sum(x * to_x + y * to_y)))
+
+
+def _judge(under: int, holding: int, touching: bool) -> State:
+    """The state of a contact, from the dots under the object and those that stick."""
+    if not touching:
+        return State.NO_CONTACT
+    if holding < min(MIN_STICK_MARKERS, under):
+        return State.MACRO_SLIP
+    enough = holding >= DEFAULT_CONTACT.stick_share * under
+    return State.STICK if enough else State.INCIPIENT

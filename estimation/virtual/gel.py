@@ -1,0 +1,137 @@
+"""The gel under an object along a path, by the contact model: what moves, sticks and slips."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from contactmodel.contact import Contact
+from contactmodel.grid import Grid
+from contactmodel.pose import Pose
+from contactmodel.solution import ContactSolution
+from contactmodel.solve import solve_path
+
+RTOL = 1e-5
+"""Of the contact's residuals [-]: 1e-5 of a displacement is far below what a picture shows."""
+
+
+class Gel(NamedTuple):
+    """The gel's surface by frame, on a grid in its undeformed state; zero without contact.
+
+    Attributes:
+        grid: of the fields, the origin where the object touches.
+        displacement: in the plane [mm].
+        depth: into the gel [mm].
+        slip: of the object over the gel since it touched [mm].
+        pressure: of the object [MPa].
+        stick: cells in contact that do not slide; all of them while the object rests.
+        force: on the gel [N].
+        moment: on the gel about the object's axis [N·mm].
+    """
+
+    grid: Grid
+    displacement: Float[np.ndarray, "frames 2 nx ny"]
+    depth: Float[np.ndarray, "frames nx ny"]
+    slip: Float[np.ndarray, "frames 2 nx ny"]
+    pressure: Float[np.ndarray, "frames nx ny"]
+    stick: Bool[np.ndarray, "frames nx ny"]
+    force: Float[np.ndarray, "frames 3"]
+    moment: Float[np.ndarray, " frames"]
+
+    @property
+    def contact(self) -> Bool[np.ndarray, "frames nx ny"]:
+        """Cells under pressure."""
+        return self.pressure > 0.0
+
+    def take(self, rows: slice) -> "Gel":
+        """Some of the frames."""
+        return Gel(self.grid, *(field[rows] for field in self[1:]))
+
+
+def find_touches(approach: Float[np.ndarray, " frames"]) -> Iterator[tuple[int, int]]:
+    """First frame of each contact, and the first after it.
+
+    Args:
+        approach: of the object [mm]; above 0 it touches.
+    """
+    edges = np.flatnonzero(np.diff(np.pad(np.asarray(approach) > 0.0, 1).astype(int)))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
+def count_from_touch(path: Pose) -> Pose:
+    """The poses of a path, turn and shift counted from the last one before each contact."""
+    twist, shift = np.array(path.twist), np.array(path.shift)
+    for begin, end in find_touches(np.asarray(path.approach)):
+        twist[begin:end] -= np.asarray(path.twist)[begin - 1] if begin else 0.0
+        shift[begin:end] -= np.asarray(path.shift)[begin - 1] if begin else 0.0
+    return Pose(path.approach, shift, twist, path.centre, path.linear)
+
+
+def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: float = 0.3) -> Gel:
+    """The gel along a path.
+
+    Friction that falls once all slides is put on afterwards: as long as everything slides one way,
+    tractions and what they move are in proportion to it.
+
+    Args:
+        contact: pad, object, shape, friction and grid.
+        path: poses of the object, one a frame.
+        kinetic: friction once all has slid for long, as a share of that before [-].
+        weakening: distance slid over which it falls there [mm].
+    """
+    poses = count_from_touch(path)
+    frames, shape = len(np.asarray(path.approach)), contact.grid.shape
+    sizes = ((2, *shape), shape, (2, *shape), shape, shape, (3,), ())
+    gel = Gel(contact.grid, *(np.zeros((frames, *size)) for size in sizes))
+    gel = gel._replace(stick=np.zeros((frames, *shape), dtype=bool))
+    for begin, end in find_touches(np.asarray(path.approach)):
+        own = jax.tree.map(lambda leaf, b=begin, e=end: leaf[b:e], poses)
+        moved, index = _find_moves(own)
+        solved = solve_path(
+            contact, jax.tree.map(lambda leaf, m=moved: leaf[m], own), sliding=True, rtol=RTOL
+        )
+        found = _weaken(_gather(solved), kinetic, weakening)
+        for field, values in zip(gel[1:], found[1:], strict=True):
+            field[begin:end] = values[index]
+        rests = begin + np.setdiff1d(np.arange(end - begin), moved)
+        gel.stick[rests] = gel.contact[rests]
+    return gel
+
+
+def _find_moves(path: Pose) -> tuple[Int[np.ndarray, " moves"], Int[np.ndarray, " frames"]]:
+    """Frames in which the object moves, and which of these each frame is like."""
+    numbers = np.column_stack([np.asarray(path.approach), np.asarray(path.shift), path.twist])
+    moves = np.append(True, (np.diff(numbers, axis=0) != 0.0).any(axis=1))
+    return np.flatnonzero(moves), np.cumsum(moves) - 1
+
+
+def _gather(path: ContactSolution) -> Gel:
+    surface = np.asarray(path.elastomer_displacement())
+    return Gel(
+        grid=path.grid,
+        displacement=surface[:, :2],
+        depth=-surface[:, 2],
+        slip=np.asarray(path.slip),
+        pressure=np.asarray(path.pressure),
+        stick=np.asarray(path.stick),
+        force=np.asarray(path.force),
+        moment=np.asarray(path.moment),
+    )
+
+
+def _weaken(gel: Gel, kinetic: float, weakening: float) -> Gel:
+    """The gel with the friction that is left after what has slid so far."""
+    touching = gel.contact.sum(axis=(1, 2))
+    increment = np.linalg.norm(np.diff(gel.slip, axis=0, prepend=gel.slip[:1]), axis=1)
+    mean = np.sum(increment * gel.contact, axis=(1, 2)) / np.maximum(touching, 1)
+    slid = np.cumsum(np.where(gel.stick.any(axis=(1, 2)), 0.0, mean))
+    share = kinetic + (1.0 - kinetic) * np.exp(-slid / weakening)
+    wide = share[:, None, None]
+    return gel._replace(
+        displacement=wide[:, None] * gel.displacement,
+        slip=gel.slip + (1.0 - wide)[:, None] * gel.displacement,
+        force=gel.force * np.column_stack([share, share, np.ones(len(share))]),
+        moment=share * gel.moment,
+    )
