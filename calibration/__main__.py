@@ -3,18 +3,22 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from calibration.softness import LOAD_MODELS
+from calibration.softness.choices import SoftnessChoices, SqueezeChoices
 from contactmodel.common.command_line import errors, make_app, run_app, say
+from contactmodel.common.options import spread
 from estimation.frames.files import check_writable
 from estimation.frames.recording import Recording
 from estimation.output.result_folder import renew_results
 
 app = make_app("What must be found out about sensor and object before angles can be trusted.")
+_Out = Annotated[Path, typer.Option(help="Folder to write to.")]
 _Sensor = Annotated[
     Path | None,
     typer.Option(
@@ -26,7 +30,7 @@ _Sensor = Annotated[
 @app.command()
 def noise(
     recording: Annotated[str, typer.Argument(help="Ten seconds of the sensor at rest.")],
-    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
     """Find the noise of a sensor at rest: sensor.toml, for --sensor, noise.json and a report."""
@@ -42,12 +46,14 @@ def noise(
 
 
 @app.command()
+@spread
 def softness(
+    choices: SoftnessChoices,
     recordings: Annotated[
         list[str],
         typer.Argument(metavar="RECORDING|DATASET...", help="Grasps of objects that turn."),
     ],
-    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    out: _Out = Path("out"),
     reference: Annotated[
         list[str] | None,
         typer.Option(
@@ -63,62 +69,13 @@ def softness(
             show_default="object",
         ),
     ] = None,
-    flip: Annotated[bool, typer.Option("--flip", help="Turn the references' sign.")] = False,
-    zeroed: Annotated[
-        bool,
-        typer.Option("--zeroed", help="The references count from the onset of contact: fit L."),
-    ] = False,
-    same_clock: Annotated[
-        bool, typer.Option("--same-clock", help="CSV and recording have one clock.")
-    ] = False,
-    clock_search: Annotated[
-        float, typer.Option(min=0.0, help="How far clocks may be apart at most [s].")
-    ] = 1.0,
-    load: Annotated[
-        str | None,
-        typer.Option(help=f"How L is taken: {', '.join(LOAD_MODELS)}.", show_default="by BIC"),
-    ] = None,
-    noise_um: Annotated[
-        float | None,
-        typer.Option(
-            help="Marker noise per in-plane coordinate [µm].",
-            show_default="of --sensor, or from each recording",
-        ),
-    ] = None,
-    second_ratio: Annotated[
-        float | None,
-        typer.Option(
-            help="Two fingers of one grasp, no reference: k on the first over second.",
-            show_default="none",
-        ),
-    ] = None,
-    thickness_mm: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="Of an elastomer that is not thick beside the contact [mm], inf of one that is; "
-            "a finite one needs CSVs with --zeroed and --same-clock.",
-            show_default="of --sensor, or inf",
-        ),
-    ] = None,
-    depth_mm: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="Of its markers below the surface [mm].",
-            show_default="of --sensor, or 0",
-        ),
-    ] = None,
     sensor: _Sensor = None,
 ) -> None:
     """Fit k and L of objects to references: softness.toml for --softness, and a report."""
-    from functools import partial
-
     from rich.progress import Progress
 
     from calibration.softness.readings import layer_of
     from calibration.softness.report import (
-        ReferenceSettings,
         fit_objects,
         gather_grasps,
         write_fits,
@@ -128,27 +85,28 @@ def softness(
     from estimation.frames.noise import Noise
 
     check_writable(out)
-    known = _describe(sensor)
-    told = known.noise if noise_um is None else Noise.given(noise_um * 1e-3)
-    layer = layer_of(complete_pad(Pad(thickness=thickness_mm, marker_depth=depth_mm), known.pad))
-    found = _read(recordings, known)
-    files = ["softness.toml"]
+    known, search = _describe(sensor), choices.clock_search
+    noise = known.noise if choices.noise_um is None else Noise.given(choices.noise_um * 1e-3)
+    pad = Pad(thickness=choices.thickness_mm, marker_depth=choices.depth_mm)
+    layer = layer_of(complete_pad(pad, known.pad))
+    found, files = _read(recordings, known), ["softness.toml"]
     with _results(out, "softness") as folder:
-        if second_ratio is not None:
-            lines = write_two_fingers(found, second_ratio, told, clock_search, folder)
+        if choices.second_ratio is not None:
+            lines = write_two_fingers(found, choices.second_ratio, noise, search, folder)
             files = ["first.toml", "second.toml"]
         else:
-            settings = ReferenceSettings(flip, zeroed, same_clock)
-            grasps = gather_grasps(found, reference or [], thing or [], settings, told)
+            grasps = gather_grasps(found, reference or [], thing or [], choices.references, noise)
             with Progress(console=errors) as progress:
                 track = partial(progress.track, description="recordings")
-                fits = fit_objects(grasps, load, clock_search, layer, track)
+                fits = fit_objects(grasps, choices.load, search, layer, track)
             lines = write_fits(fits, folder)
     _conclude(lines, out, *files)
 
 
 @app.command()
+@spread
 def squeeze(
+    choices: SqueezeChoices,
     source: Annotated[
         str,
         typer.Argument(
@@ -156,27 +114,7 @@ def squeeze(
             help="CSV (travel_mm, indentation_mm), or a recording of a sphere pressed on.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
-    radius_mm: Annotated[
-        float | None,
-        typer.Option(help="Radius of the sphere [mm], for a recording.", show_default="none"),
-    ] = None,
-    pad_radius_mm: Annotated[
-        float | None,
-        typer.Option(help="Radius of a domed pad [mm].", show_default="of --sensor, or flat"),
-    ] = None,
-    pads: Annotated[int, typer.Option(min=1, help="Elastomers between the jaws [-].")] = 2,
-    rigid_slope: Annotated[
-        float,
-        typer.Option(help="Travel over indentation and pad of a rigid object [-]."),
-    ] = 1.0,
-    poisson_ratio: Annotated[
-        float | None,
-        typer.Option(help="Of the elastomer [-].", show_default="of --sensor, or 0.48"),
-    ] = None,
-    object_poisson: Annotated[
-        tuple[float, float], typer.Option(help="Least and greatest of the object [-].")
-    ] = (0.3, 0.5),
+    out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
     """Find k by pressing, from the gripper's travel or the contact's curvature."""
@@ -191,20 +129,19 @@ def squeeze(
 
     check_writable(out)
     known = _describe(sensor)
-    pad = complete_pad(Pad(poisson_ratio=poisson_ratio, dome_radius=pad_radius_mm), known.pad)
+    told = Pad(poisson_ratio=choices.poisson_ratio, dome_radius=choices.pad_radius_mm)
+    pad = complete_pad(told, known.pad)
     ratio = {} if pad.poisson_ratio is None else {"poisson_ratio": pad.poisson_ratio}
-    bodies = Bodies(object_poisson=object_poisson, **ratio)
+    bodies = Bodies(object_poisson=choices.object_poisson, **ratio)
     if source.endswith(".csv"):
-        travel, indentation = read_travel(Path(source))
-        found = squeeze_by_travel(
-            travel, indentation, bodies, pads=pads, rigid_slope=rigid_slope, source=source
-        )
-    elif radius_mm is None:
+        readings = read_travel(Path(source))
+        found = squeeze_by_travel(*readings, bodies, choices.pressing, source=source)
+    elif choices.radius_mm is None:
         raise ValueError("a recording takes --radius-mm, the radius of the sphere pressed on")
     else:
         (one,) = _read([source], known)
-        dome = float("inf") if pad.dome_radius is None else pad.dome_radius
-        found = squeeze_by_curvature(one, radius_mm, bodies, pad_radius=dome)
+        dome = inf if pad.dome_radius is None else pad.dome_radius
+        found = squeeze_by_curvature(one, choices.radius_mm, bodies, pad_radius=dome)
     with _results(out, "squeeze") as folder:
         lines = write_squeeze(found, folder)
     _conclude(lines, out, "softness.toml")
@@ -255,7 +192,7 @@ def stereo(
             help="View, left or right, that is shown the wrong way round.", show_default="none"
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    out: _Out = Path("out"),
 ) -> None:
     """Calibrate both views of a mirror-split picture and write them to stereo.toml."""
     from calibration.stereo import calibrate_from_pictures
@@ -279,7 +216,7 @@ _EXPERIMENT = typer.Option(help="TOML file, or a shipped example: tac3d_press, s
 def field(
     recording: Annotated[str, typer.Argument(help="Recording, or name of a data set.")],
     experiment: Annotated[str, _EXPERIMENT],
-    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    out: _Out = Path("out"),
     starts: Annotated[int, typer.Option(min=1, help="Beginnings of the fit.")] = 1,
     sensor: _Sensor = None,
 ) -> None:
@@ -310,7 +247,7 @@ def field(
 @app.command()
 def design(
     experiment: Annotated[str, _EXPERIMENT],
-    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
     """Tell which numbers a planned experiment would determine, and what would help."""
@@ -345,7 +282,7 @@ def calibrate(
     ] = None,
     rows: Annotated[int, typer.Option(help="Rows of its inner corners.")] = 6,
     columns: Annotated[int, typer.Option(help="Columns of its inner corners.")] = 9,
-    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
     """Find lens, scale, marker layout and noise: sensor.toml, for --sensor, and a report."""

@@ -3,15 +3,16 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
 from estimation.estimators.rigid import THRESHOLD
-from estimation.fields.stencils import make_stencils
+from estimation.fields.stencils import Stencils, make_stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG
 from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise, estimate_noise
@@ -91,15 +92,61 @@ def assess_noise(recording: Recording) -> RestNoise:
     Raises:
         ValueError: the recording is too short, repeats itself, or the sensor is not at rest.
     """
-    fast = estimate_noise(recording)
-    reference = recording.layout.reference
-    moved = recording.positions - reference
-    noisy = ~(moved == 0).all(axis=(1, 2))
-    always = recording.valid[noisy].all(axis=0)
-    moved, time = moved[noisy][:, always], recording.time[noisy]
-    number = recording.source_index[noisy]
-    stencils = make_stencils(recording.layout)
+    fast, stencils = estimate_noise(recording), make_stencils(recording.layout)
     pitch = float(np.sqrt(np.median(np.sum(stencils.offsets**2, axis=(1, 2)) / 2.0)))
+    rest = _find_rest(recording, pitch)
+    axes = tuple(float(one) for one in rest.residual.std(axis=(0, 1)))
+    plane = rest.residual[..., :2]
+    variance = float(np.mean(plane**2))
+    place = {int(n): i for i, n in enumerate(rest.number)}
+    temporal = (_lagged(plane, place, lag) / variance for lag in range(1, LAGS + 1))
+    points = recording.layout.reference[rest.seen, :2]
+    floor = float(np.degrees(3.0 * stencils.rotation_noise(fast.in_plane) / THRESHOLD))
+    gaps = np.diff(recording.source_index) - 1
+    onset = 10.0 * float(np.linalg.norm(axes))
+    return RestNoise(
+        unit=recording.unit,
+        seconds=float(np.ptp(recording.time)),
+        frames=len(plane),
+        axes=axes,
+        fast=fast,
+        temporal=tuple(round(float(rho), 4) for rho in temporal if np.isfinite(rho)),
+        spatial=_neighbours_covariance(plane, rest.seen, stencils) / variance,
+        common=float(np.mean(plane.mean(axis=1) ** 2) / variance),
+        drift=tuple(float(rate) for rate in rest.rates.mean(axis=0)),
+        dropped=float(gaps.sum() / max(np.ptp(recording.source_index), 1)),
+        longest_gap=float(np.diff(recording.time).max()),
+        rotation={
+            f"disc_of_{radius:g}_pitches": _rotation_scatter(points, plane, radius * pitch)
+            for radius in DISC_RADII
+        },
+        angle_floor_deg=max(floor, ANGLE_FLOOR_DEG),
+        onset=max(0.1, onset) if recording.unit == "mm" else onset,
+        notes=_warn(float(np.ptp(recording.time)), variance, fast),
+    )
+
+
+class _Rest(NamedTuple):
+    """The markers seen in every frame that carries noise.
+
+    Attributes:
+        seen: these markers.
+        number: number of each frame in the source.
+        rates: drift of each marker, per second.
+        residual: positions less each marker's mean and drift.
+    """
+
+    seen: Bool[np.ndarray, " n"]
+    number: Int[np.ndarray, " frames"]
+    rates: Float[np.ndarray, "m axes"]
+    residual: Float[np.ndarray, "frames m axes"]
+
+
+def _find_rest(recording: Recording, pitch: float) -> _Rest:
+    moved = recording.positions - recording.layout.reference
+    noisy = ~(moved == 0).all(axis=(1, 2))
+    seen = np.asarray(recording.valid[noisy].all(axis=0))
+    moved, time = moved[noisy][:, seen], recording.time[noisy]
     clock = time - time.mean()
     centred = moved - moved.mean(axis=0)
     if np.quantile(np.hypot(*centred[..., :2].T), 0.95) > MOST_MOTION * pitch:
@@ -108,53 +155,34 @@ def assess_noise(recording: Recording) -> RestNoise:
             f"{recording.unit}: the sensor is not at rest; take ten seconds without contact"
         )
     rates = np.tensordot(clock, centred, axes=(0, 0)) / float(clock @ clock)
-    left = centred - clock[:, None, None] * rates
-    axes = tuple(float(one) for one in left.std(axis=(0, 1)))
-    plane = left[..., :2]
-    variance = float(np.mean(plane**2))
-    place = {int(n): i for i, n in enumerate(number)}
-    temporal = tuple(_lagged(plane, place, lag) / variance for lag in range(1, LAGS + 1))
-    kept = np.full(len(reference), -1)
-    kept[always] = np.arange(int(always.sum()))
+    residual = centred - clock[:, None, None] * rates
+    return _Rest(seen, recording.source_index[noisy], rates, residual)
+
+
+def _neighbours_covariance(
+    plane: Float[np.ndarray, "frames m 2"], seen: Bool[np.ndarray, " n"], stencils: Stencils
+) -> float:
+    """Covariance of the errors of neighbouring markers, one pitch apart."""
+    kept = np.full(len(seen), -1)
+    kept[seen] = np.arange(int(seen.sum()))
     near = stencils.neighbours[:, 0]
     pairs = [(kept[i], kept[j]) for i, j in enumerate(near) if j >= 0 and min(kept[[i, j]]) >= 0]
     one, two = (plane[:, list(side)] for side in zip(*pairs, strict=True))
-    points = reference[always, :2]
-    rotation = {
-        f"disc_of_{radius:g}_pitches": _rotation_scatter(points, plane, radius * pitch)
-        for radius in DISC_RADII
-    }
-    floor = float(np.degrees(3.0 * stencils.rotation_noise(fast.in_plane) / THRESHOLD))
-    gaps = np.diff(recording.source_index) - 1
+    return float(np.mean(one * two))
+
+
+def _warn(seconds: float, variance: float, fast: Noise) -> tuple[str, ...]:
+    """What a reader should know, in sentences."""
     notes = []
-    seconds = float(np.ptp(recording.time))
     if seconds < ENOUGH_SECONDS:
         notes.append(f"{seconds:.1f} s only: drift and slow errors are better seen in ten seconds")
     if variance > 2.0 * fast.in_plane**2:
         notes.append(
             f"slow errors: in all {1e3 * variance**0.5:.3g} against {1e3 * fast.in_plane:.3g} "
-            f"thousandths of a {recording.unit} from frame to frame; the estimators' intervals "
+            f"thousandths of a {fast.unit} from frame to frame; the estimators' intervals "
             "hold the latter"
         )
-    return RestNoise(
-        unit=recording.unit,
-        seconds=seconds,
-        frames=len(time),
-        axes=axes,
-        fast=fast,
-        temporal=tuple(round(float(rho), 4) for rho in temporal if np.isfinite(rho)),
-        spatial=float(np.mean(one * two) / variance),
-        common=float(np.mean(plane.mean(axis=1) ** 2) / variance),
-        drift=tuple(float(rate) for rate in rates.mean(axis=0)),
-        dropped=float(gaps.sum() / max(np.ptp(recording.source_index), 1)),
-        longest_gap=float(np.diff(recording.time).max()),
-        rotation=rotation,
-        angle_floor_deg=max(floor, ANGLE_FLOOR_DEG),
-        onset=max(0.1, 10.0 * float(np.linalg.norm(axes)))
-        if recording.unit == "mm"
-        else 10.0 * float(np.linalg.norm(axes)),
-        notes=tuple(notes),
-    )
+    return tuple(notes)
 
 
 def _lagged(plane: Float[np.ndarray, "frames n 2"], place: dict[int, int], lag: int) -> float:

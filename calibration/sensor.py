@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
 from estimation.frames.noise import Noise
+from estimation.pictures.dots.find import DotStyle
 from estimation.pictures.dots.matching import match_dots
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.lattice import fit_lattice, index_lattice, make_reference
@@ -128,18 +129,9 @@ def calibrate_sensor(
         radius=style.radius,
         dark=style.dark,
     )
-    seen = [
-        sensor.straighten(find_dots(to_grey(image, style.dark), style).centre) for image in images
-    ]
-    reference = make_reference(seen[0], (width, height), unloaded=True)
-    track = np.full((len(seen), *reference.position.shape), np.nan)
-    for row, centre in zip(track, seen, strict=True):
-        match = match_dots(reference, centre)
-        row[match >= 0] = centre[match[match >= 0]]
-    track = track[:, np.isfinite(track).all(axis=(0, 2))]
+    track = _follow_dots(images, sensor, style)
     place = track.mean(axis=0)
     pitch, off = lattice_pitch(place)
-    misfit = np.sqrt(np.nanmean(off**2))
     moves = float(np.median(track.std(axis=0)))
     if moves > MOST_MOTION * pitch:
         raise ValueError(
@@ -149,7 +141,7 @@ def calibrate_sensor(
     sensor = sensor if pitch_mm is None else replace(sensor, mm_per_px=pitch_mm / pitch)
     remarks = [
         f"{len(place)} {'dark' if style.dark else 'bright'} dots of radius {style.radius:.1f} px, "
-        f"{pitch:.3f} px apart; {misfit:.2f} px rms off a regular lattice.",
+        f"{pitch:.3f} px apart; {np.sqrt(np.nanmean(off**2)):.2f} px rms off a regular lattice.",
     ]
     noise = known.noise
     if len(track) >= FEWEST_STILLS:
@@ -160,6 +152,21 @@ def calibrate_sensor(
         remarks.append(f"{len(track)} pictures: {FEWEST_STILLS} or more would tell the noise.")
     described = replace(sensor, reference=sensor.scale * place, noise=noise)
     return Calibrated(described, tuple(remarks), images[0], place, off)
+
+
+def _follow_dots(
+    images: Sequence[np.ndarray], sensor: Sensor, style: DotStyle
+) -> Float[np.ndarray, "pictures m 2"]:
+    """Where the dots are that are seen in every picture, straightened [px]."""
+    seen = [
+        sensor.straighten(find_dots(to_grey(image, style.dark), style).centre) for image in images
+    ]
+    reference = make_reference(seen[0], images[0].shape[1::-1], unloaded=True)
+    track = np.full((len(seen), *reference.position.shape), np.nan)
+    for row, centre in zip(track, seen, strict=True):
+        match = match_dots(reference, centre)
+        row[match >= 0] = centre[match[match >= 0]]
+    return track[:, np.isfinite(track).all(axis=(0, 2))]
 
 
 def lattice_pitch(place: Float[np.ndarray, "m 2"]) -> tuple[float, Float[np.ndarray, "m 2"]]:

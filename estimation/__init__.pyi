@@ -51,5 +51,6 @@ from estimation.virtual.clip import Scene as Scene
 from estimation.virtual.clip import VirtualClip as VirtualClip
 from estimation.virtual.clip import write_pictures as write_pictures
 from estimation.virtual.recording import PivotModel as PivotModel
+from estimation.virtual.recording import Timing as Timing
 from estimation.virtual.recording import Truth as Truth
 from estimation.virtual.recording import simulate_pivot as simulate_pivot

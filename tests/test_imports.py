@@ -1,5 +1,6 @@
-"""Imports go one way, between the packages and within them, and no level is crowded."""
+"""Imports go one way, between and within the packages; no level, file or function is too long."""
 
+import ast
 from graphlib import TopologicalSorter
 
 import pytest
@@ -8,6 +9,7 @@ from tests.structure import ROOT, draw_rooms, find_levels, find_rooms, imported_
 
 ORDER = ("contactmodel", "estimation", "calibration", "papers")
 MOST_ENTRIES = 20
+LONGEST_FILE, LONGEST_FUNCTION = 400, 60  # lines
 
 
 @pytest.mark.parametrize("package", ORDER)
@@ -25,6 +27,17 @@ def test_no_files_and_folders_of_a_level_import_each_other(package):
         TopologicalSorter(find_rooms(level)).prepare()  # raises where there is a circle
         entries = [one for one in (ROOT / level).iterdir() if one.name != "__pycache__"]
         assert len(entries) <= MOST_ENTRIES, level
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_files_and_functions_stay_short(package):
+    for path in (ROOT / package).rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert text.count("\n") <= LONGEST_FILE, path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                lines = (node.end_lineno or 0) - node.lineno + 1
+                assert lines <= LONGEST_FUNCTION, f"{path}: {node.name}"
 
 
 def test_a_picture_shows_every_room():

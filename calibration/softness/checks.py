@@ -1,7 +1,7 @@
 """What speaks against a fit of softness, or for care with it, with what to measure instead."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -187,20 +187,31 @@ def report_findings(
         line: the fit.
         loads: number of its coefficients that are L.
     """
-    undetermined, notes = [], []
+    return _undetermined(trials, slope, half, line, loads), (
+        *_tell_scatter(trials, slope),
+        *_tell_coverage(trials, line),
+        *_tell_readings(line),
+    )
+
+
+def _undetermined(
+    trials: Sequence[Trial], slope: Slope, half: float, line: Line, loads: int
+) -> tuple[str, ...]:
+    """What the data cannot tell."""
+    found = []
     if half > 0.5 * slope.value:
-        undetermined.append(
+        found.append(
             f"k is only known to ±{half:.2g}: turn further without slip, or take more grasps"
         )
     if not any(trial.reference.zeroed for trial in trials):
-        undetermined.append(
+        found.append(
             "L: the references have zeros of their own, so only changes of the angle were used "
             "(Eq. 12); for L count the reference from the onset of contact"
         )
     errors = np.sqrt(np.diag(line.covariance))
     correlation = np.abs(line.covariance[0, 1:] / (errors[0] * np.maximum(errors[1:], 1e-300)))
     if loads and (correlation[:loads] > 0.99).any():
-        undetermined.append(
+        found.append(
             "k and L apart: their errors are correlated by more than 0.99; turn both ways from the "
             "zero, and through more angle"
         )
@@ -208,27 +219,36 @@ def report_findings(
         clocks = slice(1 + len(line.coefficients), None)
         mixed = np.abs(line.covariance[1, clocks]) / (errors[1] * errors[clocks])
         if (mixed > 0.99).any():
-            undetermined.append(
+            found.append(
                 "L and the clock offset apart: at a steady rate they are the same; hold the object "
                 "still for a moment or turn it back"
             )
+    return tuple(found)
+
+
+def _tell_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
+    """How k differs between the grasps, and that it is not below 0."""
     if len(trials) == 1:
-        notes.append(
+        yield (
             "one grasp: the interval holds the noise of the readings, not how k differs from grasp "
             "to grasp; take three or more"
         )
     elif slope.scatter > 0.0:
-        notes.append(
+        yield (
             f"the grasps disagree (chance {slope.chance:.2g} were k the same): k scatters by "
             f"{slope.scatter:.3g} between them, and the interval is that of their mean"
         )
     else:
-        notes.append(f"the grasps agree within their errors (chance {slope.chance:.2g})")
+        yield f"the grasps agree within their errors (chance {slope.chance:.2g})"
     if slope.value < 1.0:
-        notes.append(
+        yield (
             f"k was fitted as {slope.value - 1.0:.3g}, which no object has; 0 lies within its "
             "interval and is applied"
         )
+
+
+def _tell_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
+    """References that are short of their frames, and the frames that are left out."""
     excluded = Counter[str]()
     for number, trial in enumerate(trials):
         excluded.update(trial.excluded)
@@ -236,16 +256,19 @@ def report_findings(
         frames = trial.time - trial.start
         covered = np.mean((frames >= read.min()) & (frames <= read.max()))
         if covered < MOST_COVERED:
-            notes.append(
+            yield (
                 f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames that "
                 "stick: record it over the whole recording"
             )
-    notes += [f"left out: {count} frames {reason}" for reason, count in excluded.items()]
+    yield from (f"left out: {count} frames {reason}" for reason, count in excluded.items())
+
+
+def _tell_readings(line: Line) -> Iterator[str]:
+    """Readings without weight, and what the errors of the rotation amount to."""
     if outliers := int((line.weight == 0).sum()):
-        notes.append(f"no weight: {outliers} of {len(line.weight)} readings lie far off the line")
+        yield f"no weight: {outliers} of {len(line.weight)} readings lie far off the line"
     noise = float(np.median(line.points.rotation_error**2) / np.var(line.points.rotation))
-    notes.append(
+    yield (
         f"errors of the elastomer's rotation taken into account; least squares without them would "
         f"read 1 + k low by {100.0 * noise:.2g} %"
     )
-    return tuple(undetermined), tuple(notes)

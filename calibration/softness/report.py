@@ -4,13 +4,13 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
+from calibration.softness.choices import ReferenceSettings
 from calibration.softness.fit import SoftnessFit, fit_softness
 from calibration.softness.layered import Grasp, fit_layered_softness
 from calibration.softness.readings import Layer
@@ -28,20 +28,6 @@ from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness, write_softness
 
 POOLED = "all objects"
-
-
-class ReferenceSettings(NamedTuple):
-    """How references are read.
-
-    Attributes:
-        flip: whether their sign is to be turned.
-        zeroed: whether they count from the onset of contact.
-        same_clock: whether their clock is the recording's.
-    """
-
-    flip: bool = False
-    zeroed: bool = False
-    same_clock: bool = False
 
 
 def gather_grasps(

@@ -8,9 +8,9 @@ elastomer takes the share δ_S/(δ_S+δ_B) of the relative curvature, too.
 Poisson's ratio of the object is seldom known: the interval takes it anywhere in a range.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from scipy.stats import t
 
 from calibration.findings import write_findings
+from calibration.softness.choices import Pressing
 from contactmodel.common.inputs import cell_number, read_rows
 from estimation.estimators.measurement import Z95
 from estimation.fields.measure import measure_fields
@@ -37,6 +38,26 @@ CORE_SHARE = 0.6
 """Share of the contact's radius within which its curvature is read: outside the pad bends away."""
 
 
+class Evidence(NamedTuple):
+    """What the object's share was read from, for readers.
+
+    Attributes:
+        source: what it was found from.
+        x: what was measured first, for a figure.
+        y: what was measured against it.
+        line: intercept and slope of y over x that the share was read from.
+        labels: of both.
+        notes: what a reader should know, in sentences.
+    """
+
+    source: str
+    x: Float[np.ndarray, " readings"]
+    y: Float[np.ndarray, " readings"]
+    line: tuple[float, float]
+    labels: tuple[str, str]
+    notes: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Squeeze:
     """k from pressing.
@@ -47,12 +68,7 @@ class Squeeze:
         high: upper end [-].
         standard_error: of k, scatter only [-].
         share: of the approach that the object takes, over the elastomer's [-].
-        x: what was measured first, for a figure.
-        y: what was measured against it.
-        line: intercept and slope of y over x that the share was read from.
-        labels: of both.
-        source: what it was found from, for readers.
-        notes: what a reader should know, in sentences.
+        evidence: what it was read from.
     """
 
     stiffness_ratio: float
@@ -60,12 +76,7 @@ class Squeeze:
     high: float
     standard_error: float
     share: float
-    x: Float[np.ndarray, " readings"]
-    y: Float[np.ndarray, " readings"]
-    line: tuple[float, float]
-    labels: tuple[str, str]
-    source: str
-    notes: tuple[str, ...]
+    evidence: Evidence
 
 
 @dataclass(frozen=True)
@@ -101,9 +112,8 @@ def squeeze_by_travel(
     travel: Float[np.ndarray, " readings"],
     indentation: Float[np.ndarray, " readings"],
     bodies: Bodies,
+    pressing: Pressing | None = None,
     *,
-    pads: int = 2,
-    rigid_slope: float = 1.0,
     source: str = "travel",
 ) -> Squeeze:
     """k from how far the gripper closes while the pads are pressed in.
@@ -112,14 +122,13 @@ def squeeze_by_travel(
         travel: of the gripper since it touched, or before: only changes count [mm].
         indentation: of one pad at its deepest marker [mm].
         bodies: Poisson's ratios.
-        pads: elastomers between the jaws, each pressed alike.
-        rigid_slope: travel over indentation and pad of a rigid object; more than 1 is the
-            gripper's own give and the pad's backing [-].
+        pressing: how the gripper closes; two pads and a stiff gripper unless given.
         source: for readers.
 
     Raises:
         ValueError: too few readings, no pressing, or less travel than a rigid object takes.
     """
+    pressing = pressing or Pressing()
     known = np.isfinite(travel) & np.isfinite(indentation)
     travel, indentation = travel[known], indentation[known]
     if len(travel) < FEWEST_READINGS or np.ptp(indentation) < 0.05:
@@ -135,17 +144,17 @@ def squeeze_by_travel(
     slope, zero = inverse @ (design.T @ travel)
     left = travel - design @ (slope, zero)
     freedom = len(travel) - 2
-    error = float(np.sqrt(left @ left / freedom * inverse[0, 0])) / pads
-    share = float(slope) / pads - rigid_slope
+    error = float(np.sqrt(left @ left / freedom * inverse[0, 0])) / pressing.pads
+    share = float(slope) / pressing.pads - pressing.rigid_slope
     notes = (
         "the gripper's give and the pad's backing count as softness of the object unless a rigid "
         "object's slope is given (--rigid-slope)",
         "two thick bodies are assumed; a thin pad is stiffer to pressing than to twisting",
     )
-    return _conclude(
-        share, error, freedom, bodies, indentation, travel, (float(zero), float(slope)),
-        ("indentation of the pad [mm]", "travel of the gripper [mm]"), source, notes,
-    )  # fmt: skip
+    labels = ("indentation of the pad [mm]", "travel of the gripper [mm]")
+    line = (float(zero), float(slope))
+    evidence = Evidence(source, indentation, travel, line, labels, notes)
+    return _conclude(share, error, freedom, bodies, evidence)
 
 
 def squeeze_by_curvature(
@@ -200,31 +209,21 @@ def squeeze_by_curvature(
         "the radius, the marker depth and the scale enter in full: 1 % of either shifts the share "
         "by 1 %; finite strain bends the pad by 1 to 2 % more, which the interval takes in",
     )
-    return _conclude(
-        1.0 / mean - 1.0, error / mean**2, freedom, bodies, np.array(depth), taken, (mean, 0.0),
-        ("indentation [mm]", "share of the curvature that the pad takes"),
-        f"curvature, {recording.name}", notes,
-    )  # fmt: skip
+    labels = ("indentation [mm]", "share of the curvature that the pad takes")
+    source = f"curvature, {recording.name}"
+    evidence = Evidence(source, np.array(depth), taken, (mean, 0.0), labels, notes)
+    return _conclude(1.0 / mean - 1.0, error / mean**2, freedom, bodies, evidence)
 
 
 def _conclude(
-    share: float,
-    error: float,
-    freedom: int,
-    bodies: Bodies,
-    x: np.ndarray,
-    y: np.ndarray,
-    line: tuple[float, float],
-    labels: tuple[str, str],
-    source: str,
-    notes: Sequence[str],
+    share: float, error: float, freedom: int, bodies: Bodies, evidence: Evidence
 ) -> Squeeze:
     half = float(t.ppf(0.975, freedom)) * error
     if share + half < 0.0:
         raise ValueError(
-            f"{source}: the object would take {share:.3g} ± {half:.2g} of the elastomer's share, "
-            "and none takes less than nothing: check scale, radius, the number of pads and the "
-            "slope of a rigid object"
+            f"{evidence.source}: the object would take {share:.3g} ± {half:.2g} of the "
+            "elastomer's share, and none takes less than nothing: check scale, radius, the number "
+            "of pads and the slope of a rigid object"
         )
     least, most = (bodies.factor(ratio) for ratio in bodies.object_poisson)
     middle = bodies.factor(float(np.mean(bodies.object_poisson)))
@@ -234,12 +233,7 @@ def _conclude(
         high=(share + half) * most,
         standard_error=error * middle,
         share=share,
-        x=x,
-        y=y,
-        line=line,
-        labels=labels,
-        source=source,
-        notes=tuple(notes),
+        evidence=evidence,
     )
 
 
@@ -276,7 +270,7 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
         found.stiffness_ratio,
         covariance=((error**2, 0.0), (0.0, 0.0)),
         provenance={
-            "squeeze": found.source,
+            "squeeze": found.evidence.source,
             "stiffness_ratio_95": [found.low, found.high],
         },
     )
@@ -287,24 +281,24 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
     ]
     write_findings(
         out,
-        {"squeeze.png": (plot_squeeze(found), found.source)},
+        {"squeeze.png": (plot_squeeze(found), found.evidence.source)},
         title="Softness from pressing",
         lead=lines,
-        lists={"notes": found.notes},
+        lists={"notes": found.evidence.notes},
     )
     write_softness(softness, out / "softness.toml")
-    return [*lines, *found.notes]
+    return [*lines, *found.evidence.notes]
 
 
 def plot_squeeze(found: Squeeze) -> Figure:
     """What was measured, and the line through it."""
     figure, axis = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
-    axis.plot(found.x, found.y, "o", ms=4, color="#08306b", label="measured")
-    ends = np.array([found.x.min(), found.x.max()])
-    zero, slope = found.line
+    axis.plot(found.evidence.x, found.evidence.y, "o", ms=4, color="#08306b", label="measured")
+    ends = np.array([found.evidence.x.min(), found.evidence.x.max()])
+    zero, slope = found.evidence.line
     axis.plot(ends, zero + slope * ends, color="#c1440e", label=f"k = {found.stiffness_ratio:.3g}")
     axis.legend(fontsize=8, frameon=False)
-    axis.set_xlabel(found.labels[0])
-    axis.set_ylabel(found.labels[1])
+    axis.set_xlabel(found.evidence.labels[0])
+    axis.set_ylabel(found.evidence.labels[1])
     axis.grid(alpha=0.3)
     return figure

@@ -12,7 +12,7 @@ from calibration.softness.references import Reference
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import Result, State
 from estimation.frames.noise import Noise, estimate_noise
-from estimation.frames.recording import Recording
+from estimation.frames.recording import MarkerLayout, Recording
 from estimation.observation import RIGID_OBJECT
 from estimation.softness import LayeredSoftness, disc_radius
 from estimation.softness.lifting import Seen, displacement_as_seen
@@ -120,25 +120,10 @@ def make_trials(
         softness=lifted_for or RIGID_OBJECT,
     )
     frames = _sort_frames(recording, result, reference, selection)
-    still, used = np.count_nonzero(frames.still), np.count_nonzero(frames.usable)
-    if still > MOST_STILL * (still + used):
-        raise ValueError(
-            f"{recording.name}: in {still} of {still + used} frames the gel stands still while the "
-            "reference turns: it does not follow this object, or most of the recording is slip. "
-            "Check that both are of one grasp and on one clock, or press harder"
-        )
-    numbers, counts = np.unique(frames.contact[frames.usable], return_counts=True)
-    if not len(numbers):
-        shown = ", ".join(f"{count} {reason}" for reason, count in Counter(frames.reason).items())
-        raise ValueError(
-            f"{recording.name}: no frame in which {selection.least_stick} markers stick and their "
-            f"rotation is known ({shown}): press harder, or turn less"
-        )
+    numbers, counts = _find_contacts(recording, frames, selection)
     short = counts < FEWEST_POINTS
     touches = numbers[short] if not short.all() else numbers[:0]
     kept = np.setdiff1d(numbers, touches)
-    points, first = recording.layout.reference, recording.layout.neighbours[:, 0]
-    edges = np.linalg.norm(points[first] - points, axis=1)[first >= 0]
     trials = []
     for number in kept:
         mine = frames.contact == number
@@ -156,8 +141,7 @@ def make_trials(
                 time=recording.time[rows],
                 reference=reference,
                 excluded=dict(excluded),
-                markers=len(points),
-                pitch=float(np.median(edges)) if len(edges) else float("nan"),
+                **_describe_markers(recording.layout),
                 lifted_for=lifted_for,
                 held=int(result.stick[rows].sum()),
                 **_columns(recording, result, rows, lifted_for),
@@ -200,12 +184,46 @@ def _sort_frames(
     return _Frames(firm & ~still & ~small, still, reason, contact)
 
 
+def _find_contacts(
+    recording: Recording, frames: _Frames, selection: Selection
+) -> tuple[Int[np.ndarray, " contacts"], Int[np.ndarray, " contacts"]]:
+    """Numbers of the contacts with usable frames, and how many frames each has.
+
+    Raises:
+        ValueError: there is none, or the gel stands still while the reference turns.
+    """
+    still, used = np.count_nonzero(frames.still), np.count_nonzero(frames.usable)
+    if still > MOST_STILL * (still + used):
+        raise ValueError(
+            f"{recording.name}: in {still} of {still + used} frames the gel stands still while the "
+            "reference turns: it does not follow this object, or most of the recording is slip. "
+            "Check that both are of one grasp and on one clock, or press harder"
+        )
+    if not used:
+        shown = ", ".join(f"{count} {reason}" for reason, count in Counter(frames.reason).items())
+        raise ValueError(
+            f"{recording.name}: no frame in which {selection.least_stick} markers stick and their "
+            f"rotation is known ({shown}): press harder, or turn less"
+        )
+    return np.unique(frames.contact[frames.usable], return_counts=True)
+
+
 _REASONS = {State.MACRO_SLIP: "in macro slip", State.NO_CONTACT: "without contact"}
 
 
 def _elastomer_rotation(result: Result) -> Float[np.ndarray, " frames"]:
     """φ, before the softness that was applied [rad]."""
     return (result.angle + 0.5 * result.load_term) / (1.0 + result.stiffness_ratio)
+
+
+def _describe_markers(layout: MarkerLayout) -> dict[str, Any]:
+    """Number of the sensor's markers, and the distance between them."""
+    points, first = layout.reference, layout.neighbours[:, 0]
+    edges = np.linalg.norm(points[first] - points, axis=1)[first >= 0]
+    return {
+        "markers": len(points),
+        "pitch": float(np.median(edges)) if len(edges) else float("nan"),
+    }
 
 
 def _columns(

@@ -63,16 +63,7 @@ def fit_two_fingers(
             "be told; take a second pad of another stiffness or thickness, or a reference angle"
         )
     if stiffness < 1.0:  # let the first be the stiffer one, which turns less
-        swapped = fit_two_fingers(second, first, 1.0 / stiffness, clock_search)
-        low, centre, high = swapped.ratio
-        return TwoFingers(
-            swapped.second,
-            swapped.first,
-            (swapped.low[1], swapped.low[0]),
-            (swapped.high[1], swapped.high[0]),
-            (1.0 / high, 1.0 / centre, 1.0 / low),
-            swapped.fit,
-        )
+        return _swap(fit_two_fingers(second, first, 1.0 / stiffness, clock_search))
     try:
         fit = fit_softness(
             [_beside(one, two) for one, two in zip(first, second, strict=True)],
@@ -107,6 +98,19 @@ def fit_two_fingers(
         high=(stiffness * ends[2], ends[2]),
         ratio=(1.0 + fit.low, slope, 1.0 + fit.high),
         fit=fit,
+    )
+
+
+def _swap(found: TwoFingers) -> TwoFingers:
+    """The first finger as the second."""
+    low, centre, high = found.ratio
+    return TwoFingers(
+        first=found.second,
+        second=found.first,
+        low=(found.low[1], found.low[0]),
+        high=(found.high[1], found.high[0]),
+        ratio=(1.0 / high, 1.0 / centre, 1.0 / low),
+        fit=found.fit,
     )
 
 

@@ -96,8 +96,8 @@ def cell_integrals(
         spacing: length of the cell along x and y [mm].
         depth: z of the field point below the surface [mm].
     """
-    xp = x.__array_namespace__()
-    z = xp.asarray(depth)
+    point = _Below(x.__array_namespace__(), depth)
+    z, length, angle = point.z, point.length, point.angle
     right, left = x + 0.5 * spacing[0], x - 0.5 * spacing[0]
     upper, lower = y + 0.5 * spacing[1], y - 0.5 * spacing[1]
 
@@ -105,49 +105,65 @@ def cell_integrals(
         across = primitive(right, upper) - primitive(left, upper)
         return across - primitive(right, lower) + primitive(left, lower)
 
-    def length(s, t):  # √(s²+t²+z²), its derivative 0 at 0
-        square = s**2 + t**2 + z**2
-        return xp.where(square > 0.0, xp.sqrt(xp.where(square > 0.0, square, 1.0)), 0.0)
-
-    def logarithm(s, t):  # ln(s + r), free of cancellation for s < 0; r = |s| left out
-        square = t**2 + z**2
-        t = xp.sqrt(xp.where(square > 0.0, square, 1.0))
-        return xp.asinh(s / t) + xp.log(t)
-
-    def angle(s, t):  # of the solid angle of the corner
-        below = z * length(s, t)
-        steep = 0.5 * xp.pi * xp.sign(s * t)
-        return xp.where(below > 0.0, xp.atan(s * t / xp.where(below > 0.0, below, 1.0)), steep)
-
-    def turned(s, t):  # atan(t/s) − atan(zt/sr)
-        r = length(s, t)
-        up, along = s * t * (r - z), s**2 * r + z * t**2
-        return xp.atan(up / xp.where(along > 0.0, along, 1.0)) * (along > 0.0)
-
-    def depth_log(s, t):  # ln(r + z)
-        total = length(s, t) + z
-        return xp.log(xp.where(total > 0.0, total, 1.0))
-
-    def flux(s, t):
-        return t * depth_log(s, t) + z * logarithm(t, s) + s * turned(s, t)
-
-    def flat(s, t):
-        return s * logarithm(t, s) - z * turned(s, t)
-
     return CellIntegrals(
         offset=(x, y),
         depth=z,
-        xx=corners(lambda s, t: t * logarithm(s, t) - z * angle(s, t)),
-        yy=corners(lambda s, t: s * logarithm(t, s) - z * angle(s, t)),
+        xx=corners(lambda s, t: t * point.log(s, t) - z * angle(s, t)),
+        yy=corners(lambda s, t: s * point.log(t, s) - z * angle(s, t)),
         xy=-corners(length),
         zz=corners(lambda s, t: z * angle(s, t)),
-        xz=-corners(lambda s, t: z * logarithm(t, s)),
-        yz=-corners(lambda s, t: z * logarithm(s, t)),
-        x=corners(flux),
-        y=corners(lambda s, t: flux(t, s)),
-        flat_xx=corners(flat),
-        flat_yy=corners(lambda s, t: flat(t, s)),
-        flat_xy=corners(lambda s, t: length(s, t) - z * depth_log(s, t)),
-        turn_x=-corners(logarithm),
-        turn_y=corners(lambda s, t: logarithm(t, s)),
+        xz=-corners(lambda s, t: z * point.log(t, s)),
+        yz=-corners(lambda s, t: z * point.log(s, t)),
+        x=corners(point.flux),
+        y=corners(lambda s, t: point.flux(t, s)),
+        flat_xx=corners(point.flat),
+        flat_yy=corners(lambda s, t: point.flat(t, s)),
+        flat_xy=corners(lambda s, t: length(s, t) - z * point.depth_log(s, t)),
+        turn_x=-corners(point.log),
+        turn_y=corners(lambda s, t: point.log(t, s)),
     )
+
+
+class _Below:
+    """Primitives of the integrals by the corner (s, t) of a cell, for points at a depth."""
+
+    def __init__(self, namespace, depth: ArrayLike) -> None:
+        self.xp, self.z = namespace, namespace.asarray(depth)
+
+    def length(self, s, t):
+        """√(s²+t²+z²), its derivative 0 at 0."""
+        square = s**2 + t**2 + self.z**2
+        root = self.xp.sqrt(self.xp.where(square > 0.0, square, 1.0))
+        return self.xp.where(square > 0.0, root, 0.0)
+
+    def log(self, s, t):
+        """The logarithm of s + r, free of cancellation for s < 0; r = |s| left out."""
+        square = t**2 + self.z**2
+        t = self.xp.sqrt(self.xp.where(square > 0.0, square, 1.0))
+        return self.xp.asinh(s / t) + self.xp.log(t)
+
+    def angle(self, s, t):
+        """Of the solid angle of the corner."""
+        xp, below = self.xp, self.z * self.length(s, t)
+        steep = 0.5 * xp.pi * xp.sign(s * t)
+        return xp.where(below > 0.0, xp.atan(s * t / xp.where(below > 0.0, below, 1.0)), steep)
+
+    def turned(self, s, t):
+        """The angle atan(t/s) − atan(zt/sr)."""
+        xp, z, r = self.xp, self.z, self.length(s, t)
+        up, along = s * t * (r - z), s**2 * r + z * t**2
+        return xp.atan(up / xp.where(along > 0.0, along, 1.0)) * (along > 0.0)
+
+    def depth_log(self, s, t):
+        """The logarithm of r + z."""
+        total = self.length(s, t) + self.z
+        return self.xp.log(self.xp.where(total > 0.0, total, 1.0))
+
+    def flux(self, s, t):
+        """Primitive of ∬x/r(r+z)."""
+        along = t * self.depth_log(s, t) + self.z * self.log(t, s)
+        return along + s * self.turned(s, t)
+
+    def flat(self, s, t):
+        """Primitive of ∬∂/∂x x/(r+z)."""
+        return s * self.log(t, s) - self.z * self.turned(s, t)

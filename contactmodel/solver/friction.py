@@ -153,7 +153,6 @@ def solve_traction(
         Traction [MPa], and what the solver did.
     """
     compliance, drive, limit, start = jax.lax.stop_gradient((compliance, drive, limit, start))
-
     typical = _sum_of_squares(drive, limit)
 
     def residual(state: _State) -> Array:

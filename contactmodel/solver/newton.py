@@ -85,34 +85,59 @@ def solve_jointly(
         What was found; the start if that is not nearer.
     """
     compliance, load, start = jax.lax.stop_gradient((compliance, load, start))
-    limit_of = load.friction.limit
     pressure = jnp.maximum(start[0], 0.0)
-    traction = confine(start[1], limit_of(pressure))
-    undeformed = load.gap + compliance.lift(traction)  # what the residuals are relative to
+    traction = confine(start[1], load.friction.limit(pressure))
+    undeformed = load.gap + compliance.lift(traction)
     drive = load.motion - compliance.pull(pressure)
+    task = _Task(compliance, load, undeformed, drive, rtol)
 
-    def assess(pressure: Array, traction: Array) -> _State:
-        w, u = compliance.displace(pressure, traction)
+    def go_on(search: _Search) -> Array:
+        return ~search.ended & (search.steps < _NEWTON_STEPS)
+
+    zero, inf = jnp.zeros((), jnp.int32), jnp.full((), jnp.inf, load.gap.dtype)
+    none = _State(pressure, traction, load.gap, load.motion, inf, inf)
+    first = _Search(none, (pressure, traction), inf, zero, zero + 1, ~near)
+    end = jax.lax.while_loop(go_on, task.step, first)
+    best = end.best
+    done = Iterations(end.steps, end.applications, best.tangential)
+    return Joint(best.pressure, best.traction, best.normal, done)
+
+
+class _Task(NamedTuple):
+    """What is solved, and what the residuals are relative to."""
+
+    compliance: Compliance
+    load: Load
+    undeformed: Float[Array, "nx ny"]
+    drive: Float[Array, "2 nx ny"]
+    rtol: ArrayLike
+
+    def assess(self, pressure: Array, traction: Array) -> _State:
+        """How far a pressure and a traction are from both laws."""
+        load, limit = self.load, self.load.friction.limit(pressure)
+        w, u = self.compliance.displace(pressure, traction)
         gap, slip = load.gap + w, load.motion - u
-        normal = gap_residual(pressure, gap, undeformed)
-        tangential = friction_residual(compliance, traction, slip, limit_of(pressure), drive)
+        normal = gap_residual(pressure, gap, self.undeformed)
+        tangential = friction_residual(self.compliance, traction, slip, limit, self.drive)
         return _State(pressure, traction, gap, slip, normal, tangential)
 
-    def step(search: _Search) -> _Search:
-        new, best = assess(*search.next), search.best
+    def step(self, search: _Search) -> _Search:
+        """Judge the next pressure and traction, and take a Newton step from them."""
+        new, best = self.assess(*search.next), search.best
         astray = ~(new.worst < _RISE * search.last)
         best = jax.tree.map(lambda a, b: jnp.where(new.worst < best.worst, a, b), new, best)
-        ended = astray | (new.worst <= rtol)
-        limit = limit_of(new.pressure)
-        sets = find_sets(new.traction, new.slip, limit, compliance.stiffest)
+        ended = astray | (new.worst <= self.rtol)
+        friction = self.load.friction
+        limit = friction.limit(new.pressure)
+        sets = find_sets(new.traction, new.slip, limit, self.compliance.stiffest)
         touching = (new.pressure > 0.0) | (new.gap < 0.0)
-        tangent = Tangent(compliance, touching, sets, load.friction.slope(new.pressure))
+        tangent = Tangent(self.compliance, touching, sets, friction.slope(new.pressure))
         defect = tangent.restrict(-new.gap, new.slip)
         change, inner = conjugate_residuals(
             tangent.apply,
             jnp.where(ended, 0.0, defect),
             tangent.make_preconditioner(),
-            rtol=jnp.maximum(_FORCING, 0.5 * rtol / new.worst),
+            rtol=jnp.maximum(_FORCING, 0.5 * self.rtol / new.worst),
             max_steps=_LINEAR_STEPS,
             kept=_LINEAR_STEPS,
         )
@@ -121,20 +146,9 @@ def solve_jointly(
         pressure = jnp.maximum(new.pressure + dp, 0.0)
         return _Search(
             best=best,
-            next=(pressure, confine(origin + dt, limit_of(pressure))),
+            next=(pressure, confine(origin + dt, friction.limit(pressure))),
             last=new.worst,
             steps=search.steps + 1,
             applications=search.applications + 2 * inner + 1,
             ended=ended,
         )
-
-    def go_on(search: _Search) -> Array:
-        return ~search.ended & (search.steps < _NEWTON_STEPS)
-
-    zero, inf = jnp.zeros((), jnp.int32), jnp.full((), jnp.inf, load.gap.dtype)
-    none = _State(pressure, traction, load.gap, load.motion, inf, inf)
-    first = _Search(none, (pressure, traction), inf, zero, zero + 1, ~near)
-    end = jax.lax.while_loop(go_on, step, first)
-    best = end.best
-    done = Iterations(end.steps, end.applications, best.tangential)
-    return Joint(best.pressure, best.traction, best.normal, done)

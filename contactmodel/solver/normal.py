@@ -70,32 +70,6 @@ def solve_pressure(
     def go_on(state: _State) -> Array:
         return (violation(state) > rtol) & (state.steps < max_steps)
 
-    def step(state: _State) -> _State:
-        contact: Bool[Array, "nx ny"] = (state.pressure > 0.0) | (state.gap < 0.0)
-        defect = jnp.where(contact, -state.gap, 0.0)
-        improved = jnp.where(contact, inverse.press(defect), 0.0)
-        # Polak and Ribière: where the set has changed much, the old direction drops out
-        turn = jnp.sum(improved * (defect - state.defect)) / state.descent
-        direction = improved + jnp.maximum(turn, 0.0) * jnp.where(contact, state.direction, 0.0)
-        image = compliance.press(direction)
-        length = jnp.sum(defect * direction) / jnp.sum(direction * image)
-        moved = state.pressure + length * direction
-        pressure = jnp.maximum(moved, 0.0)
-        pulls = jnp.any(moved < 0.0)
-        return _State(
-            pressure=pressure,
-            gap=jax.lax.cond(
-                pulls,
-                lambda: compliance.press(pressure) + gap,
-                lambda: state.gap + length * image,
-            ),
-            direction=direction,
-            defect=defect,
-            descent=jnp.sum(defect * improved),
-            steps=state.steps + 1,
-            clipped=state.clipped + pulls,
-        )
-
     start = jnp.maximum(start, 0.0)
     state = _State(
         pressure=start,
@@ -106,9 +80,37 @@ def solve_pressure(
         steps=jnp.zeros((), jnp.int32),
         clipped=jnp.zeros((), jnp.int32),
     )
-    end = jax.lax.while_loop(go_on, step, state)
+    end = jax.lax.while_loop(go_on, lambda now: _step(compliance, inverse, gap, now), state)
     applications = 2 * end.steps + end.clipped + 1
     return end.pressure, Iterations(end.steps, applications, violation(end))
+
+
+def _step(compliance: Compliance, inverse: Compliance, gap: Array, state: _State) -> _State:
+    """One step of the conjugate gradients, among the cells in contact."""
+    contact: Bool[Array, "nx ny"] = (state.pressure > 0.0) | (state.gap < 0.0)
+    defect = jnp.where(contact, -state.gap, 0.0)
+    improved = jnp.where(contact, inverse.press(defect), 0.0)
+    # Polak and Ribière: where the set has changed much, the old direction drops out
+    turn = jnp.sum(improved * (defect - state.defect)) / state.descent
+    direction = improved + jnp.maximum(turn, 0.0) * jnp.where(contact, state.direction, 0.0)
+    image = compliance.press(direction)
+    length = jnp.sum(defect * direction) / jnp.sum(direction * image)
+    moved = state.pressure + length * direction
+    pressure = jnp.maximum(moved, 0.0)
+    pulls = jnp.any(moved < 0.0)
+    return _State(
+        pressure=pressure,
+        gap=jax.lax.cond(
+            pulls,
+            lambda: compliance.press(pressure) + gap,
+            lambda: state.gap + length * image,
+        ),
+        direction=direction,
+        defect=defect,
+        descent=jnp.sum(defect * improved),
+        steps=state.steps + 1,
+        clipped=state.clipped + pulls,
+    )
 
 
 def is_large(grid: Grid) -> bool:

@@ -146,38 +146,13 @@ def fit_disc(
     settings: SlipSettings,
 ) -> DiscFit:
     """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
-
-    def stack(left: Complex[np.ndarray, "m ..."], drift: Float[np.ndarray, "2 ..."]) -> np.ndarray:
-        parts = [np.real(left) / scale, np.imag(left) / scale]
-        return np.concatenate(parts if axis is None else [*parts, drift / settings.axis_drift])
-
-    def residual(parameters: np.ndarray) -> np.ndarray:
-        x, y, radius, turned = parameters
-        arm = before - complex(x, y)
-        left = after - before - np.expm1(1j * turned * _share(np.abs(arm), abs(radius))) * arm
-        return stack(left, parameters[:2] - (0.0 if axis is None else axis))
-
-    def jacobian(parameters: np.ndarray) -> np.ndarray:
-        x, y, radius, turned = parameters
-        arm = before - complex(x, y)
-        distance = np.maximum(np.abs(arm), 1e-12)
-        share, slope = _share(distance, abs(radius)), _share_slope(distance, abs(radius))
-        spin = np.exp(1j * turned * share)
-        outwards = 1j * turned * slope * spin * arm  # by d ln(radius), less d ln(distance)
-        moved = spin - 1.0
-        columns = (
-            moved - outwards * arm.real / distance**2,
-            1j * moved - outwards * arm.imag / distance**2,
-            -outwards / radius,
-            -1j * share * spin * arm,
-        )
-        return stack(np.stack(columns, axis=1), np.eye(2, 4))
+    motion = _Motion(before, after, scale, axis, settings.axis_drift)
 
     def solve(start: np.ndarray) -> DiscFit:
         found, *_ = leastsq(
-            residual,
+            motion.residual,
             start,
-            Dfun=jacobian,
+            Dfun=motion.jacobian,
             full_output=True,  # and no warning where the steps are used up
             ftol=1e-8,
             xtol=1e-8,
@@ -185,7 +160,7 @@ def fit_disc(
             maxfev=settings.most_steps,
             diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01]),  # typical changes, pitches and rad
         )
-        return DiscFit(found, residual(found), jacobian(found))
+        return DiscFit(found, motion.residual(found), motion.jacobian(found))
 
     solutions = []
     if last is not None:
@@ -202,6 +177,47 @@ def fit_disc(
             for radius in (1.0, 2.0, 4.0)
         ]
     return min(solutions, key=lambda solution: solution.squares)
+
+
+class _Motion(NamedTuple):
+    """What a disc is fitted to: points before and after, their noise, and the axis so far."""
+
+    before: Complex[np.ndarray, " m"]
+    after: Complex[np.ndarray, " m"]
+    scale: float
+    axis: np.ndarray | None
+    axis_drift: float
+
+    def residual(self, parameters: np.ndarray) -> np.ndarray:
+        """What a disc leaves of the motion, over the noise."""
+        x, y, radius, turned = parameters
+        arm = self.before - complex(x, y)
+        spin = np.expm1(1j * turned * _share(np.abs(arm), abs(radius)))
+        left = self.after - self.before - spin * arm
+        return self._stack(left, parameters[:2] - (0.0 if self.axis is None else self.axis))
+
+    def jacobian(self, parameters: np.ndarray) -> np.ndarray:
+        """Derivatives of the residual by axis, radius and rotation."""
+        x, y, radius, turned = parameters
+        arm = self.before - complex(x, y)
+        distance = np.maximum(np.abs(arm), 1e-12)
+        share, slope = _share(distance, abs(radius)), _share_slope(distance, abs(radius))
+        spin = np.exp(1j * turned * share)
+        outwards = 1j * turned * slope * spin * arm  # by d ln(radius), less d ln(distance)
+        moved = spin - 1.0
+        columns = (
+            moved - outwards * arm.real / distance**2,
+            1j * moved - outwards * arm.imag / distance**2,
+            -outwards / radius,
+            -1j * share * spin * arm,
+        )
+        return self._stack(np.stack(columns, axis=1), np.eye(2, 4))
+
+    def _stack(
+        self, left: Complex[np.ndarray, "m ..."], drift: Float[np.ndarray, "2 ..."]
+    ) -> np.ndarray:
+        parts = [np.real(left) / self.scale, np.imag(left) / self.scale]
+        return np.concatenate(parts if self.axis is None else [*parts, drift / self.axis_drift])
 
 
 def _share(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:

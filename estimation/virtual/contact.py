@@ -60,7 +60,7 @@ def simulate_recording(
         layout=sensor,
         positions=positions,
         valid=np.ones(positions.shape[:2], dtype=bool),
-        time=np.arange(len(positions)) / camera.rate,
+        time=np.arange(len(positions)) / camera.timing.rate,
         source_index=np.arange(len(positions)),
         force=np.pad(np.asarray(path.force), ((unloaded, 0), (0, 0))),
         moment=truth.moment[:, None] * np.array([0.0, 0.0, 1.0]),

@@ -13,7 +13,7 @@ from estimation.frames.extras import MissingExtraError
 from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness
 from estimation.sources import find_recordings, read_recording
-from estimation.virtual.recording import Camera, Truth, simulate_pivot
+from estimation.virtual.recording import Camera, Timing, Truth, simulate_pivot
 from papers.leaderboard import settings
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.virtual_pivots.elongated import simulate_elongated
@@ -45,7 +45,9 @@ class Case(NamedTuple):
 def virtual_case(condition: str, draw: int) -> Case:
     """One draw of a virtual pivot; its frames after macro slip are scored apart."""
     told = settings.CONDITIONS[condition]
-    recording, truth = simulate_pivot(told.model, seed=draw, dropped=told.dropped, **told.path)
+    recording, truth = simulate_pivot(
+        told.model, seed=draw, timing=Timing(dropped=told.dropped), **told.path
+    )
     turned = np.abs(np.diff(np.nan_to_num(truth.angle), prepend=0.0)).cumsum()
     recording = _spoil(recording, turned / turned[-1], told, draw)
     return _case(condition, draw, recording, truth, told.model.noise)

@@ -15,7 +15,7 @@ from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, make
 from estimation.estimators import DEFAULT_METHOD
 from estimation.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
-from estimation.virtual.recording import Camera, PivotModel, lay_out_markers
+from estimation.virtual.recording import Camera, PivotModel, Timing, lay_out_markers
 from papers.items import Track
 from papers.li2024 import settings
 
@@ -79,7 +79,7 @@ def _view(motion: Motion) -> View:
     )
     layout = lay_out_markers(PivotModel(grid_shape=settings.MARKERS, pitch=settings.PITCH_MM))
     recording, truth = simulate_recording(
-        solution, layout, Camera(dropped=0.0, seed=settings.SEED), unloaded=20
+        solution, layout, Camera(timing=Timing(dropped=0.0), seed=settings.SEED), unloaded=20
     )
     results = {method: estimate_angles(recording, method) for method in METHODS}
     return View(

@@ -17,7 +17,7 @@ from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Result, State
 from estimation.frames.recording import Recording
 from estimation.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, Truth, simulate_pivot
 from papers.items import Track
 from papers.li2024 import settings
 from papers.limits import MEAN_ABSOLUTE, angle_limit
@@ -55,7 +55,11 @@ def compute(quick: bool = False, track: Track = iter) -> Lifts:
     """Lift three times. The quick size is the full one: seconds."""
     model = PivotModel(friction_ratio=FRICTION_RATIO)
     recording, truth = simulate_pivot(
-        model, angles_deg=PATH_DEG, frames=FRAMES, rate=settings.RATE_HZ, seed=settings.SEED
+        model,
+        angles_deg=PATH_DEG,
+        frames=FRAMES,
+        timing=Timing(settings.RATE_HZ),
+        seed=settings.SEED,
     )
     results, taken = {}, {}
     for method in track(METHODS):

@@ -21,7 +21,7 @@ from contactmodel import (
 from estimation.estimators import DEFAULT_METHOD
 from estimation.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
-from estimation.virtual.recording import Camera, PivotModel, lay_out_markers
+from estimation.virtual.recording import Camera, PivotModel, Timing, lay_out_markers
 from papers.li2024 import settings
 from papers.limits import angle_limit
 from papers.sweeps import Study
@@ -74,7 +74,7 @@ def evaluate(
             grid_angle=grid_angle,
         )
     )
-    camera = Camera(settings.LIFT_NOISE_MM, settings.RATE_HZ, settings.DROPPED, seed=seed)
+    camera = Camera(settings.LIFT_NOISE_MM, Timing(settings.RATE_HZ, settings.DROPPED), seed=seed)
     recording, truth = simulate_recording(solution, layout, camera, unloaded=_UNLOADED)
     answers = [estimate_angles(recording, method).angle[-1] for method in METHODS]
     return {

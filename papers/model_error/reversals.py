@@ -13,7 +13,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
@@ -56,7 +56,11 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
         of_draws, shares = [], []
         for draw in range(draws):
             recording, truth = simulate_pivot(
-                model, angles_deg=PATH_DEG, frames=FRAMES, dropped=0.0, seed=settings.SEED + draw
+                model,
+                angles_deg=PATH_DEG,
+                frames=FRAMES,
+                timing=Timing(dropped=0.0),
+                seed=settings.SEED + draw,
             )
             error = np.array(
                 [np.degrees(estimate_angles(recording, m).angle - truth.angle) for m in METHODS]

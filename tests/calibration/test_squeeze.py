@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from calibration.softness.choices import Pressing
 from calibration.softness.squeeze import (
     Bodies,
     read_travel,
     squeeze_by_curvature,
     squeeze_by_travel,
 )
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 KNOWN = Bodies(0.48, (0.48, 0.48))
 
@@ -24,7 +25,7 @@ def test_travel_gives_k_and_poissons_ratio_widens_it():
     wide = squeeze_by_travel(travel, depth, Bodies(0.48, (0.3, 0.5)))
     assert wide.low < found.low * 0.52 / 0.7 * 1.001
     assert wide.high > found.high
-    backed = squeeze_by_travel(travel, depth, KNOWN, rigid_slope=1.1)
+    backed = squeeze_by_travel(travel, depth, KNOWN, Pressing(rigid_slope=1.1))
     assert backed.stiffness_ratio == pytest.approx(found.stiffness_ratio - 0.1)
 
 
@@ -34,7 +35,9 @@ def test_curvature_of_a_sphere_gives_k():
     for k in (0.0, 0.5):
         model = PivotModel(stiffness_ratio=k, approach=0.8, noise=1e-3)
         radius = model.contact_radius**2 / (model.approach * (1.0 + k))
-        recording, _ = simulate_pivot(model, angles_deg=(0.0, 0.1), frames=(30,), dropped=0.0)
+        recording, _ = simulate_pivot(
+            model, angles_deg=(0.0, 0.1), frames=(30,), timing=Timing(dropped=0.0)
+        )
         found = squeeze_by_curvature(recording, radius, KNOWN)
         assert found.low <= k <= found.high
         assert found.high - found.low < 0.15

@@ -10,15 +10,22 @@ from estimation.frames.noise import Noise
 from estimation.slip.lookback import find_slips
 from estimation.slip.margin import follow_margin
 from estimation.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 MICRON = Noise.given(1e-3)
+WHOLE = Timing(dropped=0.0)
 FIRM, LOOSE = PivotModel(friction_ratio=1.0), PivotModel(friction_ratio=0.05)
 
 
 def follow(model, angles_deg, frames, **settings):
     recording, truth = simulate_pivot(
-        model, angles_deg=angles_deg, frames=frames, unloaded=4, pressing=8, dropped=0.0, **settings
+        model,
+        angles_deg=angles_deg,
+        frames=frames,
+        unloaded=4,
+        pressing=8,
+        timing=WHOLE,
+        **settings,
     )
     result = estimate_angles(recording, noise=MICRON)
     return recording, truth, result, np.degrees(np.abs(result.angle - truth.angle))
@@ -57,7 +64,7 @@ def test_an_end_in_macro_slip_and_at_rest():
 def test_a_gap_of_a_second(gap_s):
     """While no frames came the object went on turning: what held on shows by how much."""
     recording, truth = simulate_pivot(
-        FIRM, angles_deg=(0.0, 15.0), frames=(60,), unloaded=4, pressing=8, dropped=0.0
+        FIRM, angles_deg=(0.0, 15.0), frames=(60,), unloaded=4, pressing=8, timing=WHOLE
     )
     kept = np.r_[0:30, 60:72]
     late = np.where(np.arange(len(kept)) >= 30, gap_s - 1.0, 0.0)

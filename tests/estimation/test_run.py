@@ -15,7 +15,7 @@ from estimation.output.table import MARGIN_COLUMNS
 from estimation.run import UNFINISHED, Input, run_all
 from estimation.settings import Settings
 from estimation.tracker import Trackers, estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from tests.cases import domed_pad, lift
 
 COLUMNS = (
@@ -108,7 +108,9 @@ def test_summary_says_what_was_done(tmp_path, progress):
 def test_withdrawn_answers_have_columns_of_their_own(tmp_path, progress):
     legs = {"angles_deg": (0.0, 5.0, 5.0), "frames": (20, 15)}
     slides = PivotModel(friction_ratio=0.01, noise=2e-4, normal_noise=7e-4)
-    recording, _ = simulate_pivot(slides, dropped=0.0, unloaded=3, pressing=8, **legs)
+    recording, _ = simulate_pivot(
+        slides, timing=Timing(dropped=0.0), unloaded=3, pressing=8, **legs
+    )
     settings = Settings(noise=Noise.given(2e-4), keep_withdrawn=True)
     outcome = run_all([Input(recording)], tmp_path, settings, progress)
     rows = rows_of(tmp_path / "angles.csv")

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from contactmodel import analytic
-from estimation.virtual.recording import PivotModel, simulate_frame, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, simulate_frame, simulate_pivot
 
 SILENT = PivotModel(noise=0.0, normal_noise=0.0)
-EVERY_FRAME = {"dropped": 0.0, "jitter": 0.0}
+EVERY_FRAME = {"timing": Timing(dropped=0.0, jitter=0.0)}
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_a_soft_object_leaves_the_elastomer_its_share():
 
 
 def test_noise_drops_and_jitter_are_as_asked():
-    recording, truth = simulate_pivot(seed=5, dropped=0.1)
+    recording, truth = simulate_pivot(seed=5, timing=Timing(dropped=0.1))
     silent, _ = simulate_pivot(SILENT, **EVERY_FRAME)
     error = recording.positions - silent.positions[recording.source_index]
     # 160 frames of 400 markers, about every third one new: spread known to 0.5 %

@@ -6,10 +6,10 @@ import pytest
 from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
 from estimation.frames.recording import MarkerLayout
 from estimation.virtual.contact import simulate_recording
-from estimation.virtual.recording import Camera, PivotModel, lay_out_markers, simulate_pivot
+from estimation.virtual.recording import Camera, PivotModel, Timing, lay_out_markers, simulate_pivot
 
 MODEL = PivotModel(grid_shape=(12, 12), poisson_ratio=0.5)
-PERFECT = Camera(noise=(0.0, 0.0), dropped=0.0, jitter=0.0)
+PERFECT = Camera((0.0, 0.0), Timing(dropped=0.0, jitter=0.0))
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +42,7 @@ def test_the_solver_and_the_closed_forms_make_the_same_recording(path):
         frames=(3, 2),
         unloaded=1,
         pressing=2,
-        dropped=0.0,
-        jitter=0.0,
+        timing=PERFECT.timing,
     )
     # The closed forms turn each point on its circle, the solver moves it along (R−I)r and lets the
     # traction pull it inward: at 6° they differ by 1−cos θ = 0.5 % of the radius where it slips.
@@ -80,7 +79,7 @@ def test_sticking_markers_go_where_the_object_takes_them(path):
 
 def test_noise_lost_frames_and_clock_are_reproducible(path):
     layout = lay_out_markers(MODEL)
-    camera = Camera(dropped=0.3, seed=3)
+    camera = Camera(timing=Timing(dropped=0.3), seed=3)
     first, truth = simulate_recording(path, layout, camera, unloaded=20)
     again, _ = simulate_recording(path, layout, camera, unloaded=20)
     other, _ = simulate_recording(path, layout, camera._replace(seed=4), unloaded=20)

@@ -75,17 +75,10 @@ def fit_windows(
     value = jnp.where(inside, value, 0.0)
     weight = inside.astype(jnp.float32)
 
-    def normal_equations(p):
-        fitted, jacobian = model_dots(p, dx, dy)
-        jacobian = jacobian * weight[:, None]
-        residual = (value - fitted) * weight
-        matrix = jacobian @ jacobian.transpose(0, 2, 1)
-        damping = 1e-5 * jnp.einsum("nii->ni", matrix) + 1e-6
-        matrix = matrix + damping[:, :, None] * jnp.eye(10, dtype=jnp.float32)
-        return matrix, jnp.einsum("nip,np->ni", jacobian, residual), residual
+    equations = partial(_equations, value=value, weight=weight, pixels=(dx, dy))
 
     def step(_, p):
-        matrix, right, _ = normal_equations(p)
+        matrix, right, _ = equations(p)
         change = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right[..., None])
         change = change[..., 0]
         limit = jnp.concatenate(
@@ -97,25 +90,8 @@ def fit_windows(
 
     total = weight.sum(axis=1)
     mean = (value * weight).sum(axis=1) / total
-    middle = value[:, value.shape[1] // 2]
-    edge_level = 1.5 * mean - 0.5 * middle
-    start = jnp.stack(
-        [
-            jnp.zeros_like(mean),
-            jnp.zeros_like(mean),
-            jnp.full_like(mean, 1.0) / radius,
-            jnp.full_like(mean, 1.0) / radius,
-            jnp.zeros_like(mean),
-            jnp.full_like(mean, 1.0),
-            middle - edge_level,
-            edge_level,
-            jnp.zeros_like(mean),
-            jnp.zeros_like(mean),
-        ],
-        axis=1,
-    )
-    p = jax.lax.fori_loop(0, STEPS, step, start)
-    matrix, _, residual = normal_equations(p)
+    p = jax.lax.fori_loop(0, STEPS, step, _start(value, mean, radius))
+    matrix, _, residual = equations(p)
     variance = (residual**2).sum(axis=1) / jnp.maximum(total - 10.0, 1.0)
     columns = jnp.broadcast_to(jnp.eye(10, 2, dtype=jnp.float32), (len(p), 10, 2))
     inverse = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), columns)
@@ -129,3 +105,25 @@ def fit_windows(
         p[:, 5],
         1.0 - (residual**2).sum(axis=1) / jnp.maximum(spread, 1e-6),
     )
+
+
+def _start(value: Array, mean: Array, radius: Array) -> Array:
+    """Round dots of the typical radius, their grey levels from middle and mean of the windows."""
+    middle = value[:, value.shape[1] // 2]
+    edge_level = 1.5 * mean - 0.5 * middle
+    zero, one = jnp.zeros_like(mean), jnp.full_like(mean, 1.0)
+    shape = (one / radius, one / radius, zero, one)  # xx, yy, xy and blur
+    return jnp.stack([zero, zero, *shape, middle - edge_level, edge_level, zero, zero], axis=1)
+
+
+def _equations(
+    p: Array, value: Array, weight: Array, pixels: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """Matrix and right side of a Gauss–Newton step, a little damped, and the residual."""
+    fitted, jacobian = model_dots(p, *pixels)
+    jacobian = jacobian * weight[:, None]
+    residual = (value - fitted) * weight
+    matrix = jacobian @ jacobian.transpose(0, 2, 1)
+    damping = 1e-5 * jnp.einsum("nii->ni", matrix) + 1e-6
+    matrix = matrix + damping[:, :, None] * jnp.eye(10, dtype=jnp.float32)
+    return matrix, jnp.einsum("nip,np->ni", jacobian, residual), residual

@@ -12,7 +12,7 @@ from estimation.output.missing import count_missing, describe_answers
 from estimation.slip.disc import SlipSettings
 from estimation.slip.lookback import RESTS_OR_SLIDES, find_slips, withdraw
 from estimation.tracker import estimate_angles
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 MICRON = Noise.given(1e-3)
 LEGS = {"angles_deg": (0.0, 10.0, 10.0, 0.0), "frames": (40, 15, 30)}
@@ -21,7 +21,7 @@ LEGS = {"angles_deg": (0.0, 10.0, 10.0, 0.0), "frames": (40, 15, 30)}
 @cache
 def estimate(friction):
     model = PivotModel(friction_ratio=friction, grid_angle=0.3)
-    recording, truth = simulate_pivot(model, dropped=0.0, **LEGS)
+    recording, truth = simulate_pivot(model, timing=Timing(dropped=0.0), **LEGS)
     live = estimate_angles(recording, noise=MICRON)
     return truth, live, find_slips(recording, live, MICRON)
 
@@ -106,7 +106,9 @@ def test_a_rest_that_little_noise_shows_is_no_slip():
     # misfit is then above the noise, and small beside the motion
     model = PivotModel(friction_ratio=0.3, noise=2e-4, normal_noise=7e-4)
     legs = {"angles_deg": (0.0, 15.0, 15.0, 12.0), "frames": (30, 18, 6)}
-    recording, truth = simulate_pivot(model, dropped=0.0, jitter=0.0, noise_window=1, **legs)
+    recording, truth = simulate_pivot(
+        model, timing=Timing(dropped=0.0, jitter=0.0), noise_window=1, **legs
+    )
     plane = recording.positions[..., :2]
     biased = plane + 2e-3 * np.sin(2.0 * np.pi * plane / 0.045)
     positions = np.concatenate([biased, recording.positions[..., 2:]], axis=-1)

@@ -3,14 +3,16 @@ import pytest
 
 from estimation.slip.branch import fit_branch
 from estimation.slip.margin import MarginTracker
-from estimation.virtual.recording import PivotModel, simulate_pivot
+from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 
 @pytest.fixture(scope="module")
 def truth():
     """A lift to 8° and a reversal to macro slip."""
     model = PivotModel(friction_ratio=0.15)
-    return simulate_pivot(model, angles_deg=(0.0, 8.0, -25.0), frames=(30, 100), dropped=0.0)[1]
+    return simulate_pivot(
+        model, angles_deg=(0.0, 8.0, -25.0), frames=(30, 100), timing=Timing(dropped=0.0)
+    )[1]
 
 
 def _follow(truth, noise, seed=0):
