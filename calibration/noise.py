@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 
 from calibration.findings import write_findings
-from estimation.estimators.rigid import THRESHOLD
+from estimation.estimators.rigid import RigidSettings
 from estimation.fields.stencils import Stencils, make_stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG
 from estimation.frames.files import write_whole
@@ -101,7 +101,7 @@ def assess_noise(recording: Recording) -> RestNoise:
     place = {int(n): i for i, n in enumerate(rest.number)}
     temporal = (_lagged(plane, place, lag) / variance for lag in range(1, LAGS + 1))
     points = recording.layout.reference[rest.seen, :2]
-    floor = float(np.degrees(3.0 * stencils.rotation_noise(fast.in_plane) / THRESHOLD))
+    floor = 3.0 * stencils.rotation_noise(fast.in_plane) / RigidSettings.threshold
     gaps = np.diff(recording.source_index) - 1
     onset = 10.0 * float(np.linalg.norm(axes))
     return RestNoise(
@@ -120,7 +120,7 @@ def assess_noise(recording: Recording) -> RestNoise:
             f"disc_of_{radius:g}_pitches": _rotation_scatter(points, plane, radius * pitch)
             for radius in DISC_RADII
         },
-        angle_floor_deg=max(floor, ANGLE_FLOOR_DEG),
+        angle_floor_deg=max(float(np.degrees(floor)), ANGLE_FLOOR_DEG),
         onset=max(0.1, onset) if recording.unit == "mm" else onset,
         notes=_warn(float(np.ptp(recording.time)), variance, fast),
     )

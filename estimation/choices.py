@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from contactmodel.common.options import describe_parameters, option
-from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, method_constants
+from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, method_constants, method_settings
 from estimation.fields.contact import SHARE
 from estimation.fields.stick import check_positive, check_share
 from estimation.frames.recording import ONSET_MM
@@ -106,8 +106,8 @@ def _make_constants() -> type:
     """A dataclass of the constants of all methods, described as the methods describe them."""
     said: dict[str, str] = {}
     defaults: dict[str, dict[Any, list[str]]] = {}
-    for name, make in (METHODS | RIVALS).items():
-        docs = describe_parameters(make.__init__) if isinstance(make, type) else {}
+    for name in METHODS | RIVALS:
+        docs = describe_parameters(type(method_settings(name)))
         for constant, value in method_constants(name).items():
             said.setdefault(constant, docs.get(constant, ""))
             said[constant] = said[constant] or docs.get(constant, "")

@@ -1,6 +1,7 @@
 """Run estimators over frames, one at a time or a whole recording."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from inspect import signature
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ from estimation.estimators import (
     Estimator,
     Measurement,
     method_constants,
+    method_settings,
     share_fits,
 )
 from estimation.estimators.result import TOO_FEW_STICK, Estimate, Result, State
@@ -256,8 +258,10 @@ def _make_estimator(
             raise ValueError(
                 f"{method} has no constant {name!r}; it has {', '.join(sorted(own)) or 'none'}"
             )
+    settings = method_settings(method)
+    given = {} if settings is None else {"settings": replace(settings, **constants)}
     takes_gain = "gain" in signature(make).parameters
-    return make(stencils, noise, **({"gain": gain} if takes_gain else {}), **constants)
+    return make(stencils, noise, **given, **({"gain": gain} if takes_gain else {}))
 
 
 def estimate_angles(

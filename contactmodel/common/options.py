@@ -62,12 +62,16 @@ def spread(command: Callable[..., None]) -> Callable[..., None]:
 
 def describe_parameters(owner: object) -> dict[str, str]:
     """What the docstring of a class or function says of each attribute or argument."""
+    if isinstance(owner, type) and owner.__base__ is not None:
+        inherited = describe_parameters(owner.__base__)
+    else:
+        inherited = {}
     text = inspect.getdoc(owner) or ""
     section = re.search(r"^(?:Attributes|Args):\n((?:[ \t]+.*\n?|\n)*)", text, re.MULTILINE)
     if section is None:
-        return {}
+        return inherited
     entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", section.group(1), re.MULTILINE)
-    return {name: " ".join(said.split()) for name, said in entries}
+    return inherited | {name: " ".join(said.split()) for name, said in entries}
 
 
 def _options_of(owner: type) -> list[inspect.Parameter]:

@@ -1,15 +1,16 @@
 """Estimators: from the fields of one frame to the rotation of the elastomer where it sticks."""
 
 from collections.abc import Callable, Hashable, Iterable
+from dataclasses import asdict
 from functools import partial
 from inspect import signature
 from typing import Any, Protocol, runtime_checkable
 
 from estimation.estimators.incremental import Incremental
 from estimation.estimators.measurement import Measurement
-from estimation.estimators.paper import STRICT_THRESHOLD, Paper
+from estimation.estimators.paper import STRICT_THRESHOLD, Paper, PaperSettings
 from estimation.estimators.rigid import Rigid
-from estimation.estimators.rivals import Castano, Dong, Kabsch, Kolamuri
+from estimation.estimators.rivals import Castano, Dong, DongSettings, Kabsch, Kolamuri
 from estimation.estimators.tracked import Tracked
 from estimation.fields.measure import Fields
 
@@ -24,6 +25,7 @@ __all__ = [
     "Rigid",
     "Tracked",
     "method_constants",
+    "method_settings",
     "share_fits",
 ]
 
@@ -42,14 +44,14 @@ METHODS: dict[str, Callable[..., Estimator]] = {
     "incremental": Incremental,
     "rigid": Rigid,
     "paper": Paper,
-    "paper_strict": partial(Paper, threshold=STRICT_THRESHOLD),
+    "paper_strict": partial(Paper, settings=PaperSettings(STRICT_THRESHOLD)),
 }
-"""Estimators by name; each is made from the layout's stencils, the noise and its constants."""
+"""Estimators by name; each is made from the layout's stencils, the noise and its settings."""
 
 RIVALS: dict[str, Callable[..., Estimator]] = {
     "kolamuri": Kolamuri,
     "dong": Dong,
-    "dong_corrected": partial(Dong, exact=True),
+    "dong_corrected": partial(Dong, settings=DongSettings(exact=True)),
     "castano": Castano,
     "kabsch": Kabsch,
 }
@@ -65,14 +67,14 @@ def share_fits(estimators: Iterable[Estimator]) -> None:
         if isinstance(estimator, Tracked):
             estimator = estimator.incremental
         if isinstance(estimator, Rigid):
-            rigids.setdefault(estimator.settings, estimator)
+            rigids.setdefault(estimator.key, estimator)
         elif isinstance(estimator, Incremental):
             own = estimator.rigid
-            estimator.rigid = rigids.setdefault(own.settings, own)
+            estimator.rigid = rigids.setdefault(own.key, own)
 
 
-def method_constants(method: str) -> dict[str, Any]:
-    """A method's constants at their defaults.
+def method_settings(method: str) -> Any:
+    """A method's settings at their defaults, a dataclass; None where it has none.
 
     Args:
         method: one of `METHODS` or `RIVALS`.
@@ -82,6 +84,18 @@ def method_constants(method: str) -> dict[str, Any]:
     """
     if method not in METHODS | RIVALS:
         raise ValueError(f"no method {method!r}; there are {', '.join(METHODS | RIVALS)}")
-    parameters = signature((METHODS | RIVALS)[method]).parameters
-    others = ("stencils", "noise", "gain")
-    return {name: one.default for name, one in parameters.items() if name not in others}
+    settings = signature((METHODS | RIVALS)[method]).parameters.get("settings")
+    return None if settings is None else settings.default
+
+
+def method_constants(method: str) -> dict[str, Any]:
+    """The fields of a method's settings at their defaults.
+
+    Args:
+        method: one of `METHODS` or `RIVALS`.
+
+    Raises:
+        ValueError: there is no such method.
+    """
+    settings = method_settings(method)
+    return {} if settings is None else asdict(settings)

@@ -11,29 +11,53 @@ up once per keyframe, not once per frame.
 """
 
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD, Rigid, RigidFit
+from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_count
+from estimation.fields.stick import check_count
 from estimation.frames.noise import Noise
 
-KEYFRAME_INTERVAL = 5
-MATURE_AGE = 8
-MAX_KEYFRAMES = 4
-FIRM_MARKERS = 9
-PATIENCE = 2
-"""Frames in a row in which nothing may seem to stick before the angle is given up, where many
-markers stuck in most frames lately: those let go one after the other, noise hides them at once. Gel
-that comes to rest under a sliding object seems to stick all of a sudden."""
 
-MANY_MARKERS = 12
-HIDDEN = "nothing seems to stick, though a dozen markers or more just did"
+@dataclass(frozen=True)
+class IncrementalSettings(RigidSettings):
+    """How the markers that stick are followed; see `RigidSettings` for the rest.
+
+    In macro slip the gel hardly moves from one frame to the next and all of it seems to stick; over
+    the mature age it does not. Where many markers stuck in most of the last frames, noise hides
+    them all at once, and slip lets them go one after the other; gel that comes to rest under a
+    sliding object seems to stick all of a sudden.
+
+    Attributes:
+        keyframe_interval: interval between keyframes [frames].
+        mature_age: how long markers must have moved as one to count as sticking, and over which gel
+            and outline are compared [frames].
+        most_keyframes: keyframes that are kept [-].
+        firm_markers: markers that hold on to a keyframe from which on no newer one is tried [-].
+        many_markers: markers that stick from which on noise is believed to hide them all at once
+            [-].
+        patience: frames in a row in which nothing may seem to stick before the angle is given up,
+            where many markers stuck [frames].
+    """
+
+    keyframe_interval: int = 5
+    mature_age: int = 8
+    most_keyframes: int = 4
+    firm_markers: int = 9
+    many_markers: int = 12
+    patience: int = 2
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        super().__post_init__()
+        for name in ("keyframe_interval", "mature_age", "most_keyframes"):
+            check_count(name, getattr(self, name))
 
 
 class Keyframe(NamedTuple):
@@ -106,45 +130,26 @@ class Incremental:
         self,
         stencils: Stencils,
         noise: Noise | None,
-        *,
-        threshold: float = THRESHOLD,
-        angle_floor_deg: float = ANGLE_FLOOR_DEG,
-        max_strain: float = MAX_STRAIN,
-        min_stick_markers: int = MIN_STICK_MARKERS,
-        keyframe_interval: int = KEYFRAME_INTERVAL,
-        mature_age: int = MATURE_AGE,
+        settings: IncrementalSettings = IncrementalSettings(),
     ) -> None:
         """Make the estimator.
 
         Args:
             stencils: of the marker layout.
             noise: of the markers; without it the misfit of the fit takes its place.
-            threshold: Δφ_th of Eq. (15) on increments of φ [-].
-            angle_floor_deg: least denominator of Eq. (15) [deg].
-            max_strain: misfit over size of the region beyond which it is no one body [-].
-            min_stick_markers: markers below which nothing sticks [-].
-            keyframe_interval: interval between keyframes [frames].
-            mature_age: how long markers must have moved as one to count as sticking [frames].
-                In macro slip the gel hardly moves from one frame to the next and all of it seems
-                to stick; over a longer time it does not.
+            settings: how the markers that stick are found and followed.
         """
-        self.rigid = Rigid(
-            stencils,
-            noise,
-            threshold=threshold,
-            angle_floor_deg=angle_floor_deg,
-            max_strain=max_strain,
-            min_stick_markers=min_stick_markers,
-        )
-        self.keyframe_interval = check_count("keyframe_interval", keyframe_interval)
-        self.mature_age = check_count("mature_age", mature_age)
-        self.keyframes = [Keyframe(None, -mature_age)]
+        self.settings = settings
+        self.rigid = Rigid(stencils, noise, settings)
+        self.keyframes = [Keyframe(None, -settings.mature_age)]
         self.number = 0
         self.increment: Increment | None = None
         self.anew = 0
         """How often the angle has been counted anew since the object touched."""
         self._free = 0  # the last frame without contact
-        self._firm: deque[bool] = deque(maxlen=mature_age)  # whether many stuck, frame by frame
+        self._firm: deque[bool] = deque(
+            maxlen=settings.mature_age
+        )  # whether many stuck, frame by frame
         self._hidden = 0  # frames passed over just now
 
     def update(self, fields: Fields) -> Measurement:
@@ -162,16 +167,21 @@ class Incremental:
             self._firm.clear()
             return Measurement.none(fields.contact)
         found = self._count_on(fields)
-        if found is None and self._hidden < PATIENCE and 2 * sum(self._firm) > len(self._firm):
+        if (
+            found is None
+            and self._hidden < self.settings.patience
+            and 2 * sum(self._firm) > len(self._firm)
+        ):
             self._hidden += 1
-            return Measurement.none(np.zeros_like(fields.contact), HIDDEN, self.anew)
+            reason = "nothing seems to stick, though a dozen markers or more just did"
+            return Measurement.none(np.zeros_like(fields.contact), reason, self.anew)
         self._hidden = 0
-        if found is None and self.number - self._free <= PATIENCE:
+        if found is None and self.number - self._free <= self.settings.patience:
             self.restart()  # what the first frames showed may have been noise
             found = self._count_on(fields)
         if found is None and self.keyframes[-1].fields is None:
             error = self.rigid.reading_error(fields)
-            start = Keyframe(fields, self.number - self.mature_age, error=error)
+            start = Keyframe(fields, self.number - self.settings.mature_age, error=error)
             self.keyframes = [start]
             self.anew += 1
             return Measurement(start.angle, start.low, start.high, fields.contact, anew=self.anew)
@@ -183,7 +193,7 @@ class Incremental:
         self._remember(now)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
-        self._firm.append(bool(stick.sum() >= MANY_MARKERS))
+        self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
 
     def lose(self, fields: Fields) -> None:
@@ -194,12 +204,12 @@ class Incremental:
 
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Count on from this frame, at an angle that was found otherwise [rad]."""
-        number = self.number - self.mature_age
+        number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
-        self.keyframes = [Keyframe(None, self.number - self.mature_age)]
+        self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
         self.anew = 0
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, np.ndarray] | None:
@@ -212,7 +222,9 @@ class Incremental:
         is lost it is the newest that serves, which forgets the slip soonest. Those that no longer
         hold are forgotten.
         """
-        mature = [i for i, k in enumerate(self.keyframes) if self._age(k) >= self.mature_age]
+        mature = [
+            i for i, k in enumerate(self.keyframes) if self._age(k) >= self.settings.mature_age
+        ]
         if mature and np.isnan(self.keyframes[0].angle):
             mature = mature[-1:]
         best: tuple[float, int, Keyframe, RigidFit] | None = None
@@ -229,7 +241,7 @@ class Incremental:
             width = float(np.nan_to_num(now.high - now.low, nan=np.inf))
             if best is None or width < best[0]:
                 best = width, i, now, fit
-            if best[3].stick.sum() >= FIRM_MARKERS:
+            if best[3].stick.sum() >= self.settings.firm_markers:
                 break
         self.increment = None
         if best is None:
@@ -244,10 +256,10 @@ class Incremental:
 
     def _remember(self, now: Keyframe) -> None:
         """Keep the frame as a keyframe if the last one is old enough, and thin the others out."""
-        if self._age(self.keyframes[-1]) < self.keyframe_interval:
+        if self._age(self.keyframes[-1]) < self.settings.keyframe_interval:
             return
         self.keyframes.append(now)
-        if len(self.keyframes) > MAX_KEYFRAMES:
+        if len(self.keyframes) > self.settings.most_keyframes:
             ages = [self._age(keyframe) for keyframe in self.keyframes]
             crowding = [
                 (ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)

@@ -8,6 +8,7 @@ readings are offered: 0.4, and 0.4° in radians, which is 0.007 (`paper_strict`)
 """
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,6 +27,35 @@ from estimation.frames.noise import Noise
 STRICT_THRESHOLD = float(np.radians(0.4))
 
 
+@dataclass(frozen=True)
+class PaperSettings:
+    """How the region is grown and averaged.
+
+    Attributes:
+        threshold: Δφ_th of Eq. (15) [-].
+        angle_floor_deg: least denominator of Eq. (15) [deg].
+        window: of the trailing mean, begun anew with every contact and slip [frames].
+        zero_drift: whether to take off the mean φ that each marker had while unloaded.
+        min_stick_markers: markers below which nothing sticks [-].
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    threshold: float = 0.4
+    angle_floor_deg: float = ANGLE_FLOOR_DEG
+    window: int = 5
+    zero_drift: bool = True
+    min_stick_markers: int = MIN_STICK_MARKERS
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_positive("threshold", self.threshold)
+        check_positive("angle_floor_deg", self.angle_floor_deg)
+        check_count("window", self.window)
+        check_count("min_stick_markers", self.min_stick_markers, MIN_STICK_MARKERS)
+
+
 class Paper:
     """Mean rotation of the stick region, over a trailing window of frames."""
 
@@ -33,33 +63,20 @@ class Paper:
         self,
         stencils: Stencils,
         noise: Noise | None,
-        *,
-        threshold: float = 0.4,
-        angle_floor_deg: float = ANGLE_FLOOR_DEG,
-        window: int = 5,
-        zero_drift: bool = True,
-        min_stick_markers: int = MIN_STICK_MARKERS,
+        settings: PaperSettings = PaperSettings(),
     ) -> None:
         """Make the estimator.
 
         Args:
             stencils: of the marker layout.
             noise: of the markers; without it the scatter of φ over the region takes its place.
-            threshold: Δφ_th of Eq. (15) [-].
-            angle_floor_deg: least denominator of Eq. (15) [deg].
-            window: of the trailing mean, begun anew with every contact and slip [frames].
-            zero_drift: whether to take off the mean φ that each marker had while unloaded.
-            min_stick_markers: markers below which nothing sticks [-].
+            settings: how the region is grown and averaged.
         """
         self.stencils = stencils
         self.noise = noise
-        self.threshold = check_positive("threshold", threshold)
-        self.floor = float(np.radians(check_positive("angle_floor_deg", angle_floor_deg)))
-        self._recent: deque[tuple[float, float]] = deque(maxlen=check_count("window", window))
-        self.zero_drift = zero_drift
-        self.min_stick_markers = check_count(
-            "min_stick_markers", min_stick_markers, MIN_STICK_MARKERS
-        )
+        self.settings = settings
+        self.floor = float(np.radians(settings.angle_floor_deg))
+        self._recent: deque[tuple[float, float]] = deque(maxlen=settings.window)
         self._drift = np.zeros(len(stencils.reference))
         self._unloaded = 0
 
@@ -70,14 +87,14 @@ class Paper:
         """
         if not fields.contact.any():
             self._recent.clear()
-            if self.zero_drift:
+            if self.settings.zero_drift:
                 self._learn_drift(fields)
             return Measurement.none(fields.contact)
         fields = fields._replace(rotation=fields.rotation - self._drift)
         stick = grow_stick_region(
-            fields, self.stencils.neighbours, threshold=self.threshold, floor=self.floor
+            fields, self.stencils.neighbours, threshold=self.settings.threshold, floor=self.floor
         )
-        if stick.sum() < self.min_stick_markers:
+        if stick.sum() < self.settings.min_stick_markers:
             self._recent.clear()
             return Measurement.none(stick)
         rotation = fields.rotation[stick]

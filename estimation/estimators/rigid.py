@@ -11,6 +11,7 @@ its difference stencils, into the markers that slip beside it; a fit of the posi
 it uses the segment's whole lever arm.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,13 +31,43 @@ from estimation.fields.stick import (
 from estimation.frames.noise import Noise
 
 CORE_MARKERS = 9
+"""Markers about the stick centre with which a fit begins: three rows of three."""
 BIWEIGHT_CUT = 5.0
 # Standard error over that of an unweighted fit, times the square root of the mean weight: two
 # normal coordinates and a cut at 5 standard deviations (quadrature; tested).
 BIWEIGHT_ERROR = 0.950
-MAX_STEPS = 50
-MAX_STRAIN = 0.01
-THRESHOLD = 0.2
+
+
+@dataclass(frozen=True)
+class RigidSettings:
+    """How the markers that stick are found.
+
+    At a threshold of 0.2 the segment stays inside the stick region; at the paper's 0.4 it takes in
+    markers whose slip hides in the noise. Slip within a few markers shows as strain; those that
+    stick to an object strain with the gel by some tenths of a percent.
+
+    Attributes:
+        threshold: Δφ_th of Eq. (15) [-].
+        angle_floor_deg: least denominator of Eq. (15) [deg]; raised until the threshold is three
+            standard errors of φ where the noise asks for more.
+        max_strain: misfit over size of the region beyond which its markers do not move as one body
+            [-].
+        min_stick_markers: markers below which nothing sticks [-].
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    threshold: float = 0.2
+    angle_floor_deg: float = ANGLE_FLOOR_DEG
+    max_strain: float = 0.01
+    min_stick_markers: int = MIN_STICK_MARKERS
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name in ("threshold", "angle_floor_deg", "max_strain"):
+            check_positive(name, getattr(self, name))
+        check_count("min_stick_markers", self.min_stick_markers, MIN_STICK_MARKERS)
 
 
 class Rigid:
@@ -46,45 +77,30 @@ class Rigid:
         self,
         stencils: Stencils,
         noise: Noise | None,
-        *,
-        threshold: float = THRESHOLD,
-        angle_floor_deg: float = ANGLE_FLOOR_DEG,
-        max_strain: float = MAX_STRAIN,
-        min_stick_markers: int = MIN_STICK_MARKERS,
+        settings: RigidSettings = RigidSettings(),
     ) -> None:
         """Make the estimator.
 
         Args:
             stencils: of the marker layout.
             noise: of the markers; without it the misfit of the fit takes its place.
-            threshold: Δφ_th of Eq. (15) [-]. At 0.2 the segment stays inside the stick region; at
-                the paper's 0.4 it takes in markers whose slip hides in the noise.
-            angle_floor_deg: least denominator of Eq. (15) [deg]; raised until the threshold is
-                three standard errors of φ where the noise asks for more.
-            max_strain: misfit over size of the region beyond which its markers do not move as one
-                body [-]. Slip within a few markers shows so; those that stick to an object strain
-                with the gel by some tenths of a percent.
-            min_stick_markers: markers below which nothing sticks [-].
+            settings: how the markers that stick are found.
         """
         self.stencils = stencils
+        self.settings = settings
         self.noise_mm = 0.0 if noise is None else noise.in_plane
-        self.threshold = check_positive("threshold", threshold)
-        noise_floor = 3.0 * stencils.rotation_noise(self.noise_mm) / threshold
-        self.max_strain = check_positive("max_strain", max_strain)
-        self.min_stick_markers = check_count(
-            "min_stick_markers", min_stick_markers, MIN_STICK_MARKERS
-        )
         self.floor = max(
-            float(np.radians(check_positive("angle_floor_deg", angle_floor_deg))), noise_floor
+            float(np.radians(settings.angle_floor_deg)),
+            3.0 * stencils.rotation_noise(self.noise_mm) / settings.threshold,
         )
         self._fields: Fields | None = None
         self._fits: list[tuple[Fields | None, RigidFit | None]] = []
 
     @property
-    def settings(self) -> tuple[float | int, ...]:
+    def key(self) -> tuple[float | int, ...]:
         """What its fits depend on beside the fields."""
-        floor, least = self.floor, self.min_stick_markers
-        return (self.noise_mm, self.threshold, floor, self.max_strain, least)
+        own = self.settings
+        return (self.noise_mm, own.threshold, self.floor, own.max_strain, own.min_stick_markers)
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame."""
@@ -94,8 +110,10 @@ class Rigid:
         fit = self._fit_segment(fields)
         if fit is None:
             return Measurement.none(nothing)
-        if fit.strain > self.max_strain:
-            return Measurement.none(nothing, f"no rigid core: strain beyond {self.max_strain:g}")
+        if fit.strain > self.settings.max_strain:
+            return Measurement.none(
+                nothing, f"no rigid core: strain beyond {self.settings.max_strain:g}"
+            )
         error = Z95 * fit.standard_error
         return Measurement(
             angle=fit.angle,
@@ -110,7 +128,7 @@ class Rigid:
         None where too few markers have moved as one body.
         """
         fit = self._fit_segment(fields, since)
-        return fit if fit is not None and fit.strain <= self.max_strain else None
+        return fit if fit is not None and fit.strain <= self.settings.max_strain else None
 
     def reading_error(self, fields: Fields) -> float:
         """Standard error of the orientation of a frame's contact, from the marker noise [rad].
@@ -153,12 +171,12 @@ class Rigid:
                 )
             fields = fields._replace(rotation=turned, contact=contact, centre=centre)
         segment = grow_stick_region(
-            fields, self.stencils.neighbours, threshold=self.threshold, floor=self.floor
+            fields, self.stencils.neighbours, threshold=self.settings.threshold, floor=self.floor
         )
-        if segment.sum() < self.min_stick_markers:
+        if segment.sum() < self.settings.min_stick_markers:
             return None
         fit = fit_rigid_rotation(self.stencils, fields, segment, self.noise_mm, since)
-        return fit if fit.stick.sum() >= self.min_stick_markers else None
+        return fit if fit.stick.sum() >= self.settings.min_stick_markers else None
 
 
 class RigidFit(NamedTuple):
@@ -209,7 +227,7 @@ def fit_rigid_rotation(
     weights = (distance <= np.sort(distance)[:CORE_MARKERS][-1]).astype(float)
     motion = fit_motion(x, y, weights)
     scale = _scale(motion.residual(x, y)[weights > 0], noise_mm)
-    for _ in range(MAX_STEPS):
+    for _ in range(50):  # two to ten serve
         previous = weights
         residual = motion.residual(x, y)
         weights = np.clip(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0, None) ** 2

@@ -14,6 +14,7 @@ all of it as sticking.
 """
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -82,6 +83,28 @@ class Kolamuri:
         return _without_interval(float(angle), fields.contact)
 
 
+@dataclass(frozen=True)
+class DongSettings:
+    """How the motion is fitted.
+
+    Attributes:
+        exact: whether the motion is a finite rotation instead of a small one.
+        deviation_mm: deviation from the fit from which a marker counts as slipping [mm]; the
+            authors' is in pixels of their camera. 0.1 is ours, not checked against the paper, and
+            so is the erosion by one ring of markers.
+
+    Raises:
+        ValueError: a deviation that is not above 0.
+    """
+
+    exact: bool = False
+    deviation_mm: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check the deviation."""
+        check_positive("deviation_mm", self.deviation_mm)
+
+
 class Dong:
     """Rigid fit of the eroded contact region, and who deviates from it ([Dong2019]).
 
@@ -94,23 +117,11 @@ class Dong:
         self,
         stencils: Stencils,
         noise: Noise | None,
-        *,
-        exact: bool = False,
-        deviation_mm: float = 0.1,
+        settings: DongSettings = DongSettings(),
     ) -> None:
-        """Make the estimator; the noise plays no part.
-
-        Args:
-            stencils: of the marker layout.
-            noise: of the markers.
-            exact: whether the motion is a finite rotation instead of a small one.
-            deviation_mm: deviation from the fit from which a marker counts as slipping [mm]; the
-                authors' is in pixels of their camera. 0.1 is ours, not checked against the paper,
-                and so is the erosion by one ring of markers.
-        """
+        """Make the estimator; the noise plays no part."""
         self.stencils = stencils
-        self.exact = exact
-        self.deviation_mm = check_positive("deviation_mm", deviation_mm)
+        self.settings = settings
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the contact's core, from the fields of the next frame.
@@ -123,17 +134,42 @@ class Dong:
         before, after = in_contact_plane(self.stencils, fields, fields.contact)
         motion = fit_motion(before[core], after[core], np.ones(core.sum()))
         arm = before - motion.origin
-        if self.exact:
+        if self.settings.exact:
             angle = float(np.angle(motion.turn))
             image = np.exp(1j * angle) * arm
         else:
             angle = float(motion.turn.imag)  # Σ r×u / Σ r²
             image = arm + 1j * angle * arm
         with np.errstate(invalid="ignore"):
-            stick = fields.contact & (np.abs(after - motion.image - image) < self.deviation_mm)
+            stick = fields.contact & (
+                np.abs(after - motion.image - image) < self.settings.deviation_mm
+            )
         if stick.sum() < MIN_STICK_MARKERS:
             return Measurement.none(stick)
         return _without_interval(angle, stick)
+
+
+@dataclass(frozen=True)
+class CastanoSettings:
+    """How the axis is averaged, and when there is one.
+
+    Attributes:
+        window: frames of the trailing mean [-]; 5 is ours, not checked against the paper.
+        largest_error_deg: standard error of the axis, from the distance between the markers, beyond
+            which the contact counts as round [deg]; ours.
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    window: int = 5
+    largest_error_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.window < 1:
+            raise ValueError(f"window is {self.window}; it must be at least one frame")
+        check_positive("largest_error_deg", self.largest_error_deg)
 
 
 class Castano:
@@ -149,24 +185,12 @@ class Castano:
         self,
         stencils: Stencils,
         noise: Noise | None,
-        *,
-        window: int = 5,
-        largest_error_deg: float = 5.0,
+        settings: CastanoSettings = CastanoSettings(),
     ) -> None:
-        """Make the estimator; the noise plays no part.
-
-        Args:
-            stencils: of the marker layout.
-            noise: of the markers.
-            window: frames of the trailing mean [-]; 5 is ours, not checked against the paper.
-            largest_error_deg: standard error of the axis, from the distance between the markers,
-                beyond which the contact counts as round [deg]; ours.
-        """
-        if window < 1:
-            raise ValueError(f"window is {window}; it must be at least one frame")
+        """Make the estimator; the noise plays no part."""
         self.stencils = stencils
-        self.largest_error = np.radians(check_positive("largest_error_deg", largest_error_deg))
-        self._recent: deque[float] = deque(maxlen=window)
+        self.largest_error = np.radians(settings.largest_error_deg)
+        self._recent: deque[float] = deque(maxlen=settings.window)
         self._first = np.nan
 
     def update(self, fields: Fields) -> Measurement:

@@ -8,33 +8,21 @@ something sticks, and while all slips the contact's outline, which turns with th
 """
 
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.imprinted import ImprintedTurn
-from estimation.estimators.incremental import KEYFRAME_INTERVAL, MATURE_AGE, Incremental
+from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.result import UNSEEN_TURN
-from estimation.estimators.rigid import MAX_STRAIN, THRESHOLD
 from estimation.fields.measure import Fields
 from estimation.fields.outline import Axis, measure_axis, turn_error, unwrap
 from estimation.fields.stencils import Stencils
-from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, check_positive
+from estimation.fields.stick import check_count, check_positive
 from estimation.frames.noise import Noise
-
-MEMORY = 60
-WIDEST = np.radians(10.0)
-"""Half-width of the interval beyond which an angle is none [rad]."""
-TOO_WIDE = f"the angle is not known to ±{np.degrees(WIDEST):.0f}° any more"
-
-
-HELD_BACK = np.radians(5.0)
-"""How far gel that sticks must have turned beyond an imprint for that to be none [rad]."""
-TOGETHER = np.radians(0.5)
-"""How far imprint and gel may part over three frames and count as sticking: four errors of reading
-the imprint twice [rad]."""
 
 
 class _Sight(NamedTuple):
@@ -51,6 +39,43 @@ class _Sight(NamedTuple):
     error: float
 
 
+@dataclass(frozen=True)
+class TrackedSettings(IncrementalSettings):
+    """How outline and imprint are weighed against the gel; see `IncrementalSettings` for the rest.
+
+    Friction drags gel along with the object, so that it does not turn further, unless it springs
+    back when the object slips: by 4.5° at most in thirty-three published clips. What lags behind by
+    more is the pad's own texture or a shadow, not the object's print. Imprint and gel that stick
+    together part by four errors of reading the imprint twice.
+
+    Attributes:
+        slip_deg: how far the outline turns away from the gel over the mature age in macro slip
+            [deg].
+        shape_change: share by which the contact's curvature may differ from what it was when the
+            outline was first seen; beyond, it is not that of the same face [-].
+        memory: how long outline and imprint are remembered [frames].
+        widest_deg: half-width of the interval beyond which an angle is none [deg].
+        held_back_deg: how far gel that sticks must have turned beyond an imprint for that to be
+            none [deg].
+        together_deg: how far imprint and gel may part over three frames and count as sticking
+            [deg].
+    """
+
+    slip_deg: float = 2.0
+    shape_change: float = 0.3
+    memory: int = 60
+    widest_deg: float = 10.0
+    held_back_deg: float = 5.0
+    together_deg: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        super().__post_init__()
+        for name in ("slip_deg", "shape_change", "widest_deg", "held_back_deg", "together_deg"):
+            check_positive(name, getattr(self, name))
+        check_count("memory", self.memory)
+
+
 class Tracked:
     """Imprint and gel together; else increments of what sticks, and the outline in macro slip."""
 
@@ -58,15 +83,7 @@ class Tracked:
         self,
         stencils: Stencils,
         noise: Noise | None,
-        *,
-        threshold: float = THRESHOLD,
-        angle_floor_deg: float = ANGLE_FLOOR_DEG,
-        max_strain: float = MAX_STRAIN,
-        min_stick_markers: int = MIN_STICK_MARKERS,
-        keyframe_interval: int = KEYFRAME_INTERVAL,
-        mature_age: int = MATURE_AGE,
-        slip_deg: float = 2.0,
-        shape_change: float = 0.3,
+        settings: TrackedSettings = TrackedSettings(),
         gain: float = 1.0,
     ) -> None:
         """Make the estimator.
@@ -74,32 +91,15 @@ class Tracked:
         Args:
             stencils: of the marker layout.
             noise: of the markers; without it the misfit of the fit takes its place.
-            threshold: Δφ_th of Eq. (15) on increments of φ [-].
-            angle_floor_deg: least denominator of Eq. (15) [deg].
-            max_strain: misfit over size of the region beyond which it is no one body [-].
-            min_stick_markers: markers below which nothing sticks [-].
-            keyframe_interval: interval between keyframes [frames].
-            mature_age: how long markers must have moved as one to count as sticking, and over which
-                gel and outline are compared [frames].
-            slip_deg: how far the outline turns away from the gel in that time in macro slip [deg].
-            shape_change: share by which the contact's curvature may differ from what it was when
-                the outline was first seen; beyond, it is not that of the same face [-].
+            settings: how gel, outline and imprint are followed.
             gain: 1 + k, rotation of the object over that of the elastomer where it sticks [-]; the
                 tracker takes it from the softness correction. Angles here are the elastomer's.
         """
-        self.incremental = Incremental(
-            stencils,
-            noise,
-            threshold=threshold,
-            angle_floor_deg=angle_floor_deg,
-            max_strain=max_strain,
-            min_stick_markers=min_stick_markers,
-            keyframe_interval=keyframe_interval,
-            mature_age=mature_age,
-        )
-        self.mature_age = mature_age
-        self.slip = float(np.radians(check_positive("slip_deg", slip_deg)))
-        self.shape_change = check_positive("shape_change", shape_change)
+        self.settings = settings
+        self.incremental = Incremental(stencils, noise, settings)
+        self.mature_age = settings.mature_age
+        self.slip = float(np.radians(settings.slip_deg))
+        self.widest = float(np.radians(settings.widest_deg))
         self.gain = gain
         self._anew = 0
         self._forget()
@@ -125,12 +125,12 @@ class Tracked:
             gel = Measurement.none(np.zeros_like(gel.stick))
         self._sights.append(_Sight(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95))
         found = gel if np.isfinite(gel.angle) else self._hand_over(fields, axis, gel)
-        if found.high - found.low > 2.0 * WIDEST:
+        if found.high - found.low > 2.0 * self.widest:
             if gel.reason:
                 return gel
             self.incremental.lose(fields)
             self._sights.clear()
-            return Measurement.none(found.stick, TOO_WIDE)
+            return Measurement.none(found.stick, self._too_wide)
         return found
 
     def _by_imprint(self, fields: Fields, gel: Measurement) -> Measurement:
@@ -143,10 +143,10 @@ class Tracked:
             fields.imprint,
             lasting,
         )
-        if turn.error > WIDEST / Z95:
+        if turn.error > self.widest / Z95:
             self._forget()
             self.incremental.lose(fields)
-            return Measurement.none(np.zeros_like(gel.stick), TOO_WIDE, self._anew)
+            return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._anew)
         if not was_known:
             self._anew = gel.anew if np.isfinite(gel.angle) else self._anew + 1
         ahead = self._held_back(turn.angle, self.gain * gel.angle)
@@ -179,18 +179,17 @@ class Tracked:
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
 
     def _held_back(self, turned: float, gel: float) -> float:
-        """How far gel that sticks has lately turned further than the imprint; 0 where that may be.
-
-        Friction drags gel along with the object, so that it does not turn further, unless it
-        springs back when the object slips: by 4.5° at most in thirty-three published clips. What
-        lags behind by more is the pad's own texture or a shadow, not the object's print [rad].
-        """
+        """How far gel that sticks has lately turned further than the imprint [rad]; 0 if it may."""
         if len(self._turned) < self.mature_age:
             return 0.0
         before, gel_before = self._turned[-self.mature_age]
         ahead = (gel - gel_before) - (turned - before)
         ahead_along = ahead * (gel - gel_before) > 0.0
-        return float(ahead) if ahead_along and abs(ahead) > HELD_BACK else 0.0
+        return (
+            float(ahead)
+            if ahead_along and abs(ahead) > np.radians(self.settings.held_back_deg)
+            else 0.0
+        )
 
     def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """The markers that have lately moved as one body, and with the imprint.
@@ -202,17 +201,22 @@ class Tracked:
         if before is now or not (before.contact & now.contact).any():
             return none
         fit = self.incremental.rigid.fit(now, before)
-        if fit is None or abs(turned - angle - self.gain * fit.angle) > TOGETHER:
+        together = np.radians(self.settings.together_deg)
+        if fit is None or abs(turned - angle - self.gain * fit.angle) > together:
             return none
         return fit.stick
+
+    @property
+    def _too_wide(self) -> str:
+        return f"the angle is not known to ±{self.settings.widest_deg:.0f}° any more"
 
     def _forget(self) -> None:
         """Begin anew with the next contact."""
         self._turn = ImprintedTurn()
-        self._turned: deque[tuple[float, float]] = deque(maxlen=MEMORY)
+        self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_anew, self._resumed = 0, False
-        self._sights: deque[_Sight] = deque(maxlen=MEMORY)
+        self._sights: deque[_Sight] = deque(maxlen=self.settings.memory)
         self._last = np.nan
         self._curvature = np.nan
 
@@ -222,7 +226,7 @@ class Tracked:
             return axis
         if not np.isfinite(self._curvature):
             self._curvature, self._last = axis.curvature, axis.angle
-        if abs(axis.curvature / self._curvature - 1.0) > self.shape_change:
+        if abs(axis.curvature / self._curvature - 1.0) > self.settings.shape_change:
             return axis._replace(angle=np.nan)
         self._last = unwrap(axis.angle, self._last)
         return axis._replace(angle=self._last)

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from estimation.estimators import METHODS, Paper, Rigid
+from estimation.estimators.paper import PaperSettings
 from estimation.estimators.plane import Motion
 from estimation.estimators.rigid import BIWEIGHT_CUT, BIWEIGHT_ERROR, _scale, _undetected_slip
 from estimation.fields.measure import measure_fields
@@ -134,7 +135,9 @@ def test_paper_takes_the_mean_and_its_interval_comes_from_the_noise():
     for seed in range(300):
         positions, _ = noisy(layout, 0.1, seed, stick_radius=9.0, contact_radius=4.0)
         readings.append(
-            Paper(stencils, MICRON, window=1).update(measure_fields(stencils, frame_of(positions)))
+            Paper(stencils, MICRON, PaperSettings(window=1)).update(
+                measure_fields(stencils, frame_of(positions))
+            )
         )
     angles = np.array([reading.angle for reading in readings])
     half = np.array([reading.high - reading.low for reading in readings]) / 2
@@ -144,14 +147,14 @@ def test_paper_takes_the_mean_and_its_interval_comes_from_the_noise():
 
 def test_paper_averages_over_a_trailing_window_and_starts_anew():
     layout, stencils = pad_stencils()
-    estimator = Paper(stencils, MICRON, window=3)
+    estimator = Paper(stencils, MICRON, PaperSettings(window=3))
 
     def reading(angle):
         positions, _ = twisted_pad(layout, angle, stick_radius=9.0, contact_radius=4.0)
         return estimator.update(measure_fields(stencils, frame_of(positions))).angle
 
     first = [reading(angle) for angle in (0.10, 0.12, 0.14, 0.16)]
-    single = Paper(stencils, MICRON, window=1)
+    single = Paper(stencils, MICRON, PaperSettings(window=1))
     alone = [
         single.update(
             measure_fields(
@@ -186,7 +189,7 @@ def test_paper_takes_off_the_zero_drift_seen_while_unloaded():
     fields = measure_fields(stencils, frame_of(loaded))
     taken_off = fresh.update(fields).angle - warned.update(fields).angle
     assert np.degrees(taken_off) == pytest.approx(0.5, abs=0.02)
-    plain = Paper(stencils, MICRON, zero_drift=False)
+    plain = Paper(stencils, MICRON, PaperSettings(zero_drift=False))
     plain.update(unloaded)
     assert plain.update(fields).angle == Paper(stencils, MICRON).update(fields).angle
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.estimators.incremental import MAX_KEYFRAMES
+from estimation.estimators.incremental import IncrementalSettings
 from estimation.estimators.result import State
-from estimation.estimators.tracked import MEMORY
+from estimation.estimators.tracked import TrackedSettings
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Recording
 from estimation.slip.motion import accumulate_slip
@@ -175,7 +175,7 @@ def test_the_slip_grows_by_what_the_object_turns_over_gel_that_stands_still():
 
 
 def test_an_imprint_is_followed_however_long_all_slips():
-    frames = MEMORY + 35
+    frames = TrackedSettings.memory + 35
     recording, angle = ellipsoid_slips(frames, slip_from=20, slip_to=frames, rate=0.5)
     error = np.full(frames, np.radians(0.3))
     imprint = np.stack([np.radians(angle), error], axis=1)
@@ -211,7 +211,7 @@ def test_keyframes_stay_few(pivot):
     tracker = Tracker(recording.layout, "tracked", noise=MICRON)
     for frame in recording:
         tracker.update(frame)
-        assert len(tracker.estimator.incremental.keyframes) <= MAX_KEYFRAMES
+        assert len(tracker.estimator.incremental.keyframes) <= IncrementalSettings.most_keyframes
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])

@@ -7,7 +7,9 @@ from estimation.estimators.result import State
 from estimation.estimators.rivals import (
     ROUND,
     Castano,
+    CastanoSettings,
     Dong,
+    DongSettings,
     Kabsch,
     Kolamuri,
     _long_axis,
@@ -34,11 +36,11 @@ FULL_STICK = PivotModel(friction_ratio=50.0)
 """Grip so firm that slip reaches a hundredth of the radius in at 20°."""
 
 
-def virtual_reading(make, angle_deg, model=FULL_STICK, **constants):
+def virtual_reading(make, angle_deg, model=FULL_STICK):
     layout, frame, _ = simulate_frame(model, np.radians(angle_deg), np.random.default_rng(0))
     stencils = make_stencils(layout)
     fields = measure_fields(stencils, frame)
-    return make(stencils, MICRON, **constants).update(fields), fields, stencils
+    return make(stencils, MICRON).update(fields), fields, stencils
 
 
 @pytest.mark.parametrize("angle_deg", [-20, 5, 20])
@@ -61,10 +63,10 @@ def test_the_small_angle_form_fails_at_large_angles():
     layout, stencils = pad_stencils()
     angle = np.radians(20.0)
     fields = measure_fields(stencils, frame_of(twisted_pad(layout, angle, stick_radius=9.0)[0]))
-    small = Dong(stencils, MICRON, deviation_mm=1e-6).update(fields)
+    small = Dong(stencils, MICRON, DongSettings(deviation_mm=1e-6)).update(fields)
     # nothing but the fit's own error is left, and it is above any fine threshold
     assert small.stick.sum() < 3
-    reading = Dong(stencils, MICRON, deviation_mm=10.0).update(fields)
+    reading = Dong(stencils, MICRON, DongSettings(deviation_mm=10.0)).update(fields)
     # Σ r×u / Σ r² of a rotation is its sine; the dome tilts the markers' arms by up to 0.2 rad
     assert reading.angle == pytest.approx(np.sin(angle), abs=2e-3)
     arm = 5.0
@@ -72,7 +74,7 @@ def test_the_small_angle_form_fails_at_large_angles():
     assert abs(arm * np.exp(1j * angle) - image) / arm == pytest.approx(0.060, abs=0.001)
     # so at 0.06 r > 0.1 mm, from 1.7 mm on, markers that stick count as slipping
     as_published, corrected = (
-        Dong(stencils, MICRON, exact=e).update(fields) for e in (False, True)
+        Dong(stencils, MICRON, DongSettings(exact=e)).update(fields) for e in (False, True)
     )
     r = np.hypot(*layout.reference[:, :2].T)
     assert not as_published.stick[fields.contact & (r > 2.5)].any()
@@ -109,7 +111,7 @@ def ellipse(layout, direction):
 
 def test_castano_follows_the_mask_past_half_a_turn():
     layout, stencils = pad_stencils()
-    castano = Castano(stencils, MICRON, window=1)
+    castano = Castano(stencils, MICRON, CastanoSettings(window=1))
     directions = np.radians(np.arange(10.0, 221.0, 10.0))
     read = [
         castano.update(measure_fields(stencils, frame_of(ellipse(layout, d)))).angle
@@ -154,13 +156,13 @@ def test_castano_averages_over_its_window_and_begins_anew_with_each_contact():
     layout, stencils = pad_stencils()
     pressed = [measure_fields(stencils, frame_of(ellipse(layout, a))) for a in (0.3, 0.5, 0.7)]
     free = measure_fields(stencils, frame_of(layout.reference))
-    sharp, smooth = Castano(stencils, None, window=1), Castano(stencils, None, window=3)
+    sharp, smooth = (Castano(stencils, None, CastanoSettings(window=n)) for n in (1, 3))
     single = [sharp.update(fields).angle for fields in pressed]
     assert [smooth.update(fields).angle for fields in pressed][-1] == pytest.approx(np.mean(single))
     assert np.isnan(smooth.update(free).angle)
     assert smooth.update(pressed[2]).angle == 0.0
     with pytest.raises(ValueError, match="at least one frame"):
-        Castano(stencils, None, window=0)
+        CastanoSettings(window=0)
 
 
 def test_what_cannot_be_answered_is_not():
