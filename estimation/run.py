@@ -12,7 +12,6 @@ import numpy as np
 from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
-from estimation.frames.source import Source
 from estimation.output.found import Run, find_in_record
 from estimation.output.lines import LineWriter
 from estimation.output.missing import describe_answers
@@ -157,7 +156,7 @@ class _Job:
             writer = opened.enter_context(closing(self._open_record(rows)))
             table = TableWriter(self.folder / "angles.csv", self.settings.method, rows)
             sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
-            if answer is not None and _is_live(source):
+            if answer is not None and source.live:
                 sinks.append(LineWriter(answer, self.settings.method))
             self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
@@ -182,8 +181,8 @@ class _Job:
                     kept = time.monotonic()
         except KeyboardInterrupt:
             writer.cut(stream.done)
-            return not _is_live(stream.source)  # which has no other end
-        return stream.interrupted and not _is_live(stream.source)
+            return not stream.source.live  # which has no other end
+        return stream.interrupted and not stream.source.live
 
     def _open_record(self, rows: int) -> RecordWriter:
         settings, source = self.settings, self.input.source
@@ -247,10 +246,6 @@ class _Job:
         if self.settings.preview:
             lines.append(_preview(run, self.folder, self.shown, self.settings))
         return summary, lines
-
-
-def _is_live(source: Source) -> bool:
-    return getattr(source, "live", False)
 
 
 def report_all(folder: Path) -> list[str]:

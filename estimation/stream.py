@@ -20,7 +20,7 @@ from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 from estimation.frames.source import Source
 from estimation.frames.state import save_state
-from estimation.pictures.reading import PictureState
+from estimation.pictures.reading import PictureSource, PictureState
 from estimation.settings import Settings
 from estimation.slip.branch import Branch
 from estimation.slip.margin import Margin, MarginTracker
@@ -262,7 +262,7 @@ class Stream:
         self._settled = False
         if resumed is not None:
             self.follower, self._held = resumed.follower, resumed.held
-            if getattr(source, "live", False):
+            if source.live:
                 self._held = []
                 self.follower.relay(source.layout, "nothing was seen while the run stood still")
             self.follower.layout, self.done = source.layout, self.follower.row
@@ -276,9 +276,8 @@ class Stream:
         self.follower = Follower(source.layout, settings, noise, notes)
 
     def _look_ahead(self) -> tuple[Noise | None, tuple[str, ...]]:
-        live = getattr(self.source, "live", True)
         try:
-            for frame in islice(self._frames, AHEAD_LIVE if live else AHEAD):
+            for frame in islice(self._frames, AHEAD_LIVE if self.source.live else AHEAD):
                 self._ahead.append(frame)
         except KeyboardInterrupt:
             self.interrupted = True
@@ -321,7 +320,7 @@ class Stream:
         """
         if not self._settled:
             return b""
-        pictures = getattr(self.source, "state", None)
+        pictures = self.source.state if isinstance(self.source, PictureSource) else None
         return save_state(Checkpoint(self.follower, self._held, pictures, time.time()))
 
     def _next_frames(self) -> Iterator[Frame]:
@@ -343,7 +342,7 @@ class Stream:
 
     def _hold(self, frame: Frame) -> None:
         """Keep a frame while a better reference may be found, unless there are too many."""
-        if not getattr(self.source, "provisional", False):
+        if not self.source.provisional:
             self._held = []
         elif self._held is not None and len(self._held) < MOST_HELD:
             self._held.append(frame)

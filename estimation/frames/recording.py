@@ -313,6 +313,16 @@ class Recording:
         """Number of frames."""
         return len(self.time)
 
+    @property
+    def live(self) -> bool:
+        """No: all frames are there."""
+        return False
+
+    @property
+    def provisional(self) -> bool:
+        """No: the reference is known."""
+        return False
+
     def head(self, frames: int) -> "Recording":
         """The recording's first frames."""
         arrays = declared_arrays(Recording).items()

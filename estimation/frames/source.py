@@ -15,6 +15,20 @@ class Source(Protocol):
     """Whatever gives frames one after the other; a `Recording` is one."""
 
     @property
+    def live(self) -> bool:
+        """Whether the frames come as they are taken.
+
+        Then fewer are waited for before the first answer, Ctrl-C ends the run as if they had ended,
+        and a resumed run goes on with what is taken from then on.
+        """
+        ...
+
+    @property
+    def provisional(self) -> bool:
+        """Whether a better reference may still be found; `layout` is another one then."""
+        ...
+
+    @property
     def layout(self) -> MarkerLayout:
         """Markers and reference of the last frame it gave; they may change while frames come."""
         ...
@@ -67,6 +81,8 @@ class FrameStream:
         unit: of lengths, mm or px.
         notes: what a reader should know, in sentences.
         warnings: what is assumed or looks wrong, in sentences.
+        live: whether the frames come as they are taken, as from a socket; see `Source`.
+        provisional: whether a better reference may still be found.
     """
 
     layout: MarkerLayout
@@ -77,6 +93,8 @@ class FrameStream:
     unit: str = "mm"
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    live: bool = False
+    provisional: bool = False
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order of time."""

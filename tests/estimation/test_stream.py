@@ -1,7 +1,7 @@
 import os
 import pickle
 from dataclasses import replace
-from itertools import count, islice
+from itertools import count, cycle, islice
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -22,7 +22,7 @@ from estimation.output.table import TableWriter
 from estimation.run import report_all, run_all
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, open_inputs
-from estimation.stream import Checkpoint, Stream
+from estimation.stream import AHEAD, AHEAD_LIVE, Checkpoint, Stream
 from estimation.tracker import Trackers, estimate_angles
 from tests.cases import lift
 
@@ -75,6 +75,7 @@ class Moved:
     """A source that finds a better reference in some frame."""
 
     name, source, convention, unit, notes, warnings = "moved", "", "", "mm", (), ()
+    live = False
 
     def __init__(self, recording, at):
         self.layout, self.provisional = recording.layout, True
@@ -214,6 +215,29 @@ def test_ctrl_c_within_a_frame_is_gone_on_with_as_if_it_had_not_come(tmp_path, m
         for name in (f"{inner}/{table}" for inner in "ab" for table in TABLES):
             assert (out / name).read_text() == (whole / name).read_text(), name
         assert (out / kept).stat().st_mtime_ns == written
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_ctrl_c_is_the_end_of_what_is_live(recording, live, tmp_path, monkeypatch):
+    monkeypatch.setattr("estimation.run.write_overview", lambda done, folder: None)
+    monkeypatch.setattr(report, "figure_png", lambda figure: plt.close(figure) or b"")
+
+    def cut():
+        yield from islice(recording, 9)
+        raise KeyboardInterrupt
+
+    source = FrameStream(recording.layout, cut(), live=live)
+    outcome = run_all([Input(source)], tmp_path, SETTINGS, Progress(disable=True))
+    assert outcome.interrupted != live
+
+
+def test_the_noise_of_what_is_live_is_told_sooner(recording):
+    read = []
+    frames = (read.append(frame) or frame for frame in islice(cycle(recording), 200))
+    Stream(FrameStream(recording.layout, frames, live=True), Settings())
+    assert len(read) == AHEAD_LIVE
+    Stream(FrameStream(recording.layout, frames), Settings())
+    assert len(read) == AHEAD_LIVE + AHEAD
 
 
 def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
