@@ -82,6 +82,11 @@ class Known:
         dark_dots: dots that are darker or brighter than the pad.
         unloaded_frame: number of an unloaded frame: the number in the picture's name, or counted
             from 0 (angles.csv: source_index).
+        unloaded: picture of the same sensor with nothing on it, of the size of the recording's.
+            Markers, light and contact count from it.
+        crop: part of the pictures that is read, as left column, upper row, width and height [px].
+            Positions stay those in the whole picture.
+        mask: picture of the size of the recording's, black where nothing is read: mirrors, frames.
         fps: rate of the pictures of a folder without times.csv [1/s].
         marker: kind of markers: corners, dots, speckle.
         stereo: TOML file of a stereo calibration, where mirrors split the picture.
@@ -95,6 +100,11 @@ class Known:
     dot_radius_px: float | None = field(default=None, metadata=option("detected"))
     dark_dots: bool | None = field(default=None, metadata=option("detected", "--dark/--bright"))
     unloaded_frame: int | None = field(default=None, metadata=option("detected"))
+    unloaded: Path | None = field(default=None, metadata=option("detected"))
+    crop: tuple[int, int, int, int] | None = field(
+        default=None, metadata=option("all", metavar="X Y WIDTH HEIGHT")
+    )
+    mask: Path | None = field(default=None, metadata=option("none"))
     fps: float | None = field(default=None, metadata=option("30, with a warning"))
     marker: str | None = field(default=None, metadata=option("detected"))
     stereo: Path | None = field(default=None, metadata=option("one view"))

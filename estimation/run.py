@@ -228,6 +228,7 @@ class _Job:
                 **vars(settings.contact),
                 "keep_withdrawn": settings.keep_withdrawn,
                 "grasp": settings.grasp,
+                **settings.images.content(),
                 **follower.trackers.constants[settings.method],
             },
         )
@@ -347,7 +348,7 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
         return f"no preview: {run.name} was not read from pictures"
     told = settings.images
     try:
-        write_preview(run, told.sensor, folder / name, told.rig)
+        write_preview(run, told, folder / name)
     except ValueError as error:
         return f"no preview: {error}"
     return f"annotated video: {shown / name}"

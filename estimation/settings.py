@@ -8,9 +8,11 @@ from estimation.choices import Choices, Known
 from estimation.estimators import METHODS
 from estimation.frames.noise import Noise
 from estimation.observation import RIGID_OBJECT
+from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.rig import read_rig
 from estimation.pictures.sensor import Sensor, read_sensor
+from estimation.pictures.still import read_still
 from estimation.softness import Softness, read_softness
 
 
@@ -59,13 +61,22 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
         Sensor() if known.sensor is None else read_sensor(known.sensor),
         **{name: value for name, value in told.items() if value is not None},
     )
+    if known.unloaded is not None and known.unloaded_frame is not None:
+        raise ValueError(
+            "an unloaded picture and an unloaded frame are given: leave out --unloaded or "
+            "--unloaded-frame"
+        )
+    unloaded = known.unloaded_frame
+    if known.unloaded is not None:
+        unloaded = read_still(known.unloaded, "the unloaded picture (--unloaded)")
+    mask = None if known.mask is None else read_still(known.mask, "the mask (--mask)")
     rig = None if known.stereo is None else read_rig(known.stereo)
     return Settings(
         **vars(choices),
         softness=RIGID_OBJECT if known.softness is None else read_softness(known.softness),
         noise=_given_noise(known) or sensor.noise,
         constants={name: value for name, value in vars(constants).items() if value is not None},
-        images=ImageSettings(sensor, known.unloaded_frame, rig, known.fps),
+        images=ImageSettings(sensor, unloaded, rig, known.fps, Part(known.crop, mask)),
     )
 
 

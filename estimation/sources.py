@@ -52,9 +52,11 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
             return inspect_recording(read_images(found[0], images))
         reader = read_tac3d if found[0].is_dir() else read_archive
         recording = replace(reader(found[0]), name=name_recordings(found)[0])
-        if images is not None and images.rate is not None:
-            warning = ignored_rate(images.rate, "the recording")
-            recording = replace(recording, warnings=(*recording.warnings, warning))
+        if images is not None:
+            warnings = () if images.rate is None else (ignored_rate(images.rate, "the recording"),)
+            if unused := ", ".join(images.content()):
+                warnings += (f"Not used, since the recording is not of pictures: {unused}.",)
+            recording = replace(recording, warnings=(*recording.warnings, *warnings))
         return inspect_recording(recording)
 
 

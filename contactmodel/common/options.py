@@ -11,22 +11,25 @@ from collections.abc import Callable
 from dataclasses import Field, fields, is_dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
 _PLAIN = (bool, int, float, str, Path)
 
 
-def option(shown: str = "", *names: str, more: str = "") -> dict[str, Any]:
+def option(
+    shown: str = "", *names: str, more: str = "", metavar: str | None = None
+) -> dict[str, Any]:
     """Metadata of a field: what its help calls a default of None, and its names as an option.
 
     Args:
         shown: what holds where the option is not given.
         *names: instead of that of the field, such as `--dark/--bright`.
         more: what its help says at the end.
+        metavar: what stands for its value in the help; that of its type by default.
     """
-    return {"shown": shown, "names": names, "more": more}
+    return {"shown": shown, "names": names, "more": more, "metavar": metavar}
 
 
 def spread(command: Callable[..., None]) -> Callable[..., None]:
@@ -87,6 +90,8 @@ def _options_of(owner: type) -> list[inspect.Parameter]:
 
 
 def _is_plain(hint: Any) -> bool:
+    if get_origin(hint) is not tuple and get_args(hint):  # of a union
+        return all(map(_is_plain, get_args(hint)))
     return all(one in (*_PLAIN, NoneType) for one in get_args(hint) or (hint,))
 
 
@@ -96,7 +101,8 @@ def _option(field: Field, hint: Any, said: str) -> inspect.Parameter:
         names = (f"--{field.name.replace('_', '-')}",)  # without its opposite
     shown = field.metadata.get("shown", "")
     text = said[:1].upper() + said[1:] + field.metadata.get("more", "")
-    made = typer.Option(*names, help=text, show_default=shown or True)
+    metavar = field.metadata.get("metavar")
+    made = typer.Option(*names, help=text, show_default=shown or True, metavar=metavar)
     return inspect.Parameter(
         field.name,
         inspect.Parameter.KEYWORD_ONLY,

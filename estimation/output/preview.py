@@ -14,8 +14,7 @@ from estimation.frames.extras import require_extra
 from estimation.frames.inspection import disordered_times
 from estimation.output.found import Run
 from estimation.output.record import KeptMarkers
-from estimation.pictures.rig import Rig
-from estimation.pictures.sensor import Sensor
+from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import RATE, is_camera, read_pictures
 from estimation.slip.motion import follow_gel
 
@@ -50,15 +49,15 @@ def find_encoder() -> str:
     )
 
 
-def write_preview(run: Run, sensor: Sensor, path: Path, rig: Rig | None = None) -> None:
+def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
     """Write an annotated video: markers that stick, slip or are elsewhere, state and angles.
 
-    It is H.264 in MP4, which browsers play, and keeps the recording's times.
+    It is H.264 in MP4, which browsers play, and keeps the recording's times. Whole pictures are
+    shown; what crop or mask leave out is darker.
 
     Args:
         run: over pictures, which are read again; the markers of all frames are kept.
-        sensor: what they were read with.
-        rig: the two views' calibration, where mirrors split the pictures.
+        images: what they were read with.
         path: of the video, an `.mp4`; it appears whole or not at all.
 
     Raises:
@@ -68,6 +67,7 @@ def write_preview(run: Run, sensor: Sensor, path: Path, rig: Rig | None = None) 
     source = Path(run.source)
     if is_camera(source):
         raise ValueError("a camera's pictures are not kept: there is no preview of them")
+    rig = images.rig
     if run.reference.shape[1] == 3 and rig is None:
         raise ValueError("positions in space are drawn only with the views' calibration (--stereo)")
     gel = np.degrees(follow_gel(run.main))
@@ -78,9 +78,9 @@ def write_preview(run: Run, sensor: Sensor, path: Path, rig: Rig | None = None) 
             if picture.image is None:
                 continue
             there = markers.positions
-            spots = sensor.to_pixels(there)[None] if rig is None else rig.locate(there)
-            image = annotate(picture.image, run, markers, spots, float(gel[markers.row]))
-            yield int(ticks[markers.row]), image
+            spots = images.sensor.to_pixels(there)[None] if rig is None else rig.locate(there)
+            shown, turned = images.part.darken(picture.image), float(gel[markers.row])
+            yield int(ticks[markers.row]), annotate(shown, run, markers, spots, turned)
 
     draft = path.with_name(f".{path.name}")
     try:

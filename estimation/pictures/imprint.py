@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Shaped, UInt8
+from jaxtyping import Bool, Float, Float32, Shaped, UInt8
 
 ROWS = 120
 """Rows, about, of the picture that is registered; larger ones are scaled down."""
@@ -313,7 +313,10 @@ class Painted(NamedTuple):
 
 
 def paint_out(
-    picture: Shaped[np.ndarray, "h w *colour"], dots: Float[np.ndarray, "n 2"], radius: float
+    picture: Shaped[np.ndarray, "h w *colour"],
+    dots: Float[np.ndarray, "n 2"],
+    radius: float,
+    seen: Bool[np.ndarray, "h w"] | None = None,
 ) -> Painted:
     """The picture with the dots and the slow change of light taken off, scaled down.
 
@@ -321,6 +324,7 @@ def paint_out(
         picture: of the frame.
         dots: all dots in it [px].
         radius: typical, of a dot [px].
+        seen: pixels that are read; all by default.
     """
     part = max(min(round(picture.shape[0] / ROWS), int(radius / SMALLEST_DOT)), 1)
     size = (picture.shape[1] // part, picture.shape[0] // part)
@@ -330,6 +334,8 @@ def paint_out(
     clear = np.full(image.shape[:2], 1.0, np.float32)
     for x, y in np.rint(dots * 16).astype(int).tolist():
         cv2.circle(clear, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
+    if seen is not None:
+        clear[cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0] = 0.0
     width = (2 * int(4.0 * radius) + 1,) * 2
     weight = cv2.blur(clear, width) + np.float32(1e-3)
     planes = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))

@@ -204,9 +204,9 @@ class Reference(NamedTuple):
     note: str
     doubt: Float[np.ndarray, " n"] | None = None
 
-    def layout(self, mm_per_px: float) -> MarkerLayout:
-        """As a recording has it."""
-        return MarkerLayout(mm_per_px * self.position, self.neighbours)
+    def layout(self, mm_per_px: float, origin: Float[np.ndarray, " 2"]) -> MarkerLayout:
+        """As a recording has it, whose pictures have the first pixel of these at the origin."""
+        return MarkerLayout(mm_per_px * (self.position + origin), self.neighbours)
 
 
 def make_reference(

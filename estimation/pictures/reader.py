@@ -6,14 +6,16 @@ markers are listed in `READERS` of `estimation.pictures.reading`.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from estimation.frames.recording import Frame, MarkerLayout
+from estimation.pictures.part import WHOLE, Part
 from estimation.pictures.rig import Rig
 from estimation.pictures.sensor import Sensor
+from estimation.pictures.still import Still
 from estimation.pictures.stream import Picture
 
 
@@ -23,26 +25,49 @@ class ImageSettings:
 
     Attributes:
         sensor: what took them.
-        unloaded: number of an unloaded frame, to be the reference: as `Recording.source_index`
-            has it, by the name of the picture or counted from 0.
+        unloaded: the reference: the number of an unloaded frame, as `Recording.source_index` has
+            it, by the name of the picture or counted from 0; or a picture of the same sensor that
+            nothing touches.
         rig: calibration of both views, where mirrors split the picture.
         rate: pictures per second of a folder without a table of times [1/s].
+        part: of each picture that is read; positions are those in the whole picture.
 
     Raises:
-        ValueError: the rate is not above 0.
+        ValueError: the rate is not above 0, or a part is given of pictures that mirrors split.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
-    unloaded: int | None = None
+    unloaded: int | Still | None = None
     rig: Rig | None = None
     rate: float | None = None
+    part: Part = WHOLE
 
     def __post_init__(self) -> None:
-        """Check the rate."""
+        """Check rate and part."""
         if self.rate is not None and not 0.0 < self.rate < float("inf"):
             raise ValueError(
                 f"{self.rate:g} pictures per second (--fps): it must be a number above 0"
             )
+        if self.rig is not None and self.part != WHOLE:
+            raise ValueError(
+                "the calibration of two views (--stereo) is of whole pictures: leave --crop and "
+                "--mask out"
+            )
+
+    @property
+    def shown(self) -> Sensor:
+        """The sensor as the part of the pictures shows it."""
+        return self.sensor.of_part(self.part)
+
+    def content(self) -> dict[str, Any]:
+        """What is told of reference and part, for a summary."""
+        part, unloaded = self.part, self.unloaded
+        given = {
+            "unloaded": str(unloaded.path) if isinstance(unloaded, Still) else unloaded,
+            "crop_px": None if part.crop is None else list(part.crop),
+            "mask": None if part.mask is None else str(part.mask.path),
+        }
+        return {name: value for name, value in given.items() if value is not None}
 
     @property
     def scale(self) -> float:
@@ -94,6 +119,7 @@ class MarkerReader(ABC):
     Attributes:
         layout: the markers at rest.
         scale: what its rows' positions are multiplied by to be in the recording's unit.
+        origin: what is added to them before, where a part of the pictures is read.
         unit: of the recording's lengths, mm or px.
         chosen: why this kind of markers is read, where nobody has said so.
         provisional: whether a better reference may still be found; `layout` is another one then.
@@ -102,6 +128,7 @@ class MarkerReader(ABC):
     layout: MarkerLayout
     scale: float
     unit: str
+    origin: Float[np.ndarray, " 2"] = WHOLE.origin
     chosen: str = ""
     provisional: bool = False
 
@@ -115,7 +142,9 @@ class MarkerReader(ABC):
 
     def frame(self, row: Row) -> Frame:
         """A row of this reader's as `Tracker.update` takes it."""
-        position = self.scale * row.position
+        position = row.position.copy()
+        position[:, :2] += self.origin
+        position *= self.scale
         return Frame(
             positions=position,
             valid=np.isfinite(position[:, 0]),

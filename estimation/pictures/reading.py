@@ -1,25 +1,32 @@
 """Recordings from pictures of markers."""
 
 from collections.abc import Iterator
+from copy import deepcopy
 from itertools import chain, islice
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from scipy.spatial import KDTree
+
+from contactmodel.common.inputs import naming
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 from estimation.pictures.corners.reader import CornerReader
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.kinds import MARKER_KINDS
-from estimation.pictures.reader import ImageSettings, MarkerReader
+from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.speckle.reader import SpeckleReader
 from estimation.pictures.stereo import StereoReader, find_view_flaw
+from estimation.pictures.still import Still
 from estimation.pictures.stream import (
     Picture,
     count_pictures,
     describe_pictures,
     is_camera,
     read_pictures,
+    take_part,
 )
 
 CONVENTION = (
@@ -32,6 +39,13 @@ READERS: dict[str, type[MarkerReader]] = dict(
     zip(MARKER_KINDS, (CornerReader, DotReader, SpeckleReader), strict=True)
 )
 """What reads each kind of markers."""
+
+
+RESTING, DOUBTFUL = 0.1, 0.1
+"""Share of the markers, those that have moved least, that should rest, and how far they may be from
+the unloaded picture's [pitches] before it is doubted."""
+LIVE_TRIES = 25
+"""Pictures of a camera in which an unloaded picture's markers are looked for."""
 
 
 class PictureState(NamedTuple):
@@ -87,11 +101,13 @@ class PictureSource:
         self.source, self.convention = str(path), CONVENTION
         self.warnings = describe_pictures(path, settings.rate)
         reader = None if state is None else state.reader
-        if reader is None and settings.unloaded is not None:
-            reader = _reader_at(path, settings)
         self._settings, self._skip, self._after = settings, skip, after
         self._taken = _read(path, settings) if self.live else None
         self._waiting: list[Picture] = []
+        if isinstance(settings.unloaded, Still) and reader is None:
+            reader = self._reader_of(settings.unloaded, settings)
+        elif settings.unloaded is not None and reader is None:
+            reader = _reader_at(path, settings)
         self.reader = reader or self._find_reader(settings)
         if self._taken is None:
             self._waiting = []  # they are read again
@@ -104,8 +120,45 @@ class PictureSource:
             self._waiting.append(picture)
             if picture.image is not None and not picture.flaw:
                 return _make_reader(picture, settings)
+        raise self._unusable()
+
+    def _unusable(self) -> ValueError:
         flaw = self._waiting[0].flaw if self._waiting else "it is empty"
-        raise ValueError(f"{self.path} has no usable picture: {flaw}")
+        return ValueError(f"{self.path} has no usable picture: {flaw}")
+
+    def _reader_of(self, still: Still, settings: ImageSettings) -> MarkerReader:
+        """The reader whose reference is a picture of its own; it must be of this sensor."""
+        reader, flaws, size = None, [], (still.image.shape[1], still.image.shape[0])
+        for picture in self._taken or _read(self.path, settings):
+            self._waiting.append(picture)
+            if picture.image is None or picture.flaw:
+                continue
+            if picture.size != size:
+                raise ValueError(
+                    f"the unloaded picture {still.path} is {size[0]}×{size[1]}, those of "
+                    f"{self.path} are {picture.size[0]}×{picture.size[1]}: give one of the same "
+                    "camera and size (--unloaded)"
+                )
+            if reader is None:
+                rest = take_part(Picture(still.image, np.nan, -1), settings.part)
+                if rest.flaw:
+                    raise ValueError(f"the unloaded picture {still.path}: {rest.flaw}")
+                with naming(still.path):
+                    reader = _make_reader(rest, settings)
+            row = deepcopy(reader).read(picture)
+            if np.isfinite(row.position).any():
+                self.warnings += _doubt_reference(reader, row, still)
+                return reader
+            flaws.append(row.flaw)
+            if self.live and len(flaws) == LIVE_TRIES:
+                break
+        if reader is None:
+            raise self._unusable()
+        raise ValueError(
+            f"the markers of the unloaded picture {still.path} are not those of {self.path}: "
+            f"{flaws[0]} in its first usable frame, and none of {len(flaws)} was recognised; give "
+            "a picture of the same sensor that nothing touches (--unloaded)"
+        )
 
     @property
     def layout(self) -> MarkerLayout:
@@ -127,7 +180,8 @@ class PictureSource:
         """What the report should say of the markers, as known by now."""
         chosen = (self.reader.chosen,) if self.reader.chosen else ()
         lengths = ("Lengths are in px: no scale was given.",) if self.unit == "px" else ()
-        return (*chosen, *self.reader.notes(), *lengths, *self._inspector.notes())
+        part = (self._settings.part.note,) if self._settings.part.note else ()
+        return (*part, *chosen, *self.reader.notes(), *lengths, *self._inspector.notes())
 
     @property
     def state(self) -> PictureState:
@@ -186,7 +240,7 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
 
 def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
     """The pictures at a path, each view of them inspected where there are two."""
-    for picture in read_pictures(path, settings.rate):
+    for picture in read_pictures(path, settings.rate, settings.part):
         if settings.rig is not None and picture.image is not None and not picture.flaw:
             picture = picture._replace(flaw=find_view_flaw(settings.rig, picture.image))
         yield picture
@@ -195,7 +249,7 @@ def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
 def _make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
     """The reader for the kind of markers that was given, or is found."""
     assert first.image is not None
-    settings.sensor.expect_size(first.image.shape[1], first.image.shape[0])
+    settings.sensor.expect_size(*first.size)
     if settings.rig is not None:
         if settings.sensor.marker not in (None, "corners"):
             raise ValueError(f"{settings.sensor.marker} are not read in two views: use corners")
@@ -225,6 +279,21 @@ def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
     raise ValueError(
         "no markers were found in the first usable frame, so that this sensor cannot be read by "
         f"them. {'; '.join(refusals)}. Say what the markers are if they are there (--marker)"
+    )
+
+
+def _doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str, ...]:
+    """A warning where no marker is where the unloaded picture has it."""
+    rest = reader.layout.reference
+    moved = np.linalg.norm(reader.frame(row).positions - rest, axis=1)
+    moved, pitch = moved[np.isfinite(moved)], float(np.median(KDTree(rest).query(rest, 2)[0][:, 1]))
+    least = float(np.quantile(moved, RESTING)) if len(moved) else 0.0
+    if least < DOUBTFUL * pitch:
+        return ()
+    return (
+        f"Of the markers in the first frame {1.0 - RESTING:.0%} are {least:.3g} {reader.unit} or "
+        f"more from where the unloaded picture {still.path} has them: is it of the same sensor, "
+        "and has the camera stayed in its place?",
     )
 
 

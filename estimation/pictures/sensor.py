@@ -33,7 +33,7 @@ It is a TOML file, written by `python -m calibration sensor` or by hand; every t
     size_mm = [20.0, 20.0]
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import cv2
@@ -54,6 +54,7 @@ from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise
 from estimation.frames.recording import LARGEST
 from estimation.pictures.kinds import MARKER_KINDS
+from estimation.pictures.part import Part
 
 CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
 
@@ -179,6 +180,19 @@ class Sensor:
     def straighten(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Where points of the picture would lie without the lens's distortion [px]."""
         return points if self.lens is None else self.lens.straighten(points)
+
+    def of_part(self, part: Part) -> "Sensor":
+        """The sensor as a part of its pictures shows it, positions counted from the part's."""
+        shift, lens = part.origin, self.lens
+        if lens is not None:
+            matrix = lens.matrix.copy()
+            matrix[:2, 2] -= shift
+            lens = Lens(matrix, lens.distortion)
+        reference = self.reference
+        if reference is not None:
+            reference = reference.copy()
+            reference[:, :2] -= self.scale * shift
+        return replace(self, lens=lens, reference=reference)
 
     def to_lengths(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Points of the picture [px] as lengths."""

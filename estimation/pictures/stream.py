@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 from jaxtyping import Shaped
-from PIL import Image, UnidentifiedImageError
 
 from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.frames.extras import require_extra
 from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
+from estimation.pictures.part import SMALLEST, WHOLE, Part
+from estimation.pictures.still import LARGEST, check_size, load_picture
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -32,10 +33,6 @@ IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 CAMERAS = ("camera:", "/dev/video")
 RATE = 30.0
 """Pictures per second of a folder that are assumed where nothing is known [1/s]."""
-LARGEST = 50_000_000
-"""Most pixels of a picture; more is refused before anything is decoded."""
-SMALLEST = 16
-"""Least pixels along each side of a picture."""
 BLACK = 8.0
 WHITE = 247.0
 """Mean grey levels, of 255, below and above which a picture shows nothing."""
@@ -49,12 +46,21 @@ class Picture(NamedTuple):
         time: time stamp [s].
         number: of the frame, by the picture's name or counted from 0.
         flaw: why it cannot be used, empty where it can.
+        whole: width and height that it had before a part of it was taken [px]; None where none was.
     """
 
     image: Shaped[np.ndarray, "h w *colour"] | None
     time: float
     number: int
     flaw: str = ""
+    whole: tuple[int, int] | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the whole picture [px]; 0 where there is none."""
+        if self.whole is not None or self.image is None:
+            return self.whole or (0, 0)
+        return self.image.shape[1], self.image.shape[0]
 
 
 def is_camera(path: Path) -> bool:
@@ -116,7 +122,7 @@ def ignored_rate(rate: float, clock: str) -> str:
     return f"The rate of {rate:g} pictures per second (--fps) is not used: times come from {clock}."
 
 
-def read_pictures(path: Path, rate: float | None = None) -> Iterator[Picture]:
+def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> Iterator[Picture]:
     """The pictures at a path, in order.
 
     A picture that cannot be read, or is of another size than the first, comes with its flaw. A
@@ -126,9 +132,10 @@ def read_pictures(path: Path, rate: float | None = None) -> Iterator[Picture]:
     Args:
         path: a video, a folder of images, or a camera: `camera:0` or its device, `/dev/video0`.
         rate: pictures per second of a folder without a table of times [1/s].
+        part: of each picture that is given.
 
     Raises:
-        ValueError: no pictures there, or of a size beyond `LARGEST`.
+        ValueError: no pictures there, of a size beyond `LARGEST`, or without that part.
         ImportError: a video, and PyAV is not installed.
         OSError: it cannot be opened.
     """
@@ -146,13 +153,22 @@ def read_pictures(path: Path, rate: float | None = None) -> Iterator[Picture]:
                 flaw = f"the picture is {shape[1]}×{shape[0]}, too small to show markers"
                 yield picture._replace(flaw=flaw)
                 continue
+            if size is None:
+                part.expect(shape[1], shape[0])
             size = size or shape
             if shape != size:
                 flaw = f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
                 yield picture._replace(flaw=flaw)
                 continue
-            picture = picture._replace(flaw=find_exposure_flaw(picture.image))
+            picture = take_part(picture, part)
         yield picture
+
+
+def take_part(picture: Picture, part: Part) -> Picture:
+    """A part of a picture, with its flaw where it shows nothing."""
+    assert picture.image is not None
+    image = part.cut(picture.image)
+    return picture._replace(image=image, flaw=find_exposure_flaw(image), whole=picture.size)
 
 
 def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
@@ -161,16 +177,6 @@ def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
     if level < BLACK:
         return "the picture is black"
     return "the picture is saturated" if level > WHITE else ""
-
-
-def _check_size(width: int, height: int, what: Path) -> None:
-    if width * height > LARGEST:
-        raise ValueError(
-            f"{what} declares {width}×{height} pixels; more than {LARGEST // 10**6} million are "
-            "not read: scale it down"
-        )
-    if width * height == 0:
-        raise ValueError(f"{what} declares no size: it is damaged")
 
 
 def _list_images(folder: Path) -> list[Path]:
@@ -200,21 +206,8 @@ def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
             yield Picture(None, stamp, number, DUPLICATE)
             continue
         before = number
-        try:
-            with Image.open(file) as header:
-                _check_size(*header.size, file)
-        except (UnidentifiedImageError, OSError):
-            yield Picture(None, stamp, number, f"{file.name} is no image or damaged")
-            continue
-        except Image.DecompressionBombError as error:
-            raise ValueError(f"{file}: {error}") from error
-        image = cv2.imread(str(file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
-        if image is None:
-            yield Picture(None, stamp, number, f"{file.name} is damaged")
-        elif image.dtype not in (np.uint8, np.uint16):
-            yield Picture(None, stamp, number, f"{file.name} is not of 8 or 16 bit")
-        else:
-            yield Picture(image, stamp, number)
+        image, flaw = load_picture(file)
+        yield Picture(image, stamp, number, flaw)
 
 
 @contextmanager
@@ -236,7 +229,7 @@ def _open_video(path: Path) -> Iterator["InputContainer"]:
         stream = container.streams.video[0]
         if stream.codec_context is None:
             raise ValueError(f"{path} is damaged: it declares no codec that is known, and no size")
-        _check_size(stream.width, stream.height, path)
+        check_size(stream.width, stream.height, path)
         yield container
 
 
@@ -260,7 +253,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
         try:
             for frame in container.decode(stream):
                 number += 1
-                _check_size(frame.width, frame.height, path)
+                check_size(frame.width, frame.height, path)
                 grey = frame.format.name.startswith("gray")
                 wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
                 flaw = "the picture is damaged" if frame.is_corrupt else ""

@@ -23,12 +23,13 @@ class CornerReader(MarkerReader):
             ValueError: there is no checkerboard in it.
         """
         assert first.image is not None
-        self.sensor = settings.sensor
-        self.tracker = CornerTracker.learn(first.image, unloaded=settings.unloaded is not None)
+        self.sensor, self.origin = settings.shown, settings.part.origin
+        given = settings.unloaded is not None
+        self.tracker = CornerTracker.learn(first.image, unloaded=given, part=settings.part)
         plan = self.tracker.plan
         self.rest = straighten(self.sensor, self.tracker.rest)
         self.scale, self.unit = settings.scale, settings.unit
-        self.layout = lay_out(self.tracker, settings.scale * self.rest.position)
+        self.layout = lay_out(self.tracker, settings.scale * (self.rest.position + self.origin))
         around = np.full((len(plan.position), 0), -1)
         self.reference = Reference(
             self.rest.position, self.layout.neighbours, around, plan.pitch, self.tracker.note

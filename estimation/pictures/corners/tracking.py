@@ -26,6 +26,7 @@ from estimation.pictures.corners.placing import (
 from estimation.pictures.lattice import Lattice, fit_lattice, lattice_neighbours
 from estimation.pictures.light import to_light
 from estimation.pictures.lines import straighten_edges
+from estimation.pictures.part import WHOLE, Part
 
 PITCHES = (23.0, 15.0, 10.0, 34.0)
 """Distances between corners that are tried [px]."""
@@ -70,29 +71,35 @@ class CornerTracker:
         rest: the corners in it.
         note: what the reference is, in a sentence.
         neighbours: of each corner, those before and after it along a line; −1 for none.
+        part: of the pictures that they show.
     """
 
-    def __init__(self, style: CornerStyle, plan: Plan, rest: Seen, note: str) -> None:
+    def __init__(
+        self, style: CornerStyle, plan: Plan, rest: Seen, note: str, part: Part = WHOLE
+    ) -> None:
         """Start with a reference."""
-        self.style, self.plan, self.rest, self.note = style, plan, rest, note
+        self.style, self.plan, self.rest, self.note, self.part = style, plan, rest, note, part
         self.neighbours = lattice_neighbours(plan.cells.corner)
 
     @classmethod
     def learn(
-        cls, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False
+        cls, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False, part: Part = WHOLE
     ) -> "CornerTracker":
         """Learn corners and reference from a picture.
 
         Args:
             picture: of the sensor.
             unloaded: it is known to be unloaded.
+            part: of the sensor's pictures that this and the next ones show.
 
         Raises:
             ValueError: there is no checkerboard in it.
         """
         grey = to_light(picture)
         style = find_corner_style(grey)
-        corners, board, pieces = _look(grey, style)
+        corners, board, pieces = _look(grey, style, part)
+        if not pieces:
+            raise ValueError(f"fewer than {SMALLEST} corners of a checkerboard are read whole")
         cells = pieces[0]
         index = np.argwhere(cells.corner >= 0)
         members = cells.corner[tuple(index.T)]
@@ -100,7 +107,7 @@ class CornerTracker:
         number[tuple(index.T)] = np.arange(len(index))
         rest, note = _rest(corners.take(members), board.turn[members], index, unloaded)
         plan = Plan(cells._replace(corner=number), rest.position, rest.heading[:, 0], style.pitch)
-        return cls(style, plan, rest, note)
+        return cls(style, plan, rest, note, part)
 
     def from_aside(
         self, picture: Shaped[np.ndarray, "h w *colour"], misfit: Misfit
@@ -145,7 +152,7 @@ class CornerTracker:
     def find(self, picture: Shaped[np.ndarray, "h w *colour"]) -> Seen:
         """The reference's corners in the next picture."""
         grey = to_light(picture)
-        corners, board, pieces = _look(grey, self.style)
+        corners, board, pieces = _look(grey, self.style, self.part)
         placed = place_board(self.plan, corners, board, pieces)
         here = placed.corner >= 0
         if here.sum() >= max(LOST * len(here), SMALLEST):
@@ -261,10 +268,11 @@ def _seen(corners: Corners, turn: Int[np.ndarray, " n"]) -> Seen:
 
 
 def _look(
-    grey: Float32[np.ndarray, "h w"], style: CornerStyle
+    grey: Float32[np.ndarray, "h w"], style: CornerStyle, part: Part = WHOLE
 ) -> tuple[Corners, Board, list[Cells]]:
     """Corners of a picture, their coordinates, and the cells of every piece large enough."""
     corners = find_corners(grey, style)
+    corners = corners.take(part.shows(corners.position, style.radius))
     board = connect_corners(corners, style.pitch)
     sizes = np.bincount(board.piece[board.piece >= 0], minlength=1)
     pieces = [

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from estimation.pictures.dots.find import DotStyle
+from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.imprint import LOST, ImprintFollower, paint_out
@@ -50,7 +50,7 @@ class DotReader(MarkerReader):
             ValueError: there are no dots in rows in it.
         """
         assert first.image is not None
-        self.sensor = settings.sensor
+        self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.style = _style(first.image, self.sensor)
         given = settings.unloaded is not None
         self.rest = first.image if given else None
@@ -62,14 +62,14 @@ class DotReader(MarkerReader):
         self.provisional = self.reference.doubt is not None
         self.resting, self.before = 0, self.reference.position
         self.scale, self.unit = settings.scale, settings.unit
-        self.layout = self.reference.layout(self.scale)
+        self.layout = self.reference.layout(self.scale, self.origin)
 
     def read(self, picture: Picture) -> Row:
         """Marker positions, contact and imprint of the next picture."""
         count = len(self.reference.position)
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, (count, 2), picture.flaw or "no picture")
-        dots = find_dots(to_grey(picture.image, self.style.dark), self.style)
+        dots = self._find(picture.image)
         straight = self.sensor.straighten(dots.centre)
         match, flaw = self.tracker.update(straight)
         if flaw:
@@ -80,7 +80,7 @@ class DotReader(MarkerReader):
         if self.provisional and not self.printed:
             most = seen.sum() >= RECOGNISED * len(straight)
             self._look_for_rest(position if most else np.nan * position, picture.number)
-        painted = paint_out(picture.image, dots.centre, self.style.radius)
+        painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen)
         level = painted.level(in_picture, self.reference.pitch)
         contact = self._contact(picture.image, level, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
@@ -111,6 +111,11 @@ class DotReader(MarkerReader):
             f"The contact region is found by {by}.",
         )
 
+    def _find(self, image: Shaped[np.ndarray, "h w *colour"]) -> Dots:
+        """The dots of a picture that are read whole."""
+        dots = find_dots(to_grey(image, self.style.dark), self.style)
+        return dots.take(self.part.shows(dots.centre, self.style.radius))
+
     def _make_reference(
         self, image: Shaped[np.ndarray, "h w *colour"], unloaded: bool
     ) -> Reference:
@@ -120,7 +125,7 @@ class DotReader(MarkerReader):
             return lay_reference(
                 told[:, :2] / self.sensor.scale, "The reference is the sensor description's."
             )
-        dots = find_dots(to_grey(image, self.style.dark), self.style)
+        dots = self._find(image)
         size = (image.shape[1], image.shape[0])
         return make_reference(self.sensor.straighten(dots.centre), size, unloaded)
 
@@ -142,7 +147,7 @@ class DotReader(MarkerReader):
             "on a regular lattice and have come to rest.",
         )
         self.tracker.reference = self.reference
-        self.layout = self.reference.layout(self.scale)
+        self.layout = self.reference.layout(self.scale, self.origin)
 
     def _contact(
         self,

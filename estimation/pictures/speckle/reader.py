@@ -28,8 +28,8 @@ class SpeckleReader(MarkerReader):
             ValueError: there is no speckle pattern in it.
         """
         assert first.image is not None
-        self.sensor = settings.sensor
-        self.tracker = SpeckleTracker(to_light(first.image))
+        self.sensor, self.origin = settings.shown, settings.part.origin
+        self.tracker = SpeckleTracker(to_light(first.image), settings.part)
         lattice, style = self.tracker.lattice, self.tracker.style
         rest = lattice.subsets.centre
         self.stretch = lens_stretch(self.sensor, rest)
@@ -46,7 +46,7 @@ class SpeckleReader(MarkerReader):
         position = self.sensor.straighten(rest)
         self.reference = Reference(position, self.neighbours, around, float(style.pitch), note)
         full = lattice.number.shape if (lattice.number >= 0).all() else None
-        self.layout = MarkerLayout(self.scale * position, self.neighbours, full)
+        self.layout = MarkerLayout(self.scale * (position + self.origin), self.neighbours, full)
 
     def read(self, picture: Picture) -> Row:
         """Positions, contact and rotation of the points in the next picture."""

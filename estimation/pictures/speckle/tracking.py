@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Int
 
+from estimation.pictures.part import WHOLE, Part
 from estimation.pictures.speckle.seeds import FeatureSeeds, Guess, find_shift, flatten_light, stay
 from estimation.pictures.speckle.subsets import (
     Match,
@@ -84,8 +85,12 @@ class Lattice(NamedTuple):
     left_out: dict[str, int]
 
 
-def find_speckle_style(grey: Float32[np.ndarray, "h w"]) -> SpeckleStyle:
+def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> SpeckleStyle:
     """Size of the speckles, and of subsets that hold enough of them.
+
+    Args:
+        grey: the picture.
+        part: of the sensor's pictures that it shows.
 
     Raises:
         ValueError: the picture has no fine texture, or one that repeats.
@@ -114,18 +119,19 @@ def find_speckle_style(grey: Float32[np.ndarray, "h w"]) -> SpeckleStyle:
             f"the texture repeats every {distance[place]:.0f} px: which part of it is where cannot "
             "be told"
         )
-    radius = _unique_radius(grey, round(SIDES * size))
+    radius = _unique_radius(grey, round(SIDES * size), part)
     pitch = max(round(float(np.sqrt(grey.size / POINTS))), radius)
     return SpeckleStyle(size, radius, pitch)
 
 
-def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int) -> int:
+def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int, part: Part) -> int:
     """The smallest half side of subsets that are hardly found twice, and not below `least`."""
     largest = RADII[-1]
     low, high = np.full(2, largest), np.array(grey.shape[::-1]) - largest
     if (low >= high).any():
         return min(RADII[0], min(grey.shape) // 8)
     sample = np.random.default_rng(0).integers(low, high, (SAMPLE, 2))
+    sample = sample[part.shows(sample.astype(float), float(largest))]
     sample = sample[count_clipped(grey, sample.astype(float), float(largest)) < CLIPPED]
     for radius in RADII:
         if radius >= min(least, largest) and _recurs(grey, sample, radius).mean() < RARE:
@@ -133,8 +139,15 @@ def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int) -> int:
     return largest
 
 
-def lay_points(grey: Float32[np.ndarray, "h w"], style: SpeckleStyle) -> Lattice:
+def lay_points(
+    grey: Float32[np.ndarray, "h w"], style: SpeckleStyle, part: Part = WHOLE
+) -> Lattice:
     """Points of interest wherever the picture has enough texture that is found nowhere else.
+
+    Args:
+        grey: the picture.
+        style: of its speckle.
+        part: of the sensor's pictures that it shows.
 
     Raises:
         ValueError: that is in too little of the picture.
@@ -149,19 +162,21 @@ def lay_points(grey: Float32[np.ndarray, "h w"], style: SpeckleStyle) -> Lattice
     if len(centre) < 2 * PIECE:
         raise ValueError("the picture is too small for its texture")
     subsets = make_subsets(grey, centre, style.radius)
-    clipped = count_clipped(grey, subsets.centre, float(style.radius)) > CLIPPED
+    hidden = ~part.shows(subsets.centre, np.sqrt(2.0) * style.radius)
+    clipped = ~hidden & (count_clipped(grey, subsets.centre, float(style.radius)) > CLIPPED)
     error = NOISE * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
-    faint = ~clipped & ((error > ERROR) | _is_noise(grey, centre, style.radius))
+    faint = ~(hidden | clipped) & ((error > ERROR) | _is_noise(grey, centre, style.radius))
     again = np.zeros(len(centre), dtype=bool)
-    clear = np.flatnonzero(~clipped & ~faint)
+    clear = np.flatnonzero(~(hidden | clipped | faint))
     again[clear] = _recurs(grey, centre[clear], style.radius)
-    kept = ~(clipped | faint | again)
+    kept = ~(hidden | clipped | faint | again)
     left_out = {
+        "hidden by the mask": int(hidden.sum()),
         "black or white": int(clipped.sum()),
         "without texture": int(faint.sum()),
         "found elsewhere too": int(again.sum()),
     }
-    if kept.mean() < USABLE:
+    if kept.sum() < max(USABLE * (~hidden).sum(), 2 * PIECE):
         reasons = ", ".join(f"{count} {why}" for why, count in left_out.items() if count)
         raise ValueError(f"of {len(kept)} places in the picture too many are {reasons}")
     number = np.full(len(kept), -1)
@@ -209,14 +224,18 @@ class SpeckleTracker:
         searched: pictures in which features had to be looked for.
     """
 
-    def __init__(self, grey: Float32[np.ndarray, "h w"]) -> None:
+    def __init__(self, grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> None:
         """Learn a reference.
+
+        Args:
+            grey: the picture.
+            part: of the sensor's pictures that this and the next ones show.
 
         Raises:
             ValueError: it has no fine texture, a repeating one, or too little of it.
         """
-        self.style = find_speckle_style(grey)
-        self.lattice = lay_points(grey, self.style)
+        self.style, self.part = find_speckle_style(grey, part), part
+        self.lattice = lay_points(grey, self.style, part)
         self.rest = flatten_light(grey)
         self.features: FeatureSeeds | None = None
         self.last: Guess | None = None
@@ -232,7 +251,8 @@ class SpeckleTracker:
             if match.good.mean() >= FIRM:
                 break
         clipped = count_clipped(grey, match.position, float(self.style.radius)) > CLIPPED
-        match = _blank(match, match.good & ~clipped)
+        shown = self.part.shows(match.position, np.sqrt(2.0) * self.style.radius)
+        match = _blank(match, match.good & shown & ~clipped)
         match = _blank(match, self._fits(match))
         seen = int(match.good.sum())
         self.last = Guess(match.position, match.deformation)

@@ -1,0 +1,160 @@
+"""The part of the pictures that is read: mirrors, frames and covers around the pad are left out."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Shaped
+
+from estimation.pictures.still import Still
+
+DARKEST = 127.0
+"""Grey level, of 255, up to which a pixel of a mask is left out."""
+SMALLEST = 16
+"""Least pixels along each side of a picture."""
+BLEND = 31
+"""Side of the square whose mean stands for a pixel that is left out [px]."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """The part of the pictures that is read.
+
+    Attributes:
+        crop: left column, upper row, width and height of what is kept [px]; None for all.
+        mask: picture of the size of the others, black where nothing is read; None for all.
+
+    Raises:
+        ValueError: a crop of no or negative size, or a mask that leaves nothing.
+    """
+
+    crop: tuple[int, int, int, int] | None = None
+    mask: Still | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if self.crop is not None and (
+            min(self.crop[:2]) < 0 or min(self.crop[2:], default=0) < SMALLEST
+        ):
+            raise ValueError(
+                f"the crop is {self._told()}: it must begin within the picture and be at least "
+                f"{SMALLEST} px wide and high (--crop X Y WIDTH HEIGHT)"
+            )
+        if self.mask is not None and not (_light(self.mask) > DARKEST).any():
+            raise ValueError(
+                f"{self.mask.path}, given as mask, is black all over: black is left out (--mask)"
+            )
+
+    def _told(self) -> str:
+        x, y, width, height = self.crop or (0, 0, 0, 0)
+        return f"{width}×{height} px from column {x}, row {y} on"
+
+    @property
+    def origin(self) -> Float[np.ndarray, " 2"]:
+        """Where in the whole picture the first pixel of the part is [px]."""
+        return np.zeros(2) if self.crop is None else np.array(self.crop[:2], dtype=float)
+
+    @property
+    def note(self) -> str:
+        """What is read, in a sentence; empty for all."""
+        kept = "" if self.crop is None else f", {self._told()}"
+        hidden = "" if self.mask is None else f", without what {self.mask.path.name} shows black"
+        if not kept + hidden:
+            return ""
+        return f"A part of the pictures is read{kept}{hidden}; positions are in the whole picture."
+
+    def expect(self, width: int, height: int) -> None:
+        """Check that pictures of a size have this part.
+
+        Raises:
+            ValueError: they have not.
+        """
+        if self.crop is not None:
+            x, y, wide, high = self.crop
+            if x + wide > width or y + high > height:
+                raise ValueError(
+                    f"the crop, {self._told()}, reaches beyond the pictures, which are "
+                    f"{width}×{height} (--crop X Y WIDTH HEIGHT)"
+                )
+        if self.mask is not None and self.mask.image.shape[:2] != (height, width):
+            high, wide = self.mask.image.shape[:2]
+            raise ValueError(
+                f"the mask {self.mask.path} is {wide}×{high}, the pictures are {width}×{height}: "
+                "give a mask of their size (--mask)"
+            )
+        if self.seen is not None and not self.seen.any():
+            raise ValueError("the mask leaves nothing of the crop (--mask, --crop)")
+
+    @cached_property
+    def seen(self) -> Bool[np.ndarray, "h w"] | None:
+        """Which pixels of the part are read; None for all."""
+        return None if self.mask is None else self._window(_light(self.mask) > DARKEST)
+
+    @cached_property
+    def _room(self) -> Float32[np.ndarray, "h w"] | None:
+        """Distance of each pixel from the nearest one that is left out [px]."""
+        if self.seen is None:
+            return None
+        return cv2.distanceTransform(self.seen.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+
+    @cached_property
+    def _weight(self) -> Float32[np.ndarray, "h w"]:
+        assert self.seen is not None
+        return cv2.blur(self.seen.astype(np.float32), (BLEND, BLEND))
+
+    def cut(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "k l *colour"]:
+        """The part of a picture; what the mask leaves out shows the colour of what is beside it."""
+        image = self._window(image)
+        if self.seen is None:
+            return image
+        seen, weight = self.seen, self._weight
+        if image.ndim == 3:
+            seen, weight = seen[..., None], weight[..., None]
+        mean = image[self.seen].mean(axis=0)
+        beside = cv2.blur(image.astype(np.float32) * seen, (BLEND, BLEND))
+        beside = np.where(weight > 1e-3, beside / np.maximum(weight, 1e-3), mean)
+        filled = image.copy()
+        filled[~self.seen] = np.rint(beside[~self.seen]).astype(image.dtype)
+        return filled
+
+    def shows(self, points: Float[np.ndarray, "n 2"], reach: float) -> Bool[np.ndarray, " n"]:
+        """Whether all that is within reach of points is read.
+
+        Args:
+            points: of the part [px]; NaN counts as not read.
+            reach: distance around each [px].
+        """
+        known = np.isfinite(points[:, 0])
+        if self._room is None:
+            return known
+        place = np.rint(np.nan_to_num(points)).astype(int)
+        column, row = np.clip(place, 0, np.array(self._room.shape[::-1]) - 1).T
+        return known & (self._room[row, column] > reach)
+
+    def darken(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "h w *colour"]:
+        """A whole picture, half as bright where it is not read."""
+        alike = self.mask is None or self.mask.image.shape[:2] == image.shape[:2]
+        if self == WHOLE or not alike:
+            return image
+        read = np.zeros(image.shape[:2], dtype=bool)
+        self._window(read)[:] = True if self.seen is None else self.seen
+        shown = image.copy()
+        shown[~read] //= 2
+        return shown
+
+    def _window(self, image: np.ndarray) -> np.ndarray:
+        if self.crop is None:
+            return image
+        x, y, width, height = self.crop
+        return image[y : y + height, x : x + width]
+
+
+WHOLE = Part()
+
+
+def _light(mask: Still) -> Float32[np.ndarray, "h w"]:
+    """The grey level of a mask, 0 to 255."""
+    image = mask.image.astype(np.float32)
+    image = image if image.ndim == 2 else image[..., :3].max(axis=-1)
+    return image * np.float32(1.0 / 257.0 if mask.image.dtype == np.uint16 else 1.0)

@@ -1,0 +1,196 @@
+"""A part of the pictures, and a picture of the unloaded sensor: markers stay where they are."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+from typer.testing import CliRunner
+
+from estimation.__main__ import app
+from estimation.pictures.part import Part
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.reading import read_images
+from estimation.pictures.sensor import Lens, Sensor
+from estimation.pictures.still import Still, read_still
+from estimation.pictures.stream import read_pictures
+from estimation.settings import Settings
+from estimation.sources import identity_of
+from tests.estimation.pictures import boards, speckles
+from tests.estimation.pictures.scenes import PITCH, REST, picture, twisted
+from tests.estimation.pictures.test_reading import write_folder
+
+RIM = (44, 30)
+"""Columns and rows of a frame around the pad, left and above; a mirror is on the right."""
+SENSORS = {
+    "dots": Sensor(marker="dots", dark=True, radius=4.3),
+    "corners": Sensor(marker="corners"),
+    "speckle": Sensor(marker="speckle"),
+}
+
+
+def clip(kind):
+    """The pad at rest, twisted and twisted further."""
+    if kind == "dots":
+        rng = np.random.default_rng(0)
+        return [picture(twisted(angle, rigid=50.0), rng) for angle in (0.0, 2.0, 4.0)]
+    if kind == "corners":
+        return [boards.scene(boards.CODED, boards.twist(angle)).image for angle in (0.0, 2.0, 4.0)]
+    small = speckles.CAMERA._replace(width=180, height=140)
+    motions = [speckles.Motion(angle, rigid=40.0, still=70.0) for angle in (0.0, 2.0, 4.0)]
+    return [speckles.speckle(motion, camera=small) for motion in motions]
+
+
+def framed(image):
+    """The picture in a black frame, beside a mirror that shows it once more."""
+    mirror = image[:, ::-1]
+    left, above = RIM
+    return cv2.copyMakeBorder(
+        np.hstack([image, mirror]), above, 10, left, 6, cv2.BORDER_CONSTANT, value=(0, 0, 0)
+    )
+
+
+@pytest.fixture(scope="module", params=SENSORS)
+def alone(request, tmp_path_factory):
+    """Kind of markers, pictures of them, and what is read of the pictures as they are."""
+    images = clip(request.param)
+    folder = write_folder(tmp_path_factory.mktemp("alone") / "clip", images)
+    settings = ImageSettings(SENSORS[request.param], 0)
+    return request.param, images, read_images(folder, settings)
+
+
+def test_a_crop_leaves_frame_and_mirror_out_and_positions_in_the_whole_picture(alone, tmp_path):
+    kind, images, whole = alone
+    folder = write_folder(tmp_path / "framed", [framed(one) for one in images])
+    part = Part((*RIM, images[0].shape[1], images[0].shape[0]))
+    cropped = read_images(folder, ImageSettings(SENSORS[kind], 0, part=part))
+    assert np.allclose(cropped.positions, whole.positions + RIM, atol=1e-9, equal_nan=True)
+    assert np.allclose(cropped.layout.reference, whole.layout.reference + RIM, atol=1e-9)
+    assert np.array_equal(cropped.contact, whole.contact)
+    assert "px from column 44, row 30 on" in cropped.notes[0]
+
+
+def test_a_mask_leaves_out_what_lies_under_it(alone, tmp_path):
+    kind, images, whole = alone
+    edge = round(0.72 * images[0].shape[1])
+    shown = np.full(images[0].shape, 255, np.uint8)
+    shown[:, edge:] = 0
+    covered = [one.copy() for one in images]
+    for number, one in enumerate(covered):  # what is masked changes wildly
+        one[:, edge:] = np.random.default_rng(number).integers(0, 255, one[:, edge:].shape)
+    mask = Still(tmp_path / "mask.png", shown)
+    folder = write_folder(tmp_path / "covered", covered)
+    masked = read_images(folder, ImageSettings(SENSORS[kind], 0, part=Part(mask=mask)))
+    rest = masked.layout.reference
+    assert 0.5 < len(rest) / len(whole.layout.reference) < 0.8
+    assert rest[:, 0].max() < edge
+    assert not any("recognised" in flaw for flaw in masked.flaws)
+    # what is read is read as it was; speckle may choose other points
+    off, same = KDTree(whole.layout.reference).query(rest)
+    same = same[off < 0.02]
+    assert len(same) > 0.9 * len(rest) or kind == "speckle"
+    moved = masked.positions[2][off < 0.02] - whole.positions[2][same]
+    assert not len(moved) or np.nanquantile(np.abs(moved), 0.95) < 0.03
+
+
+def test_a_crop_keeps_scale_and_lens_right(tmp_path):
+    matrix = np.array([[400.0, 0.0, 160.0], [0.0, 400.0, 120.0], [0.0, 0.0, 1.0]])
+    lens = Lens(matrix, np.array([-0.15, 0.02, 0.0, 0.0, 0.0]))
+    sensor = replace(SENSORS["dots"], lens=lens, mm_per_px=0.05, size=(320, 240))
+    rng = np.random.default_rng(0)
+    images = [picture(lens.bend(twisted(angle, rigid=50.0)), rng) for angle in (0.0, 5.0)]
+    folder = write_folder(tmp_path / "bent", images)
+    whole = read_images(folder, ImageSettings(sensor, 0))
+    part = read_images(folder, ImageSettings(sensor, 0, part=Part((30, 20, 250, 190))))
+    off, same = KDTree(whole.layout.reference).query(part.layout.reference)
+    inside = off < 1e-3  # but for dots that the crop cuts
+    assert inside.sum() > 50
+    moved = part.positions[1][inside] - whole.positions[1][same[inside]]
+    assert np.nanmax(np.abs(moved)) < 1e-3
+    told = replace(sensor, reference=whole.layout.reference)
+    described = read_images(folder, ImageSettings(told, part=Part((30, 20, 250, 190))))
+    assert np.allclose(described.layout.reference, whole.layout.reference, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("part", "why"),
+    [
+        (lambda _: Part((300, 0, 40, 40)), "reaches beyond the pictures, which are 320×240"),
+        (lambda _: Part((-1, 0, 40, 40)), "must begin within the picture"),
+        (lambda _: Part((0, 0, 9, 40)), "at least 16 px"),
+        (lambda path: Part(mask=Still(path, np.zeros((240, 320)))), "black all over"),
+        (lambda path: Part(mask=Still(path, np.full((24, 32), 255))), "32×24, the pictures are"),
+    ],
+)
+def test_a_part_that_the_pictures_do_not_have_is_refused(part, why, tmp_path):
+    folder = write_folder(tmp_path / "clip", clip("dots")[:1])
+    with pytest.raises(ValueError, match=why):
+        read_images(folder, ImageSettings(SENSORS["dots"], part=part(tmp_path / "mask.png")))
+
+
+def test_an_unloaded_picture_is_the_reference(tmp_path):
+    images = clip("dots")
+    settings = ImageSettings(SENSORS["dots"], 0)
+    named = read_images(write_folder(tmp_path / "named", images), settings)
+    cv2.imwrite(str(tmp_path / "rest.png"), images[0])
+    still = read_still(tmp_path / "rest.png", "the unloaded picture (--unloaded)")
+    folder = write_folder(tmp_path / "clip", images[1:])
+    given = read_images(folder, replace(settings, unloaded=still))
+    assert np.array_equal(given.layout.reference, named.layout.reference)
+    assert np.array_equal(given.positions, named.positions[1:], equal_nan=True)
+    assert not [one for one in given.warnings if "unloaded" in one]
+    large = Still(still.path, cv2.resize(still.image, (640, 480)))
+    with pytest.raises(ValueError, match=r"rest\.png is 640×480, those of .* are 320×240"):
+        read_images(folder, replace(settings, unloaded=large))
+    (tmp_path / "bad.png").write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"bad\.png, given as x: bad\.png is no image"):
+        read_still(tmp_path / "bad.png", "x")
+
+
+def test_an_unloaded_picture_of_another_sensor_is_refused_or_doubted(tmp_path):
+    rng = np.random.default_rng(1)
+    folder = write_folder(tmp_path / "clip", clip("dots"))
+    settings = ImageSettings(SENSORS["dots"])
+    other = Still(tmp_path / "other.png", picture(1.4 * REST, rng))
+    with pytest.raises(ValueError, match=r"are not those of .*give a picture of the same sensor"):
+        read_images(folder, replace(settings, unloaded=other))
+    shifted = Still(tmp_path / "shifted.png", picture(REST + np.array([0.25 * PITCH, 0.0]), rng))
+    doubted = read_images(folder, replace(settings, unloaded=shifted))
+    assert "is it of the same sensor" in " ".join(doubted.warnings)
+
+
+def test_run_takes_crop_mask_and_unloaded_picture_and_shows_them(tmp_path):
+    images = [framed(one) for one in clip("dots")]
+    folder = write_folder(tmp_path / "clip", images)
+    shown = np.zeros(images[0].shape, np.uint8)
+    shown[RIM[1] : RIM[1] + 240, RIM[0] : RIM[0] + 320] = 255
+    cv2.imwrite(str(tmp_path / "mask.png"), shown)
+    cv2.imwrite(str(tmp_path / "rest.png"), images[0])
+    out = tmp_path / "out"
+    told = ["--mask", str(tmp_path / "mask.png"), "--unloaded", str(tmp_path / "rest.png")]
+    told += ["--crop", "20", "20", "360", "252", "--noise-px", "0.01", "--preview"]
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(out), "--fps", "30", *told])
+    assert done.exit_code == 0, done.output
+    summary = (out / "summary.json").read_text()
+    for text in ('"mask": ', '"unloaded": ', '"crop_px": [', "positions are in the whole picture"):
+        assert text in summary
+    frame = next(iter(read_pictures(out / "preview.mp4"))).image
+    bright = frame[100:500:40, 3 * 200].mean(), frame[100:500:40, 3 * 600].mean()
+    assert bright[0] > 1.5 * bright[1]  # the mirror is left out
+
+
+def test_another_part_or_unloaded_picture_is_another_command(tmp_path):
+    dark = Still(tmp_path / "mask.png", np.full((24, 32), 255, np.uint8))
+    grey = Still(tmp_path / "mask.png", np.full((24, 32), 250, np.uint8))
+    told = [
+        identity_of("", Settings(images=images))["images"]
+        for images in (
+            ImageSettings(),
+            ImageSettings(part=Part((0, 0, 20, 20))),
+            ImageSettings(part=Part(mask=dark)),
+            ImageSettings(part=Part(mask=grey)),
+            ImageSettings(unloaded=dark),
+        )
+    ]
+    assert len(set(told)) == len(told)
