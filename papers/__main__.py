@@ -131,6 +131,39 @@ def leaderboard(
 
 
 @app.command()
+def sheets(
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/sheets"),
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Draw other frames with this seed, from all videos in the data set's folder.",
+            show_default="the frames of the study's table",
+        ),
+    ] = None,
+) -> None:
+    """Make sheets of pictures from which the state of the contact is read by eye.
+
+    They show frames of `state-videos` without any answer of ours; README.md in the folder says how
+    to read them, reading.csv is the table to fill in. `run marker_images states` scores ours.
+    """
+    require_extra("video", "sheets")
+    from estimation.frames.datasets import fetch
+    from papers.marker_images import settings, states
+    from papers.marker_images import sheets as pages
+
+    check_writable(out)
+    root = fetch("state-videos", say)
+    if seed is None:
+        drawn = states.read_frames()
+    else:
+        drawn = pages.draw(root, settings.SHEETS._replace(seed=seed))
+    with _progress() as progress:
+        pages.write_sheets(root, out, drawn, partial(progress.track, description="sheets"))
+    print(f"written to {out}")
+
+
+@app.command()
 def sweep(
     study: Annotated[
         str, typer.Argument(help=f"Module of the study: {', '.join(STUDIES)}, or your own.")

@@ -21,7 +21,7 @@ ITEMS = {
         "reversals",
         "marker_depth",
     ),
-    "marker_images": ("dots", "corners", "speckle", "pivots", "clips"),
+    "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered"),
 }
@@ -32,6 +32,7 @@ EXTRAS = {
     ("li2024", "error_comparison"): "sweeps",
     ("model_error", "equation14"): "sweeps",
     ("marker_images", "clips"): "video",
+    ("marker_images", "states"): "video",
     ("softness", "layered"): "sweeps",
 }
 """The extra that an item needs, by paper and item; the other items need none."""

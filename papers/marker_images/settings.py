@@ -1,5 +1,7 @@
 """Settings of the study."""
 
+from typing import NamedTuple
+
 NOISES = (2.0, 5.0)
 """Standard deviation of a pixel [grey levels of 255]."""
 
@@ -38,3 +40,39 @@ edge image registered with the dots painted out, apart from this code, and looke
 
 TWISTS_DEG = (0.5, 2.0, 5.0, 10.0, 20.0)
 """By which speckle is turned from picture to picture [deg]."""
+
+
+class SheetSettings(NamedTuple):
+    """How frames are drawn for reading by eye, and shown.
+
+    Attributes:
+        seed: of the draw.
+        clips: drawn for each object.
+        whole: objects of which all clips are taken.
+        strata: shares of a clip's frames, by the picture's motion, that part the strata [-].
+        draws: frames of each stratum.
+        before: frames at a clip's start that are not drawn.
+        reach: frames before and after that are compared.
+        rows: frames on a sheet.
+        gain: by which differences of light are enlarged [-].
+        enlarged: times that motion is drawn too long [-].
+        far: motion from which it is drawn at its own length [px].
+        least_shade: least eigenvalue of the shades' gradients at which a print is followed [-].
+    """
+
+    seed: int = 18
+    clips: int = 2
+    whole: tuple[str, ...] = ("avocado_real",)
+    strata: tuple[float, ...] = (0.5, 0.85)
+    draws: int = 5
+    before: int = 12
+    reach: int = 4
+    rows: int = 5
+    gain: float = 3.0
+    enlarged: float = 8.0
+    far: float = 5.0
+    least_shade: float = 2e-4
+
+
+SHEETS = SheetSettings()
+"""Of the table of states."""

@@ -190,7 +190,7 @@ def test_the_manifest_names_plain_files_of_whole_recordings():
             assert not name.startswith("/")
             assert name.endswith((".npy", ".avi", ".tiff"))
             assert len(sha256) == 64
-    sets = {"tac3d-pivot", "tac3d-press", "pivot-videos", "pyvale-rigid-plate"}
+    sets = {"tac3d-pivot", "tac3d-press", "pivot-videos", "state-videos", "pyvale-rigid-plate"}
     assert set(datasets.NAMES) == sets
 
 

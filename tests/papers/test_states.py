@@ -1,0 +1,147 @@
+"""The table of states read by eye, the sheets it is read from, and how ours is scored."""
+
+import csv
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from papers.marker_images import sheets, states
+from papers.marker_images.settings import SheetSettings
+from papers.marker_images.states import Ours, Place, Scored
+
+WORDS = [
+    "yes rest stick",
+    "yes rest stick",
+    "yes moving stick",
+    "yes moving macro_slip",
+    "no rest no_contact",
+    "unclear moving unclear",
+]
+
+
+def reading(words=WORDS):
+    return {
+        Place("a/b/c", frame): dict(zip(states.ALLOWED, row.split(), strict=True))
+        for frame, row in enumerate(words)
+    }
+
+
+def answers(*given):
+    return {
+        Place("a/b/c", frame): Ours(state, state != "no_contact", "")
+        for frame, state in enumerate(given)
+    }
+
+
+def test_the_table_is_as_large_as_the_study_says():
+    found = states.read_readings()
+    frames = states.read_frames()
+    assert sum(map(len, frames.values())) == 360
+    assert len(frames) == 24
+    assert all(len(one) == 360 for one in found.values())
+
+
+def test_the_kappa_is_that_of_a_worked_example():
+    # 20 yes-yes, 5 yes-no, 10 no-yes, 15 no-no: 35 of 50 alike, 25 expected, κ = 0.2/0.5
+    one = ["yes"] * 25 + ["no"] * 25
+    other = ["yes"] * 20 + ["no"] * 5 + ["yes"] * 10 + ["no"] * 15
+    assert states.kappa(one, other) == pytest.approx(0.4)
+    assert states.kappa(["yes"], ["yes"]) == 1.0
+
+
+def test_ours_are_scored_where_the_readers_agree():
+    second = reading([*WORDS[:2], "yes moving incipient", *WORDS[3:]])
+    ours = answers("incipient", "macro_slip", "stick", "macro_slip", "unknown", "stick")
+    result = Scored({"first": reading(), "second": second}, ours)
+    shown = states.tables(result)
+    figures = {row[""]: (row["frames"], row["of"]) for row in shown[""]}
+    assert figures["contact right"] == (4, 5)  # the last is unclear
+    assert figures["macro_slip at rest"] == (1, 3)
+    right = {row["read"]: (row["frames"], row["right [%]"]) for row in shown["_states"]}
+    assert right == {"stick, rest": (2, 50.0), "macro_slip": (1, 100.0), "no_contact": (1, 0.0)}
+    assert [row["frame"] for row in shown["_wrong"]] == [1, 4]
+    by_column = {row["column"]: row for row in shown["_readers"]}
+    assert by_column["state"]["the same [%]"] == 83.3
+    assert by_column["state"]["clear to both"] == 5
+    assert by_column["contact"]["kappa"] == 1.0
+    plt.close(states.plot(result))
+
+
+def test_one_reading_is_scored_alone():
+    shown = states.tables(Scored({"first": reading()}, answers(*["stick"] * 6)))
+    assert shown["_readers"] == []
+    assert shown[""][1]["share [%]"] == 80.0
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("a/b/c,3,perhaps,rest,stick", "contact is 'perhaps'; it must be one of yes, no, unclear"),
+        ("a/b/c,3,yes,,stick", "motion is ''"),
+        ("a/b/c,1,yes,rest,stick", "frame 1 is there twice"),
+    ],
+)
+def test_a_wrong_word_is_named_with_its_line(tmp_path, row, message):
+    table = tmp_path / "third.csv"
+    table.write_text(f"clip,frame,contact,motion,state\na/b/c,1,yes,rest,stick\n{row}\n")
+    with pytest.raises(ValueError, match=f"third.csv, line 3: {message}"):
+        states.read_reading(table)
+
+
+def draw_clip(frames=17, still=9):
+    """Dots at rest on a pad under a rough print, which moves by half a pixel a frame in the end."""
+    rough = np.random.default_rng(0).normal(size=(160, 240))
+    rough = np.fft.ifft2(
+        np.fft.fft2(rough) * np.exp(-20.0 * np.add.outer(*map(frequencies, (160, 240))))
+    )
+    rough = 8.0 * rough.real / rough.real.std()
+    y, x = np.mgrid[:120, :160]
+    dots = np.hypot((x + 16) % 32 - 16, (y + 16) % 32 - 16) < 5
+    clip = []
+    for i in range(frames):
+        shift = 0.5 * max(i - still, 0)
+        columns = np.fft.fft(rough, axis=1) * np.exp(2j * np.pi * np.fft.fftfreq(240) * -shift)
+        grey = np.where(dots, 20.0, 140.0 + np.fft.ifft(columns, axis=1).real[:120, :160])
+        clip.append(np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2))
+    return np.array(clip)
+
+
+def frequencies(n):
+    return (2.0 * np.pi * np.fft.fftfreq(n)) ** 2 / 4.0
+
+
+@pytest.fixture(scope="module")
+def clip():
+    return draw_clip()
+
+
+def test_the_sheets_show_what_slides_over_the_gel(clip):
+    near = list(clip[8:17])
+    motion = sheets.measure_motion(near, [sheets.paint_out_dots(one) for one in near])
+    assert np.nanmedian(np.abs(motion.dots_moved)) < 0.1
+    apart = motion.apart[np.isfinite(motion.apart[:, 0])]
+    assert len(apart) > 20
+    # the print moves by 3.5 px to the right; filled-in dots hold back what is near them
+    np.testing.assert_allclose(np.median(apart, axis=0), [3.5, 0.0], atol=0.5)
+
+
+def test_frames_are_drawn_from_all_strata_and_shown_without_answers(clip):
+    settings = SheetSettings(before=4, draws=2, rows=3)
+    drawn = sheets.draw_frames(clip, np.random.default_rng(1), settings)
+    assert drawn == sheets.draw_frames(clip, np.random.default_rng(1), settings)
+    assert len(set(drawn)) == len(drawn) == 6
+    assert 4 <= min(drawn) <= max(drawn) < 13
+    pages = list(sheets.make_sheets(clip, "a/b/c", drawn, settings))
+    assert [len(page) for page in pages] == [26 + 60 + 3 * 120, 26 + 60 + 3 * 120]
+    assert {page.shape[1] for page in pages} == {5 * 160}
+
+
+def test_the_folder_of_sheets_has_guide_and_empty_table(tmp_path, clip, monkeypatch):
+    monkeypatch.setattr(sheets, "read_clip", lambda path: clip)
+    sheets.write_sheets(Path("videos"), tmp_path, {"a/b/c": [8]})
+    assert (tmp_path / "a_b_c_0.png").stat().st_size > 1000
+    assert "macro_slip" in (tmp_path / "README.md").read_text()
+    (row,) = csv.DictReader((tmp_path / "reading.csv").read_text().splitlines())
+    assert row == {"clip": "a/b/c", "frame": "8", "contact": "", "motion": "", "state": ""}
