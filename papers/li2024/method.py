@@ -4,13 +4,11 @@ The quantity that Eq. (15) bounds has no unit, and the bound is printed as "0.4Â
 as 0.4, `paper_strict` as 0.4Â° in radians.
 """
 
-from inspect import signature
-
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimation.estimators.paper import STRICT_THRESHOLD, Paper
+from estimation.estimators.paper import STRICT_THRESHOLD, PaperSettings
 from estimation.fields.contact import SHARE
 from estimation.fields.stick import ANGLE_FLOOR_DEG
 from estimation.frames.recording import ONSET_MM
@@ -21,13 +19,13 @@ Method = dict[str, float]
 
 def compute(quick: bool = False, track: Track = iter) -> Method:
     """The defaults."""
-    told = signature(Paper).parameters
+    settings = PaperSettings()
     constants = {
         "contact_share": SHARE,
         "onset": ONSET_MM,
-        "threshold": told["threshold"].default,
-        "fewest_stick_markers": told["min_stick_markers"].default,
-        "window": told["window"].default,
+        "threshold": settings.threshold,
+        "fewest_stick_markers": settings.min_stick_markers,
+        "window": settings.window,
     }
     return {name: float(value) for name, value in constants.items()}
 
