@@ -4,10 +4,10 @@ from contactmodel.elasticity.bodies import AbstractBody as AbstractBody
 from contactmodel.elasticity.bodies import HalfSpace as HalfSpace
 from contactmodel.elasticity.bodies import Layer as Layer
 from contactmodel.elasticity.bodies import Rigid as Rigid
+from contactmodel.elasticity.bodies import make_body as make_body
 from contactmodel.elasticity.bodies import stiffness_ratio as stiffness_ratio
 from contactmodel.elasticity.pad import Material as Material
 from contactmodel.elasticity.pad import Pad as Pad
-from contactmodel.elasticity.pad import make_body as make_body
 from contactmodel.elasticity.pad import read_pad as read_pad
 from contactmodel.elasticity.transfer import ScalarTransfer as ScalarTransfer
 from contactmodel.elasticity.transfer import fit_scalar_transfer as fit_scalar_transfer

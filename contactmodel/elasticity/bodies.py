@@ -13,6 +13,7 @@ from contactmodel.common.arrays import refuse
 from contactmodel.common.checks import known, poisson, positive
 from contactmodel.elasticity.cells import CellIntegrals, Coefficients
 from contactmodel.elasticity.layer import REACH, base_kernels
+from contactmodel.elasticity.pad import Material
 
 
 class AbstractBody(eqx.Module):
@@ -169,3 +170,18 @@ class Rigid(AbstractBody):
 def stiffness_ratio(elastomer: AbstractBody, object_: AbstractBody) -> Float[Array, ""]:
     """k = G_S/G_B; 0 for a rigid object. Of a layer, see `layer_gain`."""
     return object_.softness / elastomer.softness
+
+
+def make_body(material: Material) -> HalfSpace | Layer:
+    """A layer where a thickness is known, else a half-space.
+
+    Raises:
+        ValueError: the modulus or Poisson's ratio is unknown.
+    """
+    modulus, ratio, thickness = material.shear_modulus, material.poisson_ratio, material.thickness
+    if modulus is None or ratio is None:
+        lacking = "shear_modulus_mpa" if modulus is None else "poisson_ratio"
+        raise ValueError(f"the key {lacking!r} is missing")
+    if thickness is None or thickness == math.inf:
+        return HalfSpace(modulus, ratio)
+    return Layer(modulus, ratio, thickness)

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from contactmodel.common.inputs import naming
 from contactmodel.common.settings import check_limits, from_table, read_toml, unit
-from contactmodel.elasticity.bodies import HalfSpace, Layer
 
 SENSOR_VERSION = 1
 """`format_version` of a sensor description."""
@@ -80,21 +79,6 @@ class Pad(Material):
                 f"marker_depth_mm is {self.marker_depth}; it must not be beyond thickness_mm, "
                 f"{self.thickness}"
             )
-
-
-def make_body(material: Material) -> HalfSpace | Layer:
-    """A layer where a thickness is known, else a half-space.
-
-    Raises:
-        ValueError: the modulus or Poisson's ratio is unknown.
-    """
-    modulus, ratio, thickness = material.shear_modulus, material.poisson_ratio, material.thickness
-    if modulus is None or ratio is None:
-        lacking = "shear_modulus_mpa" if modulus is None else "poisson_ratio"
-        raise ValueError(f"the key {lacking!r} is missing")
-    if thickness is None or thickness == inf:
-        return HalfSpace(modulus, ratio)
-    return Layer(modulus, ratio, thickness)
 
 
 def read_pad(path: Path) -> Pad:

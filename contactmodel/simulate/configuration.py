@@ -26,8 +26,8 @@ from contactmodel.common.settings import (
 )
 from contactmodel.common.stored import read_array
 from contactmodel.contact import Contact
-from contactmodel.elasticity.bodies import Rigid
-from contactmodel.elasticity.pad import Material, Pad, complete_pad, make_body
+from contactmodel.elasticity.bodies import Rigid, make_body
+from contactmodel.elasticity.pad import Material, Pad, complete_pad
 from contactmodel.friction import PowerLawFriction
 from contactmodel.grid import Grid
 from contactmodel.indenters import (
