@@ -54,13 +54,16 @@ class Ours(NamedTuple):
 
     Attributes:
         state: of the contact.
-        contact: whether some markers belong to the contact.
         reason: why there is no angle, or what speaks against it.
     """
 
     state: str
-    contact: bool
     reason: str
+
+    @property
+    def contact(self) -> str:
+        """The contact in the readers' words; `unclear` where the state is unknown."""
+        return {State.NO_CONTACT: "no", State.UNKNOWN: UNCLEAR}.get(State(self.state), "yes")
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,7 @@ def compute(quick: bool = False, track: Track = iter) -> Scored:
         answers = _answer(root / f"{clip}.avi")
         for frame in frames[clip]:
             one = answers[frame]
-            ours[Place(clip, frame)] = Ours(one.state, one.contact_markers > 0, one.reason)
+            ours[Place(clip, frame)] = Ours(one.state, one.reason)
     return Scored(readings, ours)
 
 
@@ -194,14 +197,15 @@ def tables(result: Scored) -> dict[str, list[dict[str, object]]]:
 def _figures(result: Scored) -> list[dict[str, object]]:
     agreed, ours = result.agreed, result.ours
     contact = [
-        ours[place].contact == (row["contact"] == "yes")
+        UNCLEAR if ours[place].contact == UNCLEAR else ours[place].contact == row["contact"]
         for place, row in agreed.items()
         if "contact" in row
     ]
     rest = [ours[place].state for place, row in agreed.items() if row.get("motion") == "rest"]
     return [
         _figure("frames of the clips that were answered", len(agreed), len(agreed)),
-        _figure("contact right", sum(contact), len(contact)),
+        _figure("contact right", contact.count(True), len(contact)),
+        _figure("contact wrong", contact.count(False), len(contact)),
         _figure("macro_slip at rest", rest.count(State.MACRO_SLIP), len(rest)),
     ]
 
@@ -267,7 +271,7 @@ def _wrong(result: Scored) -> list[dict[str, object]]:
         contact = row.get("contact")
         read = row.get("state", "")
         right = not read or is_right(read, row.get("motion", ""), ours.state)
-        if contact and ours.contact != (contact == "yes"):
+        if contact and ours.contact not in (contact, UNCLEAR):
             right = False
         if not right:
             rows.append(

@@ -29,10 +29,7 @@ def reading(words=WORDS):
 
 
 def answers(*given):
-    return {
-        Place("a/b/c", frame): Ours(state, state != "no_contact", "")
-        for frame, state in enumerate(given)
-    }
+    return {Place("a/b/c", frame): Ours(state, "") for frame, state in enumerate(given)}
 
 
 def test_the_table_is_as_large_as_the_study_says():
@@ -57,7 +54,8 @@ def test_ours_are_scored_where_the_readers_agree():
     result = Scored({"first": reading(), "second": second}, ours)
     shown = states.tables(result)
     figures = {row[""]: (row["frames"], row["of"]) for row in shown[""]}
-    assert figures["contact right"] == (4, 5)  # the last is unclear
+    assert figures["contact right"] == (4, 5)  # the last is unclear to the readers
+    assert figures["contact wrong"] == (0, 5)  # the fifth to us
     assert figures["macro_slip at rest"] == (1, 3)
     right = {row["read"]: (row["frames"], row["right [%]"]) for row in shown["_states"]}
     assert right == {"stick, rest": (2, 50.0), "macro_slip": (1, 100.0), "no_contact": (1, 0.0)}

@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
+from scipy.spatial import KDTree
 
 from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
@@ -13,6 +14,7 @@ from estimation.pictures.lattice import (
     is_regular,
     lay_reference,
     make_reference,
+    nearest,
 )
 from estimation.pictures.light import to_grey
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
@@ -72,14 +74,14 @@ class DotReader(MarkerReader):
         dots = self._find(picture.image)
         straight = self.sensor.straighten(dots.centre)
         match, flaw = self.tracker.update(straight)
+        seen = match >= 0
+        position = np.full((count, 2), np.nan)
+        position[seen] = straight[match[seen]]
+        if self.provisional and not self.printed:
+            self._look_for_rest(position, straight, picture.number)
         if flaw:
             return Row.of_none(picture, (count, 2), flaw)
-        seen = (match >= 0)[:, None]
-        position = np.where(seen, straight[match], np.nan)
-        in_picture = np.where(seen, dots.centre[match], np.nan)
-        if self.provisional and not self.printed:
-            most = seen.sum() >= RECOGNISED * len(straight)
-            self._look_for_rest(position if most else np.nan * position, picture.number)
+        in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen)
         level = painted.level(in_picture, self.reference.pitch)
         contact = self._contact(picture.image, level, position, in_picture)
@@ -93,7 +95,7 @@ class DotReader(MarkerReader):
             contact=contact,
             time=picture.time,
             number=picture.number,
-            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen[:, 0]),
+            flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen),
             imprint=turned.angle,
             imprint_error=turned.error,
         )
@@ -129,11 +131,17 @@ class DotReader(MarkerReader):
         size = (image.shape[1], image.shape[0])
         return make_reference(self.sensor.straighten(dots.centre), size, unloaded)
 
-    def _look_for_rest(self, position: Float[np.ndarray, "m 2"], number: int) -> None:
+    def _look_for_rest(
+        self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
+    ) -> None:
         """Take the dots as the reference once they have been regular and still for long enough."""
+        seen = np.isfinite(position[:, 0]).sum() >= RECOGNISED * len(dots)
+        rests = seen and is_regular(self.lattice, position[self.lattice.dot])
+        if not rests:  # a lattice guessed beside a contact may have mistaken dots for others
+            position = self._recognise(dots)
+            rests = np.isfinite(position[:, 0]).sum() >= RECOGNISED * len(dots)
         moved = np.linalg.norm(position - self.before, axis=1)
         still = np.nanmax(moved, initial=0.0) < STILL * self.reference.pitch
-        rests = is_regular(self.lattice, position[self.lattice.dot])
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
         self.before = position
         if self.resting < RESTING:
@@ -146,8 +154,30 @@ class DotReader(MarkerReader):
             note=f"The clip starts loaded: the reference is frame {number}, in which all dots lie "
             "on a regular lattice and have come to rest.",
         )
-        self.tracker.reference = self.reference
+        self.tracker = DotTracker(self.reference)
         self.layout = self.reference.layout(self.scale, self.origin)
+
+    def _recognise(self, dots: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
+        """The places of the reference's dots among dots that lie regularly, by their rows.
+
+        Rows and columns are counted alike in both, but for where the count begins: most dots of the
+        reference lie nearest to themselves.
+
+        Returns:
+            NaN for dots that are not there, and for all where the dots do not lie regularly.
+        """
+        nowhere = np.full_like(self.reference.position, np.nan)
+        found = index_lattice(dots)
+        if not is_regular(found, dots[found.dot]):
+            return nowhere
+        near = nearest(KDTree(dots[found.dot]), self.reference.position[self.lattice.dot])[1]
+        begins = found.coordinates[near] - self.lattice.coordinates
+        begin, votes = np.unique(begins, axis=0, return_counts=True)
+        index = self.lattice.coordinates + begin[votes.argmax()]
+        same = (index[:, None] == found.coordinates).all(axis=2)
+        known = same.any(axis=1)
+        nowhere[self.lattice.dot[known]] = dots[found.dot[same[known].argmax(axis=1)]]
+        return nowhere
 
     def _contact(
         self,
