@@ -47,10 +47,11 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     if len(centre) < 9:
         return nothing
     tree = KDTree(centre)
-    distance, near = nearest(tree, centre, 5)
+    distance, near = nearest(tree, centre, min(AROUND + 1, len(centre)))
+    beside = near[:, 1:5]
     pitch = float(np.median(distance[:, 1:4]))
-    vectors = centre[near[:, 1:]] - centre[:, None]
-    short = vectors[distance[:, 1:] < 1.4 * pitch]
+    vectors = centre[beside] - centre[:, None]
+    short = vectors[distance[:, 1:5] < 1.4 * pitch]
     basis = _common_basis(short, pitch)
     if basis is None:
         return nothing
@@ -63,10 +64,13 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     queue = deque([start])
     while queue:
         i = queue.popleft()
-        for step in STEPS:
+        ahead = centre[i] + STEPS @ local[i]
+        off_i = np.hypot(*(centre[near[i]] - ahead[:, None]).transpose(2, 0, 1))
+        best = off_i.argmin(axis=1)
+        reached = off_i.min(axis=1) <= NEAR * pitch
+        for step, j in zip(STEPS[reached], near[i][best[reached]].tolist(), strict=True):
             place = (number[i][0] + int(step[0]), number[i][1] + int(step[1]))
-            off_i, j = (x.item() for x in nearest(tree, centre[i] + step @ local[i]))
-            if place in taken or j in number or off_i > NEAR * pitch:
+            if place in taken or j in number:
                 continue
             number[j] = place
             taken.add(place)
@@ -90,7 +94,7 @@ def _common_basis(
         return None
     both = np.concatenate([vectors, -vectors])
     tree = KDTree(both)
-    popular = np.array([len(found) for found in tree.query_ball_point(both, 0.15 * pitch)])
+    popular = np.asarray(tree.query_ball_point(both, 0.15 * pitch, return_length=True))
     first = _mean_near(both, both[np.argmax(popular)], 0.15 * pitch)
     across = np.abs(first[0] * both[:, 1] - first[1] * both[:, 0]) / np.linalg.norm(first)
     popular = np.where(across > 0.6 * pitch, popular, 0)

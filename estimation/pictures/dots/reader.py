@@ -197,7 +197,7 @@ class DotReader(MarkerReader):
                 self.light = True
                 return region
         region = region_of_print(self.reference, level, self.printed)
-        if self.printed and not region.any():
+        if self.printed and not region.any() and self.rest is None:
             self.provisional, self.resting = True, 0
         self.printed = bool(region.any())
         self.prints |= self.printed

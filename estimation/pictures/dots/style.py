@@ -5,11 +5,11 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from estimation.pictures.dots.find import Dots, DotStyle, find_seeds, fit_dots
-from estimation.pictures.dots.templates import fit_alike
+from estimation.pictures.dots.templates import ELONGATION, fit_alike
 from estimation.pictures.lattice import index_lattice
 from estimation.pictures.light import to_grey
 
-RADII = (3.5, 2.5, 5.0, 7.0, 10.0)
+RADII = (3.5, 2.5, 5.0, 7.0, 10.0, 14.0)
 """Radii that are tried [px], on pictures scaled so that all are the first."""
 ALIKE, UNLIKE = 0.8, 0.3
 """Shares explained by the typical dot between which a dot may be one that looks different [-]."""
@@ -68,6 +68,7 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
             grey = cv2.resize(original, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             tried = DotStyle(polarity, RADII[0])
             dots = _keep_dots(fit_alike(grey, find_seeds(grey, tried), tried), grey, tried)
+            dots = dots.take(_elongation(dots) < ELONGATION[1])  # gaps between dots are longer
             lattice = index_lattice(dots.centre)
             count = len(lattice.dot)
             found = float(np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))) if count else 0.0
@@ -78,9 +79,17 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
     if best is None:
         raise ValueError(
             "no dots that lie in rows were found in the first usable frame: this sensor seems to "
-            "have no printed dots, or they are smaller than 2 px or larger than 12 px in radius"
+            "have no printed dots, or they are smaller than 2 px or larger than 18 px in radius; "
+            "if there are dots, give radius and polarity (--dot-radius-px, --dark or --bright), "
+            "or leave out what is not the pad (--crop, --mask)"
         )
     return _refine(best, to_grey(picture, best.dark))
+
+
+def _elongation(dots: Dots) -> Float[np.ndarray, " n"]:
+    """Ratio of the dots' axes."""
+    longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
+    return longest / np.maximum(shortest, 1e-6)
 
 
 def _refine(style: DotStyle, grey: Float[np.ndarray, "h w"]) -> DotStyle:

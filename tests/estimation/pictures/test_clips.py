@@ -1,9 +1,12 @@
 """Published clips of a screw driver that is lifted: identities, and angles beside the imprint."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 
 from estimation.pictures.lattice import lay_reference
+from estimation.pictures.reading import PictureSource
 from estimation.slip.motion import accumulate_slip
 from estimation.sources import read_recording
 from estimation.tracker import estimate_angles
@@ -49,6 +52,16 @@ def test_a_lift_is_answered_beside_its_imprint_and_no_identity_is_swapped(camera
     slip = np.degrees(np.abs(accumulate_slip(result)))
     assert slip[30:110].max() < 2.0  # the imprint's errors
     assert slip[180:300].min() > 10.0  # the handle runs on over the gel
+
+
+def test_a_pad_that_its_object_has_left_is_empty_though_the_first_reference_was_far_off():
+    path = real("incipient-slip-detection", "avocado_real", "exp_num_1", "camera_0.avi")
+    source, contact = PictureSource(path), []
+    for frame in islice(source, 20):
+        contact.append(frame.contact.any())
+    assert contact[0]
+    assert not any(contact[11:])  # of 450 frames 439; by eye it has gone by frame 5
+    assert "have come to rest" in " ".join(source.notes)
 
 
 @pytest.mark.slow

@@ -76,6 +76,27 @@ def test_sixteen_bit_and_colour_are_read_alike():
         assert np.array_equal(to_grey(other, True), to_grey(grey, True))
 
 
+@pytest.mark.parametrize(("radius", "dark", "uneven"), [(4, 0, 1), (11, 1, 1), (16, 0, 0)])
+def test_dots_of_any_size_are_found(radius, dark, uneven):
+    small = Camera(width=20 * radius + 120, height=15 * radius + 90)
+    colours = {"background": 180.0, "contrast": 120.0} if dark else {}
+    camera = small._replace(**(colours or {"background": 60.0, "contrast": -120.0}))
+    steps = [np.arange(0.9 * radius + 8, n - radius, 4.0 * radius) for n in small[:2]]
+    rest = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+    image = render_dots(camera, rest, np.tile(radius * np.eye(2), (len(rest), 1, 1)), _rng())
+    if uneven:
+        y, x = np.mgrid[: camera.height, : camera.width] / camera.height
+        image = image * (0.5 + 0.4 * x) + 50.0 * np.exp(-8.0 * ((x - 0.4) ** 2 + (y - 0.6) ** 2))
+        image = np.clip(image, 0, 255).astype(np.uint8)
+    style = find_style(image)
+    assert style.dark == bool(dark)
+    # the pixel's own width is counted as blur, which takes 0.2 px off the smallest
+    assert style.radius == pytest.approx(radius, abs=0.25)
+    dots = find_dots(to_grey(image, style.dark), style)
+    off = np.linalg.norm(dots.centre[:, None] - rest, axis=-1).min(axis=0)
+    assert (off < 0.1).mean() > 0.95
+
+
 @pytest.mark.parametrize("level", [0, 128])
 def test_a_picture_without_dots_is_refused(level):
     flat = np.clip(_rng().normal(level, 2.0, (240, 320)), 0, 255).astype(np.uint8)
