@@ -154,7 +154,7 @@ class _Job:
                 shutil.copyfile(self.shown / name, self.folder / name)
         with ExitStack() as opened:
             writer = opened.enter_context(closing(self._open_record(rows)))
-            table = TableWriter(self.folder / "angles.csv", self.settings.method, rows)
+            table = TableWriter(self.folder / "angles.csv", self.settings.method, source.unit, rows)
             sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
             if answer is not None and source.live:
                 sinks.append(LineWriter(answer, self.settings.method))
@@ -356,7 +356,9 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
 
 def _tell(run: Run, summary: dict[str, Any], folder: Path) -> list[str]:
     """Lines for the terminal."""
-    lines = [f"{run.name}: {describe_answers(run.main)}; see {folder / 'report.html'}"]
+    outcome = run.outcome.describe(run.main.time[0])
+    answers = describe_answers(run.main)
+    lines = [f"{run.name}: {outcome}; {answers}; see {folder / 'report.html'}"]
     if not run.main.answered.any():
         lines += [f"  {note}" for note in run.notes]
     if run.truth is not None:

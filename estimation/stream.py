@@ -25,6 +25,7 @@ from estimation.settings import Settings
 from estimation.slip.branch import Branch
 from estimation.slip.margin import Margin, MarginTracker
 from estimation.slip.onset import Sight, SlipWatch
+from estimation.slip.shear import Shear
 from estimation.tracker import Trackers
 
 AHEAD = 96
@@ -46,6 +47,7 @@ class Answer(NamedTuple):
         sight: what the motion over the last frames shows of the region that sticks.
         margin: angle and moment that remain before macro slip, by the chosen method.
         turned: φ of each marker since that method's angle is counted [rad].
+        shear: of the gel, and whether the object slips along it.
     """
 
     row: int
@@ -55,6 +57,7 @@ class Answer(NamedTuple):
     sight: Sight
     margin: Margin
     turned: Float[np.ndarray, " n"]
+    shear: Shear
 
 
 def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None) -> Trackers:
@@ -191,6 +194,7 @@ class Follower:
             sight=sight,
             margin=self._margin.follow(main.state, main.angle, main.moment, main.contact_markers),
             turned=main.rotation - self.trackers.counts[self._settings.method].start,
+            shear=self.trackers.shear,
         )
         self.row += 1
         return answer

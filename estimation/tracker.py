@@ -18,13 +18,14 @@ from estimation.estimators import (
     method_settings,
     share_fits,
 )
-from estimation.estimators.result import TOO_FEW_STICK, Estimate, Result, State
+from estimation.estimators.result import TOO_FEW_STICK, UNTOLD_TURN, Estimate, Result, State
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.observation import RIGID_OBJECT, Observation, Observer
 from estimation.slip.motion import Count, gel_ends
+from estimation.slip.shear import Shear, ShearWatch
 from estimation.softness import Contact, Softness
 
 
@@ -57,6 +58,7 @@ class Trackers:
         constants: of each method.
         counts: by method, from where its angle is counted.
         observation: what the last frame showed; None before the first.
+        shear: of the gel in the last frame, and whether the object slips along it.
     """
 
     def __init__(
@@ -92,6 +94,8 @@ class Trackers:
         self._since = dict.fromkeys(methods, _Since())
         self.counts = {name: Count() for name in methods}
         self.observation: Observation | None = None
+        self.shear = Shear()
+        self._shear = ShearWatch(layout)
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
         """What is known after the next frame, by method.
@@ -105,7 +109,9 @@ class Trackers:
         """
         seen = self.observation = self._observer.observe(frame)
         if seen.fields is None:
+            self.shear = Shear()
             return {name: _label(frame, seen.flaw, since) for name, since in self._since.items()}
+        self.shear = self._shear.update(frame.positions, seen.fields.contact, frame.hold)
         estimates = {}
         for name, estimator in self.estimators.items():
             gel = estimator.update(seen.fields)
@@ -159,10 +165,13 @@ class Trackers:
             return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
         if gel.reason:
             return State.UNKNOWN, gel.reason
-        if not np.isfinite(gel.angle):
-            return State.MACRO_SLIP, TOO_FEW_STICK
-        if not gel.stick.any():
-            return State.MACRO_SLIP, ""
+        why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
+        if self.shear.slides:
+            return State.MACRO_SLIP, why
+        if why or not gel.stick.any():
+            if self.shear.holds:
+                return State.INCIPIENT, why and UNTOLD_TURN
+            return State.MACRO_SLIP, why
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
             return State.STICK, ""
         return State.INCIPIENT, ""

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 TOO_FEW_STICK = "too few markers stick"
 UNSEEN_TURN = "holds again, but how far the object turned before is unseen"
+UNTOLD_TURN = "holds, but too few markers move as one body to say how far it has turned"
 """Reasons why an angle is missing that more than one place gives."""
 
 

@@ -216,6 +216,8 @@ class Frame:
             NaN where unknown.
         rotation: of the line features at each marker [rad], where the source measures it and the
             markers' neighbours need not tell; NaN where unknown.
+        hold: how well what the object prints on the gel agrees with what it printed there half a
+            second or a second before, and some frames before: correlation [-]; NaN where unknown.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -231,6 +233,7 @@ class Frame:
     contact: Bool[np.ndarray, " n"] | None = None
     imprint: tuple[float, float] = (float("nan"), float("nan"))
     rotation: Float[np.ndarray, " n"] | None = None
+    hold: tuple[float, float] = (float("nan"), float("nan"))
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
@@ -259,6 +262,7 @@ class Recording:
         imprint: rotation of what the object prints through the gel, and its standard error [rad],
             in each frame, if the source has it; NaN where it has lost its place.
         rotation: of the line features at each marker [rad], if the source measures it.
+        hold: as in `Frame`, in each frame, if the source has it [-].
         unit: of lengths, mm, or px where the source has no scale.
         name: short name, used for folders and titles.
         source: where the recording came from.
@@ -283,6 +287,7 @@ class Recording:
     contact: Bool[np.ndarray, "frames n"] | None = None
     imprint: Float[np.ndarray, "frames 2"] | None = None
     rotation: Float[np.ndarray, "frames n"] | None = None
+    hold: Float[np.ndarray, "frames 2"] | None = None
     unit: str = "mm"
     name: str = "recording"
     source: str = ""
@@ -346,11 +351,17 @@ class Recording:
                 normal_force=float("nan") if self.force is None else -float(self.force[i, 2]),
                 flaw=self.flaws[i] if self.flaws else "",
                 contact=None if self.contact is None else self.contact[i],
-                imprint=(np.nan, np.nan)
-                if self.imprint is None
-                else (float(self.imprint[i, 0]), float(self.imprint[i, 1])),
+                imprint=_pair(self.imprint, i),
                 rotation=None if self.rotation is None else self.rotation[i],
+                hold=_pair(self.hold, i),
             )
+
+
+def _pair(values: Float[np.ndarray, "frames 2"] | None, frame: int) -> tuple[float, float]:
+    """Two numbers of a frame; NaN where there are none."""
+    if values is None:
+        return np.nan, np.nan
+    return float(values[frame, 0]), float(values[frame, 1])
 
 
 def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
@@ -366,6 +377,7 @@ def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -
     moment = np.array([(np.nan, np.nan, frame.moment) for frame in frames])
     force = np.array([(np.nan, np.nan, -frame.normal_force) for frame in frames])
     imprint = np.array([frame.imprint for frame in frames])
+    hold = np.array([frame.hold for frame in frames])
     rotation = np.array([unknown if one.rotation is None else one.rotation for one in frames])
 
     def if_known(values: np.ndarray) -> np.ndarray | None:
@@ -383,5 +395,6 @@ def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -
         contact=np.stack(contact) if len(contact) == len(frames) else None,
         imprint=if_known(imprint),
         rotation=if_known(rotation),
+        hold=if_known(hold),
         **about,
     )

@@ -14,6 +14,7 @@ from estimation.slip.lookback import FOLLOWING, date_doubts, withdraw
 from estimation.slip.margin import MarginPath, follow_margin
 from estimation.slip.motion import describe_counts
 from estimation.slip.onset import MacroSlip, describe_slips
+from estimation.slip.shear import Outcome, Shear, conclude
 
 
 class Known(NamedTuple):
@@ -79,6 +80,7 @@ class Run:
         truth: of a virtual recording.
         slips: when macro slip began, by the whole recording.
         margin: angle and moment that remain before macro slip, by the chosen method.
+        shears: of the gel, and whether the object slips along it, in each frame.
     """
 
     name: str
@@ -97,6 +99,12 @@ class Run:
     truth: Known | None = None
     slips: Sequence[MacroSlip] = ()
     margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
+    shears: Sequence[Shear] = ()
+
+    @property
+    def outcome(self) -> Outcome:
+        """Whether the object was held to the end, or slipped."""
+        return conclude(self.shears, self.main)
 
     @property
     def turns(self) -> str:
@@ -159,6 +167,7 @@ def find_in_record(record: RecordReader) -> Run:
         truth=None if truth is None else Known(*(np.array(values)[rows] for values in truth)),
         slips=slips,
         margin=margin,
+        shears=list(record.shears()),
     )
 
 

@@ -30,6 +30,7 @@ from estimation.estimators.result import (
 from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin
 from estimation.slip.onset import Sight
+from estimation.slip.shear import Shear
 from estimation.stream import Answer
 
 NAME = "record.sqlite"
@@ -49,6 +50,7 @@ _OTHERS = {
     "rests": "INTEGER",
     **{f"disc_{name}": "REAL" for name in Disc._fields},
     **{name: "REAL" for name in Margin._fields},
+    **{f"shear_{name}": "REAL" for name in Shear._fields},
 }
 """What is kept of each frame beside the methods' answers."""
 _MARKERS = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
@@ -175,7 +177,7 @@ class RecordWriter:
             values += [_plain(getattr(estimate, name)) for name in Record.columns()]
         disc = answer.sight.disc or Disc(np.nan, np.nan, np.nan, np.nan)
         others = (answer.axis, answer.frame.imprint[0], int(answer.sight.rests))
-        return [*values, *map(_plain, (*others, *disc, *answer.margin))]
+        return [*values, *map(_plain, (*others, *disc, *answer.margin, *map(float, answer.shear)))]
 
     def _keep_markers(self, answer: Answer) -> None:
         main, frame = answer.estimates[self._methods[0]], answer.frame
@@ -257,6 +259,12 @@ class RecordReader:
         """What was left before macro slip, by frame."""
         for values in self._rows(", ".join(Margin._fields)):
             yield Margin(*(np.nan if value is None else value for value in values))
+
+    def shears(self) -> Iterator[Shear]:
+        """How the gel was sheared, and whether the object slipped along it, by frame."""
+        for *values, slides, holds in self._rows(", ".join(f"shear_{n}" for n in Shear._fields)):
+            numbers = (np.nan if value is None else value for value in values)
+            yield Shear(*numbers, slides=bool(slides), holds=bool(holds))
 
     def markers(self) -> Iterator[KeptMarkers]:
         """The markers of the frames that they are kept of."""

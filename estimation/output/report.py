@@ -50,7 +50,9 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     """
     main = run.main
     if table:
-        write_table(folder / "angles.csv", main, run.imprint, run.margin.margins)
+        write_table(
+            folder / "angles.csv", main, run.imprint, run.margin.margins, run.shears, run.unit
+        )
     write_tables(folder / "angles_all.csv", run.results.values(), run.imprint)
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
@@ -108,6 +110,7 @@ def summarise(run: Run) -> dict[str, Any]:
         "dropped_frames": int(np.clip(np.diff(main.source_index) - 1, 0, None).sum()),
         "branch": describe_branch(run.margin.last),
         "margin_last": _describe_margin(run),
+        "outcome": _describe_outcome(run),
         "macro_slips": [_describe_slip(slip, main.time[0]) for slip in run.slips],
         "methods": {name: _figures(track, run.truth) for name, track in run.results.items()},
         "notes": list(run.notes),
@@ -125,6 +128,16 @@ def _describe_margin(run: Run) -> dict[str, float | None] | None:
         name: json_number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)
     }
     return {"time_s": json_number(time[known[-1]] - time[0])} | cells
+
+
+def _describe_outcome(run: Run) -> dict[str, str | float | None]:
+    """What became of the grasp; times since the first frame."""
+    outcome = run.outcome
+    return {
+        "word": outcome.word,
+        "probability_slipped": json_number(outcome.probability),
+        "onset_s": json_number(outcome.onset - run.main.time[0]),
+    }
 
 
 def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | bool | None]:

@@ -12,6 +12,7 @@ from estimation.estimators.result import Track, Withdrawn, show_degrees, show_nu
 from estimation.frames.files import write_whole
 from estimation.slip.margin import Margin
 from estimation.slip.motion import accumulate_slip, follow_gel
+from estimation.slip.shear import Shear
 from estimation.stream import Answer
 
 MARGIN_COLUMNS = (
@@ -37,18 +38,19 @@ class TableWriter:
     It has the columns of the finished table, and nothing in those that take the whole recording.
     """
 
-    def __init__(self, path: Path, method: str, rows: int = 0) -> None:
+    def __init__(self, path: Path, method: str, unit: str, rows: int = 0) -> None:
         """Make the table, or go on with it.
 
         Args:
             path: of the table.
             method: whose answers it has.
+            unit: of lengths, mm or px.
             rows: that are kept of a table that is there.
 
         Raises:
             OSError: it cannot be written.
         """
-        self._method = method
+        self._method, self._unit = method, unit
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("r+" if rows else "w", encoding="utf-8", newline="")
         self._headed = bool(rows)
@@ -62,6 +64,7 @@ class TableWriter:
         track = Track.gather(self._method, [answer.estimates[self._method]])
         imprint = np.array([answer.frame.imprint[0]])
         table = tabulate(track, imprint, answer.row) | tabulate_margin(track, [answer.margin])
+        table |= tabulate_shear([answer.shear], self._unit)
         self._file.write(csv_text(table, heading=not self._headed))
         self._file.flush()
         self._headed = True
@@ -78,7 +81,12 @@ class TableWriter:
 
 
 def write_table(
-    path: Path, track: Track, imprint: Float[np.ndarray, " frames"], margins: Sequence[Margin]
+    path: Path,
+    track: Track,
+    imprint: Float[np.ndarray, " frames"],
+    margins: Sequence[Margin],
+    shears: Sequence[Shear],
+    unit: str,
 ) -> None:
     """Write `angles.csv` of one method, whole or not at all.
 
@@ -87,12 +95,16 @@ def write_table(
         track: of the method.
         imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
         margins: angle and moment that remain before macro slip, in each frame.
+        shears: of the gel, in each frame.
+        unit: of lengths, mm or px.
 
     Raises:
         OSError: it cannot be written.
     """
     tables = (
-        tabulate(part, imprint[rows], rows.start) | tabulate_margin(part, margins[rows])
+        tabulate(part, imprint[rows], rows.start)
+        | tabulate_margin(part, margins[rows])
+        | tabulate_shear(shears[rows], unit)
         for part, rows in _parts(track)
     )
     write_whole(path, _below_one_another(tables))
@@ -156,6 +168,17 @@ def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[s
     return {
         name: ["" if cell == "nan" else cell for cell in show_numbers(column)]
         for name, column in zip(MARGIN_COLUMNS, values.T, strict=True)
+    }
+
+
+def tabulate_shear(shears: Sequence[Shear], unit: str) -> dict[str, list[str]]:
+    """The cells of the gel's shear and the slip along it, by column; empty without a number."""
+    values = np.array([(one.shear, one.hold, one.slipped) for one in shears]).reshape(-1, 3)
+    return {
+        name: ["" if cell == "nan" else cell for cell in show_numbers(column)]
+        for name, column in zip(
+            (f"shear_{unit}", "print_hold", "slip_probability"), values.T, strict=True
+        )
     }
 
 

@@ -92,6 +92,7 @@ class Row(NamedTuple):
         imprint: rotation of what the object prints [rad], NaN where unknown.
         imprint_error: its standard error [rad].
         rotation: of the line features at each marker [rad], None where only positions are known.
+        hold: as in `Frame` [-].
     """
 
     position: Float[np.ndarray, "m d"]
@@ -102,6 +103,7 @@ class Row(NamedTuple):
     imprint: float = float("nan")
     imprint_error: float = float("nan")
     rotation: Float[np.ndarray, " m"] | None = None
+    hold: tuple[float, float] = (float("nan"), float("nan"))
 
     @classmethod
     def of_none(cls, picture: Picture, shape: tuple[int, int], flaw: str) -> "Row":
@@ -154,6 +156,7 @@ class MarkerReader(ABC):
             contact=row.contact,
             imprint=(row.imprint, row.imprint_error),
             rotation=row.rotation,
+            hold=row.hold,
         )
 
     @abstractmethod

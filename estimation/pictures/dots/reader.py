@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
+from estimation.pictures.hold import UNKNOWN, HoldFollower
 from estimation.pictures.imprint import LOST, ImprintFollower, paint_out
 from estimation.pictures.lattice import (
     Reference,
@@ -59,6 +60,7 @@ class DotReader(MarkerReader):
         self.reference = self._make_reference(first.image, given)
         self.tracker = DotTracker(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
+        self.hold = HoldFollower(self.reference)
         self.light = self.printed = self.prints = False
         self.lattice = index_lattice(self.reference.position)
         self.provisional = self.reference.doubt is not None
@@ -87,9 +89,11 @@ class DotReader(MarkerReader):
         contact = self._contact(picture.image, level, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
         if flaw or not contact.any():
-            self.imprint, turned = ImprintFollower(), LOST
+            self.imprint, turned, hold = ImprintFollower(), LOST, UNKNOWN
+            self.hold.restart()
         else:
             turned = self.imprint.update(painted, in_picture[contact])
+            hold = self.hold.update(painted, in_picture)
         return Row(
             position=position,
             contact=contact,
@@ -98,6 +102,7 @@ class DotReader(MarkerReader):
             flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen),
             imprint=turned.angle,
             imprint_error=turned.error,
+            hold=hold,
         )
 
     def notes(self) -> tuple[str, ...]:

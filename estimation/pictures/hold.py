@@ -1,0 +1,189 @@
+"""Whether the gel still holds what it touches: the object's print in the gel's own coordinates.
+
+Where the object sticks, what it prints moves with the dots around it; where it slips, its print
+goes over the gel, whichever way it slips and whatever the gel does meanwhile. Each picture is
+therefore taken back to where the gel lay at rest, along the displacement that the dots show, and
+compared around every dot with earlier ones: 1 where the print has stayed on the gel, near 0 where
+another part of the object is there now. That needs no rigid object and no axis of rotation.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32
+from scipy.interpolate import RBFInterpolator
+
+from estimation.pictures.imprint import Painted
+from estimation.pictures.lattice import Reference
+
+COARSE = 8
+"""Pixels, of the scaled picture, between points that the displacement is interpolated to."""
+
+
+@dataclass(frozen=True)
+class HoldSettings:
+    """How prints are compared.
+
+    Attributes:
+        window: side of the square around a dot that is compared [pitches].
+        age: frames between the earlier pictures that are kept; the one compared with is once to
+            twice as old [frames].
+        lately: age of the other one [frames].
+        contrast: texture over that of the barest dots from which an object is printed [-].
+        bare: share of the dots that are the barest [-].
+        printed: share of the dots, those with the most texture, that are compared in any case [-].
+        seen: share of a window that must be seen in both pictures, without dots [-].
+    """
+
+    window: float = 1.0
+    age: int = 16
+    lately: int = 4
+    contrast: float = 2.0
+    bare: float = 0.15
+    printed: float = 0.15
+    seen: float = 0.2
+
+
+class Hold(NamedTuple):
+    """How well the print on the gel agrees with an earlier one.
+
+    Attributes:
+        since: correlation with that of half a second or a second before [-]; NaN where unknown.
+        lately: with that of some frames before [-].
+    """
+
+    since: float
+    lately: float
+
+
+UNKNOWN = Hold(np.nan, np.nan)
+
+
+class Print(NamedTuple):
+    """What a picture shows, taken back to where the gel lay at rest.
+
+    Attributes:
+        planes: its colours without dots and slow changes of light, grey levels of 255.
+        power: their sum of squares.
+        clear: 1 where the gel is seen and no dot is, else 0.
+    """
+
+    planes: Float32[np.ndarray, "colours h w"]
+    power: Float32[np.ndarray, "h w"]
+    clear: Float32[np.ndarray, "h w"]
+
+
+class HoldFollower:
+    """Compares the print on the gel with that of some frames before."""
+
+    def __init__(self, reference: Reference, settings: HoldSettings | None = None) -> None:
+        """Begin with the next frame.
+
+        Args:
+            reference: dots at rest.
+            settings: how prints are compared.
+        """
+        self._places, self._pitch = reference.position, reference.pitch
+        self._settings = settings or HoldSettings()
+        self._grid: Float[np.ndarray, "points 2"] | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Compare with the next frame and not with those before."""
+        self._earlier: list[Print] = []
+        self._recent: deque[Print] = deque(maxlen=self._settings.lately + 1)
+        self._frames = 0
+
+    def update(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Hold:
+        """How well the print of the next frame agrees with earlier ones.
+
+        Args:
+            painted: the picture without its dots.
+            position: dots in it [px]; NaN where not seen.
+        """
+        seen = np.isfinite(position[:, 0])
+        if seen.sum() < 3:
+            return UNKNOWN
+        if self._grid is None:
+            self._lay_grid(painted)
+        now = self._take_back(painted, position)
+        if self._frames % self._settings.age == 0:
+            self._earlier = [*self._earlier[-1:], now]
+        self._frames += 1
+        self._recent.append(now)
+        return Hold(*(self._compare(one, now, seen) for one in (self._earlier[0], self._recent[0])))
+
+    def _lay_grid(self, painted: Painted) -> None:
+        """Lay points over pictures of this size, and learn what moves them as the dots move."""
+        self._part = painted.part
+        height, width = painted.clear.shape
+        self._shape = (-(-height // COARSE) + 1, -(-width // COARSE) + 1)
+        row, column = np.mgrid[: self._shape[0], : self._shape[1]]
+        self._grid = np.stack([column, row], axis=-1).reshape(-1, 2) * float(COARSE * self._part)
+        places = self._places / self._pitch
+        self._spread = RBFInterpolator(places, np.eye(len(places)))(self._grid / self._pitch)
+        place = np.rint(self._places / self._part).astype(int)
+        self._columns, self._rows = np.clip(place, 0, [width - 1, height - 1]).T
+
+    def _take_back(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Print:
+        """A picture as it would be if its dots were where they rest."""
+        assert self._grid is not None
+        moved = position - self._places
+        lost = np.isnan(moved[:, 0])
+        if lost.any():
+            places = self._places / self._pitch
+            moved[lost] = RBFInterpolator(places[~lost], moved[~lost])(places[lost])
+        height, width = painted.clear.shape
+        coarse = (self._grid + self._spread @ moved) / self._part
+        step = np.array([[COARSE, 0.0, 0.0], [0.0, COARSE, 0.0]])
+        where = cv2.warpAffine(
+            coarse.reshape(*self._shape, 2).astype(np.float32),
+            step,
+            (width, height),
+            flags=cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        column, row = where[..., 0].copy(), where[..., 1].copy()
+        planes = [cv2.GaussianBlur(plane, (0, 0), 1.0) for plane in painted.planes]
+        *planes, clear = (
+            cv2.remap(plane, column, row, cv2.INTER_LINEAR) for plane in (*planes, painted.clear)
+        )
+        planes = np.stack(planes)
+        power = np.einsum("chw,chw->hw", planes, planes)
+        return Print(planes, power, (clear > 0.9).astype(np.float32))
+
+    def _compare(self, before: Print, now: Print, seen: np.ndarray) -> float:
+        """The median correlation around the dots where most is printed, by how much that is."""
+        settings = self._settings
+        width = (2 * int(0.5 * settings.window * self._pitch / self._part) + 1,) * 2
+        both = before.clear * now.clear
+
+        def around(values: np.ndarray) -> np.ndarray:
+            return cv2.blur(values, width)[self._rows, self._columns]
+
+        share = around(both)
+        product = np.einsum("chw,chw->hw", before.planes, now.planes)
+        cross, first, second = (
+            around(values * both) / (share + 1e-3) for values in (product, before.power, now.power)
+        )
+        power = np.maximum(first, second)
+        seen = seen & (share > settings.seen)
+        if not seen.any():
+            return np.nan
+        bare, printed = np.quantile(power[seen], [settings.bare, 1.0 - settings.printed])
+        least = min(settings.contrast**2 * bare + 1.0, printed)
+        weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
+        agreement = cross / np.sqrt(first * second + 1e-6)
+        return _weighted_median(agreement, weight)
+
+
+def _weighted_median(values: Float[np.ndarray, " m"], weights: Float[np.ndarray, " m"]) -> float:
+    """The median of values; NaN where nothing has a weight."""
+    order = np.argsort(values)
+    sums = np.cumsum(weights[order])
+    if not sums[-1] > 0.0:
+        return np.nan
+    return float(values[order][np.searchsorted(sums, 0.5 * sums[-1])])

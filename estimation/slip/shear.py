@@ -1,0 +1,203 @@
+"""Whether the object slips along the gel, by the gel's shear and by what the object prints on it.
+
+While the object holds, the gel's shear follows the load: it rises to a plateau. Once all of the
+contact slips, friction can carry no more: the shear falls where friction falls with the slip, and
+stays where it does not. What the object prints goes over the gel then (`estimation.pictures.hold`),
+unless the object is the same along the way it slips. Either sign is enough, and neither is certain:
+the probability is that at least one of them is right.
+
+Shear that falls may also be a load that is taken off: where the print has stayed on the gel, it is,
+and where no print can be compared nothing is said.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from estimation.estimators.result import State, Track
+from estimation.frames.recording import MarkerLayout
+
+
+@dataclass(frozen=True)
+class ShearSettings:
+    """How a slip in shear is told.
+
+    The four numbers that make probabilities are rounded from fits to 36 labelled lifts of four
+    objects ([Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual
+    information", ICRA 2018); `python -m papers run slip_lifts` fits them anew without each object.
+
+    Attributes:
+        markers: how many of those that moved furthest give the shear.
+        memory: how long a peak of the shear is remembered [frames].
+        least: shear that a fall is measured against at least [pitches].
+        fallen: share of its peak that the shear has lost in an even bet [-].
+        fallen_spread: change of that for odds of e [-].
+        kept: correlation with the earlier print in an even bet [-].
+        kept_spread: change of that for odds of e [-].
+        unloaded: correlation from which a fall is a load taken off [-].
+        resting: correlation with the print of some frames before from which nothing slides [-].
+    """
+
+    markers: int = 10
+    memory: int = 32
+    least: float = 0.02
+    fallen: float = 0.2
+    fallen_spread: float = 0.04
+    kept: float = 0.55
+    kept_spread: float = 0.06
+    unloaded: float = 0.96
+    resting: float = 0.9
+
+
+class Shear(NamedTuple):
+    """How the gel is sheared, and whether the object has slipped along it.
+
+    Attributes:
+        shear: how far the gel under the object has gone along since the object touched [mm].
+        fallen: share of its peak that it has lost again [-].
+        hold: correlation of the print on the gel with an earlier one [-]; NaN where unknown.
+        slipped: probability that all of the contact has slipped lately [-]; NaN without contact,
+            and where no print can be compared.
+        slides: whether the print says that the object slides.
+        holds: whether the print says that it has not slid lately.
+    """
+
+    shear: float = float("nan")
+    fallen: float = float("nan")
+    hold: float = float("nan")
+    slipped: float = float("nan")
+    slides: bool = False
+    holds: bool = False
+
+
+class Outcome(NamedTuple):
+    """What became of a grasp.
+
+    Attributes:
+        word: `held` or `slipped`; `unknown` without contact.
+        probability: that it slipped [-]; NaN where only the states of the contact tell.
+        onset: when that became more likely than not, or macro slip was first seen [s]; NaN if it
+            was held.
+    """
+
+    word: str
+    probability: float
+    onset: float
+
+    def describe(self, start: float) -> str:
+        """A few words, times since a start [s]."""
+        odds = f"probability of a slip {self.probability:.2f}"
+        if self.word == "slipped":
+            when = f"slipped, first seen at {self.onset - start:.2f} s"
+            return f"{when} ({odds})" if np.isfinite(self.probability) else when
+        return f"{self.word} ({odds})" if np.isfinite(self.probability) else self.word
+
+
+class ShearWatch:
+    """Follows the gel's shear from frame to frame."""
+
+    def __init__(self, layout: MarkerLayout, settings: ShearSettings | None = None) -> None:
+        """Begin before the object touches.
+
+        Args:
+            layout: markers and reference.
+            settings: how a slip is told.
+        """
+        self._settings = settings or ShearSettings()
+        reference = layout.reference[:, :2]
+        beside = np.where(
+            layout.neighbours >= 0, layout.neighbours, np.arange(len(reference))[:, None]
+        )
+        apart = np.linalg.norm(reference[beside] - reference[:, None], axis=-1)
+        self._pitch = float(np.median(apart[apart > 0.0]))
+        self._restart()
+
+    def _restart(self) -> None:
+        settings = self._settings
+        self._start: Float[np.ndarray, "n 2"] | None = None
+        self._moved: deque[np.ndarray] = deque(maxlen=settings.memory)
+        self._shears: deque[float] = deque(maxlen=settings.memory)
+        self._raw: deque[tuple[float, float]] = deque(maxlen=3)
+
+    def update(
+        self,
+        positions: Float[np.ndarray, "n d"],
+        contact: Bool[np.ndarray, " n"],
+        hold: tuple[float, float],
+    ) -> Shear:
+        """What is known after the next frame.
+
+        Args:
+            positions: of the markers [mm]; NaN where not seen.
+            contact: markers of the contact region.
+            hold: agreement of the print with earlier ones [-]; NaN where unknown.
+        """
+        if not contact.any():
+            self._restart()
+            return Shear()
+        points = positions[:, :2]
+        if self._start is None:
+            self._start = points.copy()
+        unseen = np.isnan(self._start[:, 0])
+        self._start[unseen] = points[unseen]
+        since, lately = hold
+        self._raw.append((self._measure(points - self._start), since))
+        # one frame may be wrong: the middle of three
+        shear, since = (_middle(values) for values in zip(*self._raw, strict=True))
+        self._shears.append(shear)
+        return self._judge(shear, since, lately)
+
+    def _measure(self, moved: Float[np.ndarray, "n 2"]) -> float:
+        """How far the markers that went furthest within memory have gone, as one [mm]."""
+        self._moved.append(np.nan_to_num(np.linalg.norm(moved, axis=1)))
+        furthest = np.max(self._moved, axis=0)
+        furthest[np.isnan(moved[:, 0])] = -1.0
+        top = np.argsort(-furthest)[: self._settings.markers]
+        return float(np.linalg.norm(np.nanmedian(moved[top], axis=0)))
+
+    def _judge(self, shear: float, since: float, lately: float) -> Shear:
+        settings, peak = self._settings, max(self._shears)
+        fallen = (peak - shear) / max(peak, settings.least * self._pitch)
+        if not np.isfinite(since):
+            return Shear(shear, fallen)
+        by_print = _logistic((settings.kept - since) / settings.kept_spread)
+        by_fall = _logistic((fallen - settings.fallen) / settings.fallen_spread)
+        if since > settings.unloaded:
+            by_fall = 0.0
+        slipped = 1.0 - (1.0 - by_fall) * (1.0 - by_print)
+        slides = slipped > 0.5 and not lately > settings.resting
+        return Shear(shear, fallen, since, slipped, slides, slipped < 0.5)
+
+
+def conclude(shears: Sequence[Shear], track: Track) -> Outcome:
+    """What became of the grasp of a recording; without any print the states of the contact tell.
+
+    Args:
+        shears: of the gel, in each frame.
+        track: of the chosen method.
+    """
+    slipped = np.array([shear.slipped for shear in shears])
+    if np.isfinite(slipped).any():
+        probability, over = float(np.nanmax(slipped)), slipped > 0.5
+    else:
+        probability = np.nan
+        over = np.array([state == State.MACRO_SLIP for state in track.state])
+        touched = over.any() or bool(track.contact_markers.any())
+        if not touched:
+            return Outcome("unknown", np.nan, np.nan)
+    if not over.any():
+        return Outcome("held", probability, np.nan)
+    return Outcome("slipped", probability, float(track.time[over.argmax()]))
+
+
+def _middle(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.median(known)) if known else np.nan
+
+
+def _logistic(odds: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))))
