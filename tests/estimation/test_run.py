@@ -18,6 +18,7 @@ from estimation.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from tests.cases import domed_pad, lift
 
+SHEAR_COLUMNS = ("shear_mm", "print_hold", "slip_probability")
 COLUMNS = (
     "time_s",
     "frame",
@@ -72,7 +73,7 @@ def test_everything_is_written(tmp_path, progress):
     assert not outcome.interrupted
     assert {path.name for path in (tmp_path / "out").iterdir()} == SINGLE
     rows = rows_of(tmp_path / "out" / "angles.csv")
-    assert tuple(rows[0]) == COLUMNS + MARGIN_COLUMNS
+    assert tuple(rows[0]) == COLUMNS + MARGIN_COLUMNS + SHEAR_COLUMNS
     assert len(rows) == len(recording)
     result = estimate_angles(recording)
     for i, row in enumerate(rows):

@@ -1,0 +1,93 @@
+"""The print on the gel: it stays where the object holds, and goes over the gel where it slips."""
+
+import cv2
+import numpy as np
+import pytest
+
+from estimation.pictures.hold import HoldFollower
+from estimation.pictures.imprint import paint_out
+from estimation.pictures.lattice import lay_reference
+from tests.estimation.pictures.scenes import PITCH, RADIUS, REST
+
+MIDDLE = np.array([160.0, 120.0])
+REFERENCE = lay_reference(REST, "laid")
+LEAVE = np.linspace(0.0, 12.0, 9)
+"""Shear of the gel, frame by frame [px]."""
+
+
+def sheared(points, shear):
+    """Points of the gel: all the shear under the object, none far from it [px]."""
+    far = np.linalg.norm(points - MIDDLE, axis=-1)
+    share = np.exp(-((far / 75.0) ** 4))
+    return points + shear * share[..., None] * np.array([1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def relief():
+    rough = np.random.default_rng(4).normal(0.0, 1.0, (240, 400)).astype(np.float32)
+    rough = cv2.GaussianBlur(rough, (0, 0), 3.5)
+    return 40.0 * rough / rough.std()
+
+
+def pictured(relief, shear, ahead, rng):
+    """The gel under an object that has gone `ahead` of it, its dots and what the object prints."""
+    y, x = np.mgrid[:240, :320]
+    near = np.hypot(x - MIDDLE[0] - shear, y - MIDDLE[1]) < 62.0
+    start = 40 - round(shear + ahead)
+    grey = 150.0 + near * relief[:, start : start + 320] + rng.normal(0.0, 1.5, (240, 320))
+    dots = sheared(REST, shear)
+    image = np.clip(grey, 0, 255).astype(np.uint8)
+    for column, row in np.rint(16 * dots).astype(int).tolist():
+        cv2.circle(image, (column, row), int(16 * RADIUS), 40, -1, shift=4)
+    return np.repeat(image[..., None], 3, axis=-1), dots
+
+
+def follow(relief, ahead, rest=LEAVE, lost=()):
+    follower, rng, holds = HoldFollower(REFERENCE), np.random.default_rng(1), []
+    for shear, gone in zip(rest, np.broadcast_to(ahead, len(rest)), strict=True):
+        image, dots = pictured(relief, shear, gone, rng)
+        painted = paint_out(image, dots, RADIUS)
+        dots = dots.copy()
+        dots[list(lost)] = np.nan
+        holds.append(follower.update(painted, dots))
+    return np.array(holds)
+
+
+def test_print_stays_on_gel_that_holds(relief):
+    since, lately = follow(relief, 0.0).T
+    assert since.min() > 0.85
+    assert lately.min() > 0.85
+
+
+def test_print_goes_over_gel_that_is_slipped_over(relief):
+    ahead = np.linspace(0.0, PITCH / 2, len(LEAVE))
+    since, _ = follow(relief, ahead).T
+    assert since[0] == pytest.approx(1.0)
+    assert since[-1] < 0.4
+
+
+def test_gel_that_springs_back_under_an_object_at_rest_is_slipped_over(relief):
+    """The imprint stands still in the picture; only the gel moves."""
+    still = follow(relief, 0.0, LEAVE[::-1])[:, 0]
+    gone = follow(relief, LEAVE[-1] - LEAVE[::-1], LEAVE[::-1])[:, 0]
+    assert still.min() > 0.85
+    assert gone[-1] < 0.4
+
+
+def test_a_slip_that_has_ended_is_not_lately(relief):
+    ahead = np.concatenate([[0.0, 6.0, 12.0], np.full(6, 12.0)])
+    since, lately = follow(relief, ahead, np.zeros(9)).T
+    assert since[-1] < 0.4
+    assert lately[3] < 0.4
+    assert lately[-1] > 0.9
+
+
+def test_lost_dots_leave_the_answer(relief):
+    since, _ = follow(relief, 0.0, lost=(40, 41, 66)).T
+    assert since.min() > 0.75
+
+
+def test_without_dots_nothing_is_said(relief):
+    image, dots = pictured(relief, 0.0, 0.0, np.random.default_rng(1))
+    painted = paint_out(image, dots, RADIUS)
+    assert np.isnan(HoldFollower(REFERENCE).update(painted, np.full_like(dots, np.nan))).all()

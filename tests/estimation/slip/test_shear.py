@@ -1,0 +1,118 @@
+"""A slip along the gel, by the gel's shear and by the print on it; labelled lifts."""
+
+import numpy as np
+import pytest
+
+from estimation.estimators.result import State
+from estimation.frames.recording import layout_markers
+from estimation.settings import Settings
+from estimation.slip.shear import Shear, ShearSettings, ShearWatch, conclude
+from estimation.sources import read_recording
+from estimation.stream import Stream
+from estimation.tracker import estimate_angles
+from tests.estimation.pictures.scenes import real
+
+REST = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0)), -1).reshape(-1, 2)
+LAYOUT = layout_markers(REST)
+TOUCHED = np.linalg.norm(REST - 3.5, axis=1) < 2.5
+SHARE = np.exp(-((np.linalg.norm(REST - 3.5, axis=1) / 2.5) ** 4))[:, None]
+RISE = np.concatenate([np.linspace(0.0, 0.4, 9), np.full(8, 0.4)])
+"""Shear of a lift that is held [pitches]."""
+FALL = np.concatenate([RISE[:9], np.linspace(0.36, 0.1, 8)])
+SURE = np.full(len(RISE), 0.9)
+
+
+def watch(shear, hold, contact=TOUCHED):
+    watched = ShearWatch(LAYOUT)
+    return [
+        watched.update(REST + one * SHARE * [1.0, 0.0], contact, (agrees, agrees))
+        for one, agrees in zip(shear, np.broadcast_to(hold, len(shear)), strict=True)
+    ]
+
+
+def test_shear_is_that_of_the_gel_under_the_object():
+    found = watch(RISE, SURE)
+    assert found[-1].shear == pytest.approx(0.4 * np.median(np.sort(SHARE[:, 0])[-10:]))
+    assert found[-1].fallen == 0.0
+
+
+def test_held_where_shear_rests_and_the_print_stays():
+    found = watch(RISE, SURE)
+    assert all(one.holds and not one.slides for one in found)
+    assert found[-1].slipped < 0.05
+
+
+def test_slipped_where_the_shear_falls():
+    found = watch(FALL, 0.8)
+    assert found[8].slipped < 0.05
+    assert found[-1].slipped > 0.95
+
+
+def test_slipped_where_the_print_goes_over_gel_at_its_limit():
+    found = watch(RISE, np.where(np.arange(len(RISE)) > 9, 0.2, 0.95))
+    assert found[9].holds
+    assert found[-1].slides
+    assert found[-1].slipped > 0.95
+
+
+def test_a_load_that_is_taken_off_is_no_slip():
+    assert watch(FALL, 0.99)[-1].slipped < 0.05
+
+
+def test_one_wrong_frame_is_no_slip():
+    hold = SURE.copy()
+    hold[12] = 0.0
+    assert max(one.slipped for one in watch(RISE, hold)) < 0.5
+
+
+def test_without_a_print_nothing_is_said():
+    found = watch(FALL, np.nan)[-1]
+    assert np.isnan(found.slipped)
+    assert not found.slides
+    assert not found.holds
+    assert found.fallen > 0.5
+
+
+def test_contact_begins_anew():
+    watched = ShearWatch(LAYOUT)
+    for one in FALL:
+        watched.update(REST + np.array([one, 0.0]), TOUCHED, (0.8, 0.8))
+    assert watched.update(REST, np.zeros_like(TOUCHED), (np.nan, np.nan)) == pytest.approx(
+        Shear(), nan_ok=True
+    )
+    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0)).shear == 0.0
+
+
+def test_even_bets_are_where_the_settings_say():
+    settings = ShearSettings()
+    found = watch(np.zeros(5), settings.kept)[-1]
+    assert found.slipped == pytest.approx(0.5, abs=0.01)
+
+
+def test_states_tell_where_there_is_no_print(pivot_result):
+    shears = [Shear()] * len(pivot_result.time)
+    outcome = conclude(shears, pivot_result)
+    slipped = State.MACRO_SLIP in pivot_result.state
+    assert outcome.word == ("slipped" if slipped else "held")
+    assert np.isnan(outcome.probability)
+
+
+@pytest.fixture(scope="module")
+def pivot_result():
+    from estimation.frames.noise import Noise
+    from estimation.virtual.recording import simulate_pivot
+
+    recording, _ = simulate_pivot(seed=0)
+    return estimate_angles(recording, noise=Noise.given(1e-3))
+
+
+@pytest.mark.parametrize(
+    ("lift", "word"), [("object001/067_30_mm", "slipped"), ("object001/067_10_mm", "held")]
+)
+def test_labelled_lifts(lift, word):
+    stream = Stream(read_recording(real("slip-lifts", lift)), Settings())
+    answers = list(stream.answers())
+    shears = [answer.shear for answer in answers]
+    states = [answer.estimates[Settings().method].state for answer in answers]
+    assert (max(shear.slipped for shear in shears) > 0.5) == (word == "slipped")
+    assert (State.MACRO_SLIP in states) == (word == "slipped")
