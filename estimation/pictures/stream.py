@@ -237,6 +237,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
     with _open_video(path) as container:
         import av
         from av.error import FFmpegError
+        from av.video.reformatter import VideoReformatter
 
         stamps = _read_times(_table_beside(path))
         stream = container.streams.video[0]
@@ -249,7 +250,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
                 return stamps.get(number, np.nan)
             return number / rate if own is None else own
 
-        number = -1
+        number, colours = -1, VideoReformatter()  # one for all is made ready once
         try:
             for frame in container.decode(stream):
                 number += 1
@@ -257,7 +258,7 @@ def _read_video(path: Path) -> Iterator[Picture]:
                 grey = frame.format.name.startswith("gray")
                 wanted = ("gray16le" if "16" in frame.format.name else "gray") if grey else "bgr24"
                 flaw = "the picture is damaged" if frame.is_corrupt else ""
-                image = frame.to_ndarray(format=wanted)
+                image = colours.reformat(frame, format=wanted).to_ndarray()
                 yield Picture(image, stamp_of(number, frame.time), number, flaw)
         except FFmpegError as error:
             why = f"the video is damaged from here on ({error})"

@@ -99,11 +99,6 @@ class DiscFit(NamedTuple):
     residual: Float[np.ndarray, " m"]
     jacobian: Float[np.ndarray, "m 4"]
 
-    @property
-    def squares(self) -> float:
-        """Sum of the squared residuals."""
-        return float(self.residual @ self.residual)
-
 
 def describe_disc(
     best: DiscFit,
@@ -148,8 +143,8 @@ def fit_disc(
     """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
     motion = _Motion(before, after, scale, axis, settings.axis_drift)
 
-    def solve(start: np.ndarray) -> DiscFit:
-        found, *_ = leastsq(
+    def solve(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found, *told = leastsq(
             motion.residual,
             start,
             Dfun=motion.jacobian,
@@ -160,14 +155,14 @@ def fit_disc(
             maxfev=settings.most_steps,
             diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01]),  # typical changes, pitches and rad
         )
-        return DiscFit(found, motion.residual(found), motion.jacobian(found))
+        return found, told[1]["fvec"]
 
     solutions = []
     if last is not None:
         solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0])]
     if (
         not solutions
-        or min(s.squares for s in solutions) > 2.0 * len(before) * settings.worst_misfit**2
+        or min(map(_squares, solutions)) > 2.0 * len(before) * settings.worst_misfit**2
     ):
         centre = complex(before.mean()) if axis is None else complex(*axis)
         arm = before - centre
@@ -176,7 +171,13 @@ def fit_disc(
             solve(np.array([centre.real, centre.imag, radius, turned]))
             for radius in (1.0, 2.0, 4.0)
         ]
-    return min(solutions, key=lambda solution: solution.squares)
+    found, residual = min(solutions, key=_squares)
+    return DiscFit(found, residual, motion.jacobian(found))
+
+
+def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
+    """Sum of the squared residuals of parameters that were found."""
+    return float(solution[1] @ solution[1])
 
 
 class _Motion(NamedTuple):

@@ -129,9 +129,10 @@ def measure(clip: Path, path: Path, folder: Path, warm_up: int, most: int) -> No
         for stage, owner, name in STAGES:
             timed = clock.wrap(stage, getattr(owner, name))
             opened.enter_context(patch.object(owner, name, timed))
-        stream = Stream(PictureSource(path), settings)
+        source = PictureSource(path)
+        stream = Stream(source, settings)
         record = RecordWriter(folder / "record.sqlite", tuple(settings.methods))
-        table = TableWriter(folder / "angles.csv", settings.method)
+        table = TableWriter(folder / "angles.csv", settings.method, source.unit)
         sinks = (opened.enter_context(closing(record)), opened.enter_context(closing(table)))
         answers = stream.answers(*sinks)
         size = next(answers).frame.positions.shape[0]

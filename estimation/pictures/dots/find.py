@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-BATCH = 16
+BATCH = 8
 """Dots fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
 COARSE = 4.0
 """Radius from which dots are looked for at half the resolution [px]."""
