@@ -170,8 +170,11 @@ class Trackers:
             return State.MACRO_SLIP, why
         if why or not gel.stick.any():
             if self.shear.holds:
-                return State.INCIPIENT, why and UNTOLD_TURN
+                state = State.STICK if self.shear.sticks else State.INCIPIENT
+                return state, why and UNTOLD_TURN
             return State.MACRO_SLIP, why
+        if self.shear.sticks:
+            return State.STICK, ""
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
             return State.STICK, ""
         return State.INCIPIENT, ""

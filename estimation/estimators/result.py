@@ -23,6 +23,11 @@ class State(StrEnum):
     round virtual pivots, up to 9 in 95 %), since the last markers slip alike, and only
     `estimation.slip.lookback` dates it, looking back. `unknown`: the frame cannot be
     used, or what seems to stick moves as no one body; the reason says which.
+
+    Where pictures show what the object prints on the gel, the print comes first
+    (`estimation.slip.shear`): `stick` where nine tenths of it have stayed on the gel lately,
+    `macro_slip` where it goes over the gel, in shear, twist or both, and at most `incipient` where
+    it does not.
     """
 
     NO_CONTACT = "no_contact"

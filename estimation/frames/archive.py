@@ -49,7 +49,7 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     | `contact` | (frames, markers) | the contact region; only where the source knows it |
     | `imprint` | (frames, 2) | the imprint's rotation and its standard error; only where known |
     | `rotation` | (frames, markers) | rotation of each marker's line features; only where known |
-    | `hold` | (frames, 2) | agreement of the print on the gel with earlier ones; where known |
+    | `hold` | (frames, 3) | agreement of the print on the gel with earlier ones; where known |
     | `unit` | () text | of lengths, `mm` or `px` |
     | `name`, `source`, `convention` | () text | as in `Recording` |
     | `notes`, `warnings` | (sentences,) text | as in `Recording` |

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 import scipy
@@ -217,7 +217,8 @@ class Frame:
         rotation: of the line features at each marker [rad], where the source measures it and the
             markers' neighbours need not tell; NaN where unknown.
         hold: how well what the object prints on the gel agrees with what it printed there half a
-            second or a second before, and some frames before: correlation [-]; NaN where unknown.
+            second or a second before, some frames before, and then where it agrees least:
+            correlations [-]; NaN where unknown.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -233,7 +234,7 @@ class Frame:
     contact: Bool[np.ndarray, " n"] | None = None
     imprint: tuple[float, float] = (float("nan"), float("nan"))
     rotation: Float[np.ndarray, " n"] | None = None
-    hold: tuple[float, float] = (float("nan"), float("nan"))
+    hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
@@ -287,7 +288,7 @@ class Recording:
     contact: Bool[np.ndarray, "frames n"] | None = None
     imprint: Float[np.ndarray, "frames 2"] | None = None
     rotation: Float[np.ndarray, "frames n"] | None = None
-    hold: Float[np.ndarray, "frames 2"] | None = None
+    hold: Float[np.ndarray, "frames 3"] | None = None
     unit: str = "mm"
     name: str = "recording"
     source: str = ""
@@ -351,17 +352,20 @@ class Recording:
                 normal_force=float("nan") if self.force is None else -float(self.force[i, 2]),
                 flaw=self.flaws[i] if self.flaws else "",
                 contact=None if self.contact is None else self.contact[i],
-                imprint=_pair(self.imprint, i),
+                imprint=_numbers(self.imprint, i, (np.nan, np.nan)),
                 rotation=None if self.rotation is None else self.rotation[i],
-                hold=_pair(self.hold, i),
+                hold=_numbers(self.hold, i, (np.nan, np.nan, np.nan)),
             )
 
 
-def _pair(values: Float[np.ndarray, "frames 2"] | None, frame: int) -> tuple[float, float]:
-    """Two numbers of a frame; NaN where there are none."""
-    if values is None:
-        return np.nan, np.nan
-    return float(values[frame, 0]), float(values[frame, 1])
+Numbers = TypeVar("Numbers", bound=tuple[float, ...])
+
+
+def _numbers(
+    values: Float[np.ndarray, "frames some"] | None, frame: int, unknown: Numbers
+) -> Numbers:
+    """Numbers of a frame; those that stand for unknown where there are none."""
+    return unknown if values is None else cast(Numbers, tuple(values[frame].tolist()))
 
 
 def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:

@@ -262,9 +262,9 @@ class RecordReader:
 
     def shears(self) -> Iterator[Shear]:
         """How the gel was sheared, and whether the object slipped along it, by frame."""
-        for *values, slides, holds in self._rows(", ".join(f"shear_{n}" for n in Shear._fields)):
-            numbers = (np.nan if value is None else value for value in values)
-            yield Shear(*numbers, slides=bool(slides), holds=bool(holds))
+        for values in self._rows(", ".join(f"shear_{name}" for name in Shear._fields)):
+            shear, fallen, hold, slipped = (np.nan if one is None else one for one in values[:4])
+            yield Shear(shear, fallen, hold, slipped, *(bool(one) for one in values[4:]))
 
     def markers(self) -> Iterator[KeptMarkers]:
         """The markers of the frames that they are kept of."""

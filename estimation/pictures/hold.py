@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 from scipy.interpolate import RBFInterpolator
 
 from estimation.pictures.imprint import Painted
@@ -53,13 +53,16 @@ class Hold(NamedTuple):
     Attributes:
         since: correlation with that of half a second or a second before [-]; NaN where unknown.
         lately: with that of some frames before [-].
+        weakest: the same where it agrees least: a tenth of the print agrees less [-].
     """
 
     since: float
     lately: float
+    weakest: float
 
 
-UNKNOWN = Hold(np.nan, np.nan)
+UNKNOWN = Hold(np.nan, np.nan, np.nan)
+WEAKEST = 0.1
 
 
 class Print(NamedTuple):
@@ -114,7 +117,8 @@ class HoldFollower:
             self._earlier = [*self._earlier[-1:], now]
         self._frames += 1
         self._recent.append(now)
-        return Hold(*(self._compare(one, now, seen) for one in (self._earlier[0], self._recent[0])))
+        (since,) = self._compare(self._earlier[0], now, seen, 0.5)
+        return Hold(since, *self._compare(self._recent[0], now, seen, 0.5, WEAKEST))
 
     def _lay_grid(self, painted: Painted) -> None:
         """Lay points over pictures of this size, and learn what moves them as the dots move."""
@@ -155,8 +159,10 @@ class HoldFollower:
         power = np.einsum("chw,chw->hw", planes, planes)
         return Print(planes, power, (clear > 0.9).astype(np.float32))
 
-    def _compare(self, before: Print, now: Print, seen: np.ndarray) -> float:
-        """The median correlation around the dots where most is printed, by how much that is."""
+    def _compare(
+        self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], *shares: float
+    ) -> list[float]:
+        """Quantiles of the correlation around dots, weighted by what is printed there."""
         settings = self._settings
         width = (2 * int(0.5 * settings.window * self._pitch / self._part) + 1,) * 2
         both = before.clear * now.clear
@@ -172,18 +178,13 @@ class HoldFollower:
         power = np.maximum(first, second)
         seen = seen & (share > settings.seen)
         if not seen.any():
-            return np.nan
+            return [np.nan] * len(shares)
         bare, printed = np.quantile(power[seen], [settings.bare, 1.0 - settings.printed])
         least = min(settings.contrast**2 * bare + 1.0, printed)
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         agreement = cross / np.sqrt(first * second + 1e-6)
-        return _weighted_median(agreement, weight)
-
-
-def _weighted_median(values: Float[np.ndarray, " m"], weights: Float[np.ndarray, " m"]) -> float:
-    """The median of values; NaN where nothing has a weight."""
-    order = np.argsort(values)
-    sums = np.cumsum(weights[order])
-    if not sums[-1] > 0.0:
-        return np.nan
-    return float(values[order][np.searchsorted(sums, 0.5 * sums[-1])])
+        if not weight.any():
+            return [np.nan] * len(shares)
+        order = np.argsort(agreement)
+        sums = np.cumsum(weight[order])
+        return [float(agreement[order][np.searchsorted(sums, p * sums[-1])]) for p in shares]

@@ -103,7 +103,7 @@ class Row(NamedTuple):
     imprint: float = float("nan")
     imprint_error: float = float("nan")
     rotation: Float[np.ndarray, " m"] | None = None
-    hold: tuple[float, float] = (float("nan"), float("nan"))
+    hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
 
     @classmethod
     def of_none(cls, picture: Picture, shape: tuple[int, int], flaw: str) -> "Row":

@@ -39,7 +39,9 @@ class ShearSettings:
         kept: correlation with the earlier print in an even bet [-].
         kept_spread: change of that for odds of e [-].
         unloaded: correlation from which a fall is a load taken off [-].
-        resting: correlation with the print of some frames before from which nothing slides [-].
+        resting: correlation with the print of some frames before from which the object does not
+            slide [-].
+        sticking: the same of what agrees least, from which all of the contact sticks [-].
     """
 
     markers: int = 10
@@ -50,7 +52,8 @@ class ShearSettings:
     kept: float = 0.55
     kept_spread: float = 0.06
     unloaded: float = 0.96
-    resting: float = 0.9
+    resting: float = 0.95
+    sticking: float = 0.9
 
 
 class Shear(NamedTuple):
@@ -64,6 +67,7 @@ class Shear(NamedTuple):
             and where no print can be compared.
         slides: whether the print says that the object slides.
         holds: whether the print says that it has not slid lately.
+        sticks: whether it says that all of it sticks.
     """
 
     shear: float = float("nan")
@@ -72,6 +76,7 @@ class Shear(NamedTuple):
     slipped: float = float("nan")
     slides: bool = False
     holds: bool = False
+    sticks: bool = False
 
 
 class Outcome(NamedTuple):
@@ -127,7 +132,7 @@ class ShearWatch:
         self,
         positions: Float[np.ndarray, "n d"],
         contact: Bool[np.ndarray, " n"],
-        hold: tuple[float, float],
+        hold: tuple[float, float, float],
     ) -> Shear:
         """What is known after the next frame.
 
@@ -144,12 +149,12 @@ class ShearWatch:
             self._start = points.copy()
         unseen = np.isnan(self._start[:, 0])
         self._start[unseen] = points[unseen]
-        since, lately = hold
+        since, *now = hold
         self._raw.append((self._measure(points - self._start), since))
         # one frame may be wrong: the middle of three
         shear, since = (_middle(values) for values in zip(*self._raw, strict=True))
         self._shears.append(shear)
-        return self._judge(shear, since, lately)
+        return self._judge(shear, since, *now)
 
     def _measure(self, moved: Float[np.ndarray, "n 2"]) -> float:
         """How far the markers that went furthest within memory have gone, as one [mm]."""
@@ -159,7 +164,7 @@ class ShearWatch:
         top = np.argsort(-furthest)[: self._settings.markers]
         return float(np.linalg.norm(np.nanmedian(moved[top], axis=0)))
 
-    def _judge(self, shear: float, since: float, lately: float) -> Shear:
+    def _judge(self, shear: float, since: float, lately: float, weakest: float) -> Shear:
         settings, peak = self._settings, max(self._shears)
         fallen = (peak - shear) / max(peak, settings.least * self._pitch)
         if not np.isfinite(since):
@@ -170,7 +175,9 @@ class ShearWatch:
             by_fall = 0.0
         slipped = 1.0 - (1.0 - by_fall) * (1.0 - by_print)
         slides = slipped > 0.5 and not lately > settings.resting
-        return Shear(shear, fallen, since, slipped, slides, slipped < 0.5)
+        holds = slipped < 0.5
+        sticks = holds and weakest > settings.sticking
+        return Shear(shear, fallen, since, slipped, slides, holds, sticks)
 
 
 def conclude(shears: Sequence[Shear], track: Track) -> Outcome:

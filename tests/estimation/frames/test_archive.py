@@ -94,7 +94,7 @@ def full(recording) -> Recording:
         contact=numbers[:80].reshape(5, 16) < 9.0,
         imprint=numbers[:10].reshape(5, 2),
         rotation=0.01 * numbers[:80].reshape(5, 16),
-        hold=0.1 * numbers[:10].reshape(5, 2),
+        hold=0.1 * numbers[:15].reshape(5, 3),
         unit="px",
         name="name",
         source="source",

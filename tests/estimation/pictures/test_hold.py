@@ -54,14 +54,14 @@ def follow(relief, ahead, rest=LEAVE, lost=()):
 
 
 def test_print_stays_on_gel_that_holds(relief):
-    since, lately = follow(relief, 0.0).T
+    since, lately, _ = follow(relief, 0.0).T
     assert since.min() > 0.85
     assert lately.min() > 0.85
 
 
 def test_print_goes_over_gel_that_is_slipped_over(relief):
     ahead = np.linspace(0.0, PITCH / 2, len(LEAVE))
-    since, _ = follow(relief, ahead).T
+    since, *_ = follow(relief, ahead).T
     assert since[0] == pytest.approx(1.0)
     assert since[-1] < 0.4
 
@@ -76,14 +76,15 @@ def test_gel_that_springs_back_under_an_object_at_rest_is_slipped_over(relief):
 
 def test_a_slip_that_has_ended_is_not_lately(relief):
     ahead = np.concatenate([[0.0, 6.0, 12.0], np.full(6, 12.0)])
-    since, lately = follow(relief, ahead, np.zeros(9)).T
+    since, lately, weakest = follow(relief, ahead, np.zeros(9)).T
     assert since[-1] < 0.4
     assert lately[3] < 0.4
     assert lately[-1] > 0.9
+    assert weakest[-1] > 0.9
 
 
 def test_lost_dots_leave_the_answer(relief):
-    since, _ = follow(relief, 0.0, lost=(40, 41, 66)).T
+    since, *_ = follow(relief, 0.0, lost=(40, 41, 66)).T
     assert since.min() > 0.75
 
 

@@ -25,7 +25,7 @@ SURE = np.full(len(RISE), 0.9)
 def watch(shear, hold, contact=TOUCHED):
     watched = ShearWatch(LAYOUT)
     return [
-        watched.update(REST + one * SHARE * [1.0, 0.0], contact, (agrees, agrees))
+        watched.update(REST + one * SHARE * [1.0, 0.0], contact, (agrees, agrees, agrees))
         for one, agrees in zip(shear, np.broadcast_to(hold, len(shear)), strict=True)
     ]
 
@@ -38,7 +38,7 @@ def test_shear_is_that_of_the_gel_under_the_object():
 
 def test_held_where_shear_rests_and_the_print_stays():
     found = watch(RISE, SURE)
-    assert all(one.holds and not one.slides for one in found)
+    assert all(one.holds and not one.slides and not one.sticks for one in found)
     assert found[-1].slipped < 0.05
 
 
@@ -76,11 +76,11 @@ def test_without_a_print_nothing_is_said():
 def test_contact_begins_anew():
     watched = ShearWatch(LAYOUT)
     for one in FALL:
-        watched.update(REST + np.array([one, 0.0]), TOUCHED, (0.8, 0.8))
-    assert watched.update(REST, np.zeros_like(TOUCHED), (np.nan, np.nan)) == pytest.approx(
+        watched.update(REST + np.array([one, 0.0]), TOUCHED, (0.8, 0.8, 0.8))
+    assert watched.update(REST, np.zeros_like(TOUCHED), (np.nan, np.nan, np.nan)) == pytest.approx(
         Shear(), nan_ok=True
     )
-    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0)).shear == 0.0
+    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0, 1.0)).shear == 0.0
 
 
 def test_even_bets_are_where_the_settings_say():
