@@ -26,6 +26,12 @@ PIVOT_DRAWS, PIVOT_PITCH, FIRM_MARKERS = 1, 0.92, 10
 CLIP_FRAMES = (0, 30, 60, 90, 110, 150, 200, 300, 420)
 """Frames of the published clips that the table shows."""
 
+REFERENCE_ERROR, REST_DEG = 0.7, 1.0
+"""What registered turns are good to, and from which on an object counts as turned [deg]."""
+
+WORST, WORST_OF_CLIP = 10, 2
+"""Worst turns that are shown, of all clips and of one."""
+
 REGISTERED: dict[str, dict[int, float]] = {
     f"screw_driver_blue_gray/exp_num_1/camera_{camera}": dict(
         zip((30, 60, 90, 120, 150, 180, 210, 240, 300), angles, strict=True)

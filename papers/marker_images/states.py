@@ -17,11 +17,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimation.estimators.result import Estimate, State
+from estimation.estimators.result import State
 from estimation.frames import datasets
 from estimation.pictures.reading import PictureSource
 from estimation.settings import Settings
-from estimation.stream import Stream
+from estimation.stream import Answer, Stream
 from papers.items import Track
 
 UNCLEAR = "unclear"
@@ -144,9 +144,9 @@ def compute(quick: bool = False, track: Track = iter) -> Scored:
     clips = sorted(frames, key=lambda clip: max(frames[clip]))[: 2 if quick else None]
     ours: dict[Place, Ours] = {}
     for clip in track(clips):
-        answers = _answer(root / f"{clip}.avi")
+        answers = answer_video(root / f"{clip}.avi")
         for frame in frames[clip]:
-            one = answers[frame]
+            one = answers[frame].estimates["tracked"]
             ours[Place(clip, frame)] = Ours(one.state, one.reason)
     return Scored(readings, ours)
 
@@ -159,12 +159,17 @@ class _OneMethod(Settings):
         return {self.method: self.constants}
 
 
-def _answer(path: Path) -> list[Estimate]:
-    """What the default method answers when `run` follows a video."""
+def answer_video(path: Path) -> list[Answer]:
+    """What `run` answers of every frame of a video, by the default method alone.
+
+    Raises:
+        ValueError: no video with markers.
+        OSError: it cannot be read.
+    """
     stream = Stream(PictureSource(path), _OneMethod())
-    found: dict[int, Estimate] = {}
+    found: dict[int, Answer] = {}
     for answer in stream.answers():  # some are given anew
-        found[answer.row] = answer.estimates["tracked"]
+        found[answer.row] = answer
     return [found[row] for row in sorted(found)]
 
 
