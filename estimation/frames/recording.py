@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, TypeVar, cast, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import scipy
@@ -352,20 +352,15 @@ class Recording:
                 normal_force=float("nan") if self.force is None else -float(self.force[i, 2]),
                 flaw=self.flaws[i] if self.flaws else "",
                 contact=None if self.contact is None else self.contact[i],
-                imprint=_numbers(self.imprint, i, (np.nan, np.nan)),
+                imprint=_numbers(self.imprint, i, 2),
                 rotation=None if self.rotation is None else self.rotation[i],
-                hold=_numbers(self.hold, i, (np.nan, np.nan, np.nan)),
+                hold=_numbers(self.hold, i, 3),
             )
 
 
-Numbers = TypeVar("Numbers", bound=tuple[float, ...])
-
-
-def _numbers(
-    values: Float[np.ndarray, "frames some"] | None, frame: int, unknown: Numbers
-) -> Numbers:
-    """Numbers of a frame; those that stand for unknown where there are none."""
-    return unknown if values is None else cast(Numbers, tuple(values[frame].tolist()))
+def _numbers(values: Float[np.ndarray, "frames some"] | None, frame: int, count: int) -> Any:
+    """So many numbers of a frame; NaN where there are none."""
+    return (np.nan,) * count if values is None else tuple(values[frame].tolist())
 
 
 def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
