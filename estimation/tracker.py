@@ -108,16 +108,23 @@ class Trackers:
             ValueError: the frame is not of this layout.
         """
         seen = self.observation = self._observer.observe(frame)
+        self.shear = self._follow_shear(seen)
         if seen.fields is None:
-            self.shear = Shear()
             return {name: _label(frame, seen.flaw, since) for name, since in self._since.items()}
-        self.shear = self._shear.update(frame.positions, seen.fields.contact, frame.hold)
         estimates = {}
         for name, estimator in self.estimators.items():
             gel = estimator.update(seen.fields)
             self._since[name] = self._since[name].update(gel, seen.fields, frame.time)
             estimates[name] = self._answer(seen, seen.fields, gel, name)
         return estimates
+
+    def _follow_shear(self, seen: Observation) -> Shear:
+        """The gel's shear; it is known where too little of the contact is in view for an angle."""
+        frame = seen.frame
+        contact = frame.contact if seen.fields is None else seen.fields.contact
+        if frame.flaw or contact is None:
+            return Shear()
+        return self._shear.update(frame.positions, contact, frame.hold)
 
     def _answer(self, seen: Observation, fields: Fields, gel: Measurement, method: str) -> Estimate:
         """An estimate from one method's measurement."""

@@ -84,7 +84,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         word: `held` or `slipped`; `unknown` without contact.
-        probability: that it slipped [-]; NaN where only the states of the contact tell.
+        probability: that it slipped [-]: a half where nothing is known, and NaN where only the
+            states of the contact tell.
         onset: when that became more likely than not, or macro slip was first seen [s]; NaN if it
             was held.
     """
@@ -145,6 +146,8 @@ class ShearWatch:
             self._restart()
             return Shear()
         points = positions[:, :2]
+        if not np.isfinite(points).any():
+            return Shear()
         if self._start is None:
             self._start = points.copy()
         unseen = np.isnan(self._start[:, 0])
@@ -195,7 +198,7 @@ def conclude(shears: Sequence[Shear], track: Track) -> Outcome:
         over = np.array([state == State.MACRO_SLIP for state in track.state])
         touched = over.any() or bool(track.contact_markers.any())
         if not touched:
-            return Outcome("unknown", np.nan, np.nan)
+            return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         return Outcome("held", probability, np.nan)
     return Outcome("slipped", probability, float(track.time[over.argmax()]))

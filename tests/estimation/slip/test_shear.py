@@ -73,6 +73,20 @@ def test_without_a_print_nothing_is_said():
     assert found.fallen > 0.5
 
 
+def test_a_frame_without_markers_is_passed_over():
+    watched = ShearWatch(LAYOUT)
+    watched.update(REST, TOUCHED, (1.0, 1.0, 1.0))
+    unseen = watched.update(np.full_like(REST, np.nan), TOUCHED, (np.nan, np.nan, np.nan))
+    assert np.isnan(unseen.shear)
+    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0, 1.0)).shear > 0.0
+
+
+def test_nothing_is_known_without_contact(pivot_result):
+    before = pivot_result.take(slice(1))
+    assert conclude([Shear()], before).word == "unknown"
+    assert conclude([Shear()], before).probability == 0.5
+
+
 def test_contact_begins_anew():
     watched = ShearWatch(LAYOUT)
     for one in FALL:
