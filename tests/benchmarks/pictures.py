@@ -27,6 +27,7 @@ from rich.table import Table
 
 import estimation.pictures.corners.reader as corners
 import estimation.pictures.corners.tracking as corner_tracking
+import estimation.pictures.dots.reader as dots
 import estimation.pictures.dots.style as style
 import estimation.pictures.reading as images
 import estimation.pictures.speckle.reader as speckle_source
@@ -53,12 +54,12 @@ SMALL = Camera(width=320, height=240)
 Owner = ModuleType | type
 STAGES: dict[str, list[tuple[str, Owner, str]]] = {
     "dots": [
-        ("grey levels", images, "to_grey"),
+        ("grey levels", dots, "to_grey"),
         ("seeds", style, "find_seeds"),
         ("fit to the table", style, "fit_alike"),
         ("fit in full", style, "fit_dots"),
         ("which dot is which", DotTracker, "update"),
-        ("texture", images, "paint_out"),
+        ("texture", dots, "paint_out"),
         ("contact region", images.DotReader, "_contact"),
         ("imprint", ImprintFollower, "update"),
         ("angle (`tracked`)", Tracker, "update"),
