@@ -16,8 +16,6 @@ from estimation.softness import ScalarSoftness, Softness
 from estimation.softness.lifting import displacement_as_seen
 
 RIGID_OBJECT = ScalarSoftness()
-LEAST_IN_VIEW = 12
-"""Markers of a contact that is cut by the edge of the view below which too little of it is seen."""
 
 
 class Observation(NamedTuple):
@@ -74,6 +72,9 @@ class Observer:
         Raises:
             ValueError: the frame is not of this layout.
         """
+        # markers of a contact that is cut by the edge of the view below which too little of it is
+        # seen
+        least_in_view = 12
         if frame.positions.shape[0] != len(self.stencils.reference):
             raise ValueError(
                 f"the frame has {frame.positions.shape[0]} markers, the layout "
@@ -83,7 +84,7 @@ class Observer:
             return Observation(frame, None, flaw)
         told = frame.contact
         cut = told is not None and reaches_edge(self.stencils.neighbours, told)
-        if told is not None and cut and told.sum() < LEAST_IN_VIEW:
+        if told is not None and cut and told.sum() < least_in_view:
             return Observation(frame, None, "too little of the contact is in view")
         if frame.valid.sum() < MIN_STICK_MARKERS:
             return Observation(frame, None, f"{frame.valid.sum()} usable markers")

@@ -14,8 +14,6 @@ from jaxtyping import Bool, Float
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import State, Track
 
-LEAST_FRAMES = 10
-
 
 class Fit(NamedTuple):
     """How the second finger's angle lies to the first's, by least squares.
@@ -202,8 +200,9 @@ class _Pair:
         half the time. An offset is taken where it is likelier than 0 by more than the best of as
         many tried by chance, with one independent residual for each time of `lag` frames.
         """
+        least_frames = 10
         alone = np.convolve(np.isfinite(self.mine), np.ones(self.lag + 1), "valid") > self.lag
-        least = max(LEAST_FRAMES, 0.4 * alone.sum())
+        least = max(least_frames, 0.4 * alone.sum())
 
         def cost(clock: float) -> tuple[float, int]:
             moved = self.motions(clock)
@@ -219,7 +218,7 @@ class _Pair:
         best = int(np.argmin(costs))
         if not np.isfinite(costs[best]):
             raise ValueError(
-                f"the two recordings share fewer than {LEAST_FRAMES} frames without macro slip: "
+                f"the two recordings share fewer than {least_frames} frames without macro slip: "
                 "their clocks cannot be brought together"
             )
         finer = tried[best] + self.step * np.linspace(-1.0, 1.0, 41)

@@ -10,11 +10,6 @@ from jaxtyping import Bool, Float, Int
 from estimation.fields.stencils import Stencils
 
 SHARE = 0.5
-EDGE_SHARE = 0.25
-"""Share of the contact's markers at the edge of the view from which part of it counts as unseen."""
-
-SURROUNDED_SHARE = 0.05
-"""Share of the largest normal displacement from which surrounded markers count as touched."""
 
 
 def find_contact(
@@ -45,13 +40,15 @@ def find_contact(
     Returns:
         The region, empty without contact, and the centre, −1 without contact.
     """
+    # share of the largest normal displacement from which surrounded markers count as touched
+    surrounded_share = 0.05
     seen = np.isfinite(indentation)
     region = seen & has_rotation
     moved = np.sqrt(np.einsum("ni,ni->n", displacement, displacement))
     pressed_on = False
     if not stencils.flat:
         deepest = indentation[seen].max(initial=0.0)
-        pressed = region & (indentation > SURROUNDED_SHARE * deepest)
+        pressed = region & (indentation > surrounded_share * deepest)
         region &= (indentation >= share * deepest) & (deepest > 0.0)
         filled = _fill_hollow(stencils.reference[:, :2], region, pressed)
         hollow = bool((filled & ~region).any())
@@ -110,9 +107,11 @@ def reaches_edge(neighbours: Int[np.ndarray, "n k"], contact: Bool[np.ndarray, "
         neighbours: of each marker, −1 where there is none; markers at the edge have fewer.
         contact: the contact region.
     """
+    # share of the contact's markers at the edge of the view from which part of it counts as unseen
+    edge_share = 0.25
     count = (neighbours >= 0).sum(axis=1)
     typical = np.sort(count)[len(count) // 2]
-    return bool(contact.any() and np.mean(count[contact] < typical) >= EDGE_SHARE)
+    return bool(contact.any() and np.mean(count[contact] < typical) >= edge_share)
 
 
 def find_stick_centre(

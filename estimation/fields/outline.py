@@ -17,8 +17,6 @@ from estimation.fields.stencils import make_stencils
 from estimation.frames.recording import Recording
 
 LEAST_MARKERS = 9
-LEAST_ELONGATION = 1.2
-LARGEST_ERROR_DEG = 3.0
 
 
 class Axis(NamedTuple):
@@ -65,6 +63,8 @@ def measure_axis(fields: Fields) -> Axis:
     where one of the rim comes or goes. Refused where the contact has too few markers, is too
     round, or the shape fits too badly.
     """
+    least_elongation = 1.2
+    largest_error_deg = 3.0
     nothing = Axis(np.nan, np.nan, np.nan, np.nan)
     points = fields.positions[fields.contact, :2]
     if len(points) < LEAST_MARKERS:
@@ -89,9 +89,9 @@ def measure_axis(fields: Fields) -> Axis:
     gradient = np.array([-xy, xx - yy, xy]) / (2.0 * spread**2)
     error = float(np.sqrt(gradient @ covariance @ gradient))
     axis = Axis(0.5 * float(np.arctan2(xy, xx - yy)), error, elongation, -short)
-    if elongation < LEAST_ELONGATION:
+    if elongation < least_elongation:
         return axis._replace(angle=np.nan, reason=f"the contact is too round: {elongation:.2f}:1")
-    if error > np.radians(LARGEST_ERROR_DEG):
+    if error > np.radians(largest_error_deg):
         return axis._replace(
             angle=np.nan, reason=f"its direction is only known to {np.degrees(error):.1f}°"
         )

@@ -22,8 +22,6 @@ from estimation.frames.recording import MarkerLayout, Recording, declared_arrays
 
 FORMAT_VERSION = 2
 SUFFIX = ".npz"
-_LATER = ("unit", "warnings")
-"""Entries that are not optional, and that the first archives were written without."""
 _TYPES: dict[Any, type] = {Bool: bool, Int: int, Float: float}
 
 
@@ -136,9 +134,11 @@ def _read_part(
         KeyError: an entry is missing.
         TypeError: an entry is of another type.
     """
+    # entries that are not optional, and that the first archives were written without
+    later = ("unit", "warnings")
     arrays, found = declared_arrays(part), {}
     for name, hint in get_type_hints(part).items():
-        optional = NoneType in get_args(hint) or name in _LATER
+        optional = NoneType in get_args(hint) or name in later
         if hint is MarkerLayout or (optional and name not in entries):
             continue
         entry = entries[name]

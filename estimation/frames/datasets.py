@@ -35,10 +35,6 @@ _SETS: dict[str, dict] = _PUBLISHED["sets"]
 NAMES: tuple[str, ...] = tuple(_SETS)
 """Data sets that can be fetched."""
 
-UNLICENSED = (
-    "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"
-)
-
 
 def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
     """The folder of a data set, brought into the cache unless it is there and intact.
@@ -51,6 +47,9 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
         ValueError: no such data set, or what was downloaded is not what was published.
         OSError: it cannot be downloaded (the message says what to do), or the cache not written to.
     """
+    unlicensed = (
+        "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"
+    )
     found = find(name)
     if found is not None:
         return found
@@ -58,7 +57,7 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
     for root in _roots():
         if (root / _local(name)).exists():
             say(f"{root / _local(name)} is incomplete or damaged and not used")
-    say(f"{name}: {published.get('licence', UNLICENSED)}")
+    say(f"{name}: {published.get('licence', unlicensed)}")
     cache = cache_folder()
     cache.mkdir(parents=True, exist_ok=True)
     if "url" in published:

@@ -26,13 +26,6 @@ FROZEN_STEPS = 5
 One or two do happen to good markers whose coordinates are rounded."""
 
 
-MANY_STAMPS = 10
-"""Time stamps from which on, none after another, it is the clock: by chance 1 in 10!."""
-
-PITCHES = (0.05, 20.0)
-"""Distances between markers that a tactile sensor may have [mm]."""
-
-
 def inspect_recording(recording: Recording) -> Recording:
     """The recording with its flaws found: `flaws`, `valid` and `notes` filled in.
 
@@ -49,6 +42,8 @@ def inspect_recording(recording: Recording) -> Recording:
         ValueError: there are many time stamps, and no two are in order, or a marker at rest is
             where none can be.
     """
+    # time stamps from which on, none after another, it is the clock: by chance 1 in 10!
+    many_stamps = 10
     expect_places(recording.layout.reference)
     recording, absurd = _take_out_absurd(recording)
     seen = np.all(np.isfinite(recording.positions), axis=-1)
@@ -57,7 +52,7 @@ def inspect_recording(recording: Recording) -> Recording:
     zero = (recording.positions == 0).all(axis=-1)
     blank = seen.any(axis=1) & (zero | ~seen).all(axis=1)
     timed, disordered = np.isfinite(recording.time), disordered_times(recording.time)
-    if timed.sum() >= MANY_STAMPS and (timed & ~disordered).sum() == 1:
+    if timed.sum() >= many_stamps and (timed & ~disordered).sum() == 1:
         raise ValueError(
             f"{recording.name}: the clock stands still or runs backwards, none of {timed.sum()} "
             "time stamps is after another: give the frames in order, with their times in seconds"
@@ -229,11 +224,12 @@ def _index_notes(recording: Recording) -> list[str]:
 
 def _length_notes(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
     """Hints at a wrong unit of length, and at a z axis that points into the pad."""
+    pitches = (0.05, 20.0)  # distances between markers that a tactile sensor may have [mm]
     if recording.unit != "mm":
         return []
     reference, notes = recording.layout.reference, []
     pitch = float(np.median(KDTree(reference).query(reference, 2)[0][:, 1]))
-    if not PITCHES[0] <= pitch <= PITCHES[1]:
+    if not pitches[0] <= pitch <= pitches[1]:
         notes.append(f"the markers lie {pitch:.2g} mm apart: are the lengths in mm?")
     if reference.shape[1] == 3 and valid.any():
         inward, outward = np.quantile((recording.positions - reference)[valid, 2], (0.01, 0.99))

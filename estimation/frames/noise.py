@@ -20,9 +20,6 @@ from estimation.frames.recording import Recording
 SURROUNDINGS = 12
 """Nearest markers that a quadratic surface is fitted to: two rings of a square grid."""
 
-WHITE_LAGS = range(3, 9)
-"""Frames apart at which errors count as independent, the first that the recording offers: the
-trackers' running mean is three frames long."""
 
 FEWEST_SAMPLES = 300
 """Residuals per coordinate needed: their median is then good to about 7 %."""
@@ -79,6 +76,9 @@ def estimate_noise(recording: Recording) -> Noise:
     Raises:
         ValueError: too few markers, too few frames of the right distance, or no scatter.
     """
+    # frames apart at which errors count as independent, the first that the recording offers: the
+    # trackers' running mean is three frames long
+    white_lags = range(3, 9)
     layout = recording.layout
     displacement = recording.positions - layout.reference
     repeats = (displacement == 0).all(axis=(1, 2))
@@ -88,7 +88,7 @@ def estimate_noise(recording: Recording) -> Noise:
     )
     rows = np.flatnonzero(np.isfinite(rough).any(axis=(1, 2)))
     number_to_row = dict(zip(recording.source_index[rows].tolist(), rows.tolist(), strict=True))
-    for lag in WHITE_LAGS:
+    for lag in white_lags:
         triples = _triples(number_to_row, lag)
         white = _second_difference_variance(rough, triples)
         if np.isfinite(white).all():
@@ -96,7 +96,7 @@ def estimate_noise(recording: Recording) -> Noise:
     else:
         raise ValueError(
             f"the noise cannot be estimated from {len(recording)} frames: it takes frames "
-            f"i, i + {WHITE_LAGS.start} and i + {2 * WHITE_LAGS.start} of the source that show "
+            f"i, i + {white_lags.start} and i + {2 * white_lags.start} of the source that show "
             f"{FEWEST_SAMPLES} markers; give the noise, or record longer"
         )
     if not (white[:2] > 0).all():

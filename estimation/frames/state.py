@@ -10,8 +10,6 @@ from typing import Any
 
 from contactmodel.common.version import __version__
 
-PACKAGES = ("contactmodel.", "estimation.")
-WRITERS = "estimation.output."
 OTHERS = {
     ("collections", "Counter"),
     ("collections", "deque"),
@@ -33,9 +31,11 @@ class _Reader(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """A class by name."""
+        packages = ("contactmodel.", "estimation.")
+        writers = "estimation.output."
         if (module, name) in OTHERS:
             return super().find_class(module, name)
-        ours = module.startswith(PACKAGES) and not module.startswith(WRITERS)
+        ours = module.startswith(packages) and not module.startswith(writers)
         if ours and "." not in name:
             found = super().find_class(module, name)
             if isinstance(found, type) and found.__module__ == module:

@@ -40,9 +40,6 @@ DISPLACEMENTS = "3D_Displacements"
 TIME = "sendTimestamp"
 NEEDED = (POSITIONS, DISPLACEMENTS, TIME)
 
-ZERO_DRIFT = 1e-3
-"""Change of the sensor's zero [mm] worth a note: the size of the markers' noise."""
-
 
 def is_tac3d(folder: Path) -> bool:
     """Whether the folder looks like a Tac3D recording, complete or not."""
@@ -103,6 +100,8 @@ def find_reference(
     Returns:
         Reference positions, NaN for markers that no frame shows, and notes.
     """
+    # change of the sensor's zero [mm] worth a note: the size of the markers' noise
+    zero_drift = 1e-3
     loaded = np.nan_to_num(displacements).any(axis=(1, 2))
     if not loaded.any():
         shown = np.nan_to_num(positions).any(axis=(1, 2))
@@ -112,7 +111,7 @@ def find_reference(
     reference = _median(zero)
     off = np.abs(zero - reference)
     drift = float(off[np.isfinite(off)].max(initial=0.0))
-    if drift <= ZERO_DRIFT:
+    if drift <= zero_drift:
         return reference, ()
     return reference, (
         f"the sensor's zero is not constant: it differs by up to {drift:.2g} mm from the median, "

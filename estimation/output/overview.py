@@ -21,16 +21,6 @@ from estimation.output.report import (
     render_page,
 )
 
-COMPARISON_COLUMNS = (
-    "time_s",
-    "first_deg",
-    "second_deg",
-    "joint_deg",
-    "joint_low_deg",
-    "joint_high_deg",
-    "holds",
-)
-
 
 def write_overview(
     done: Sequence[tuple[Run, Mapping[str, Any]]],
@@ -123,9 +113,18 @@ def _describe_fit(fit: Fit) -> dict[str, Any]:
 
 def _comparison(grasp: Grasp) -> str:
     """Both fingers and the joint angle as CSV, a row for each frame of the first."""
+    comparison_columns = (
+        "time_s",
+        "first_deg",
+        "second_deg",
+        "joint_deg",
+        "joint_low_deg",
+        "joint_high_deg",
+        "holds",
+    )
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COMPARISON_COLUMNS)
+    writer.writerow(comparison_columns)
     columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
     degrees = np.degrees(np.stack(columns, axis=1))
     cells = [show_numbers(values) for values in (grasp.time, *degrees.T)]

@@ -18,12 +18,6 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import RATE, is_camera, read_pictures
 from estimation.slip.motion import follow_gel
 
-TALL = 960
-"""Height up to which pictures are enlarged, and at most threefold [px]."""
-STICKS, SLIPS, ELSEWHERE = (60, 220, 60), (60, 60, 240), (200, 200, 200)
-LINE = 26
-ENCODERS = ("libx264", "libopenh264")
-"""H.264 encoders that run on any processor, the first there is being used."""
 TICKS = 90_000
 """Resolution of a video's times [1/s]."""
 
@@ -35,15 +29,17 @@ def find_encoder() -> str:
         MissingExtraError: PyAV is not installed.
         ValueError: the installed PyAV has no such encoder.
     """
+    # H.264 encoders that run on any processor, the first there is being used
+    encoders = ("libx264", "libopenh264")
     require_extra("video", "a preview (--preview)")
     import av
     from av.codec.codec import UnknownCodecError
 
-    for name in ENCODERS:
+    for name in encoders:
         with suppress(UnknownCodecError):
             return av.Codec(name, "w").name
     raise ValueError(
-        f"a preview (--preview) needs an H.264 encoder, {' or '.join(ENCODERS)}; PyAV "
+        f"a preview (--preview) needs an H.264 encoder, {' or '.join(encoders)}; PyAV "
         f"{av.__version__} was built without: install its wheel with `pip install "
         "--force-reinstall --only-binary av av`"
     )
@@ -150,17 +146,20 @@ def annotate(
         spots: where its markers are in it, in each view [px].
         gel_deg: rotation of the gel [deg].
     """
-    enlarged = int(np.clip(TALL // picture.shape[0], 1, 3))
+    green, red, grey = (60, 220, 60), (60, 60, 240), (200, 200, 200)
+    thickness = 26
+    tall = 960  # height up to which pictures are enlarged, and at most threefold [px]
+    enlarged = int(np.clip(tall // picture.shape[0], 1, 3))
     image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
     image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image[..., :3]
     image = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_LINEAR)
     odd = np.array(image.shape[:2]) % 2  # H.264 takes even sizes
-    below, right = 2 * LINE + int(odd[0]), int(odd[1])
+    below, right = 2 * thickness + int(odd[0]), int(odd[1])
     image = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_CONSTANT, value=(0, 0, 0))
     result, row = run.main, markers.row
     sticks = markers.stick & bool(result.stick_markers[row])  # unless the answer was withdrawn
     for i in np.flatnonzero(markers.valid):
-        colour = STICKS if sticks[i] else SLIPS if markers.contact[i] else ELSEWHERE
+        colour = green if sticks[i] else red if markers.contact[i] else grey
         for x, y in np.rint(enlarged * spots[:, i] + 0.5 * (enlarged - 1)).astype(int).tolist():
             cv2.circle(image, (x, y), 7, colour, 2, cv2.LINE_AA)
     angle, turned = np.degrees(result.angle[row]), np.degrees(run.imprint[row])
@@ -171,7 +170,7 @@ def annotate(
         f"{'  '.join(known)} deg" if known else "no angle",
     )
     for line, text in enumerate(texts):
-        place = (8, image.shape[0] - 2 * LINE + (line + 1) * LINE - 8)
+        place = (8, image.shape[0] - 2 * thickness + (line + 1) * thickness - 8)
         cv2.putText(
             image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA
         )

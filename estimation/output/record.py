@@ -35,12 +35,8 @@ from estimation.stream import Answer
 
 NAME = "record.sqlite"
 FORMAT_VERSION = 1
-COMMIT_S = 0.5
-"""Time after which answers are written with the next frame [s]."""
 PATIENCE_S = 60.0
 """Longest time that the end of a run waits for a report that reads its record [s]."""
-CHUNK = 10_000
-"""Frames that are read at a time."""
 MOST_KEPT = 256
 """Frames whose markers are kept, evenly spread, unless all are."""
 
@@ -109,7 +105,7 @@ class RecordWriter:
         self._insert = f"INSERT INTO frames VALUES ({', '.join('?' * len(columns))})"
 
     def put(self, answer: Answer) -> None:
-        """Keep what was found of a frame; it is written with the next one `COMMIT_S` later."""
+        """Keep what was found of a frame; it is written with one half a second later."""
         with _telling(self._path):
             self._database.execute(self._insert, self._values(answer))
             if self._every or answer.row % self._stride == 0:
@@ -120,7 +116,8 @@ class RecordWriter:
     @property
     def due(self) -> bool:
         """Whether it is time to write what has been put."""
-        return time.monotonic() > self._written + COMMIT_S
+        commit_s = 0.5  # time after which answers are written with the next frame [s]
+        return time.monotonic() > self._written + commit_s
 
     def commit(self) -> None:
         """Write what has been put."""
@@ -286,13 +283,14 @@ class RecordReader:
 
     def _arrays(self, kinds: dict[str, str]) -> list[Any]:
         """Columns over all frames: arrays, texts as tuples."""
+        chunk = 10_000  # frames that are read at a time
         words: dict[str, str] = {}
         parts: list[list[Any]] = [[] for _ in kinds]
         types = {"REAL": float, "INTEGER": int, "BOOLEAN": bool}
         with _telling(self.path):
             names = ", ".join(f'"{name}"' for name in kinds)
             cursor = self._database.execute(f"SELECT {names} FROM frames ORDER BY row")
-            while rows := cursor.fetchmany(CHUNK):
+            while rows := cursor.fetchmany(chunk):
                 for part, values, kind in zip(
                     parts, zip(*rows, strict=True), kinds.values(), strict=True
                 ):

@@ -25,8 +25,6 @@ MARGIN_COLUMNS = (
     "moment_left_high_Nmm",
 )
 """Beside the chosen method's angles; empty where they cannot be told."""
-CHUNK = 10_000
-"""Rows of a table that are text in memory at a time."""
 
 Table = Mapping[str, list[str]]
 """The cells of a table, by column."""
@@ -193,8 +191,9 @@ def csv_text(table: Table, heading: bool = True) -> str:
 
 
 def _parts(track: Track) -> Iterator[tuple[Track, slice]]:
-    for start in range(0, len(track.time), CHUNK):
-        rows = slice(start, min(start + CHUNK, len(track.time)))
+    chunk = 10_000  # rows of a table that are text in memory at a time
+    for start in range(0, len(track.time), chunk):
+        rows = slice(start, min(start + chunk, len(track.time)))
         yield track.take(rows), rows
 
 

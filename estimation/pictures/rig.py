@@ -28,7 +28,6 @@ RENAMED = {"width": "width_px", "height": "height_px"} | {
     for key, name in (("centre", "px"), ("rotation", "rad"), ("translation", "mm"))
 }
 """Keys of version 0.1.0, and what they are called now."""
-STEPS = 6
 VIEWS = ("left", "right")
 
 
@@ -174,6 +173,7 @@ def triangulate(
         left: points in the left view [px]; NaN where not seen.
         right: in the right view.
     """
+    steps = 6
     points = np.full((len(left), 3), np.nan)
     misfit = np.full(len(left), np.nan)
     both = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
@@ -183,7 +183,7 @@ def triangulate(
         return np.concatenate([rig.left.project(at), rig.right.project(at)], axis=1)
 
     at, step = _start(rig, left[both]), 1e-4
-    for _ in range(STEPS):
+    for _ in range(steps):
         slopes = [(project(at + step * e) - project(at - step * e)) / (2 * step) for e in np.eye(3)]
         jacobian = np.stack(slopes, axis=-1)
         transposed = jacobian.transpose(0, 2, 1)

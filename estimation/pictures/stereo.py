@@ -13,14 +13,6 @@ from estimation.pictures.region import find_tear_flaw, find_unseen_flaw
 from estimation.pictures.rig import Rig, triangulate
 from estimation.pictures.stream import Picture, find_exposure_flaw
 
-SLACK = 0.25
-"""Misfit of a marker's two views beyond the calibration's, from which it is left out [px]."""
-ADVICE = (
-    "are the views swapped, is one mirrored (`python -m calibration stereo --mirrored`), or is it "
-    "another camera's calibration?"
-)
-TILTED = np.radians(5.0)
-"""Tilt of the pad at rest against a view from straight behind from which that is not its own."""
 TOO_MANY = 0.3
 """Share of the markers left out so from which the whole frame is."""
 
@@ -37,10 +29,18 @@ class StereoReader(MarkerReader):
             ValueError: there is no checkerboard in a view, the views cannot be matched, or they do
                 not fit the calibration.
         """
+        # misfit of a marker's two views beyond the calibration's, from which it is left out [px]
+        slack = 0.25
+        advice = (
+            "are the views swapped, is one mirrored (`python -m calibration stereo --mirrored`), "
+            "or is it another camera's calibration?"
+        )
+        # tilt of the pad at rest against a view from straight behind from which that is not its own
+        tilted = np.radians(5.0)
         assert first.image is not None
         assert settings.rig is not None
         self.rig = settings.rig
-        self.limit = SLACK + 3.0 * self.rig.error
+        self.limit = slack + 3.0 * self.rig.error
         views = self.rig.split(first.image)
         left = CornerTracker.learn(views[0], unloaded=True)
 
@@ -50,19 +50,19 @@ class StereoReader(MarkerReader):
         try:
             right = left.from_aside(views[1], misfit)
         except ValueError as error:
-            raise ValueError(f"{error}; {ADVICE}") from error
+            raise ValueError(f"{error}; {advice}") from error
         rest = triangulate(self.rig, left.rest.position, right.rest.position)
         kept = rest.misfit < self.limit
         seen = np.isfinite(rest.misfit).sum()
         if kept.sum() < max((1.0 - TOO_MANY) * seen, SMALLEST):
             swapped = _median_misfit(self.rig, right.rest.position, left.rest.position)
-            cause = "the views are swapped" if swapped < self.limit else ADVICE
+            cause = "the views are swapped" if swapped < self.limit else advice
             raise ValueError(
                 f"the two views fit the calibration to {np.nanmedian(rest.misfit):.2f} px, where "
                 f"{self.limit:.2f} px are allowed: {cause}"
             )
         self.tilt = _tilt(rest.points[kept])
-        if self.rig.left.orthographic and self.tilt > TILTED:
+        if self.rig.left.orthographic and self.tilt > tilted:
             raise ValueError(
                 f"the pad at rest is tilted by {np.degrees(self.tilt):.1f}° against the left view, "
                 "which sees it from straight behind: is it another camera's calibration?"

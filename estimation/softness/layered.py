@@ -41,9 +41,6 @@ from estimation.softness.contact import (
 from estimation.softness.lifting import Seen, lifting_kernels
 from estimation.softness.scalar import ScalarSoftness
 
-_STEP = 1e-3  # of thickness, for derivatives
-_FEWEST = 3  # markers that have a rotation
-
 Matrix = tuple[tuple[float, ...], ...]
 
 
@@ -115,12 +112,13 @@ class LayeredSoftness:
 
     def _slopes(self, seen: Seen) -> list[float]:
         """Derivatives of the object's angle by thickness and depth, where these are uncertain."""
+        rise = 1e-3  # of thickness, for derivatives
         k, found = self.stiffness_ratio, []
         for place, name in ((1, "thickness"), (2, "depth")):
             if self.covariance[place][place] == 0.0:
                 found.append(0.0)
                 continue
-            step = _STEP * self.thickness
+            step = rise * self.thickness
             least = 0.0 if name == "depth" else 0.5 * self.thickness
             start = max(getattr(self, name) - step, least)
             here = {"thickness": self.thickness, "depth": self.depth}
@@ -136,10 +134,11 @@ class LayeredSoftness:
 
 def _seen(contact: Contact) -> Seen | None:
     """What a frame's markers showed; None where nothing has been lifted or nothing sticks."""
+    fewest = 3  # markers that have a rotation
     fields, moved = contact.fields, contact.as_seen
     region = fields.contact if contact.stick is None else contact.stick
     points = (fields.positions - fields.displacement)[:, :2]
     known = np.isfinite(points[:, 0])
-    if moved is None or np.count_nonzero(region & known) < _FEWEST:
+    if moved is None or np.count_nonzero(region & known) < fewest:
         return None
     return Seen(points[region & known], points[known], moved[known])

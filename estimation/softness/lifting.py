@@ -12,11 +12,8 @@ from contactmodel.elasticity.transfer import layer_gain
 from estimation.frames.recording import MarkerLayout
 from estimation.softness.contact import Lifting
 
-_RESOLUTION = 0.5  # standard deviation, in pitches, of what markers resolve
-_WAVES, _NODES = 6.5, 600  # up to e^{-21} of the resolution
 _REACH = 40.0  # pitches
 _STEPS = 1200
-_FAR = 25  # pitches over which the lattice is added up
 
 
 class Kernels(NamedTuple):
@@ -149,13 +146,16 @@ class _Kernel:
     @lru_cache(maxsize=64)
     def of(thickness: float, depth: float, name: Literal["below", "thin", "along"]) -> "_Kernel":
         """One of the `Kernels`, over the waves that markers resolve."""
+        wave_range, node_count = 6.5, 600  # up to e^{-21} of the resolution
+        beyond = 25  # pitches over which the lattice is added up
+        resolution = 0.5  # standard deviation, in pitches, of what markers resolve
         h, z = thickness, depth
-        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        top = _WAVES / _RESOLUTION
+        nodes, weights = np.polynomial.legendre.leggauss(node_count)
+        top = wave_range / resolution
         q = 0.5 * top * (nodes + 1.0)
         gain = layer_gain(q * h, q * z)
         waves = {
-            "below": gain.below * np.exp(-0.5 * (q * _RESOLUTION) ** 2),
+            "below": gain.below * np.exp(-0.5 * (q * resolution) ** 2),
             "thin": (1.0 + gain.below) * gain.transverse,
             "along": (1.0 + gain.below) * gain.longitudinal,
         }
@@ -169,7 +169,7 @@ class _Kernel:
             odd = -odd
         if name != "below":  # smooth: markers are points of it
             return _Kernel(even, odd, float(even[0]))
-        far = np.arange(-_FAR, _FAR + 1.0)
+        far = np.arange(-beyond, beyond + 1.0)
         others = np.hypot(*np.meshgrid(far, far)).ravel()
         others = others[others > 0.0]
         uniform = 0.0 if np.isinf(h) else z / (h - z)  # of a wave of infinite length

@@ -27,15 +27,8 @@ from estimation.virtual.contact import values_at
 from estimation.virtual.gel import Gel, count_from_touch, move_gel
 from estimation.virtual.relief import Lamps, make_relief
 
-FINE = 0.25
-"""Cell of the relief [px]."""
 COARSE = 4
 """Distance of the points at which the contact's shape is looked up [px]."""
-FULL_PRINT = 0.3
-"""Share of the largest pressure from which the object's relief prints in full [-]."""
-FOLLOWERS, FEWEST = 0.1, 4
-"""Share of the contact, that which has slipped least, whose motion is the gel's [-], and its least
-number of cells."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,12 +153,13 @@ class VirtualClip:
             ValueError: a relief that there is not.
             RuntimeError: a contact that is not solved.
         """
+        fine = 0.25  # cell of the relief [px]
         self.scene = scene
         rng = np.random.default_rng(scene.seed)
         self.dots = _lay_dots(scene, rng)
         camera = scene.camera
         reach = np.hypot(camera.width, camera.height) * camera.mm_per_px
-        self._relief = make_relief(scene.relief, scene.slope, reach, FINE * camera.mm_per_px, rng)
+        self._relief = make_relief(scene.relief, scene.slope, reach, fine * camera.mm_per_px, rng)
         kept = slice(scene.first, None)
         self.gel = move_gel(scene.contact, scene.path, scene.kinetic, scene.weakening).take(kept)
         self._place = np.asarray(scene.path.shift)[kept]
@@ -208,10 +202,12 @@ class VirtualClip:
 
     def _height(self, frame: int) -> np.ndarray:
         """Depth of the gel's surface at each pixel, the object's relief included [mm]."""
+        # share of the largest pressure from which the object's relief prints in full [-]
+        full_print = 0.3
         scene, pressure = self.scene, self.gel.pressure[frame]
         if not pressure.any():
             return np.zeros((scene.camera.height, scene.camera.width))
-        seen = np.minimum(pressure / (FULL_PRINT * pressure.max()), 1.0)
+        seen = np.minimum(pressure / (full_print * pressure.max()), 1.0)
         depth, seen = self._show(frame, [self.gel.depth[frame], seen])
         return depth + np.clip(seen, 0.0, 1.0) * self.relief_at(frame)
 
@@ -292,6 +288,9 @@ def _lay_dots(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
 
 def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray) -> ClipTruth:
+    # share of the contact, that which has slipped least, whose motion is the gel's [-], and its
+    # least number of cells
+    followers, fewest = 0.1, 4
     contact = gel.contact
     touching = np.asarray(contact.any(axis=(1, 2)))
     angle = np.where(touching, twist, np.nan)
@@ -299,7 +298,7 @@ def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray
     gel_shift = np.full((len(angle), 2), np.nan)
     for frame in np.flatnonzero(touching):
         far = np.linalg.norm(gel.slip[frame][:, contact[frame]], axis=0)
-        best = np.argsort(far)[: max(int(FOLLOWERS * len(far)), FEWEST)]
+        best = np.argsort(far)[: max(int(followers * len(far)), fewest)]
         moved = gel.displacement[frame][:, contact[frame]][:, best]
         slip[frame], gel_shift[frame] = far.min(), moved.mean(axis=1)
         gel_angle[frame] = _turn(gel.grid.points[:, contact[frame]][:, best], moved)

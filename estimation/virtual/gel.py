@@ -13,9 +13,6 @@ from contactmodel.pose import Pose
 from contactmodel.solution import ContactSolution
 from contactmodel.solve import solve_path
 
-RTOL = 1e-5
-"""Of the contact's residuals [-]: 1e-5 of a displacement is far below what a picture shows."""
-
 
 class Gel(NamedTuple):
     """The gel's surface by frame, on a grid in its undeformed state; zero without contact.
@@ -81,6 +78,8 @@ def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: floa
         kinetic: friction once all has slid for long, as a share of that before [-].
         weakening: distance slid over which it falls there [mm].
     """
+    # of the contact's residuals [-]: 1e-5 of a displacement is far below what a picture shows
+    rtol = 1e-5
     poses = count_from_touch(path)
     frames, shape = len(np.asarray(path.approach)), contact.grid.shape
     sizes = ((2, *shape), shape, (2, *shape), shape, shape, (3,), ())
@@ -90,7 +89,7 @@ def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: floa
         own = jax.tree.map(lambda leaf, b=begin, e=end: leaf[b:e], poses)
         moved, index = _find_moves(own)
         solved = solve_path(
-            contact, jax.tree.map(lambda leaf, m=moved: leaf[m], own), sliding=True, rtol=RTOL
+            contact, jax.tree.map(lambda leaf, m=moved: leaf[m], own), sliding=True, rtol=rtol
         )
         found = _weaken(_gather(solved), kinetic, weakening)
         for field, values in zip(gel[1:], found[1:], strict=True):

@@ -12,10 +12,6 @@ RELIEFS = ("texture", "edges", "stripes", "smooth")
 """Random roughness; straight ridges; ridges that are repeated across one direction; none."""
 
 
-COARSE_STEP = 0.1
-"""Step in which reliefs are drawn at random, before they are refined [mm]."""
-
-
 class Relief(NamedTuple):
     """Small heights of the object's face, beside its shape.
 
@@ -62,10 +58,11 @@ def make_relief(
     Raises:
         ValueError: there is no such kind.
     """
+    coarse_step = 0.1  # step in which reliefs are drawn at random, before they are refined [mm]
     if kind not in RELIEFS:
         raise ValueError(f"no relief {kind!r}; there are {', '.join(RELIEFS)}")
     count = round(size / step)
-    place = COARSE_STEP * (np.arange(round(size / COARSE_STEP)) + 0.5) - 0.5 * size
+    place = coarse_step * (np.arange(round(size / coarse_step)) + 0.5) - 0.5 * size
     if kind == "smooth":
         return Relief(np.zeros((count, count), np.float32), step)
     make = {"texture": _roughen, "edges": _add_edges, "stripes": _repeat}[kind]

@@ -15,9 +15,6 @@ from estimation.virtual.recording import (
     twist_rotation,
 )
 
-REACH, STEP = 40.0, 0.02
-"""Radius of the table of displacements, and its step [mm]: linear in between, good to 1e-5 mm."""
-
 Motion = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 3"]]
 """Takes points of the unloaded, flat surface to where they are [mm]."""
 
@@ -44,7 +41,9 @@ def simulate_surface(
         load: share of the approach, 0 where the object does not touch.
         twist: the object's angle [rad].
     """
-    radius = np.arange(0.0, REACH, STEP)
+    # radius of the table of displacements, and its step [mm]: linear in between, good to 1e-5 mm
+    reach, step = 40.0, 0.02
+    radius = np.arange(0.0, reach, step)
     turned, _, _ = twist_rotation(model, radius, twist)
     depth, stretch = press_depth(model, radius, load)
     offset = np.array(model.offset)

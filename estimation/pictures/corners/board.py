@@ -22,13 +22,6 @@ from estimation.pictures.corners.fit import Corners
 from estimation.pictures.corners.rings import Rings
 from estimation.pictures.lattice import STEPS
 
-ASIDE = np.radians(25.0)
-"""Farthest a neighbour may lie from the direction of the edge that leads to it."""
-SHORTEST, LONGEST = 0.45, 1.7
-"""Distances between neighbours [pitches]."""
-UNSURE = 0.3
-"""Share of half the contrast within which a cell's dot is neither there nor not."""
-
 
 class Board(NamedTuple):
     """Corners with lattice coordinates, piece by piece.
@@ -91,6 +84,9 @@ def connect_corners(corners: Corners | Rings, pitch: float) -> Board:
 
 def _link(corners: Corners | Rings, pitch: float) -> tuple[np.ndarray, np.ndarray]:
     """The neighbour along each half edge, −1 for none, and which of its half edges leads back."""
+    shortest, longest = 0.45, 1.7  # distances between neighbours [pitches]
+    # farthest a neighbour may lie from the direction of the edge that leads to it
+    aside = np.radians(25.0)
     count = len(corners.position)
     link, back = np.full((count, 4), -1), np.full((count, 4), -1)
     if count < 4:
@@ -102,8 +98,8 @@ def _link(corners: Corners | Rings, pitch: float) -> tuple[np.ndarray, np.ndarra
     directions = corners.directions
     out, leave = _nearest_slot(heading, directions[:, None])
     into, arrive = _nearest_slot(heading + np.pi, directions[other])
-    fits = (out < ASIDE) & (into < ASIDE) & ((leave + arrive) % 2 == 1)
-    fits &= (distance > SHORTEST * pitch) & (distance < LONGEST * pitch)
+    fits = (out < aside) & (into < aside) & ((leave + arrive) % 2 == 1)
+    fits &= (distance > shortest * pitch) & (distance < longest * pitch)
     cost = np.where(fits, distance * (1.0 + out + into), np.inf)
     rows = np.arange(count)
     for slot in range(4):
@@ -171,6 +167,7 @@ class Cells(NamedTuple):
 
 def read_cells(grey: Float[np.ndarray, "h w"], corners: Corners, board: Board, piece: int) -> Cells:
     """Colour and code of the cells between the corners of a piece."""
+    unsure = 0.3  # share of half the contrast within which a cell's dot is neither there nor not
     members = np.flatnonzero(board.piece == piece)
     index = board.place[members] - board.place[members].min(axis=0)
     corner = np.full(index.max(axis=0) + 1, -1)
@@ -186,7 +183,7 @@ def read_cells(grey: Float[np.ndarray, "h w"], corners: Corners, board: Board, p
     bright = np.where(board.turn[around[0]] % 2 == 0, 1, -1)
     off = (value - corners.level[around].mean(axis=0)) * bright
     share = off / (0.5 * corners.contrast[around].mean(axis=0))
-    code = np.where(np.abs(share) < UNSURE, 0, np.where(share > 0, 1, -1))
+    code = np.where(np.abs(share) < unsure, 0, np.where(share > 0, 1, -1))
     return Cells(corner, np.where(seen, bright, 0), np.where(seen, code, 0))
 
 

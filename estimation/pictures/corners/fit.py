@@ -21,23 +21,11 @@ STEPS = 5
 """Most steps of a fit; corners that have settled before take no more."""
 LONGEST = np.array([1.0, 1.0, 0.3, 0.3, 0.4], dtype=np.float32)
 """Longest step in x and y [px], both angles [rad] and the blur [px]."""
-SETTLED = 0.12
-"""Share of the longest step that the last may have: the next one is then below the noise."""
-BATCH = 20000
-"""Pixels of windows fitted at a time, so that arrays of them stay in the processor's cache."""
-LARGEST_WINDOW = 9.5
-"""Radius of the window about a corner [px]; a smaller pattern takes `WINDOW` of its pitch."""
-WINDOW = 0.41
 ROUND = 1.2
 """The window is a square less what lies farther from the corner than this, in its half sides."""
 EXPLAINED = 0.8
 """Share of the picture around a corner that its fit must explain [-]."""
-ODD = 15.0
-"""Share that a fit may leave unexplained, over that of the typical corner: the rim of what covers
-the pattern makes corners of its own."""
 
-ERF = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
-"""Coefficients of [Abramowitz1964] 7.1.26, good to 1.5e-7: as many digits as float32 has."""
 FAINTEST = np.float32(-20.0)
 """Least exponent of a density: its products stay normal numbers, of which float32 is fast."""
 
@@ -56,7 +44,9 @@ class CornerStyle(NamedTuple):
     @property
     def radius(self) -> float:
         """Half the side of the window about a corner [px], in steps of half a pixel."""
-        return min(LARGEST_WINDOW, float(np.floor(2.0 * WINDOW * self.pitch)) / 2.0)
+        largest_window = 9.5  # radius [px]; of a smaller pattern `window`, in pitches
+        window = 0.41
+        return min(largest_window, float(np.floor(2.0 * window * self.pitch)) / 2.0)
 
 
 class Corners(NamedTuple):
@@ -98,6 +88,9 @@ def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
         grey: the picture, 0 to 255.
         style: what the corners look like.
     """
+    # share that a fit may leave unexplained, over that of the typical corner: the rim of what
+    # covers the pattern makes corners of its own
+    odd = 15.0
     rings = find_rings(grey, style)
     corners = fit_corners(grey, rings, style)
     good = (corners.explained > EXPLAINED) & (corners.contrast > 0.0)
@@ -106,7 +99,7 @@ def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
     if good.any():
         good &= corners.contrast > 0.3 * np.median(corners.contrast[good])
         left = 1.0 - corners.explained
-        good &= left < ODD * np.median(left[good])
+        good &= left < odd * np.median(left[good])
     return corners.take(good)
 
 
@@ -126,6 +119,10 @@ def fit_corners(
         start: corners to start from, each good to a tenth of the window.
         style: what the corners look like.
     """
+    # pixels of windows fitted at a time, so that arrays of them stay in the processor's cache
+    pixels_at_once = 20000
+    # share of the longest step that the last may have: the next one is then below the noise
+    settled = 0.12
     window = _Window.of_radius(style.radius)
     middle = np.rint(start.position).astype(int)
     rising, falling = start.angles.T
@@ -137,7 +134,7 @@ def fit_corners(
     covariance, explained = np.zeros((len(p), 4, 4)), np.zeros(len(p))
     value = window.cut(grey, middle)
     left = np.arange(len(p))
-    batch = max(BATCH // len(window.dx), 1)
+    batch = max(pixels_at_once // len(window.dx), 1)
     for _ in range(STEPS):
         if not len(left):
             break
@@ -147,7 +144,7 @@ def fit_corners(
         ]
         parts = [np.concatenate(one) for one in zip(*stepped, strict=True)]
         p[left], covariance[left], explained[left], share = parts
-        left = left[share > SETTLED]
+        left = left[share > settled]
     explained[left] = 0.0
     p = p.astype(float)
     return Corners(
@@ -262,9 +259,11 @@ def _linearise(window: _Window, p: Float32[np.ndarray, "n 9"]) -> Float32[np.nda
 
 def _edge(t: Float32[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
     """erf(t/√2) and the normal density, from one exponential ([Abramowitz1964] 7.1.26)."""
+    # coefficients of [Abramowitz1964] 7.1.26, good to 1.5e-7: as many digits as float32 has
+    erf = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
     bell = np.exp(np.maximum(-0.5 * t * t, FAINTEST))
     k = 1.0 / (1.0 + np.float32(0.3275911 * np.sqrt(0.5)) * np.abs(t))
-    tail = k * np.float32(ERF[-1])
-    for coefficient in ERF[-2::-1]:
+    tail = k * np.float32(erf[-1])
+    for coefficient in erf[-2::-1]:
         tail = (tail + np.float32(coefficient)) * k
     return np.copysign(1.0 - tail * bell, t), np.float32(1.0 / np.sqrt(2.0 * np.pi)) * bell

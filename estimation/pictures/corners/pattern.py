@@ -18,14 +18,6 @@ from jaxtyping import Bool, Float, UInt8
 
 from estimation.pictures.render import OVERSAMPLING, Camera, expose
 
-DOT = 0.14
-"""Radius of a cell's dot, in cells."""
-STEPS = 30
-COARSE = 8
-"""Distance of the pixels whose place in the pattern is looked for first [px]."""
-STRIP = 64
-"""Fine rows that are printed at a time, so that they stay in the processor's cache."""
-
 Project = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
 """Takes points of the unloaded pattern [mm] to where they are in the picture [px]."""
 
@@ -88,6 +80,7 @@ def render_pattern(
         pattern: the pattern.
         rng: of the noise.
     """
+    strip = 64  # fine rows that are printed at a time, so that they stay in the processor's cache
     margin, shape = camera.margin, camera.fine_shape
     height, width = camera.height + 2 * margin, camera.width + 2 * margin
     cells = _unproject_all(project, pattern, (height, width), margin) / pattern.pitch
@@ -98,13 +91,14 @@ def render_pattern(
         [cv2.resize(one[..., i].astype(np.float32), shape[::-1]) for i in (0, 1)]
         for one in (cells, per_px / OVERSAMPLING)
     )
-    strips = [slice(start, start + STRIP) for start in range(0, shape[0], STRIP)]
+    strips = [slice(start, start + strip) for start in range(0, shape[0], strip)]
     printed = [_print(pattern, [a[s] for a in fine], [w[s] for w in wide]) for s in strips]
     return expose(camera, np.concatenate(printed), rng)
 
 
 def _print(pattern: Pattern, at: list[np.ndarray], width: list[np.ndarray]) -> np.ndarray:
     """Share of dark print at points in units of cells, averaged over the width of a fine cell."""
+    dot_radius = 0.14  # radius of a cell's dot, in cells
     rows, columns = pattern.shape
     sign, inside = np.ones_like(at[0]), np.ones_like(at[0])
     for place, wide, count in zip(at, width, (columns + 1, rows + 1), strict=True):
@@ -117,7 +111,7 @@ def _print(pattern: Pattern, at: list[np.ndarray], width: list[np.ndarray]) -> n
     if pattern.code is not None:
         x, y = (np.clip(np.floor(a), 0, n) for a, n in zip(at, (columns, rows), strict=True))
         off = np.hypot(at[0] - x - 0.5, at[1] - y - 0.5)
-        dot = np.clip((DOT - off) / (0.5 * (width[0] + width[1])) + 0.5, 0.0, 1.0)
+        dot = np.clip((dot_radius - off) / (0.5 * (width[0] + width[1])) + 0.5, 0.0, 1.0)
         dot *= pattern.code[y.astype(int), x.astype(int)]
         cover = cover + dot * (1.0 - 2.0 * cover)
     return (cover * inside).astype(np.float32)
@@ -131,16 +125,17 @@ def _unproject_all(
     Raises:
         ValueError: the picture folds, or reaches beyond what can be projected.
     """
+    coarse = 8  # distance of the pixels whose place in the pattern is looked for first [px]
     corners = pattern.corners()
     known = np.column_stack([project(corners), np.ones(len(corners))])
     affine = np.linalg.lstsq(known, corners, rcond=None)[0]
-    y, x = (COARSE * np.arange(-(-size // COARSE) + 1.0) - margin for size in shape)
+    y, x = (coarse * np.arange(-(-size // coarse) + 1.0) - margin for size in shape)
     sparse = np.stack(np.meshgrid(x, y), axis=-1)
     pixels = sparse.reshape(-1, 2)
     start = np.column_stack([pixels, np.ones(len(pixels))]) @ affine
     found = _unproject(project, pattern, pixels, start).reshape(sparse.shape)
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
-    start = cv2.remap(found, x / COARSE, y / COARSE, cv2.INTER_LINEAR).reshape(-1, 2)
+    start = cv2.remap(found, x / coarse, y / coarse, cv2.INTER_LINEAR).reshape(-1, 2)
     pixels = np.stack([x.ravel(), y.ravel()], axis=1).astype(float) - margin
     return _unproject(project, pattern, pixels, start).reshape(*shape, 2)
 
@@ -156,10 +151,11 @@ def _unproject(
     Raises:
         ValueError: it does not get there.
     """
+    steps = 30
     points = start.copy()
     step, longest = 1e-4 * pattern.pitch, 2.0 * pattern.pitch
     left = np.arange(len(pixels))
-    for _ in range(STEPS):
+    for _ in range(steps):
         here = points[left]
         off = pixels[left] - project(here)
         far = np.abs(off).max(axis=1) > 1e-4

@@ -16,28 +16,9 @@ from scipy.spatial import KDTree
 from estimation.pictures.corners.board import Board, Cells, spin
 from estimation.pictures.corners.fit import Corners
 
-MISREAD = 0.03
-"""Share of cells whose dot is read wrongly."""
-DOUBT = 1e-6
-"""Probability of another position below which a piece is placed."""
-HOPELESS = 50.0
-"""Logarithm of how much less likely a position must be to be left out of that sum."""
-FEWEST_DOTS = 0.1
-"""Share of the reference's cells with a dot from which it has a code."""
-NEAR = 0.35
-"""Farthest that a corner at rest may lie from its place [pitches]."""
-RESTING = 0.3
-"""Share of a plain piece's corners that must rest, all of them alike."""
-STRANGE = 0.08
-"""Share of a plain piece's corners that may lie where the reference has none."""
 SMALLEST = 9
 """Corners of the smallest piece that is placed."""
 
-
-SAMPLE = 40
-"""Corners whose misfit is computed in each position."""
-CLEARLY = 3.0
-"""Factor by which the best position must fit better than any other."""
 
 Misfit = Callable[[Int[np.ndarray, " k"], Float[np.ndarray, "k 2"]], float]
 """Takes numbers of markers and points that may be them [px] to how badly they fit [px]."""
@@ -61,8 +42,9 @@ class Plan(NamedTuple):
     @property
     def coded(self) -> bool:
         """Whether enough cells carry a dot."""
+        fewest_dots = 0.1  # share of the reference's cells with a dot from which it has a code
         known = np.abs(self.cells.code).sum()
-        return bool((self.cells.code < 0).sum() > FEWEST_DOTS * max(known, 1))
+        return bool((self.cells.code < 0).sum() > fewest_dots * max(known, 1))
 
 
 class Placed(NamedTuple):
@@ -111,6 +93,8 @@ def place_by_misfit(
         cells: of the piece.
         misfit: how badly points fit markers [px].
     """
+    sample = 40  # corners whose misfit is computed in each position
+    clearly = 3.0  # factor by which the best position must fit better than any other
     found, best = [], []
     enough = 0.5 * min((cells.corner >= 0).sum(), len(plan.position))
     for quarter in range(4):
@@ -122,11 +106,11 @@ def place_by_misfit(
                     continue
                 here = np.flatnonzero(placed.corner >= 0)
                 if len(here) >= enough:
-                    some = here[:: max(len(here) // SAMPLE, 1)]
+                    some = here[:: max(len(here) // sample, 1)]
                     found.append(placed)
                     best.append(misfit(some, corners.position[placed.corner[some]]))
     order = np.argsort(best)
-    if not found or (len(found) > 1 and best[order[1]] < CLEARLY * best[order[0]]):
+    if not found or (len(found) > 1 and best[order[1]] < clearly * best[order[0]]):
         return None
     return found[order[0]]
 
@@ -167,6 +151,10 @@ def _there(reference: np.ndarray, cells: np.ndarray, shift: np.ndarray) -> np.nd
 
 def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
     """Quarter turns and shift of the one likely position, None where there is not just one."""
+    misread = 0.03  # share of cells whose dot is read wrongly
+    doubt = 1e-6  # probability of another position below which a piece is placed
+    # logarithm of how much less likely a position must be to be left out of that sum
+    hopeless = 50.0
     known = int(np.abs(cells.code).sum())
     reference, size = plan.cells, max(cells.code.shape)
     shape = [1 << (one + size - 2).bit_length() for one in reference.code.shape]
@@ -176,8 +164,8 @@ def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
         turned = spin(cells, quarter)
         product = ahead * np.conj(np.fft.rfft2(_channels(turned), shape))
         agree, both, colour = np.rint(np.fft.irfft2(product, shape))
-        score = 0.5 * (both + agree) * np.log(1.0 - MISREAD)
-        score += 0.5 * (both - agree) * np.log(MISREAD) - (known - both) * np.log(2.0)
+        score = 0.5 * (both + agree) * np.log(1.0 - misread)
+        score += 0.5 * (both - agree) * np.log(misread) - (known - both) * np.log(2.0)
         scores.append(np.where((colour > 0) & (both > 0), score, -np.inf))
         shifts.append(turned.code.shape)
     scores = np.stack(scores)
@@ -185,10 +173,10 @@ def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
     quarter, shift = int(best[0]), np.array(best[1:])
     highest = scores[best]
     chance = np.exp(-known * np.log(2.0) - highest)
-    near = scores[scores > highest - HOPELESS]
+    near = scores[scores > highest - hopeless]
     others = np.exp(near - highest).sum() - 1.0
     beyond = shift > np.array(shape) - np.array(shifts[quarter])  # shifts below 0 come last
-    return (quarter, shift - np.where(beyond, shape, 0)) if others + chance < DOUBT else None
+    return (quarter, shift - np.where(beyond, shape, 0)) if others + chance < doubt else None
 
 
 def _channels(cells: Cells) -> Float32[np.ndarray, "3 rows columns"]:
@@ -207,6 +195,10 @@ def _by_rest(
     plan: Plan, corners: Corners, board: Board, cells: Cells
 ) -> tuple[int, np.ndarray] | None:
     """Quarter turns and shift that most resting corners agree on, None where too few do."""
+    # share of a plain piece's corners that may lie where the reference has none
+    most_strange = 0.08
+    near = 0.35  # farthest that a corner at rest may lie from its place [pitches]
+    resting = 0.3  # share of a plain piece's corners that must rest, all of them alike
     members = cells.corner[cells.corner >= 0]
     off, marker = KDTree(plan.position).query(corners.position[members])
     marker = np.asarray(marker)
@@ -221,7 +213,7 @@ def _by_rest(
         alike = np.abs(np.angle(np.exp(1j * aside))) < 0.5
         # the cell beyond: bright where a rising edge leads along the first coordinate
         alike &= (colour == 0) | (colour == np.where(turn % 2 == 0, 1, -1))
-        rests = (np.asarray(off) < NEAR * plan.pitch) & alike
+        rests = (np.asarray(off) < near * plan.pitch) & alike
         turned = spin(cells, quarter).corner
         here = np.argwhere(turned >= 0)
         mine = np.zeros((len(corners.position), 2), dtype=int)
@@ -233,10 +225,10 @@ def _by_rest(
         return None
     order = np.argsort(count)
     most, second = count[order[-1]], count[order[-2]] if len(count) > 1 else 0
-    if most < max(SMALLEST // 2, RESTING * len(members)) or most < 2 * second:
+    if most < max(SMALLEST // 2, resting * len(members)) or most < 2 * second:
         return None
     quarter, shift = int(choices[order[-1], 0]), choices[order[-1], 1:]
     at = np.argwhere(spin(cells, quarter).corner >= 0) + shift
     inside = ((at >= 0) & (at < plan.cells.corner.shape)).all(axis=1)
     strange = len(at) - (plan.cells.corner[tuple(at[inside].T)] >= 0).sum()
-    return None if strange > STRANGE * len(at) else (quarter, shift)
+    return None if strange > most_strange * len(at) else (quarter, shift)

@@ -16,14 +16,6 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 SAMPLES = 64
 """Points on each circle."""
-INNER, OUTER = 0.4, 0.85
-"""Radii of the circles, of that of the window."""
-FAINT = 0.3
-"""Share of the typical seed's strength below which a seed is no corner."""
-COARSE = 4.5
-"""Radius of the window from which saddles are looked for in a picture of half the size [px]."""
-LEAST_CONTRAST = 8.0
-"""Grey levels, of 255, between bright and dark."""
 
 
 class Rings(NamedTuple):
@@ -70,7 +62,10 @@ def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarra
         grey: the picture, 0 to 255.
         radius: of the window about a corner [px].
     """
-    scale = max(int(radius / COARSE), 1)
+    faint = 0.3  # share of the typical seed's strength below which a seed is no corner
+    # radius of the window from which saddles are looked for in a picture of half the size [px]
+    coarse = 4.5
+    scale = max(int(radius / coarse), 1)
     if scale > 1:
         size = (grey.shape[1] // scale, grey.shape[0] // scale)
         grey = cv2.resize(
@@ -88,7 +83,7 @@ def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarra
     strength = response[y, x]
     if not len(x):
         return np.zeros((0, 2), dtype=int)
-    keep = strength > FAINT * np.percentile(strength, 90)
+    keep = strength > faint * np.percentile(strength, 90)
     return scale * np.stack([x[keep], y[keep]], axis=1) + scale // 2
 
 
@@ -102,11 +97,13 @@ def read_rings(
         centre: of the circles, within a tenth of the radius of a corner [px].
         radius: of the window about a corner [px].
     """
+    inner, outer = 0.4, 0.85  # radii of the circles, of that of the window
+    least_contrast = 8.0  # grey levels, of 255, between bright and dark
     if not len(centre):
         none = np.zeros(0)
         return Rings(centre, np.zeros((0, 2)), none, none, none > 0)
     turn = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)
-    radii = radius * np.array([INNER, OUTER])
+    radii = radius * np.array([inner, outer])
     x, y = (
         (middle[:, None] + np.outer(radii, part).ravel()).astype(np.float32)
         for middle, part in zip(centre.T, (np.cos(turn), np.sin(turn)), strict=True)
@@ -119,7 +116,7 @@ def read_rings(
     level = 0.5 * (bright + dark)
     inside = ((centre > radius - 0.5) & (centre < np.array(grey.shape[::-1]) - radius)).all(axis=1)
     crossing, good = _crossings(value - level[:, None, None])
-    good &= inside & (bright - dark > LEAST_CONTRAST)
+    good &= inside & (bright - dark > least_contrast)
     points = radii[:, None] * np.exp(1j * crossing)
     points = points.transpose(0, 2, 1)  # corner, crossing, circle
     line = points[..., 1] - points[..., 0]

@@ -28,20 +28,10 @@ from estimation.pictures.light import to_light
 from estimation.pictures.lines import straighten_edges
 from estimation.pictures.part import WHOLE, Part
 
-PITCHES = (23.0, 15.0, 10.0, 34.0)
-"""Distances between corners that are tried [px]."""
 FEWEST = 12
 """Corners in one piece from which a picture counts as one of a checkerboard."""
 COVERED = 0.2
 """Share of the picture that they must cover."""
-LOST = 0.3
-"""Share of the reference's corners below which a picture counts as not recognised."""
-BENT = 0.02
-"""Shift by edges that bend from which a corner is fitted again in a smaller window [px]."""
-SMALLER, LEAST = 0.55, 10.0
-"""That window is of a pattern whose pitch is this share, and not below so many px."""
-RESTS = 0.95
-"""Share of the corners on a regular lattice from which a picture counts as unloaded."""
 
 
 class Seen(NamedTuple):
@@ -151,11 +141,13 @@ class CornerTracker:
 
     def find(self, picture: Shaped[np.ndarray, "h w *colour"]) -> Seen:
         """The reference's corners in the next picture."""
+        # share of the reference's corners below which a picture counts as not recognised
+        lost = 0.3
         grey = to_light(picture)
         corners, board, pieces = _look(grey, self.style, self.part)
         placed = place_board(self.plan, corners, board, pieces)
         here = placed.corner >= 0
-        if here.sum() >= max(LOST * len(here), SMALLEST):
+        if here.sum() >= max(lost * len(here), SMALLEST):
             return self._straighten(grey, corners, placed)
         flaw = f"only {here.sum()} of {len(here)} corners were recognised"
         if placed.left_out:
@@ -171,11 +163,15 @@ class CornerTracker:
         Its shift grows with the window's square: where it is large, a smaller window is better
         although its noise is larger.
         """
+        # shift by edges that bend from which a corner is fitted again in a smaller window [px]
+        most_bent = 0.02
+        # that window is of a pattern whose pitch is this share, and not below so many px
+        smaller, least = 0.55, 10.0
         seen = _everywhere(corners, placed)
         position = self._unbend(seen, self.style)
         shift = np.linalg.norm(position - seen.position, axis=1)
-        bent = np.flatnonzero(np.nan_to_num(shift) > BENT)
-        small = self.style._replace(pitch=max(SMALLER * self.style.pitch, LEAST))
+        bent = np.flatnonzero(np.nan_to_num(shift) > most_bent)
+        small = self.style._replace(pitch=max(smaller * self.style.pitch, least))
         again = placed.corner[bent]
         fitted = fit_corners(grey, corners.take(again), small)
         good = np.linalg.norm(fitted.position - corners.position[again], axis=1) < 0.1 * small.pitch
@@ -213,8 +209,9 @@ def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED
     Raises:
         ValueError: there is none.
     """
+    pitches = (23.0, 15.0, 10.0, 34.0)  # distances between corners that are tried [px]
     best, most = None, 0
-    for pitch in PITCHES:
+    for pitch in pitches:
         style: CornerStyle | None = CornerStyle(pitch)
         board = connect_corners(find_rings(grey, style), pitch)
         if (board.piece == 0).sum() < FEWEST:
@@ -296,12 +293,14 @@ def _rest(
     corners: Corners, turn: Int[np.ndarray, " m"], index: Int[np.ndarray, "m 2"], unloaded: bool
 ) -> tuple[Seen, str]:
     """The corners at rest, measured or on a lattice fitted to those that rest; and what it is."""
+    # share of the corners on a regular lattice from which a picture counts as unloaded
+    rests = 0.95
     seen = _seen(corners, turn)
     if unloaded:
         return seen, "The reference is the frame that was given."
     pitch = _pitch(corners.position, index)
     fitted = fit_lattice(Lattice(np.arange(len(index)), index, pitch), corners.position)
-    if fitted.on.mean() > RESTS:
+    if fitted.on.mean() > rests:
         note = "The reference is an unloaded frame: its corners lie on a regular lattice."
         return seen, note
     if fitted.on.sum() < 15 or fitted.on.mean() < 0.3:

@@ -12,8 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-STEPS = 5
-
 
 def model_dots(
     p: Float[Array, "n 10"], dx: Float[Array, " pixels"], dy: Float[Array, " pixels"]
@@ -68,6 +66,7 @@ def fit_windows(
         Offset from the window's middle [px], its covariance [px²], inverse shape [1/px], contrast,
         blur [px] and the share of the variance that the fit explains [-].
     """
+    gauss_newton_steps = 5
     steps = jnp.arange(-half, half + 1)
     dy, dx = (a.ravel().astype(jnp.float32) for a in jnp.meshgrid(steps, steps, indexing="ij"))
     value = windows.reshape(len(windows), -1)
@@ -90,7 +89,7 @@ def fit_windows(
 
     total = weight.sum(axis=1)
     mean = (value * weight).sum(axis=1) / total
-    p = jax.lax.fori_loop(0, STEPS, step, _start(value, mean, radius))
+    p = jax.lax.fori_loop(0, gauss_newton_steps, step, _start(value, mean, radius))
     matrix, _, residual = equations(p)
     variance = (residual**2).sum(axis=1) / jnp.maximum(total - 10.0, 1.0)
     columns = jnp.broadcast_to(jnp.eye(10, 2, dtype=jnp.float32), (len(p), 10, 2))

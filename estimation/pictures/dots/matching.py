@@ -12,13 +12,6 @@ from scipy.spatial import KDTree
 
 from estimation.pictures.lattice import NEAR, Reference, nearest
 
-SURE = 0.3
-"""Farthest a dot may lie from where all its neighbours together have it [pitches]."""
-STRETCH = 0.5
-"""Most that the vector to a neighbour may change among dots at rest [pitches]."""
-STIFFNESS = 0.1
-"""How much predictions are drawn towards no rotation and no strain, as a share of the data."""
-
 
 def match_dots(reference: Reference, centre: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " m"]:
     """The dot that each point of the reference is now, −1 where not seen.
@@ -71,13 +64,15 @@ def _drop_doubtful(
     reference: Reference, centre: Float[np.ndarray, "n 2"], match: Int[np.ndarray, " m"]
 ) -> Int[np.ndarray, " m"]:
     """Leave out dots that are not where the others have them, or nearer to another's place."""
+    # farthest a dot may lie from where all its neighbours together have it [pitches]
+    sure_share = 0.3
     place = predict(reference, centre, match)
     there = np.flatnonzero((match >= 0) & np.isfinite(place[:, 0]))
     if not len(there):
         return np.full_like(match, -1)
     off = np.linalg.norm(place[there] - centre[match[there]], axis=1)
     owner = there[nearest(KDTree(place[there]), centre[match[there]])[1]]
-    sure = there[(owner == there) & (off < SURE * reference.pitch)]
+    sure = there[(owner == there) & (off < sure_share * reference.pitch)]
     kept = np.full_like(match, -1)
     kept[sure] = match[sure]
     return kept
@@ -90,12 +85,13 @@ def _largest_piece(
     expected: Float[np.ndarray, "m 2"],
 ) -> Int[np.ndarray, " m"]:
     """The largest set of neighbours that have kept their places to each other."""
+    stretch = 0.5  # most that the vector to a neighbour may change among dots at rest [pitches]
     neighbours = reference.neighbours
     known = match >= 0
     both = (neighbours >= 0) & known[neighbours] & known[:, None]
     off = centre[match] - expected
     moved = off[neighbours] - off[:, None]
-    firm = both & (np.einsum("nki,nki->nk", moved, moved) < (STRETCH * reference.pitch) ** 2)
+    firm = both & (np.einsum("nki,nki->nk", moved, moved) < (stretch * reference.pitch) ** 2)
     label = _label_pieces(neighbours, firm)
     largest = np.argmax(np.bincount(label[known], minlength=1))
     return np.where((label == largest) & known, match, -1)
@@ -153,6 +149,8 @@ def predict(
         match: the dot that each point of the reference is, −1 where not known.
         points: of the reference; all by default.
     """
+    # how much predictions are drawn towards no rotation and no strain, as a share of the data
+    stiffness = 0.1
     points = np.arange(len(match)) if points is None else points
     around = reference.around[points]
     known = (around >= 0) & (match[around] >= 0)
@@ -165,7 +163,7 @@ def predict(
     origin, shift = (weight * ahead).sum(axis=1), (weight * motion).sum(axis=1)
     arm, motion = ahead - origin[:, None], motion - shift[:, None]
     # normal equations of motion = turn · arm + strain · conj(arm)
-    size = (weight * np.abs(arm) ** 2).sum(axis=1) * (1.0 + STIFFNESS) + 1e-12
+    size = (weight * np.abs(arm) ** 2).sum(axis=1) * (1.0 + stiffness) + 1e-12
     mixed = (weight * np.conj(arm) ** 2).sum(axis=1)
     first = (weight * np.conj(arm) * motion).sum(axis=1)
     second = (weight * arm * motion).sum(axis=1)

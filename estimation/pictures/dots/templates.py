@@ -21,10 +21,6 @@ PARTS = 8
 """Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
 SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
 """Radii tabulated, as multiples of the typical one."""
-ELONGATION = (1.15, 3.0)
-"""Ratios of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
-DAMPING = 1e-5
-"""Share of each diagonal element that is added to it, as in the full fit."""
 
 
 class Templates(NamedTuple):
@@ -74,8 +70,9 @@ def make_templates(radius: float, blur: float) -> Templates:
 
 
 def _invert(gram: Float[np.ndarray, "n 10 10"]) -> Float[np.ndarray, "n 10 10"]:
+    share = 1e-5  # share of each diagonal element that is added to it, as in the full fit
     diagonal = np.einsum("nii->ni", gram)
-    damping = DAMPING * diagonal + 1e-6
+    damping = share * diagonal + 1e-6
     return np.linalg.inv(gram + damping[:, :, None] * np.eye(10))
 
 
@@ -113,7 +110,9 @@ def _refit_elongated(
 
     Dots that the picture's border cuts stay as they are.
     """
-    least, most = ELONGATION
+    # ratios of a dot's axes from which it is fitted in its own frame, and up to which it is a dot
+    elongation = (1.15, 3.0)
+    least, most = elongation
     longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
     far = np.flatnonzero((longest > least * shortest) & (longest < most * shortest))
     frame = dots.axes[far] / style.radius

@@ -6,12 +6,6 @@ from jaxtyping import Float, Int
 from estimation.pictures.dots.matching import grow_match, match_dots, match_piece
 from estimation.pictures.lattice import Reference
 
-JUMP = 0.5
-"""Distance from one frame to the next beyond which a dot is not taken for the same [pitches]."""
-AGREEMENT = 0.5
-"""Share of the dots at rest on which the last frame and the reference must agree."""
-FIRST = 0.8
-"""The same in a frame that stands alone: more strain than that may have led the match astray."""
 LOST = 0.4
 """Share of the reference's dots below which a frame counts as not tracked."""
 
@@ -34,17 +28,21 @@ class DotTracker:
 
         A dot that would have jumped from one frame to the next is left out of the frame.
         """
+        # distance from one frame to the next beyond which a dot is not taken for the same [pitches]
+        jump = 0.5
+        # the same in a frame that stands alone: more strain than that may have led the match astray
+        first = 0.8
         match = self._follow(centre)
         if match is None:
             match = match_dots(self.reference, centre)
         now = np.full(self.last.shape, np.nan)
         now[match >= 0] = centre[match[match >= 0]]
-        jumped = np.linalg.norm(now - self.last, axis=1) > JUMP * self.reference.pitch
+        jumped = np.linalg.norm(now - self.last, axis=1) > jump * self.reference.pitch
         match = np.where(jumped, -1, match)
         before, self.last = self.last, now
         seen = int((match >= 0).sum())
         alone = not np.isfinite(before).any()
-        needed = (FIRST if alone else LOST) * min(len(match), max(len(centre), LOST * len(match)))
+        needed = (first if alone else LOST) * min(len(match), max(len(centre), LOST * len(match)))
         if seen < needed:
             self.last = before
             return match, f"only {seen} of {len(match)} dots were recognised"
@@ -52,14 +50,16 @@ class DotTracker:
 
     def _follow(self, centre: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " m"] | None:
         """The match that the last frame leads to, where it agrees about the dots that rest."""
+        # share of the dots at rest on which the last frame and the reference must agree
+        agreement = 0.5
         if not np.isfinite(self.last).any():
             return None
         guess = np.where(np.isfinite(self.last), self.last, self.reference.position)
         match = grow_match(self.reference, centre, match_piece(self.reference, centre, guess))
         rest = match_piece(self.reference, centre, self.reference.position)
         agree = (rest >= 0) & (rest == match)
-        enough = AGREEMENT * min(len(match), len(centre))
-        if agree.sum() >= AGREEMENT * max((rest >= 0).sum(), 1) and (match >= 0).sum() >= enough:
+        enough = agreement * min(len(match), len(centre))
+        if agree.sum() >= agreement * max((rest >= 0).sum(), 1) and (match >= 0).sum() >= enough:
             return match
         self.last[:] = np.nan
         return None

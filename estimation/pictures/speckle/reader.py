@@ -14,9 +14,6 @@ from estimation.pictures.speckle.subsets import Match, polar_angle, polar_varian
 from estimation.pictures.speckle.tracking import SpeckleTracker
 from estimation.pictures.stream import Picture
 
-STEP = 1.0
-"""Distance over which the lens's distortion is differentiated [px]."""
-
 
 class SpeckleReader(MarkerReader):
     """Turns pictures of a speckle pattern, one after the other, into positions of its points."""
@@ -101,11 +98,12 @@ class SpeckleReader(MarkerReader):
 
 def lens_stretch(sensor: Sensor, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 2"]:
     """Derivative of the positions without distortion by those in the picture."""
+    step = 1.0  # distance over which the lens's distortion is differentiated [px]
     if sensor.lens is None:
         return np.tile(np.eye(2), (len(points), 1, 1))
     columns = [
-        (sensor.straighten(points + STEP * axis) - sensor.straighten(points - STEP * axis))
-        / (2.0 * STEP)
+        (sensor.straighten(points + step * axis) - sensor.straighten(points - step * axis))
+        / (2.0 * step)
         for axis in np.eye(2)
     ]
     return np.stack(columns, axis=-1)

@@ -7,13 +7,6 @@ import numpy as np
 from jaxtyping import Float, Float32
 from scipy.spatial import KDTree
 
-RATIO = 0.8
-"""Distance of a feature's best match to that of its second best below which it is taken."""
-AROUND = 7
-"""Features around a point that say where it is; their median is robust to three wrong ones."""
-TEXTURE = 24.0
-"""Width of what is taken off as light rather than texture, standard deviation [px]."""
-
 
 class Guess(NamedTuple):
     """Where subsets may be.
@@ -34,8 +27,9 @@ def stay(centre: Float[np.ndarray, "n 2"], shift: Float[np.ndarray, " 2"]) -> Gu
 
 def flatten_light(grey: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
     """A picture without its slow changes, of about equal contrast everywhere."""
-    texture = grey - cv2.GaussianBlur(grey, (0, 0), TEXTURE)
-    spread = np.sqrt(cv2.GaussianBlur(texture * texture, (0, 0), TEXTURE)) + 2.0
+    grain = 24.0  # width of what is taken off as light rather than texture, standard deviation [px]
+    texture = grey - cv2.GaussianBlur(grey, (0, 0), grain)
+    spread = np.sqrt(cv2.GaussianBlur(texture * texture, (0, 0), grain)) + 2.0
     return np.clip(texture / spread, -3.0, 3.0)
 
 
@@ -78,17 +72,21 @@ class FeatureSeeds:
             now: the picture, its light flattened.
             centre: the points in the reference [px].
         """
+        # distance of a feature's best match to that of its second best below which it is taken
+        ratio = 0.8
+        # features around a point that say where it is; their median is robust to three wrong ones
+        around = 7
         points, turns, descriptors = self._describe(now)
-        if min(len(self.points), len(points)) < AROUND:
+        if min(len(self.points), len(points)) < around:
             return None
         pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(self.descriptors, descriptors, k=2)
-        kept = [one for one, two in pairs if one.distance < RATIO * two.distance]
-        if len(kept) < AROUND:
+        kept = [one for one, two in pairs if one.distance < ratio * two.distance]
+        if len(kept) < around:
             return None
         before = np.array([one.queryIdx for one in kept])
         after = np.array([one.trainIdx for one in kept])
         turn = turns[after] - self.turns[before]
-        near = np.asarray(KDTree(self.points[before]).query(centre, AROUND)[1])
+        near = np.asarray(KDTree(self.points[before]).query(centre, around)[1])
         unit = np.exp(1j * turn[near])
         middle = np.median(np.real(unit), axis=1) + 1j * np.median(np.imag(unit), axis=1)
         middle /= np.maximum(np.abs(middle), 1e-9)

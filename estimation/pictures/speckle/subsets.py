@@ -14,19 +14,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-STEPS = 15
-"""Most steps from one guess."""
-CONVERGED = 0.02
-"""Step of the subset's rim below which it has converged [px]: each next one is twenty times as
-small, and then a tenth of the noise."""
-HOPEFUL = 0.3
-"""Correlation at a guess from which it is followed [-]."""
-STRAY = 0.6
-"""Farthest a subset may go from its guess [subset radii]."""
 CLIPPED = (3.0, 250.0)
 """Grey levels, of 255, below and above which a pixel may be clipped."""
-ROUNDING = 1.0 / 12.0
-"""Least variance of a pixel, that of rounding to whole grey levels."""
 FINER, TAPS, KAISER = 3, 8, 5.0
 """How much finer pictures are made, and the length and the window of the filter that does it."""
 
@@ -198,12 +187,18 @@ def match_subsets(
         position: guessed, within about half a speckle [px]; NaN for what is not looked for.
         deformation: guessed F, its rotation within about 10°.
     """
+    # step of the subset's rim below which it has converged [px]: each next one is twenty times as
+    # small, and then a tenth of the noise
+    least_step = 0.02
+    steps = 15  # most steps from one guess
+    hopeful = 0.3  # correlation at a guess from which it is followed [-]
+    stray = 0.6  # farthest a subset may go from its guess [subset radii]
     place, shape = position.copy(), deformation.copy()
     count, radius = len(place), subsets.radius
     active = _inside(sampler, place, shape, radius)
     converged = np.zeros(count, dtype=bool)
     alpha, left = np.zeros(count), np.full(count, np.inf)
-    for turn in range(STEPS):
+    for turn in range(steps):
         which = np.flatnonzero(active)
         if not len(which):
             break
@@ -219,11 +214,11 @@ def match_subsets(
         shape[which] = shape[which] @ inverse
         place[which] -= np.einsum("nij,nj->ni", shape[which], shift)
         moved = np.hypot(*shift.T) + radius * np.sqrt(np.sum(gradient**2, axis=1))
-        converged[which] = moved < CONVERGED
-        strayed = np.linalg.norm(place[which] - position[which], axis=1) > STRAY * radius
+        converged[which] = moved < least_step
+        strayed = np.linalg.norm(place[which] - position[which], axis=1) > stray * radius
         wild = ~np.isfinite(moved) | strayed | (moved > 2.0 * radius)
         if not turn:
-            wild |= alpha[which] * subsets.strength[which] < HOPEFUL * np.sqrt(left[which])
+            wild |= alpha[which] * subsets.strength[which] < hopeful * np.sqrt(left[which])
         active[which] = ~converged[which] & ~wild
         active[which] &= _inside(sampler, place[which], shape[which], radius)
     return _gather(subsets, sampler, place, shape, converged, alpha, left)
@@ -239,12 +234,13 @@ def _gather(
     total: Float[np.ndarray, " n"],
 ) -> Match:
     """What was found, with what it leaves unexplained."""
+    rounding = 1.0 / 12.0  # least variance of a pixel, that of rounding to whole grey levels
     good = converged & _inside(sampler, place, shape, subsets.radius)
     contrast = np.where(good, contrast, np.nan)
     explained = contrast * subsets.strength
     correlation = explained / np.sqrt(np.maximum(total, 1e-12))
     rest = (total - explained**2) / (len(subsets.offset) - 8)
-    noise = np.sqrt(np.maximum(rest, ROUNDING)) / contrast
+    noise = np.sqrt(np.maximum(rest, rounding)) / contrast
     turn = np.zeros((len(place), 6, 6))
     turn[:, :2, :2] = turn[:, 2:4, 2::2] = shape
     turn[:, 2:, 2:] = np.einsum("nij,kl->nikjl", shape, np.eye(2)).reshape(-1, 4, 4)

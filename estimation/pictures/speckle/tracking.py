@@ -24,35 +24,10 @@ from estimation.pictures.speckle.subsets import (
     match_subsets,
 )
 
-POINTS = 400
-"""Points of interest in a picture, about."""
-SIDES = 5.0
-"""Half the side of a subset in half widths of the texture's autocorrelation."""
-RADII = (8, 10, 12, 14, 17, 20)
-"""Half sides of subsets to choose from [px]."""
-NOISE, ERROR = 3.0, 0.1
-"""Grey levels of noise at which a point must be found to so many px."""
-GRAIN = 0.3
-"""Correlation of a pixel with the next from which there is texture rather than noise [-]."""
 CLIPPED = 0.1
 """Most of a subset's pixels that may be as good as black or white [-]."""
-REPEATED = 0.75
-"""Correlation of a subset with another place of the reference from which it is ambiguous [-]."""
-SAMPLE, RARE = 40, 0.05
-"""Subsets that are looked for elsewhere, and the share that may be found, to choose their size."""
-USABLE = 0.5
-"""Share of the lattice that must be usable for a picture to be one of speckle [-]."""
-LEAST = 0.7
-"""Correlation with the reference from which a subset is recognised [-]."""
-FIRM = 0.7
-"""Share of the points that must be recognised for no other guess to be tried [-]."""
-APART = 0.15
-"""Farthest a point may lie from where its neighbour has it [pitches]."""
 PIECE = 4
 """Fewest points that must fit each other."""
-LOST = 0.3
-"""Share of the reference's points below which a picture counts as not recognised."""
-WAYS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]])
 
 
 class SpeckleStyle(NamedTuple):
@@ -95,6 +70,8 @@ def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> 
     Raises:
         ValueError: the picture has no fine texture, or one that repeats.
     """
+    points = 400  # points of interest in a picture, about
+    sides = 5.0  # half the side of a subset in half widths of the texture's autocorrelation
     texture = flatten_light(grey)
     padded = [cv2.getOptimalDFTSize(2 * n) for n in grey.shape]
     power = np.abs(np.fft.rfft2(texture, padded)) ** 2
@@ -119,22 +96,25 @@ def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> 
             f"the texture repeats every {distance[place]:.0f} px: which part of it is where cannot "
             "be told"
         )
-    radius = _unique_radius(grey, round(SIDES * size), part)
-    pitch = max(round(float(np.sqrt(grey.size / POINTS))), radius)
+    radius = _unique_radius(grey, round(sides * size), part)
+    pitch = max(round(float(np.sqrt(grey.size / points))), radius)
     return SpeckleStyle(size, radius, pitch)
 
 
 def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int, part: Part) -> int:
     """The smallest half side of subsets that are hardly found twice, and not below `least`."""
-    largest = RADII[-1]
+    # subsets that are looked for elsewhere, and the share that may be found, to choose their size
+    fewest, rare_share = 40, 0.05
+    radii = (8, 10, 12, 14, 17, 20)  # half sides of subsets to choose from [px]
+    largest = radii[-1]
     low, high = np.full(2, largest), np.array(grey.shape[::-1]) - largest
     if (low >= high).any():
-        return min(RADII[0], min(grey.shape) // 8)
-    sample = np.random.default_rng(0).integers(low, high, (SAMPLE, 2))
+        return min(radii[0], min(grey.shape) // 8)
+    sample = np.random.default_rng(0).integers(low, high, (fewest, 2))
     sample = sample[part.shows(sample.astype(float), float(largest))]
     sample = sample[count_clipped(grey, sample.astype(float), float(largest)) < CLIPPED]
-    for radius in RADII:
-        if radius >= min(least, largest) and _recurs(grey, sample, radius).mean() < RARE:
+    for radius in radii:
+        if radius >= min(least, largest) and _recurs(grey, sample, radius).mean() < rare_share:
             return radius
     return largest
 
@@ -152,6 +132,10 @@ def lay_points(
     Raises:
         ValueError: that is in too little of the picture.
     """
+    # grey levels of noise at which a point must be found to so many px
+    sensor_noise, least_error = 3.0, 0.1
+    usable = 0.5  # share of the lattice that must be usable for a picture to be one of speckle [-]
+    ways = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]])
     rim = style.radius + 2
     ys, xs = (
         np.arange(rim + (n - 1 - 2 * rim) % style.pitch // 2, n - rim, style.pitch)
@@ -164,8 +148,8 @@ def lay_points(
     subsets = make_subsets(grey, centre, style.radius)
     hidden = ~part.shows(subsets.centre, np.sqrt(2.0) * style.radius)
     clipped = ~hidden & (count_clipped(grey, subsets.centre, float(style.radius)) > CLIPPED)
-    error = NOISE * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
-    faint = ~(hidden | clipped) & ((error > ERROR) | _is_noise(grey, centre, style.radius))
+    error = sensor_noise * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
+    faint = ~(hidden | clipped) & ((error > least_error) | _is_noise(grey, centre, style.radius))
     again = np.zeros(len(centre), dtype=bool)
     clear = np.flatnonzero(~(hidden | clipped | faint))
     again[clear] = _recurs(grey, centre[clear], style.radius)
@@ -176,7 +160,7 @@ def lay_points(
         "without texture": int(faint.sum()),
         "found elsewhere too": int(again.sum()),
     }
-    if kept.sum() < max(USABLE * (~hidden).sum(), 2 * PIECE):
+    if kept.sum() < max(usable * (~hidden).sum(), 2 * PIECE):
         reasons = ", ".join(f"{count} {why}" for why, count in left_out.items() if count)
         raise ValueError(f"of {len(kept)} places in the picture too many are {reasons}")
     number = np.full(len(kept), -1)
@@ -184,7 +168,7 @@ def lay_points(
     number = number.reshape(len(ys), len(xs))
     padded = np.pad(number, 1, constant_values=-1)
     at = np.argwhere(number >= 0) + 1
-    around = np.stack([padded[tuple((at + way).T)] for way in WAYS], axis=1)
+    around = np.stack([padded[tuple((at + way).T)] for way in ways], axis=1)
     return Lattice(subsets.take(kept), number, around, left_out)
 
 
@@ -192,17 +176,21 @@ def _is_noise(
     grey: Float32[np.ndarray, "h w"], centre: Int[np.ndarray, "n 2"], radius: int
 ) -> Bool[np.ndarray, " n"]:
     """Whether neighbouring pixels around each point have nothing to do with each other."""
+    # correlation of a pixel with the next from which there is texture rather than noise [-]
+    grain = 0.3
     side, (x, y) = (2 * radius + 1,) * 2, centre.T
     texture = grey - cv2.blur(grey, side)
     beside = 0.5 * (np.roll(texture, 1, axis=0) + np.roll(texture, 1, axis=1))
     alike = cv2.blur(texture * beside, side)[y, x]
-    return alike < GRAIN * cv2.blur(texture * texture, side)[y, x]
+    return alike < grain * cv2.blur(texture * texture, side)[y, x]
 
 
 def _recurs(
     grey: Float32[np.ndarray, "h w"], centre: Int[np.ndarray, "n 2"], radius: int
 ) -> Bool[np.ndarray, " n"]:
     """Whether what is about each point is found elsewhere in the picture as well, at half size."""
+    # correlation of a subset with another place of the reference from which it is ambiguous [-]
+    repeated = 0.75
     half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     size, found = radius // 2, []
     last = np.array(half.shape[::-1]) - size - 1
@@ -211,7 +199,7 @@ def _recurs(
         score = cv2.matchTemplate(half, template, cv2.TM_CCOEFF_NORMED)
         itself = slice(max(y - 2 * size, 0), y + 1), slice(max(x - 2 * size, 0), x + 1)
         score[itself] = 0.0
-        found.append(np.nanmax(np.where(np.isfinite(score), score, 0.0)) > REPEATED)
+        found.append(np.nanmax(np.where(np.isfinite(score), score, 0.0)) > repeated)
     return np.array(found, dtype=bool)
 
 
@@ -243,12 +231,14 @@ class SpeckleTracker:
 
     def find(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Match, str]:
         """The points in the next picture, NaN where not recognised; and why it cannot be used."""
+        firm = 0.7  # share of the points that must be recognised for no other guess to be tried [-]
+        lost = 0.3  # share of the reference's points below which a picture counts as not recognised
         subsets, sampler = self.lattice.subsets, Sampler(grey)
         match = _nothing(len(subsets.centre))
         for guess in self._guesses(grey):
             match = _join(match, _follow(subsets, sampler, guess, ~match.good))
             match = self._spread(sampler, match)
-            if match.good.mean() >= FIRM:
+            if match.good.mean() >= firm:
                 break
         clipped = count_clipped(grey, match.position, float(self.style.radius)) > CLIPPED
         shown = self.part.shows(match.position, np.sqrt(2.0) * self.style.radius)
@@ -256,7 +246,7 @@ class SpeckleTracker:
         match = _blank(match, self._fits(match))
         seen = int(match.good.sum())
         self.last = Guess(match.position, match.deformation)
-        if seen < max(LOST * len(match.good), PIECE):
+        if seen < max(lost * len(match.good), PIECE):
             self.last = None
             flaw = f"only {seen} of {len(match.good)} points of the speckle were recognised"
             if clipped.sum() > seen:
@@ -300,13 +290,14 @@ class SpeckleTracker:
 
     def _fits(self, match: Match) -> Bool[np.ndarray, " m"]:
         """The points that lie where most of their neighbours have them, in pieces of several."""
+        apart = 0.15  # farthest a point may lie from where its neighbour has it [pitches]
         around, centre = self.lattice.around, self.lattice.subsets.centre
         both = (around >= 0) & match.good[around] & match.good[:, None]
         arm = centre[:, None] - centre[around]
         mean = 0.5 * (match.deformation[:, None] + match.deformation[around])
         there = match.position[around] + np.einsum("nkij,nkj->nki", mean, arm)
         off = np.linalg.norm(match.position[:, None] - there, axis=2)
-        agree = both & (off < APART * self.style.pitch)
+        agree = both & (off < apart * self.style.pitch)
         count = agree.sum(axis=1)
         return match.good & (count >= PIECE - 1) & (2 * count >= both.sum(axis=1))
 
@@ -315,9 +306,10 @@ def _follow(
     subsets: Subsets, sampler: Sampler, guess: Guess, which: Bool[np.ndarray, " n"]
 ) -> Match:
     """Match some of the subsets from a guess."""
+    least = 0.7  # correlation with the reference from which a subset is recognised [-]
     if which.all():
         found = match_subsets(subsets, sampler, *guess)
-        return _blank(found, found.good & (found.correlation > LEAST))
+        return _blank(found, found.good & (found.correlation > least))
     part = np.flatnonzero(which)
     found = match_subsets(
         subsets.take(part), sampler, guess.position[part], guess.deformation[part]
@@ -325,7 +317,7 @@ def _follow(
     whole = _nothing(len(which))
     for everywhere, value in zip(whole, found, strict=True):
         everywhere[part] = value
-    return _blank(whole, whole.good & (whole.correlation > LEAST))
+    return _blank(whole, whole.good & (whole.correlation > least))
 
 
 def _nothing(count: int) -> Match:
