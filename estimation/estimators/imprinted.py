@@ -21,8 +21,6 @@ CREEP, MOST_CREEP = np.radians(0.06), np.radians(2.0)
 
 In half of thirty published clips the root mean square was 0.2° and did not grow with time; in a
 fifth it was beyond 0.5° after 8 frames, 1.1° after 32 and 2° after 64."""
-JUMP = 4.0
-"""Standard errors by which gel and imprint may differ over one frame before either is doubted."""
 
 
 class Turn(NamedTuple):
@@ -121,12 +119,15 @@ class ImprintedTurn:
 
     def _correct(self, angle: float) -> float:
         """Move to the imprint's angle, by how well it and the gel are known."""
+        # standard errors by which gel and imprint may differ over one frame before either is
+        # doubted
+        jump = 4.0
         apart = angle - self._angle
         if np.isinf(self._variance):
             self._angle, self._variance = angle, READING**2
             return 0.0
         expected = float(np.sqrt(self._variance + READING**2))
-        parted = abs(apart) > JUMP * expected
+        parted = abs(apart) > jump * expected
         if parted:
             self._variance += apart**2
         share = self._variance / (self._variance + READING**2)

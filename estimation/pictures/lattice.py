@@ -11,16 +11,8 @@ from estimation.frames.recording import MarkerLayout, delaunay_neighbours
 
 NEAR = 0.4
 """Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
-REACH = 2.3
-"""Distance up to which dots help to say where one should be [pitches]."""
 AROUND = 12
 """Most of them."""
-FIT = 0.06
-"""Distance from a fitted lattice within which a dot is on it [pitches]."""
-DOUBT = 0.15
-"""How far from its place at rest a lattice fitted beside it may have a dot [pitches]."""
-REGULAR, SMOOTH = 0.065, 0.02
-"""Largest and root mean square distance of dots at rest from rows bent by a lens [pitches]."""
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -137,6 +129,7 @@ def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 
 
     Three dots, not in a row and not next to each other, tell an affine lattice.
     """
+    fit = 0.06  # distance from a fitted lattice within which a dot is on it [pitches]
     points, terms = centre[lattice.dot], _terms(lattice.coordinates)
     rng = np.random.default_rng(seed)
     best = np.zeros(len(points), dtype=bool)
@@ -148,7 +141,7 @@ def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 
         off = np.linalg.norm(
             points - terms[:, :3] @ np.linalg.solve(design, points[sample]), axis=1
         )
-        on = off < 2.0 * FIT * lattice.pitch
+        on = off < 2.0 * fit * lattice.pitch
         if on.sum() > best.sum():
             best = on
     columns = 6 if best.sum() >= 20 else 3
@@ -159,7 +152,7 @@ def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 
         coefficients[:columns] = np.linalg.lstsq(
             terms[best][:, :columns], points[best], rcond=None
         )[0]
-        best = np.linalg.norm(points - terms @ coefficients, axis=1) < FIT * lattice.pitch
+        best = np.linalg.norm(points - terms @ coefficients, axis=1) < fit * lattice.pitch
     return Fitted(coefficients, best)
 
 
@@ -177,6 +170,8 @@ def is_regular(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> bool:
         lattice: of the dots at rest, or about so.
         place: where its dots are [px], NaN where not seen.
     """
+    # largest and root mean square distance of dots at rest from rows bent by a lens [pitches]
+    regular, smooth = 0.065, 0.02
     seen = np.isfinite(place[:, 0])
     if seen.sum() < 30:
         return False
@@ -186,7 +181,7 @@ def is_regular(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> bool:
     off = place[seen] - terms @ np.linalg.lstsq(terms, place[seen], rcond=None)[0]
     squared = (off**2).sum(axis=1) / lattice.pitch**2
     mean = squared.sum() / (len(squared) - terms.shape[1])
-    return bool(squared.max() < REGULAR**2 and mean < SMOOTH**2)
+    return bool(squared.max() < regular**2 and mean < smooth**2)
 
 
 class Reference(NamedTuple):
@@ -230,6 +225,8 @@ def make_reference(
     Raises:
         ValueError: too few dots lie on a lattice.
     """
+    # how far from its place at rest a lattice fitted beside it may have a dot [pitches]
+    least_doubt = 0.15
     lattice = index_lattice(centre)
     if len(lattice.dot) < 9:
         raise ValueError(
@@ -252,7 +249,7 @@ def make_reference(
         rest = lattice.coordinates[fitted.on]
         same = (index[:, None] == rest).all(axis=2)
         position = fitted.place(index)
-        doubt = np.where(same.any(axis=1), 0.0, DOUBT * lattice.pitch)
+        doubt = np.where(same.any(axis=1), 0.0, least_doubt * lattice.pitch)
         note = (
             f"The clip starts loaded: the reference is a regular lattice through "
             f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, those away from "
@@ -275,11 +272,12 @@ def lay_reference(
     Raises:
         ValueError: fewer than three dots, or all on one line.
     """
+    reach = 2.3  # distance up to which dots help to say where one should be [pitches]
     neighbours = delaunay_neighbours(position, 1.3)
     count = min(AROUND + 1, len(position))
     distance, around = nearest(KDTree(position), position, count)
     pitch = float(np.median(distance[:, 1:4]))
-    around = np.where(distance < REACH * pitch, around, -1)[:, 1:]
+    around = np.where(distance < reach * pitch, around, -1)[:, 1:]
     return Reference(position, neighbours, around, pitch, note, doubt)
 
 

@@ -13,9 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-BENT = 0.19
-"""Shift of a corner's fit by an edge that bends, over its curvature and the squared window."""
-
 
 class Rotation(NamedTuple):
     """Mean rotation of two lines at each marker.
@@ -105,11 +102,13 @@ def straighten_edges(
         heading: directions of both edges [rad].
         radius: half the side of the fit's window [px].
     """
+    # shift of a corner's fit by an edge that bends, over its curvature and the squared window
+    most_bent = 0.19
     points = np.where((neighbours >= 0)[..., None], position[neighbours], np.nan)
     before, after = points[:, 0::2] - position[:, None], points[:, 1::2] - position[:, None]
     lengths = np.linalg.norm(before, axis=-1) * np.linalg.norm(after, axis=-1)
     normals = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
-    shift = BENT * radius**2 * np.sum(normals * (before + after), axis=-1) / lengths
+    shift = most_bent * radius**2 * np.sum(normals * (before + after), axis=-1) / lengths
     (a, b), (c, d) = normals[:, 0].T, normals[:, 1].T
     away = np.stack([d * shift[:, 0] - b * shift[:, 1], a * shift[:, 1] - c * shift[:, 0]], axis=1)
     away /= (a * d - b * c)[:, None]

@@ -41,13 +41,6 @@ READERS: dict[str, type[MarkerReader]] = dict(
 """What reads each kind of markers."""
 
 
-RESTING, DOUBTFUL = 0.1, 0.1
-"""Share of the markers, those that have moved least, that should rest, and how far they may be from
-the unloaded picture's [pitches] before it is doubted."""
-LIVE_TRIES = 25
-"""Pictures of a camera in which an unloaded picture's markers are looked for."""
-
-
 class PictureState(NamedTuple):
     """What has been learnt from pictures: of their markers, and of what is wrong with them."""
 
@@ -128,6 +121,8 @@ class PictureSource:
 
     def _reader_of(self, still: Still, settings: ImageSettings) -> MarkerReader:
         """The reader whose reference is a picture of its own; it must be of this sensor."""
+        # pictures of a camera in which an unloaded picture's markers are looked for
+        live_tries = 25
         reader, flaws, size = None, [], (still.image.shape[1], still.image.shape[0])
         for picture in self._taken or _read(self.path, settings):
             self._waiting.append(picture)
@@ -150,7 +145,7 @@ class PictureSource:
                 self.warnings += _doubt_reference(reader, row, still)
                 return reader
             flaws.append(row.flaw)
-            if self.live and len(flaws) == LIVE_TRIES:
+            if self.live and len(flaws) == live_tries:
                 break
         if reader is None:
             raise self._unusable()
@@ -284,14 +279,17 @@ def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
 
 def _doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str, ...]:
     """A warning where no marker is where the unloaded picture has it."""
+    # share of the markers, those that have moved least, that should rest, and how far they may be
+    # from the unloaded picture's [pitches] before it is doubted
+    resting, doubtful = 0.1, 0.1
     rest = reader.layout.reference
     moved = np.linalg.norm(reader.frame(row).positions - rest, axis=1)
     moved, pitch = moved[np.isfinite(moved)], float(np.median(KDTree(rest).query(rest, 2)[0][:, 1]))
-    least = float(np.quantile(moved, RESTING)) if len(moved) else 0.0
-    if least < DOUBTFUL * pitch:
+    least = float(np.quantile(moved, resting)) if len(moved) else 0.0
+    if least < doubtful * pitch:
         return ()
     return (
-        f"Of the markers in the first frame {1.0 - RESTING:.0%} are {least:.3g} {reader.unit} or "
+        f"Of the markers in the first frame {1.0 - resting:.0%} are {least:.3g} {reader.unit} or "
         f"more from where the unloaded picture {still.path} has them: is it of the same sensor, "
         "and has the camera stayed in its place?",
     )

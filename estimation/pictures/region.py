@@ -15,27 +15,12 @@ from jaxtyping import Bool, Float, Int, Shaped
 from estimation.fields.contact import reaches_edge
 from estimation.pictures.lattice import Reference
 
-ONSET = 0.04
-"""Displacement from which there is contact [pitches]; 0.1 mm would be a tenth on most pads."""
 SHARE = 0.35
 """Share of the largest dispersion that bounds the region [-]."""
 LIGHT_ONSET = 6.0
 """Change of grey level, of 255, from which there is contact."""
-PRINTED, STILL_PRINTED = 2.2, 1.9
-"""Texture around a dot, over that of the pad where nothing touches it, from which an object is
-printed there, and from which it still is if it was in the last frame [-]. Empty pads were at 1.7 at
-most, objects that the eye sees at 2.9 and more."""
-LEAST_PRINT = 4.0
-"""Grey levels, of 255 and over all colours, that a print must have at least."""
-BARE = 0.05
-"""Share of the dots, those with the least texture, that nothing is taken to touch [-]."""
-LEAST_PRINTED = 12
-"""Dots that an object's print must show: as many as a contact at the edge of the view."""
 MIDDLE = 9
 """Markers that are a contact's middle; around it a jump of a pivot tears others out of sight."""
-TORN, TORN_PLACES = 0.5, 4
-"""Jump of the displacement between neighbours beyond which the pattern is torn [pitches], and the
-fewest such places; around slipping contacts 0.42 was found, at μp₀/2G* = 0.5 and 20°."""
 SETTLED, ALIKE = 8, 0.7
 """Frames over which a contact must have kept this share of its markers to be all in view."""
 
@@ -54,6 +39,8 @@ def region_of_dispersion(
         displacement: from there [px]; NaN where not seen. Of dots whose place at rest is in doubt
             only what goes beyond the doubt counts.
     """
+    # displacement from which there is contact [pitches]; 0.1 mm would be a tenth on most pads
+    onset = 0.04
     seen = np.isfinite(displacement[:, 0])
     far = np.linalg.norm(np.nan_to_num(displacement), axis=1)
     far = far if reference.doubt is None else np.maximum(far - reference.doubt, 0.0)
@@ -62,7 +49,7 @@ def region_of_dispersion(
     known = (with_self >= 0) & seen[with_self]
     count = np.maximum(known.sum(axis=1), 1)
     dispersion = np.sqrt(np.where(known, squared[with_self], 0.0).sum(axis=1) / count)
-    if not seen.any() or dispersion[seen].max() < ONSET * reference.pitch:
+    if not seen.any() or dispersion[seen].max() < onset * reference.pitch:
         return np.zeros_like(seen)
     return seen & _hull(reference.position, seen & (dispersion >= SHARE * dispersion[seen].max()))
 
@@ -104,17 +91,26 @@ def region_of_print(
         level: texture around each dot; NaN where not seen.
         printed: whether an object was printed in the last frame.
     """
+    # texture around a dot, over that of the pad where nothing touches it, from which an object is
+    # printed there, and from which it still is if it was in the last frame [-]. Empty pads were at
+    # 1.7 at most, objects that the eye sees at 2.9 and more
+    begins, lasts = 2.2, 1.9
+    # share of the dots, those with the least texture, that nothing is taken to touch [-]
+    bare_share = 0.05
+    least_print = 4.0  # grey levels, of 255 and over all colours, that a print must have at least
+    # dots that an object's print must show: as many as a contact at the edge of the view
+    least_printed = 12
     seen = np.isfinite(level)
-    if seen.sum() < LEAST_PRINTED:
+    if seen.sum() < least_printed:
         return np.zeros_like(seen)
     around = np.concatenate([np.arange(len(level))[:, None], reference.neighbours], axis=1)
     levels = np.sort(np.where(around >= 0, level[around], np.nan), axis=1)  # NaN at the end
     count = np.maximum(np.isfinite(levels).sum(axis=1), 1)
     median = np.take_along_axis(levels, ((count - 1) // 2)[:, None], axis=1)[:, 0]
-    bare = np.quantile(level[seen], BARE)
-    least = max((STILL_PRINTED if printed else PRINTED) * float(bare), LEAST_PRINT)
+    bare = np.quantile(level[seen], bare_share)
+    least = max((lasts if printed else begins) * float(bare), least_print)
     region = seen & (median >= least)
-    if region.sum() < LEAST_PRINTED:
+    if region.sum() < least_printed:
         return np.zeros_like(seen)
     return seen & _hull(reference.position, region)
 
@@ -161,6 +157,9 @@ def find_tear_flaw(
         rest: positions at rest.
         now: positions now; NaN where not seen.
     """
+    # jump of the displacement between neighbours beyond which the pattern is torn [pitches], and
+    # the fewest such places; around slipping contacts 0.42 was found, at μp₀/2G* = 0.5 and 20°
+    torn_off, torn_most = 0.5, 4
     moved = np.append(now - rest, np.full((1, rest.shape[1]), np.nan), axis=0)
     place = np.append(rest, np.full((1, rest.shape[1]), np.nan), axis=0)
     beside = np.append(neighbours, np.full((1, 4), -1), axis=0)
@@ -179,8 +178,8 @@ def find_tear_flaw(
             beyond = [np.linalg.norm(step - far * going, axis=1) for going in goings]
             jumps.append(np.min(beyond, axis=0))
     torn = np.concatenate(jumps) / pitch
-    torn = torn[torn > TORN]
-    if len(torn) < TORN_PLACES:
+    torn = torn[torn > torn_off]
+    if len(torn) < torn_most:
         return ""
     return (
         f"the pattern is torn: in {len(torn)} places neighbouring markers have moved apart, by "

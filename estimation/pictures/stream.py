@@ -28,14 +28,8 @@ from estimation.pictures.still import LARGEST, check_size, load_picture
 if TYPE_CHECKING:
     from av.container import InputContainer
 
-VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-CAMERAS = ("camera:", "/dev/video")
 RATE = 30.0
 """Pictures per second of a folder that are assumed where nothing is known [1/s]."""
-BLACK = 8.0
-WHITE = 247.0
-"""Mean grey levels, of 255, below and above which a picture shows nothing."""
 
 
 class Picture(NamedTuple):
@@ -65,12 +59,14 @@ class Picture(NamedTuple):
 
 def is_camera(path: Path) -> bool:
     """Whether the path names a camera: `camera:0`, or its device."""
-    return str(path).startswith(CAMERAS)
+    cameras = ("camera:", "/dev/video")
+    return str(path).startswith(cameras)
 
 
 def is_pictures(path: Path) -> bool:
     """Whether there are pictures at the path: a video, a folder of images or a camera."""
-    if is_camera(path) or path.suffix.lower() in VIDEOS:
+    videos = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
+    if is_camera(path) or path.suffix.lower() in videos:
         return True
     return path.is_dir() and bool(_list_images(path))
 
@@ -173,18 +169,21 @@ def take_part(picture: Picture, part: Part) -> Picture:
 
 def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
     """Why a picture shows nothing, empty where it shows something."""
+    black = 8.0
+    white = 247.0  # mean grey levels, of 255, below and above which a picture shows nothing
     level = float(image.mean()) * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0)
-    if level < BLACK:
+    if level < black:
         return "the picture is black"
-    return "the picture is saturated" if level > WHITE else ""
+    return "the picture is saturated" if level > white else ""
 
 
 def _list_images(folder: Path) -> list[Path]:
     """The images in a folder, but for hidden files."""
+    images = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
     return [
         one
         for one in folder.iterdir()
-        if one.suffix.lower() in IMAGES and not one.name.startswith(".")
+        if one.suffix.lower() in images and not one.name.startswith(".")
     ]
 
 

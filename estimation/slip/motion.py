@@ -10,9 +10,6 @@ from jaxtyping import Bool, Float
 from contactmodel.equations import object_rotation, slip_curl_of_rotation
 from estimation.estimators.result import Result, State, Track
 
-FEWEST = 5
-"""Markers that tell how far the gel has turned."""
-
 
 class Count:
     """From where the angle is counted: the unloaded shape, or the frame that set it to zero.
@@ -61,8 +58,9 @@ def gel_ends(
         turned: φ of each marker since the angle is counted [rad]; NaN where unknown.
         contact: markers of the contact region.
     """
+    fewest = 5  # markers that tell how far the gel has turned
     known = np.sort(turned[contact & np.isfinite(turned)])
-    most = max(len(known) // 10, FEWEST)
+    most = max(len(known) // 10, fewest)
     if len(known) < most:
         return np.nan, np.nan
     middle = np.array([(most - 1) // 2, most // 2])

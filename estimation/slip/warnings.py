@@ -26,10 +26,8 @@ from estimation.fields.stencils import Stencils, make_stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import Recording
 
-ENTROPY_BINS = 10
 STICK_SHARE = 0.8
 LEAST_MOTION_MM = 0.05
-LEAST_ROTATION_DEG = 1.0
 
 
 class SlipWarning(NamedTuple):
@@ -120,11 +118,12 @@ def _tangential(stencils: Stencils, fields: Fields) -> Float[np.ndarray, " m"]:
 
 
 def _entropy(stencils: Stencils, fields: Fields) -> float:
+    entropy_bins = 10
     moved = _tangential(stencils, fields)
     if moved.max() < LEAST_MOTION_MM:
         return np.nan
-    share = np.histogram(moved, ENTROPY_BINS, (0.0, moved.max()))[0] / len(moved)
-    return float(-np.sum(share * np.log(np.maximum(share, 1e-30))) / np.log(ENTROPY_BINS))
+    share = np.histogram(moved, entropy_bins, (0.0, moved.max()))[0] / len(moved)
+    return float(-np.sum(share * np.log(np.maximum(share, 1e-30))) / np.log(entropy_bins))
 
 
 def _stick_ratio(stencils: Stencils, fields: Fields) -> float:
@@ -135,8 +134,9 @@ def _stick_ratio(stencils: Stencils, fields: Fields) -> float:
 
 
 def _turning_ratio(stencils: Stencils, fields: Fields) -> float:
+    least_rotation_deg = 1.0
     turned = np.abs(fields.rotation[fields.contact])
     largest = np.percentile(turned, 90)
-    if largest < np.radians(LEAST_ROTATION_DEG):
+    if largest < np.radians(least_rotation_deg):
         return np.nan
     return float(np.mean(turned >= STICK_SHARE * largest))

@@ -27,9 +27,6 @@ from estimation.virtual.contact import values_at
 from estimation.virtual.gel import Gel, count_from_touch, move_gel
 from estimation.virtual.relief import Lamps, make_relief
 
-COARSE = 4
-"""Distance of the points at which the contact's shape is looked up [px]."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
@@ -222,13 +219,14 @@ class VirtualClip:
 
     def _show(self, frame: int, fields: list[np.ndarray]) -> list[np.ndarray]:
         """Fields of the undeformed gel at each pixel, without the steps of cells at steep rims."""
+        step = 4  # distance of the points at which the contact's shape is looked up [px]
         camera, gel = self.scene.camera, self.gel
-        rows, columns = -(-camera.height // COARSE), -(-camera.width // COARSE)
-        y, x = np.mgrid[:rows, :columns] * float(COARSE) + 0.5 * (COARSE - 1)
+        rows, columns = -(-camera.height // step), -(-camera.width // step)
+        y, x = np.mgrid[:rows, :columns] * float(step) + 0.5 * (step - 1)
         middle = 0.5 * (np.array([camera.width, camera.height]) - 1)
         now = (np.column_stack([x.ravel(), y.ravel()]) - middle) * camera.mm_per_px
         rest = now - self.moved(frame, now - self.moved(frame, now)) - self.scene.centre
-        size = (COARSE * columns, COARSE * rows)
+        size = (step * columns, step * rows)
         coarse = [_look_up(gel.grid, gaussian_filter(one, 1.0), rest) for one in fields]
         return [
             cv2.resize(one.reshape(rows, columns), size, interpolation=cv2.INTER_CUBIC)[

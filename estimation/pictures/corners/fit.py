@@ -17,17 +17,10 @@ from jaxtyping import Float, Float32, Int, Shaped
 
 from estimation.pictures.corners.rings import Rings, find_saddles, half_edges, read_rings
 
-STEPS = 5
-"""Most steps of a fit; corners that have settled before take no more."""
-LONGEST = np.array([1.0, 1.0, 0.3, 0.3, 0.4], dtype=np.float32)
-"""Longest step in x and y [px], both angles [rad] and the blur [px]."""
 ROUND = 1.2
 """The window is a square less what lies farther from the corner than this, in its half sides."""
 EXPLAINED = 0.8
 """Share of the picture around a corner that its fit must explain [-]."""
-
-FAINTEST = np.float32(-20.0)
-"""Least exponent of a density: its products stay normal numbers, of which float32 is fast."""
 
 
 class CornerStyle(NamedTuple):
@@ -119,6 +112,7 @@ def fit_corners(
         start: corners to start from, each good to a tenth of the window.
         style: what the corners look like.
     """
+    most_steps = 5  # most steps of a fit; corners that have settled before take no more
     # pixels of windows fitted at a time, so that arrays of them stay in the processor's cache
     pixels_at_once = 20000
     # share of the longest step that the last may have: the next one is then below the noise
@@ -135,7 +129,7 @@ def fit_corners(
     value = window.cut(grey, middle)
     left = np.arange(len(p))
     batch = max(pixels_at_once // len(window.dx), 1)
-    for _ in range(STEPS):
+    for _ in range(most_steps):
         if not len(left):
             break
         stepped = [
@@ -199,6 +193,8 @@ def _step(
         The parameters, the covariance of the first four, the share of the variance that is
         explained, and the step over the longest one allowed.
     """
+    # longest step in x and y [px], both angles [rad] and the blur [px]
+    longest_step = np.array([1.0, 1.0, 0.3, 0.3, 0.4], dtype=np.float32)
     inside = np.isfinite(value)
     value = np.where(inside, value, np.float32(0.0))
     columns = _linearise(window, p)
@@ -213,7 +209,7 @@ def _step(
     change = np.einsum("nij,nj->ni", inverse, right)
     off = columns[:, 9]
     misfit = np.einsum("np,np->n", off, off) - np.einsum("ni,ni->n", right, change)
-    share = np.max(np.abs(change[:, :5]) / LONGEST, axis=1)
+    share = np.max(np.abs(change[:, :5]) / longest_step, axis=1)
     p = p + (change / np.maximum(share, 1.0)[:, None]).astype(np.float32)
     p[:, 4] = np.clip(p[:, 4], 0.3, 0.4 * window.radius)
     total = inside.sum(axis=1)
@@ -259,9 +255,11 @@ def _linearise(window: _Window, p: Float32[np.ndarray, "n 9"]) -> Float32[np.nda
 
 def _edge(t: Float32[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
     """erf(t/√2) and the normal density, from one exponential ([Abramowitz1964] 7.1.26)."""
+    # least exponent of a density: its products stay normal numbers, of which float32 is fast
+    faintest = np.float32(-20.0)
     # coefficients of [Abramowitz1964] 7.1.26, good to 1.5e-7: as many digits as float32 has
     erf = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
-    bell = np.exp(np.maximum(-0.5 * t * t, FAINTEST))
+    bell = np.exp(np.maximum(-0.5 * t * t, faintest))
     k = 1.0 / (1.0 + np.float32(0.3275911 * np.sqrt(0.5)) * np.abs(t))
     tail = k * np.float32(erf[-1])
     for coefficient in erf[-2::-1]:

@@ -31,12 +31,6 @@ from estimation.pictures.stream import Picture
 
 RESTING = 5
 """Frames in a row in which the dots must lie regularly, and still, to be at rest."""
-RECOGNISED = 0.9
-"""Share of a picture's dots that must be among them."""
-LARGEST_RADIUS = 25.0
-"""Radius of dots beyond which a picture is larger than it need be [px]."""
-STILL = 0.02
-"""Distance by which dots at rest may move from frame to frame [pitches]."""
 
 
 class DotReader(MarkerReader):
@@ -140,13 +134,15 @@ class DotReader(MarkerReader):
         self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
     ) -> None:
         """Take the dots as the reference once they have been regular and still for long enough."""
-        seen = np.isfinite(position[:, 0]).sum() >= RECOGNISED * len(dots)
+        recognised = 0.9  # share of a picture's dots that must be among them
+        most_motion = 0.02  # distance by which dots at rest may move from frame to frame [pitches]
+        seen = np.isfinite(position[:, 0]).sum() >= recognised * len(dots)
         rests = seen and is_regular(self.lattice, position[self.lattice.dot])
         if not rests:  # a lattice guessed beside a contact may have mistaken dots for others
             position = self._recognise(dots)
-            rests = np.isfinite(position[:, 0]).sum() >= RECOGNISED * len(dots)
+            rests = np.isfinite(position[:, 0]).sum() >= recognised * len(dots)
         moved = np.linalg.norm(position - self.before, axis=1)
-        still = np.nanmax(moved, initial=0.0) < STILL * self.reference.pitch
+        still = np.nanmax(moved, initial=0.0) < most_motion * self.reference.pitch
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
         self.before = position
         if self.resting < RESTING:
@@ -212,9 +208,10 @@ class DotReader(MarkerReader):
 
 
 def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
-    if sensor.radius is not None and sensor.radius > LARGEST_RADIUS:
+    largest_radius = 25.0  # radius of dots beyond which a picture is larger than it need be [px]
+    if sensor.radius is not None and sensor.radius > largest_radius:
         raise ValueError(
-            f"dots of radius {sensor.radius:g} px are not read; {LARGEST_RADIUS:g} px at most: "
+            f"dots of radius {sensor.radius:g} px are not read; {largest_radius:g} px at most: "
             "scale the pictures down"
         )
     if sensor.radius is not None and sensor.dark is not None:

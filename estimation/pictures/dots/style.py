@@ -5,20 +5,9 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from estimation.pictures.dots.find import Dots, DotStyle, find_seeds, fit_dots
-from estimation.pictures.dots.templates import ELONGATION, fit_alike
+from estimation.pictures.dots.templates import DOT_ELONGATION, fit_alike
 from estimation.pictures.lattice import index_lattice
 from estimation.pictures.light import to_grey
-
-RADII = (3.5, 2.5, 5.0, 7.0, 10.0, 14.0)
-"""Radii that are tried [px], on pictures scaled so that all are the first."""
-ALIKE, UNLIKE = 0.8, 0.3
-"""Shares explained by the typical dot between which a dot may be one that looks different [-]."""
-EXPLAINED = 0.75
-"""Share of the picture around a dot that its fit must explain [-]."""
-COVERED = 0.3
-"""Share of the picture that the rows must cover: a sensor's dots are all over it [-]."""
-FEWEST = 12
-"""Dots in rows from which a picture counts as one of dots."""
 
 
 def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
@@ -26,8 +15,10 @@ def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
 
     Those that do not look like the typical dot are fitted once more without its help.
     """
+    # shares explained by the typical dot between which a dot may be one that looks different [-]
+    near_radius, far_radius = 0.8, 0.3
     dots = fit_alike(grey, find_seeds(grey, style), style)
-    unlike = np.flatnonzero((dots.explained < ALIKE) & (dots.explained > UNLIKE))
+    unlike = np.flatnonzero((dots.explained < near_radius) & (dots.explained > far_radius))
     if len(unlike):
         limit = np.array(grey.shape[::-1]) - 1
         seeds = np.clip(np.rint(dots.centre[unlike]).astype(int), 0, limit)
@@ -38,9 +29,10 @@ def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
 
 
 def _keep_dots(dots: Dots, grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
+    explained = 0.75  # share of the picture around a dot that its fit must explain [-]
     xx, xy, yx, yy = dots.axes.reshape(-1, 4).T
     size = np.sqrt(np.abs(xx * yy - xy * yx)) / style.radius
-    good = (dots.explained > EXPLAINED) & (size > 0.5) & (size < 1.8) & (dots.contrast > 3.0)
+    good = (dots.explained > explained) & (size > 0.5) & (size < 1.8) & (dots.contrast > 3.0)
     good &= np.isfinite(dots.covariance).all(axis=(1, 2))
     good &= (dots.centre > -1.0).all(axis=1)
     good &= (dots.centre < np.array(grey.shape[::-1])).all(axis=1)
@@ -60,21 +52,26 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
     Raises:
         ValueError: no dots in rows, whatever their size and polarity.
     """
+    # radii that are tried [px], on pictures scaled so that all are the first
+    radii = (3.5, 2.5, 5.0, 7.0, 10.0, 14.0)
+    # share of the picture that the rows must cover: a sensor's dots are all over it [-]
+    covered = 0.3
+    fewest = 12  # dots in rows from which a picture counts as one of dots
     best, most = None, 0.0
     for polarity in (True, False) if dark is None else (dark,):
         original = to_grey(picture, polarity)
-        for radius in RADII:
-            scale = RADII[0] / radius
+        for radius in radii:
+            scale = radii[0] / radius
             grey = cv2.resize(original, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            tried = DotStyle(polarity, RADII[0])
+            tried = DotStyle(polarity, radii[0])
             dots = _keep_dots(fit_alike(grey, find_seeds(grey, tried), tried), grey, tried)
-            dots = dots.take(_elongation(dots) < ELONGATION[1])  # gaps between dots are longer
+            dots = dots.take(_elongation(dots) < DOT_ELONGATION[1])  # gaps between dots are longer
             lattice = index_lattice(dots.centre)
             count = len(lattice.dot)
             found = float(np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))) if count else 0.0
             score = count * float(np.mean(dots.explained)) if count else 0.0
-            enough = count >= max(FEWEST, 0.5 * len(dots.centre))
-            if enough and score > most and _covers(dots.centre[lattice.dot], grey) > COVERED:
+            enough = count >= max(fewest, 0.5 * len(dots.centre))
+            if enough and score > most and _covers(dots.centre[lattice.dot], grey) > covered:
                 best, most = DotStyle(polarity, found / scale), score
     if best is None:
         raise ValueError(

@@ -17,6 +17,8 @@ from jaxtyping import Float, Int
 
 from estimation.pictures.dots.find import Dots, DotStyle
 
+DOT_ELONGATION = (1.15, 3.0)
+"""Ratios of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
 PARTS = 8
 """Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
 SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
@@ -110,9 +112,7 @@ def _refit_elongated(
 
     Dots that the picture's border cuts stay as they are.
     """
-    # ratios of a dot's axes from which it is fitted in its own frame, and up to which it is a dot
-    elongation = (1.15, 3.0)
-    least, most = elongation
+    least, most = DOT_ELONGATION
     longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
     far = np.flatnonzero((longest > least * shortest) & (longest < most * shortest))
     frame = dots.axes[far] / style.radius
