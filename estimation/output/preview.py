@@ -18,6 +18,8 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import RATE, is_camera, read_pictures
 from estimation.slip.motion import follow_gel
 
+ENCODERS = ("libx264", "libopenh264")
+"""H.264 encoders that run on any processor, the first there is being used."""
 TICKS = 90_000
 """Resolution of a video's times [1/s]."""
 
@@ -29,17 +31,15 @@ def find_encoder() -> str:
         MissingExtraError: PyAV is not installed.
         ValueError: the installed PyAV has no such encoder.
     """
-    # H.264 encoders that run on any processor, the first there is being used
-    encoders = ("libx264", "libopenh264")
     require_extra("video", "a preview (--preview)")
     import av
     from av.codec.codec import UnknownCodecError
 
-    for name in encoders:
+    for name in ENCODERS:
         with suppress(UnknownCodecError):
             return av.Codec(name, "w").name
     raise ValueError(
-        f"a preview (--preview) needs an H.264 encoder, {' or '.join(encoders)}; PyAV "
+        f"a preview (--preview) needs an H.264 encoder, {' or '.join(ENCODERS)}; PyAV "
         f"{av.__version__} was built without: install its wheel with `pip install "
         "--force-reinstall --only-binary av av`"
     )

@@ -6,13 +6,6 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-BATCH = 8
-"""Dots fitted at a time: one size is compiled, and its arrays stay in the processor's cache."""
-COARSE = 4.0
-"""Radius from which dots are looked for at half the resolution [px]."""
-FAINT = 0.3
-"""Share of the typical seed's strength below which a seed is no dot."""
-
 
 class DotStyle(NamedTuple):
     """What the dots of a sensor look like.
@@ -57,7 +50,9 @@ def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarra
 
     Large dots are looked for in a picture of half the size.
     """
-    part = 2 if style.radius >= COARSE else 1
+    coarse = 4.0  # radius from which dots are looked for at half the resolution [px]
+    faint = 0.3  # share of the typical seed's strength below which a seed is no dot
+    part = 2 if style.radius >= coarse else 1
     if part == 2:
         grey = cv2.resize(
             grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA
@@ -74,7 +69,7 @@ def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarra
         return np.zeros((0, 2), dtype=int)
     ranked = np.sort(strength)
     strong = ranked[np.searchsorted(ranked, 0.5 * ranked[int(0.9 * (len(ranked) - 1))]) :]
-    keep = strength > FAINT * strong[len(strong) // 2]
+    keep = strength > faint * strong[len(strong) // 2]
     x, y = x[keep], y[keep]
     off = np.stack(_find_tops(response, y, x), axis=1)
     limit = part * np.array(response.shape[::-1]) - 1
@@ -106,6 +101,8 @@ def fit_dots(
         seeds: pixels to start from, each within a radius of a dot's centre.
         style: typical radius, and whether the dots are dark.
     """
+    # dots fitted at a time: one size is compiled, and its arrays stay in the processor's cache
+    batch = 8
     from estimation.pictures.dots.fit import (
         fit_windows,  # imports JAX, which other markers do without
     )
@@ -114,10 +111,10 @@ def fit_dots(
     grey = cv2.copyMakeBorder(grey, half, half, half, half, cv2.BORDER_CONSTANT, value=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(grey, (2 * half + 1, 2 * half + 1))
     parts = []
-    for start in range(0, max(len(seeds), 1), BATCH):
-        some = np.zeros((BATCH, 2), dtype=int)
-        count = len(seeds[start : start + BATCH])
-        some[:count] = seeds[start : start + BATCH]
+    for start in range(0, max(len(seeds), 1), batch):
+        some = np.zeros((batch, 2), dtype=int)
+        count = len(seeds[start : start + batch])
+        some[:count] = seeds[start : start + batch]
         fitted = fit_windows(windows[some[:, 1], some[:, 0]], np.float32(style.radius), half)
         parts.append([np.asarray(one)[:count] for one in fitted])
     offset, covariance, shape, contrast, blur, explained = (
