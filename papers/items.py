@@ -22,6 +22,7 @@ ITEMS = {
         "marker_depth",
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states"),
+    "slip_lifts": ("lifts", "worst", "onset"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered"),
 }

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import expit
 
 from estimation.estimators.result import State, Track
 from estimation.frames.recording import MarkerLayout
@@ -172,15 +173,29 @@ class ShearWatch:
         fallen = (peak - shear) / max(peak, settings.least * self._pitch)
         if not np.isfinite(since):
             return Shear(shear, fallen)
-        by_print = _logistic((settings.kept - since) / settings.kept_spread)
-        by_fall = _logistic((fallen - settings.fallen) / settings.fallen_spread)
-        if since > settings.unloaded:
-            by_fall = 0.0
-        slipped = 1.0 - (1.0 - by_fall) * (1.0 - by_print)
+        slipped = float(find_slip_probability(np.array([fallen]), np.array([since]), settings)[0])
         slides = slipped > 0.5 and not lately > settings.resting
         holds = slipped < 0.5
         sticks = holds and weakest > settings.sticking
         return Shear(shear, fallen, since, slipped, slides, holds, sticks)
+
+
+def find_slip_probability(
+    fallen: Float[np.ndarray, "*frames"],
+    hold: Float[np.ndarray, "*frames"],
+    settings: ShearSettings,
+) -> Float[np.ndarray, "*frames"]:
+    """Probability that all of the contact has slipped lately, by the fall or by the print [-].
+
+    Args:
+        fallen: share of its peak that the shear has lost again [-].
+        hold: correlation of the print on the gel with an earlier one [-].
+        settings: how a slip is told.
+    """
+    by_print = expit((settings.kept - hold) / settings.kept_spread)
+    by_fall = expit((fallen - settings.fallen) / settings.fallen_spread)
+    by_fall = np.where(hold > settings.unloaded, 0.0, by_fall)
+    return 1.0 - (1.0 - by_fall) * (1.0 - by_print)
 
 
 def conclude(shears: Sequence[Shear], track: Track) -> Outcome:
@@ -207,7 +222,3 @@ def conclude(shears: Sequence[Shear], track: Track) -> Outcome:
 def _middle(values: Sequence[float]) -> float:
     known = [value for value in values if np.isfinite(value)]
     return float(np.median(known)) if known else np.nan
-
-
-def _logistic(odds: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))))

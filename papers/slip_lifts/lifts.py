@@ -1,0 +1,301 @@
+"""Labelled lifts: does the gel, or what the object prints on it, say whether the object slips?
+
+[Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual information",
+ICRA 2018: a gripper with a GelSight finger lifts an object, at widths at which it just holds or
+just slips out. All scores are of the same frames, with the same markers. What is fitted, or a
+bound that is chosen, comes from the other objects.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+
+from estimation.estimators import DEFAULT_METHOD
+from estimation.estimators.result import Result, State
+from estimation.frames import datasets
+from estimation.frames.noise import Noise, find_noise
+from estimation.frames.recording import Recording
+from estimation.slip.shear import Outcome, Shear, ShearSettings, conclude, find_slip_probability
+from estimation.slip.warnings import WARNINGS
+from estimation.sources import read_recording
+from estimation.tracker import Trackers
+from papers.items import Track
+from papers.slip_lifts import settings
+from papers.slip_lifts.scores import (
+    apply_rule,
+    draw_roc,
+    fit_probability,
+    leave_out,
+    measure_auc,
+)
+
+OURS, LEFT_OUT, RULE = "ours", "ours, fitted to the other objects", "ten-line rule"
+UNPRINTED = "macro slip by the markers alone"
+
+
+class Label(NamedTuple):
+    """A lift and what became of it.
+
+    Attributes:
+        object_: folder of the object's lifts.
+        lift: folder of the lift.
+        slipped: whether the object slipped out.
+        begins: number of the frame in which the gripper begins to lift.
+    """
+
+    object_: str
+    lift: str
+    slipped: bool
+    begins: int
+
+
+@dataclass(frozen=True)
+class Lift:
+    """A lift, answered.
+
+    Attributes:
+        label: what it is.
+        folder: of its pictures.
+        frames: their numbers.
+        shears: of the gel in each frame.
+        outcome: as concluded.
+        scores: other than the outcome's probability, by name; higher speaks for a slip [-].
+        macro_slip: share of the frames in macro slip [-].
+    """
+
+    label: Label
+    folder: Path
+    frames: tuple[int, ...]
+    shears: tuple[Shear, ...]
+    outcome: Outcome
+    scores: Mapping[str, float]
+    macro_slip: float
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Lifts of some objects, answered.
+
+    Attributes:
+        root: folder of the data set.
+        lifts: in the order of the objects' tables.
+    """
+
+    root: Path
+    lifts: tuple[Lift, ...]
+
+    @cached_property
+    def slipped(self) -> Bool[np.ndarray, " lifts"]:
+        """What became of each lift."""
+        return np.array([lift.label.slipped for lift in self.lifts])
+
+    @cached_property
+    def objects(self) -> np.ndarray:
+        """The object of each lift."""
+        return np.array([lift.label.object_ for lift in self.lifts])
+
+    @cached_property
+    def fits(self) -> dict[str, ShearSettings]:
+        """The numbers that make probabilities, fitted without each object."""
+        fallen, hold = (
+            np.array([[getattr(shear, name) for shear in lift.shears] for lift in self.lifts])
+            for name in ("fallen", "hold")
+        )
+        names = np.unique(self.objects) if len(np.unique(self.objects)) > 1 else []
+        return {
+            str(name): fit_probability(
+                fallen[self.objects != name],
+                hold[self.objects != name],
+                self.slipped[self.objects != name],
+                settings.FitSettings(),
+            )
+            for name in names
+        }
+
+    @cached_property
+    def scores(self) -> dict[str, Float[np.ndarray, " lifts"]]:
+        """All scores by name, those with the best claim first [-]."""
+        found = {OURS: np.array([lift.outcome.probability for lift in self.lifts])}
+        if self.fits:
+            found[LEFT_OUT] = np.array([_refit(lift, self.fits) for lift in self.lifts])
+        others = self.lifts[0].scores
+        return found | {n: np.array([lift.scores[n] for lift in self.lifts]) for n in others}
+
+    @cached_property
+    def called(self) -> dict[str, Bool[np.ndarray, " lifts"]]:
+        """Which lifts each score calls a slip; bounds that are chosen take several objects."""
+        own = {OURS: 0.5, LEFT_OUT: 0.5, RULE: settings.RuleSettings().fallen}
+        return {
+            name: score > own[name] if name in own else leave_out(score, self.slipped, self.objects)
+            for name, score in self.scores.items()
+            if name in own or self.fits
+        }
+
+
+def compute(quick: bool = False, track: Track = iter) -> Study:
+    """Answer all lifts; those of one object if quick."""
+    root = datasets.fetch("slip-lifts")
+    found = sorted(root.glob(f"{settings.QUICK if quick else 'object*'}_result.dat"))
+    labels = [label for table in found for label in read_labels(table)]
+    return Study(root, tuple(answer(root, label) for label in track(labels)))
+
+
+def read_labels(table: Path) -> Iterator[Label]:
+    """The lifts of an object and what became of them.
+
+    Raises:
+        ValueError: a line of another kind.
+    """
+    for number, line in enumerate(table.read_text("utf-8").splitlines(), start=1):
+        words = line.split()
+        if not words:
+            continue
+        if len(words) < 7 or words[2] not in ("0", "1"):
+            raise ValueError(
+                f"{table}, line {number}: expected width, word, label (0 or 1), three frames and "
+                f"the lift's folder, got {line!r}"
+            )
+        object_ = table.name.removesuffix("_result.dat")
+        yield Label(object_, f"{words[6]}_mm", words[2] == "0", int(words[5]))
+
+
+def answer(root: Path, label: Label) -> Lift:
+    """Read a lift's pictures, and score them in every way."""
+    folder = root / label.object_ / label.lift
+    recording = read_recording(folder)
+    noise, _ = find_noise(recording)
+    track, shears = follow(recording, noise)
+    alone, _ = follow(replace(recording, hold=None), noise)
+    moved = (recording.positions - recording.positions[0])[..., :2]
+    scores = {RULE: apply_rule(moved, settings.RuleSettings())}
+    scores[UNPRINTED] = _share_of_macro_slip(alone)
+    for name, warn in WARNINGS.items():
+        scores[f"warning: {name.replace('_', ' ')}"] = float(warn(recording).warned.mean())
+    frames = tuple(map(int, recording.source_index))
+    outcome = conclude(shears, track)
+    return Lift(label, folder, frames, shears, outcome, scores, _share_of_macro_slip(track))
+
+
+def follow(recording: Recording, noise: Noise | None) -> tuple[Result, tuple[Shear, ...]]:
+    """What the default method answers, and what is known of the shear, in each frame."""
+    trackers = Trackers(recording.layout, {DEFAULT_METHOD: {}}, noise=noise)
+    estimates, shears = [], []
+    for frame in recording:
+        estimates.append(trackers.update(frame)[DEFAULT_METHOD])
+        shears.append(trackers.shear)
+    return Result.gather(DEFAULT_METHOD, estimates), tuple(shears)
+
+
+def _share_of_macro_slip(track: Result) -> float:
+    return float(np.mean([state == State.MACRO_SLIP for state in track.state]))
+
+
+def _refit(lift: Lift, fits: Mapping[str, ShearSettings]) -> float:
+    fallen, hold = (np.array([getattr(s, n) for s in lift.shears]) for n in ("fallen", "hold"))
+    return float(np.nanmax(find_slip_probability(fallen, hold, fits[lift.label.object_])))
+
+
+def tables(result: Study) -> dict[str, list[dict[str, object]]]:
+    """A row by object, by score, by object left out, and by lift."""
+    every = np.ones(len(result.lifts), dtype=bool)
+    objects = {name: result.objects == name for name in dict.fromkeys(result.objects)}
+    shown = {
+        "": [_row(result, str(name), these) for name, these in objects.items()]
+        + [_row(result, "all", every)],
+        "_scores": [_score_row(result, name) for name in result.scores],
+        "_lifts": [_lift_row(result, i) for i in range(len(result.lifts))],
+    }
+    if result.fits:
+        shown["_fits"] = [_fit_row(result, name) for name in result.fits]
+    return shown
+
+
+def _row(study: Study, name: str, these: Bool[np.ndarray, " lifts"]) -> dict[str, object]:
+    slipped = study.slipped[these]
+    macro = np.array([lift.macro_slip for lift in study.lifts])[these]
+    row: dict[str, object] = {
+        "object": name,
+        "lifts": int(these.sum()),
+        "slips": int(slipped.sum()),
+    }
+    for score in (OURS, LEFT_OUT, RULE):
+        if score in study.scores:
+            row[f"{score}: right"] = int((study.called[score][these] == slipped).sum())
+            row[f"{score}: AUC"] = _round(measure_auc(study.scores[score][these], slipped))
+    row["held lifts with macro slip"] = int((macro[~slipped] > 0.0).sum())
+    return row
+
+
+def _score_row(study: Study, name: str) -> dict[str, object]:
+    row: dict[str, object] = {
+        "score": name,
+        "AUC": _round(measure_auc(study.scores[name], study.slipped)),
+    }
+    if (called := study.called.get(name)) is None:
+        return row | dict.fromkeys(("right [%]", "slips missed", "holds called slips"))
+    return row | {
+        "right [%]": round(100.0 * float(np.mean(called == study.slipped)), 1),
+        "slips missed": int((~called & study.slipped).sum()),
+        "holds called slips": int((called & ~study.slipped).sum()),
+    }
+
+
+def _lift_row(study: Study, i: int) -> dict[str, object]:
+    lift = study.lifts[i]
+    return {
+        "object": lift.label.object_,
+        "lift": lift.label.lift,
+        "label": "slipped" if lift.label.slipped else "held",
+        "ours": lift.outcome.word,
+        **{name: _round(score[i]) for name, score in study.scores.items()},
+        "first slipped [frame]": first_called(lift),
+    }
+
+
+def _fit_row(study: Study, name: str) -> dict[str, object]:
+    fit, own = study.fits[name], study.objects == name
+    numbers = ("fallen", "fallen_spread", "kept", "kept_spread")
+    return {
+        "left out": name,
+        **{one: _round(getattr(fit, one)) for one in numbers},
+        "right": int((study.called[LEFT_OUT] == study.slipped)[own].sum()),
+        "of": int(own.sum()),
+    }
+
+
+def first_called(lift: Lift) -> int | None:
+    """Index of the frame in which a slip is first more likely than not; None in none."""
+    over = np.array([shear.slipped for shear in lift.shears]) > 0.5
+    return int(over.argmax()) if over.any() else None
+
+
+def plot(result: Study) -> Figure:
+    """ROC curves of all scores, and the probabilities of all lifts by object."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
+    for name, score in result.scores.items():
+        auc = measure_auc(score, result.slipped)
+        left.plot(*draw_roc(score, result.slipped), label=f"{name}: {auc:.2f}", alpha=0.8)
+    left.legend(fontsize=7, title="area", title_fontsize=7)
+    left.set(xlabel="held lifts called slips [-]", ylabel="slips called slips [-]")
+    shown = result.scores.get(LEFT_OUT, result.scores[OURS])
+    for label, these in (("slipped", result.slipped), ("held", ~result.slipped)):
+        right.plot(
+            shown[these], result.objects[these], "o" if label == "held" else "x", label=label
+        )
+    right.axvline(0.5, color="0.6", lw=0.8)
+    right.set(xlabel="probability of a slip, fitted to the other objects [-]")
+    right.legend(fontsize=8)
+    for axis in (left, right):
+        axis.grid(alpha=0.3)
+    return figure
+
+
+def _round(value: float) -> float | None:
+    return round(float(value), 3) if np.isfinite(value) else None

@@ -1,0 +1,67 @@
+"""How far the object moves against the gripper, by the outside camera's pictures.
+
+The camera is fixed to the hand and looks along the fingers at an angle. An object that slides
+along itself moves away from it, towards the point in which lines along the object meet, and gets
+smaller. Near the fingers 1 mm of that is `FINGER_PX_PER_MM` times the sine of the angle between
+the line of sight and the object, which the distance to that point gives.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from papers.slip_lifts import settings
+from papers.slip_lifts.settings import View
+
+Patch = tuple[int, int, int, int]
+
+
+def measure_motion(
+    pictures: Sequence[UInt8[np.ndarray, "h w"]], view: View
+) -> Float[np.ndarray, " frames"]:
+    """How far the object has gone against the gripper since the first picture [mm]."""
+    smooth = [cv2.GaussianBlur(one, (0, 0), 1.0) for one in pictures]
+    points = follow_points(smooth, view.object_)
+    finger = np.median(follow_points(smooth, view.gripper), axis=1)
+    moved = np.median(points - points[0], axis=1) - (finger - finger[0])
+    return np.linalg.norm(moved, axis=1) / _px_per_mm(np.median(points[0], axis=0), view)
+
+
+def _px_per_mm(place: Float[np.ndarray, "2"], view: View) -> float:
+    across = np.linalg.norm(place - view.vanishing)
+    return float(settings.FINGER_PX_PER_MM * across / np.hypot(across, settings.FOCAL_PX))
+
+
+def follow_points(
+    pictures: Sequence[UInt8[np.ndarray, "h w"]], patch: Patch
+) -> Float[np.ndarray, "frames points 2"]:
+    """Corners of a patch of the first picture in all of them, those that are found back [px].
+
+    Raises:
+        ValueError: there are none.
+    """
+    left, top, width, height = patch
+    mask = np.zeros_like(pictures[0])
+    mask[top : top + height, left : left + width] = 255
+    corners = cv2.goodFeaturesToTrack(pictures[0], 200, 0.01, 4, mask=mask)
+    if corners is None:
+        raise ValueError(f"there is nothing to follow in the patch {patch} of the outside pictures")
+    tracks, good = [corners.reshape(-1, 1, 2)], np.ones(len(corners), dtype=bool)
+    for before, after in pairwise(pictures):
+        there, found = _flow(before, after, tracks[-1])
+        back, again = _flow(after, before, there)
+        good &= found & again & (np.linalg.norm(back - tracks[-1], axis=-1)[:, 0] < 0.5)
+        tracks.append(there)
+    if not good.any():
+        raise ValueError(f"no corner of the patch {patch} is found in all outside pictures")
+    return np.array(tracks)[:, good, 0].astype(float)
+
+
+def _flow(before: np.ndarray, after: np.ndarray, points: np.ndarray):
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, points, points.copy(), winSize=(17, 17), maxLevel=2
+    )
+    return there.reshape(-1, 1, 2), found.ravel() > 0

@@ -1,0 +1,114 @@
+"""Scores of a slip, how well they tell the outcomes apart, and how ours is fitted.
+
+[Platt1999] J. Platt, "Probabilistic outputs for support vector machines", has the logistic that
+makes probabilities; the prior on its spread is ours.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.optimize import minimize
+from scipy.stats import rankdata
+
+from estimation.slip.shear import ShearSettings, find_slip_probability
+from papers.slip_lifts.settings import FitSettings, RuleSettings
+
+
+def measure_auc(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]) -> float:
+    """Share of the pairs of a slip and a hold in which the slip has the higher score [-].
+
+    Ties count half; NaN where all are the same.
+    """
+    slips, holds = int(slipped.sum()), int((~slipped).sum())
+    if not slips or not holds:
+        return np.nan
+    return float((rankdata(score)[slipped].sum() / slips - 0.5 * (slips + 1)) / holds)
+
+
+def draw_roc(
+    score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " bounds"], Float[np.ndarray, " bounds"]]:
+    """Share of the holds, and of the slips, with at least each score in turn, from 0 to 1 [-]."""
+    bounds = [np.inf, *np.unique(score)[::-1]]
+    false, true = (
+        np.array([np.mean(score[these] >= bound) for bound in bounds])
+        for these in (~slipped, slipped)
+    )
+    return false, true
+
+
+def choose_bound(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]) -> float:
+    """The score above which to call a slip: the middle of the gap with the most right."""
+    values = np.unique(score)
+    bounds = np.concatenate([values[:1] - 1.0, 0.5 * (values[1:] + values[:-1])])
+    right = [np.mean((score > bound) == slipped) for bound in bounds]
+    best = bounds[np.isclose(right, np.max(right))]
+    return float(best[len(best) // 2])
+
+
+def leave_out(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"], group: np.ndarray):
+    """Calls of a slip, each with the bound that is best for the other groups.
+
+    Args:
+        score: of each recording.
+        slipped: what became of it.
+        group: that it belongs to.
+
+    Returns:
+        Bool array.
+    """
+    called = np.zeros(len(score), dtype=bool)
+    for one in np.unique(group):
+        own = group == one
+        called[own] = score[own] > choose_bound(score[~own], slipped[~own])
+    return called
+
+
+def apply_rule(moved: Float[np.ndarray, "frames n 2"], settings: RuleSettings) -> float:
+    """Share of its peak that the shear of the most sheared markers has lost in the end [-].
+
+    Args:
+        moved: of each marker since the first frame [px]; NaN where not seen.
+        settings: of the rule.
+    """
+    far = np.max(np.nan_to_num(np.linalg.norm(moved, axis=-1)), axis=0)
+    top = np.argsort(-far)[: settings.markers]
+    shear = np.linalg.norm(np.nanmedian(moved[:, top], axis=1), axis=-1)
+    peak = float(shear.max())
+    return 1.0 - float(shear[-1]) / peak if peak > settings.least else 0.0
+
+
+def fit_probability(
+    fallen: Float[np.ndarray, "lifts frames"],
+    hold: Float[np.ndarray, "lifts frames"],
+    slipped: Bool[np.ndarray, " lifts"],
+    settings: FitSettings,
+) -> ShearSettings:
+    """The settings that make the outcomes most probable; only the numbers of probabilities change.
+
+    Args:
+        fallen: share of its peak that the shear has lost [-].
+        hold: correlation of the print with an earlier one [-].
+        slipped: what became of each lift.
+        settings: of the fit.
+    """
+
+    def unpack(x: np.ndarray) -> ShearSettings:
+        spreads = np.exp(x[2:]) * settings.spread
+        names = ("fallen", "kept", "fallen_spread", "kept_spread")
+        return replace(
+            ShearSettings(), **dict(zip(names, map(float, (*x[:2], *spreads)), strict=True))
+        )
+
+    def cost(x: np.ndarray) -> float:
+        p = find_slip_probability(fallen, hold, unpack(x)).max(axis=1)
+        right = np.where(slipped, p, 1.0 - p)
+        prior = 0.5 * np.sum((x[2:] / settings.width) ** 2)
+        return float(prior - np.sum(np.log(np.maximum(right, 1e-12))))
+
+    fits = [
+        minimize(cost, [*start, 0.0, 0.0], method="Nelder-Mead", options={"fatol": 1e-6})
+        for start in settings.starts
+    ]
+    return unpack(min(fits, key=lambda fit: fit.fun).x)
