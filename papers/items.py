@@ -21,7 +21,7 @@ ITEMS = {
         "reversals",
         "marker_depth",
     ),
-    "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states"),
+    "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered"),

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
+from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from contactmodel.contact import Contact
@@ -20,7 +21,6 @@ from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from estimation.choices import DEFAULT_CONTACT
 from estimation.estimators.result import State
-from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.pictures.render import Camera, cover_with_dots, digitise, project_discs
 from estimation.pictures.stream import Picture
 from estimation.virtual.contact import values_at
@@ -94,13 +94,14 @@ class ClipTruth(NamedTuple):
     """What the pictures cannot know, by frame.
 
     Attributes:
-        state: of the contact, by the dots: `macro_slip` where fewer than three of those under the
-            object stick, or not all if there are no more than three; else by the share that stick.
+        state: of the contact: `macro_slip` where no more than a fiftieth of it sticks, else by the
+            share of the dots under the object that stick.
+        holding: how many dots that are.
         angle: of the object since it touched [rad, from x to y of the picture]; NaN before.
         shift: of the object's axis since it touched [mm]; NaN before.
         gel_angle: of the gel, the tenth of that under the object that has slipped least [rad]; NaN
             before.
-        gel_shift: of the same [mm]; NaN before.
+        gel_shift: of the same, where the object's axis was [mm]; NaN before.
         slip: of the object over the gel where it has slipped least [mm]: 0 while something has
             stuck since it touched, and about the middle of a turn; NaN before.
         stick_ratio: share of the contact that sticks [-].
@@ -109,6 +110,7 @@ class ClipTruth(NamedTuple):
     """
 
     state: tuple[State, ...]
+    holding: Int[np.ndarray, " frames"]
     angle: Float[np.ndarray, " frames"]
     shift: Float[np.ndarray, "frames 2"]
     gel_angle: Float[np.ndarray, " frames"]
@@ -125,9 +127,8 @@ class ClipTruth(NamedTuple):
 
     @property
     def onset(self) -> int | None:
-        """First frame in which no more than a fiftieth of the contact sticks; None without one."""
-        loose = (self.stick_ratio < 0.02) & np.isfinite(self.angle)
-        return int(np.argmax(loose)) if loose.any() else None
+        """First frame of macro slip; None without one."""
+        return self.state.index(State.MACRO_SLIP) if State.MACRO_SLIP in self.state else None
 
 
 class VirtualClip:
@@ -186,7 +187,7 @@ class VirtualClip:
         """
         scene, camera = self.scene, self.scene.camera
         rng = np.random.default_rng((scene.seed, frame))
-        level = scene.lamps.light(camera, self._height(frame))
+        level = scene.lamps.light(camera, self.height(frame))
         if camera.blur > 0.0:
             level = cv2.GaussianBlur(level, (0, 0), camera.blur)
 
@@ -197,8 +198,12 @@ class VirtualClip:
         cover = cover_with_dots(camera, centres, axes)[..., None]
         return digitise(camera, level * (1.0 - camera.contrast / camera.background * cover), rng)
 
-    def _height(self, frame: int) -> np.ndarray:
-        """Depth of the gel's surface at each pixel, the object's relief included [mm]."""
+    def height(self, frame: int) -> Float[np.ndarray, "height width"]:
+        """Depth of the gel's surface at each pixel, the object's relief included [mm].
+
+        Args:
+            frame: of the clip.
+        """
         # share of the largest pressure from which the object's relief prints in full [-]
         full_print = 0.3
         scene, pressure = self.scene, self.gel.pressure[frame]
@@ -218,22 +223,22 @@ class VirtualClip:
         return self._relief.at(self.scene.camera, axis, float(self._turned[frame]))
 
     def _show(self, frame: int, fields: list[np.ndarray]) -> list[np.ndarray]:
-        """Fields of the undeformed gel at each pixel, without the steps of cells at steep rims."""
+        """Fields of the undeformed gel at each pixel, without the steps of cells at steep rims.
+
+        Under the object and around it they go with the gel that sticks: what the object has slid
+        over the gel is in them.
+        """
         step = 4  # distance of the points at which the contact's shape is looked up [px]
-        camera, gel = self.scene.camera, self.gel
-        rows, columns = -(-camera.height // step), -(-camera.width // step)
-        y, x = np.mgrid[:rows, :columns] * float(step) + 0.5 * (step - 1)
+        camera, truth = self.scene.camera, self.truth
+        y, x = (step * np.arange(-(-size // step) + 1.0) for size in (camera.height, camera.width))
         middle = 0.5 * (np.array([camera.width, camera.height]) - 1)
-        now = (np.column_stack([x.ravel(), y.ravel()]) - middle) * camera.mm_per_px
-        rest = now - self.moved(frame, now - self.moved(frame, now)) - self.scene.centre
-        size = (step * columns, step * rows)
-        coarse = [_look_up(gel.grid, gaussian_filter(one, 1.0), rest) for one in fields]
-        return [
-            cv2.resize(one.reshape(rows, columns), size, interpolation=cv2.INTER_CUBIC)[
-                : camera.height, : camera.width
-            ]
-            for one in coarse
-        ]
+        now = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) - middle
+        rest = camera.mm_per_px * now - self.scene.centre - truth.gel_shift[frame]
+        rest = rest @ _rotation(truth.gel_angle[frame])
+        pixels = np.arange(camera.height), np.arange(camera.width)
+        coarse = [_look_up(self.gel.grid, gaussian_filter(one, 1.0), rest) for one in fields]
+        # a spline, whose slopes are smooth: others would print a lattice into the picture
+        return [RectBivariateSpline(y, x, one.reshape(len(y), -1))(*pixels) for one in coarse]
 
     def moved(self, frame: int, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Displacement of points of the gel [mm].
@@ -279,8 +284,7 @@ def _lay_dots(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     reach = 0.5 * np.hypot(camera.width, camera.height) * camera.mm_per_px + 2.0 * scene.pitch
     row = np.arange(-np.ceil(reach / scene.pitch), np.ceil(reach / scene.pitch) + 1)
     nodes = np.stack(np.meshgrid(row, row), axis=-1).reshape(-1, 2) + rng.uniform(-0.5, 0.5, 2)
-    c, s = np.cos(scene.dot_angle), np.sin(scene.dot_angle)
-    dots = scene.pitch * nodes @ np.array([[c, s], [-s, c]])
+    dots = scene.pitch * nodes @ _rotation(scene.dot_angle).T
     half = 0.5 * np.array([camera.width, camera.height]) * camera.mm_per_px + scene.pitch
     return dots[(np.abs(dots) < half).all(axis=1)]
 
@@ -298,34 +302,46 @@ def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray
         far = np.linalg.norm(gel.slip[frame][:, contact[frame]], axis=0)
         best = np.argsort(far)[: max(int(followers * len(far)), fewest)]
         moved = gel.displacement[frame][:, contact[frame]][:, best]
-        slip[frame], gel_shift[frame] = far.min(), moved.mean(axis=1)
-        gel_angle[frame] = _turn(gel.grid.points[:, contact[frame]][:, best], moved)
+        slip[frame] = far.min()
+        points = np.asarray(gel.grid.points)[:, contact[frame]][:, best]
+        gel_angle[frame], gel_shift[frame] = _move_rigidly(points, moved)
     under, holding = (values_at(gel.grid, mask, dots).sum(axis=1) for mask in (contact, gel.stick))
+    ratio = gel.stick.sum(axis=(1, 2)) / np.maximum(contact.sum(axis=(1, 2)), 1)
     return ClipTruth(
-        state=tuple(map(_judge, under.tolist(), holding.tolist(), touching.tolist())),
+        state=tuple(
+            map(_judge, under.tolist(), holding.tolist(), ratio.tolist(), touching.tolist())
+        ),
+        holding=holding,
         angle=angle,
         shift=np.where(touching[:, None], shift, np.nan),
         gel_angle=gel_angle,
         gel_shift=gel_shift,
         slip=slip,
-        stick_ratio=gel.stick.sum(axis=(1, 2)) / np.maximum(contact.sum(axis=(1, 2)), 1),
+        stick_ratio=ratio,
         force=gel.force,
         moment=gel.moment,
     )
 
 
-def _turn(points: np.ndarray, moved: np.ndarray) -> float:
-    """Rotation of points that have moved as one body [rad]."""
-    x, y = points - points.mean(axis=1, keepdims=True)
-    to_x, to_y = np.stack([x, y]) + moved - moved.mean(axis=1, keepdims=True)
-    return float(np.arctan2(np.sum(x * to_y - y * to_x), np.sum(x * to_x + y * to_y)))
+def _move_rigidly(points: np.ndarray, moved: np.ndarray) -> tuple[float, np.ndarray]:
+    """Rotation of points that have moved as one body [rad], and where it takes the origin [mm]."""
+    middle = points.mean(axis=1)
+    x, y = points - middle[:, None]
+    to_x, to_y = points + moved - (middle + moved.mean(axis=1))[:, None]
+    turn = float(np.arctan2(np.sum(x * to_y - y * to_x), np.sum(x * to_x + y * to_y)))
+    return turn, middle + moved.mean(axis=1) - _rotation(turn) @ middle
 
 
-def _judge(under: int, holding: int, touching: bool) -> State:
-    """The state of a contact, from the dots under the object and those that stick."""
+def _rotation(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _judge(under: int, holding: int, ratio: float, touching: bool) -> State:
+    """The state of a contact: the dots under the object, those and the share of it that stick."""
     if not touching:
         return State.NO_CONTACT
-    if holding < min(MIN_STICK_MARKERS, under):
+    if ratio < 0.02:  # the middle of a turn on the spot rests
         return State.MACRO_SLIP
     enough = holding >= DEFAULT_CONTACT.stick_share * under
     return State.STICK if enough else State.INCIPIENT

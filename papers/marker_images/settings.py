@@ -82,3 +82,9 @@ class SheetSettings(NamedTuple):
 
 SHEETS = SheetSettings()
 """Of the table of states."""
+
+CLIP_DRAWS = 6
+"""Rendered clips of each condition; shapes and reliefs take turns."""
+
+QUICK_CLIPS = ("held, turned and back", "fast slip, then rest", "starts loaded, is let go")
+"""Conditions of a quick run, one clip of each."""

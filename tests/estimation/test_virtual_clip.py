@@ -6,7 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+from contactmodel import (
+    Contact,
+    Grid,
+    HalfSpace,
+    Pose,
+    Rigid,
+    Sphere,
+    SquarePunch,
+    make_path,
+)
 from estimation.estimators.result import State
 from estimation.pictures.dots.find import DotStyle
 from estimation.pictures.dots.style import find_dots
@@ -88,16 +97,36 @@ def test_dots_lie_where_the_gel_has_taken_them(clip):
     assert np.linalg.norm(clip.moved(LAST, clip.dots), axis=1).max() > 0.15  # mm
 
 
-def test_the_print_goes_with_the_object_and_not_with_the_gel(clip):
+def taken_along(clip, field, frame):
+    """A field of the first picture in contact, moved as the object has moved."""
     camera, truth = SCENE.camera, clip.truth
-    before, now = (clip.relief_at(frame) for frame in (PRESSED, LAST))
     axis = camera.project(np.array([SCENE.centre]))[0]
-    turn = cv2.getRotationMatrix2D(tuple(axis), -np.degrees(truth.angle[LAST]), 1.0)
-    turn[:, 2] += truth.shift[LAST] / camera.mm_per_px
-    taken = cv2.warpAffine(before, turn, (camera.width, camera.height), flags=cv2.INTER_CUBIC)
-    inner = slice(20, 64), slice(30, 78)
-    assert np.corrcoef(taken[inner].ravel(), now[inner].ravel())[0, 1] > 0.99
-    assert np.corrcoef(before[inner].ravel(), now[inner].ravel())[0, 1] < 0.6
+    turn = cv2.getRotationMatrix2D(tuple(axis), -np.degrees(truth.angle[frame]), 1.0)
+    turn[:, 2] += truth.shift[frame] / camera.mm_per_px
+    return cv2.warpAffine(field, turn, (camera.width, camera.height), flags=cv2.INTER_CUBIC)
+
+
+def alike(one, other):
+    """Correlation in the middle of the view."""
+    inner = slice(14, 62), slice(33, 89)
+    return np.corrcoef(one[inner].ravel(), other[inner].ravel())[0, 1]
+
+
+def test_the_print_goes_with_the_object_and_not_with_the_gel(clip):
+    before, now = (clip.relief_at(frame) for frame in (PRESSED, LAST))
+    assert alike(taken_along(clip, before, LAST), now) > 0.99
+    assert alike(before, now) < 0.6
+
+
+def test_the_shape_of_the_contact_turns_with_the_gel_that_sticks():
+    ball = SCENE.contact
+    cube = Contact(ball.elastomer, ball.object_, SquarePunch(4.0, 0.5), ball.grid, 5.0)
+    turned = Pose(0.4, twist=np.radians(10.0))
+    scene = replace(SCENE, contact=cube, path=make_path([Pose(0.0), Pose(0.4), turned], [1, 4]))
+    clip = VirtualClip(replace(scene, relief="smooth"))
+    steepness = [np.hypot(*np.gradient(clip.height(frame))) for frame in (0, 4)]
+    assert alike(taken_along(clip, steepness[0], 4), steepness[1]) > 0.995
+    assert alike(*steepness) < 0.985
 
 
 def test_an_empty_pad_is_the_unloaded_one_and_a_print_is_seen(clip):

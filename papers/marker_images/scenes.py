@@ -1,0 +1,145 @@
+"""Scenes of rendered clips, by condition, drawn at random: what an object in a gripper does."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from contactmodel.contact import Contact
+from contactmodel.elasticity.bodies import HalfSpace, Rigid
+from contactmodel.grid import Grid
+from contactmodel.indenters import AbstractIndenter, Cylinder, Domed, Sphere, SquarePunch
+from contactmodel.pose import Pose, make_path
+from estimation.pictures.render import Camera
+from estimation.virtual.clip import Scene
+from estimation.virtual.relief import Lamps
+
+GRID = Grid((40, 40), (24.0, 24.0))
+PAD = HalfSpace(shear_modulus=0.2, poisson_ratio=0.5)
+FIRM, SLIPPERY = 1.0, 0.15
+"""Friction at which the objects stick or slip in a part, and at which all slips within 5° [-]."""
+
+
+class Leg(NamedTuple):
+    """Frames, and where they lead.
+
+    Attributes:
+        frames: how many.
+        press: share of the approach [-].
+        share: of the shift [-].
+        turn: angle [deg].
+    """
+
+    frames: int
+    press: float
+    share: float
+    turn: float
+
+
+def shape_of(name: str, rng: np.random.Generator) -> tuple[AbstractIndenter, float]:
+    """A shape with sizes drawn at random, and how far it is pressed on [mm]."""
+    if name == "sphere":
+        return Sphere(rng.uniform(10.0, 18.0)), rng.uniform(0.9, 1.3)
+    if name == "cylinder":
+        return Domed(Cylinder(rng.uniform(8.0, 12.0)), 40.0), rng.uniform(0.6, 0.9)
+    if name == "cube":
+        return SquarePunch(rng.uniform(6.0, 8.0), 1.0), rng.uniform(0.4, 0.7)
+    raise ValueError(f"no shape {name!r}; there are sphere, cylinder and cube")
+
+
+def _held(rng: np.random.Generator) -> list[Leg]:
+    turn = rng.uniform(3.0, 6.0)
+    return [
+        Leg(20, 1, 0, turn),
+        Leg(15, 1, 0, turn),
+        Leg(20, 1, 0, 0.3 * turn),
+        Leg(10, 1, 0, 0.3 * turn),
+    ]
+
+
+def _reversal(rng: np.random.Generator) -> list[Leg]:
+    return [
+        Leg(25, 1, 0, rng.uniform(6.0, 9.0)),
+        Leg(45, 1, 0, rng.uniform(-12.0, -8.0)),
+        Leg(5, 1, 0, 0),
+    ]
+
+
+def _slow(rng: np.random.Generator) -> list[Leg]:
+    turn = rng.uniform(10.0, 18.0)
+    return [Leg(70, 1, 0, turn), Leg(15, 1, 0, turn)]
+
+
+def _fast(rng: np.random.Generator) -> list[Leg]:
+    turn = rng.uniform(12.0, 25.0)
+    return [Leg(10, 1, 0, 0.1 * turn), Leg(6, 1, 0, turn), Leg(50, 1, 0, turn)]
+
+
+def _shifted(rng: np.random.Generator) -> list[Leg]:
+    return [Leg(30, 1, 1, 0.0), Leg(30, 1, 1, 0.0)]
+
+
+def _released(rng: np.random.Generator) -> list[Leg]:
+    turn = rng.uniform(10.0, 15.0)
+    return [Leg(30, 1, 0, turn), Leg(15, 1, 0, turn), Leg(4, 0, 0, turn), Leg(25, 0, 0, turn)]
+
+
+def _empty(rng: np.random.Generator) -> list[Leg]:
+    return [Leg(8, 1, 0, 3.0), Leg(3, 0, 0, 3.0), Leg(55, 0, 0, 3.0)]
+
+
+Motion = Callable[[np.random.Generator], list[Leg]]
+
+CONDITIONS: dict[str, tuple[Motion, float, float, str, int]] = {
+    "held, turned and back": (_held, FIRM, 0.0, "", 0),
+    "reversal": (_reversal, 0.4, 0.0, "", 0),
+    "slow slip": (_slow, SLIPPERY, 0.0, "", 0),
+    "fast slip, then rest": (_fast, SLIPPERY, 0.0, "", 0),
+    "shifted, held": (_shifted, FIRM, 0.6, "", 0),
+    "shifted, slips": (_shifted, SLIPPERY, 2.0, "", 0),
+    "turned and shifted, slips": (_slow, SLIPPERY, 1.0, "", 0),
+    "starts loaded, slow slip": (_slow, SLIPPERY, 0.0, "", 25),
+    "starts loaded, is let go": (_released, SLIPPERY, 0.0, "", 20),
+    "empty pad": (_empty, FIRM, 0.0, "", 0),
+    "smooth, held": (_held, FIRM, 0.0, "smooth", 0),
+    "smooth, slow slip": (_slow, SLIPPERY, 0.0, "smooth", 0),
+}
+"""Motion, friction [-], shift [mm], relief (texture and edges in turn where empty), and frames
+before the clip begins."""
+
+
+def draw_scene(condition: str, draw: int) -> Scene:
+    """A scene of a condition: shapes, reliefs, light and places change from draw to draw."""
+    motion, friction, distance, relief, first = CONDITIONS[condition]
+    rng = np.random.default_rng((list(CONDITIONS).index(condition), draw))
+    indenter, approach = shape_of(("sphere", "cube", "cylinder")[draw % 3], rng)
+    sign, way = rng.choice([-1.0, 1.0]), rng.uniform(0.0, 2.0 * np.pi)
+    shift = distance * np.array([np.cos(way), np.sin(way)])
+    legs: list[Leg] = [Leg(5, 0, 0, 0), Leg(6, 1, 0, 0), Leg(4, 1, 0, 0), *motion(rng)]
+    turning = 0.0 if motion is _shifted else 1.0
+    poses = [
+        Pose(max(approach * press, 0.0), share * shift, sign * turning * np.radians(turn))
+        for _, press, share, turn in legs
+    ]
+    if distance and motion is _slow:
+        poses[-2:] = [Pose(approach, shift, pose.twist) for pose in poses[-2:]]
+    return Scene(
+        contact=Contact(PAD, Rigid(), indenter, GRID, friction),
+        path=make_path([Pose(0.0), *poses], [leg.frames for leg in legs]),
+        relief=relief or ("texture", "edges")[draw // 3 % 2 ^ draw % 2],
+        slope=rng.uniform(0.08, 0.16),
+        centre=tuple(rng.uniform(-1.5, 1.5, 2)),
+        first=first,
+        dot_angle=rng.uniform(-0.08, 0.08),
+        camera=Camera(
+            320,
+            240,
+            0.06,
+            background=125.0,
+            contrast=95.0,
+            shading=0.2,
+            noise=rng.uniform(1.0, 2.5),
+        ),
+        lamps=Lamps(azimuth=rng.uniform(0.0, 2.0 * np.pi), fall=rng.uniform(0.1, 0.4)),
+        seed=int(rng.integers(2**31)),
+    )
