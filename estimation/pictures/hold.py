@@ -151,9 +151,9 @@ class HoldFollower:
             borderMode=cv2.BORDER_REPLICATE,
         )
         column, row = where[..., 0].copy(), where[..., 1].copy()
-        planes = [cv2.GaussianBlur(plane, (0, 0), 1.0) for plane in painted.planes]
         *planes, clear = (
-            cv2.remap(plane, column, row, cv2.INTER_LINEAR) for plane in (*planes, painted.clear)
+            cv2.remap(plane, column, row, cv2.INTER_LINEAR)
+            for plane in (*painted.planes, painted.clear)
         )
         planes = np.stack(planes)
         power = np.einsum("chw,chw->hw", planes, planes)

@@ -1,0 +1,51 @@
+"""The imprint under lamps that do not turn with the object."""
+
+import numpy as np
+import pytest
+
+from estimation.pictures.imprint import ImprintFollower, paint_out
+from estimation.pictures.render import Camera, cover_with_dots, digitise
+from estimation.virtual.relief import Lamps, make_relief
+
+CAMERA = Camera(200, 160, 0.09, background=125.0, contrast=95.0)
+RADIUS, PITCH = 4.3, 30.0
+GRID = np.stack(np.meshgrid(np.arange(7), np.arange(6)), axis=-1).reshape(-1, 2)
+DOTS = GRID * PITCH + np.array([12.0, 3.0])  # the uppermost lie half in view
+REGION = DOTS[(np.abs(DOTS - [100.0, 80.0]) < [60.0, 55.0]).all(axis=1)]
+Y, X = np.mgrid[:160, :200]
+AWAY = np.hypot(X - 99.5, Y - 79.5)
+TOUCHED = np.clip((62.0 - AWAY) / 10.0, 0.0, 1.0)
+CAP = 1e-4 * np.maximum(62.0**2 - AWAY**2, 0.0)
+"""Depth of a ball's contact [mm]."""
+
+
+def picture(height, rng):
+    axes = np.broadcast_to(RADIUS * np.eye(2), (len(DOTS), 2, 2))
+    light = Lamps().light(CAMERA, height) * (
+        1.0 - 0.76 * cover_with_dots(CAMERA, DOTS, axes)[..., None]
+    )
+    return digitise(CAMERA, light, rng)
+
+
+def follow(heights):
+    """What a follower reads; it is given the dots whose middle is well in view."""
+    follower, rng = ImprintFollower(), np.random.default_rng(6)
+    seen = DOTS[DOTS[:, 1] > RADIUS]
+    return [follower.update(paint_out(picture(h, rng), seen, RADIUS), REGION) for h in heights]
+
+
+@pytest.mark.parametrize("kind", ["texture", "edges"])
+def test_lamps_do_not_hold_the_imprint_back_and_cut_dots_are_not_read(kind):
+    relief = make_relief(kind, 0.15, 20.0, 0.02, np.random.default_rng(4))
+    turns = np.arange(0.0, 25.0, 3.0)
+    found = follow([TOUCHED * relief.at(CAMERA, np.zeros(2), np.radians(turn)) for turn in turns])
+    error = np.degrees([one.angle for one in found]) - turns
+    # two keyframes; the strongest colour by itself lags by 0.4°
+    assert np.abs(error).max() < 0.2
+    assert (np.abs(error) < 2.0 * np.degrees([one.error for one in found])).all()
+
+
+def test_a_smooth_ball_says_nothing_of_a_turn():
+    found = follow([CAP] * 5)
+    # the first frame is what others are compared with
+    assert all(np.isnan(one.angle) or one.quality == 1.0 for one in found)
