@@ -22,7 +22,7 @@ ITEMS = {
         "marker_depth",
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
-    "slip_lifts": ("lifts", "worst", "onset"),
+    "slip_lifts": ("lifts", "worst", "onset", "virtual"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered"),
 }

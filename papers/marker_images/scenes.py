@@ -1,7 +1,7 @@
 """Scenes of rendered clips, by condition, drawn at random: what an object in a gripper does."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -127,11 +127,18 @@ def draw_scene(condition: str, draw: int) -> Scene:
         contact=Contact(PAD, Rigid(), indenter, GRID, friction),
         path=make_path([Pose(0.0), *poses], [leg.frames for leg in legs]),
         relief=relief or ("texture", "edges")[draw // 3 % 2 ^ draw % 2],
-        slope=rng.uniform(0.08, 0.16),
-        centre=tuple(rng.uniform(-1.5, 1.5, 2)),
         first=first,
-        dot_angle=rng.uniform(-0.08, 0.08),
-        camera=Camera(
+        **draw_look(rng),
+    )
+
+
+def draw_look(rng: np.random.Generator) -> dict[str, Any]:
+    """What a scene looks like, drawn at random: slope of the relief, places, camera and light."""
+    return {
+        "slope": rng.uniform(0.08, 0.16),
+        "centre": tuple(rng.uniform(-1.5, 1.5, 2)),
+        "dot_angle": rng.uniform(-0.08, 0.08),
+        "camera": Camera(
             320,
             240,
             0.06,
@@ -140,6 +147,6 @@ def draw_scene(condition: str, draw: int) -> Scene:
             shading=0.2,
             noise=rng.uniform(1.0, 2.5),
         ),
-        lamps=Lamps(azimuth=rng.uniform(0.0, 2.0 * np.pi), fall=rng.uniform(0.1, 0.4)),
-        seed=int(rng.integers(2**31)),
-    )
+        "lamps": Lamps(azimuth=rng.uniform(0.0, 2.0 * np.pi), fall=rng.uniform(0.1, 0.4)),
+        "seed": int(rng.integers(2**31)),
+    }

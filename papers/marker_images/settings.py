@@ -83,7 +83,7 @@ class SheetSettings(NamedTuple):
 SHEETS = SheetSettings()
 """Of the table of states."""
 
-CLIP_DRAWS = 6
+CLIP_DRAWS = 3
 """Rendered clips of each condition; shapes and reliefs take turns."""
 
 QUICK_CLIPS = ("held, turned and back", "fast slip, then rest", "starts loaded, is let go")

@@ -36,7 +36,7 @@ from papers.slip_lifts.scores import (
     measure_auc,
 )
 
-OURS, LEFT_OUT, RULE = "ours", "ours, fitted to the other objects", "ten-line rule"
+OURS, LEFT_OUT, RULE = "ours", "ours, object left out", "ten-line rule"
 UNPRINTED = "macro slip by the markers alone"
 
 

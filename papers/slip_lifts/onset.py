@@ -109,7 +109,7 @@ def first_beyond(motion: Float[np.ndarray, " frames"], far: float) -> int | None
 def first_loaded(lift: Lift) -> int:
     """Index of the frame in which the gel first shows a tenth of its greatest shear."""
     shear = np.array([one.shear for one in lift.shears])
-    return int((shear > 0.1 * shear.max()).argmax())
+    return int((shear > 0.1 * np.nanmax(shear)).argmax())
 
 
 def draw(result: Onsets) -> Figure:

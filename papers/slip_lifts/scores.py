@@ -89,7 +89,7 @@ def fit_probability(
 
     Args:
         fallen: share of its peak that the shear has lost [-].
-        hold: correlation of the print with an earlier one [-].
+        hold: correlation of the print with an earlier one [-]; NaN where unknown.
         slipped: what became of each lift.
         settings: of the fit.
     """
@@ -102,7 +102,7 @@ def fit_probability(
         )
 
     def cost(x: np.ndarray) -> float:
-        p = find_slip_probability(fallen, hold, unpack(x)).max(axis=1)
+        p = np.nan_to_num(find_slip_probability(fallen, hold, unpack(x))).max(axis=1)
         right = np.where(slipped, p, 1.0 - p)
         prior = 0.5 * np.sum((x[2:] / settings.width) ** 2)
         return float(prior - np.sum(np.log(np.maximum(right, 1e-12))))

@@ -22,21 +22,20 @@ def find_worst(study: Study) -> list[int]:
 
 
 def tables(result: Study) -> dict[str, list[dict[str, object]]]:
-    """What was said of them, frame by frame."""
-    rows: list[dict[str, object]] = [
-        {
+    """What speaks for a slip in each of them."""
+    rows = []
+    for i in find_worst(result):
+        lift = result.lifts[i]
+        row: dict[str, object] = {
             "object": lift.label.object_,
             "lift": lift.label.lift,
             "label": "slipped" if lift.label.slipped else "held",
-            "frame": number,
-            "shear [px]": round(shear.shear, 2),
-            "fallen": round(shear.fallen, 2),
-            "print_hold": round(shear.hold, 2),
-            "probability": round(shear.slipped, 3),
+            "greatest shear [px]": round(float(np.nanmax([one.shear for one in lift.shears])), 1),
+            "fallen by": round(float(np.nanmax([one.fallen for one in lift.shears])), 2),
+            "least print_hold": round(float(np.nanmin([one.hold for one in lift.shears])), 2),
         }
-        for lift in (result.lifts[i] for i in find_worst(result))
-        for number, shear in zip(lift.frames, lift.shears, strict=True)
-    ]
+        shown = {n: result.scores[n][i] for n in (OURS, LEFT_OUT) if n in result.scores}
+        rows.append(row | {name: round(float(score), 2) for name, score in shown.items()})
     return {"": rows}
 
 
@@ -67,7 +66,8 @@ def plot(result: Study) -> Figure:
 
 def _draw_below(axis: Axes, shears: Sequence) -> None:
     shear = np.array([one.shear for one in shears])
-    axis.plot(shear / max(shear.max(), 1e-9), "C0", label=f"shear, over {shear.max():.1f} px")
+    most = np.nanmax(shear)
+    axis.plot(shear / max(most, 1e-9), "C0", label=f"shear, over {most:.1f} px")
     axis.plot([one.hold for one in shears], "C2", label="print_hold")
     axis.plot([one.slipped for one in shears], "C3", label="probability of a slip")
     axis.axhline(0.5, color="0.7", lw=0.6)

@@ -7,8 +7,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from estimation.estimators.result import State
 from estimation.slip.shear import Outcome, Shear, ShearSettings, find_slip_probability
-from papers.slip_lifts import lifts, onset, outside, scores, settings, worst
+from papers.slip_lifts import lifts, onset, outside, scores, settings, virtual, worst
 from papers.slip_lifts.lifts import LEFT_OUT, OURS, RULE, Label, Lift, Study
 from papers.slip_lifts.settings import FitSettings, RuleSettings, View
 from tests.cases import find_published
@@ -205,3 +206,32 @@ def test_a_published_lift_is_answered_as_labelled(name, slipped):
     assert (lift.outcome.word == "slipped") == lift.label.slipped == slipped
     assert (lift.macro_slip > 0.0) == slipped
     assert len(lift.shears) == len(lift.frames) == 21
+
+
+def test_virtual_lifts_are_counted_by_shape_and_print():
+    stick, slip = (State.STICK,) * 5, (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
+    low, high = np.full(5, 0.01), np.array([0.0, 0.1, 0.2, 0.9, 1.0])
+    result = [
+        virtual.VirtualLift("cube", "edges", False, None, low, stick),
+        virtual.VirtualLift("cube", "smooth", False, None, high, slip),
+        virtual.VirtualLift("sphere", "edges", True, 1, high, slip),
+        virtual.VirtualLift("sphere", "edges", True, 0, high, slip),
+        virtual.VirtualLift("sphere", "smooth", True, 2, low, stick),
+    ]
+    rows = {row["lifts"]: row for row in virtual.tables(result)[""]}
+    assert "cylinder" not in rows
+    assert rows["cube"]["called slips"] == rows["cube"]["macro slip in some frame"] == 1
+    sphere = rows["sphere"]
+    assert (sphere["slipped"], sphere["called"], sphere["within 2 frames"]) == (3, 2, 1)
+    assert (sphere["median delay [frames]"], sphere["longest"]) == (2.5, 3)
+    plt.close(virtual.plot(result))
+
+
+def test_virtual_lifts_begin_loaded_and_end_as_they_are_drawn():
+    for slips in (False, True):
+        shape, scene = virtual.draw_lift(slips, 1)
+        assert shape == "cube"
+        path = scene.path
+        assert (np.asarray(path.approach)[virtual.UNSEEN :] > 0.0).all()
+        far = np.linalg.norm(np.asarray(path.shift)[-1])
+        assert (far > 1.0) == slips
