@@ -136,11 +136,7 @@ class ImprintFollower:
         self.confirmed = False
         """Whether a second frame has shown the first one's texture: else it may be noise."""
 
-    def update(
-        self,
-        painted: "Painted",
-        region: Float[np.ndarray, "k 2"],
-    ) -> Imprint:
+    def update(self, painted: "Painted", region: Float[np.ndarray, "k 2"]) -> Imprint:
         """Rotation of the imprint in the next frame.
 
         Args:
@@ -160,8 +156,10 @@ class ImprintFollower:
             self.missed += 1
             if self.confirmed and self.missed <= PATIENCE:
                 return LOST
+            unseen = not self.confirmed  # light, that no second frame has shown
             self._restart()
-            return self._begin(texture)
+            self.resting = UNSEEN if unseen else 0
+            return LOST if unseen else self._begin(texture)
         self.missed, self.confirmed = 0, True
         self.before = _Keyframe(texture, found.pose(), found.error)
         self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
