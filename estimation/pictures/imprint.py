@@ -156,10 +156,10 @@ class ImprintFollower:
             self.missed += 1
             if self.confirmed and self.missed <= PATIENCE:
                 return LOST
-            unseen = not self.confirmed  # light, that no second frame has shown
+            shaded = not self.confirmed  # light, that no second frame has shown
             self._restart()
-            self.resting = UNSEEN if unseen else 0
-            return LOST if unseen else self._begin(texture)
+            self.resting = UNSEEN if shaded else 0
+            return LOST if shaded else self._begin(texture)
         self.missed, self.confirmed = 0, True
         self.before = _Keyframe(texture, found.pose(), found.error)
         self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
@@ -221,15 +221,10 @@ def register(
     areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
     if cv2.countNonZero(both) < OVERLAP * min(areas):
         return None
+    pair = before.value, texture.value
     try:
         quality, warp = cv2.findTransformECC(
-            before.value,
-            texture.value,
-            start.copy(),
-            cv2.MOTION_EUCLIDEAN,
-            STEPS,
-            inputMask=both,
-            gaussFiltSize=3,
+            *pair, start.copy(), cv2.MOTION_EUCLIDEAN, STEPS, inputMask=both, gaussFiltSize=3
         )
     except cv2.error:  # it has not converged
         return None
@@ -245,7 +240,7 @@ def register(
 def _turning_loss(before: Texture, now: Texture, warp: np.ndarray) -> float:
     """What a turn from where they fit would cost of the correlation, over half its square [-].
 
-    It comes from the product of both pictures' slopes: noise, which they do not share, is left out.
+    It comes from the product of both slopes: noise, which they do not share, is left out.
     """
     size, back = before.value.shape[::-1], cv2.WARP_INVERSE_MAP
     value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
@@ -267,15 +262,13 @@ def _turning_loss(before: Texture, now: Texture, warp: np.ndarray) -> float:
 def search_motion(before: Texture, now: Texture) -> Float[np.ndarray, "2 3"] | None:
     """The rigid motion, of all within the range searched, under which two textures correlate best.
 
-    For every rotation the correlation of what both masks show is had for all shifts at once, by
-    Fourier transforms.
+    Fourier transforms give, for every rotation, the correlation under all shifts at once.
     """
     rows, columns = now.value.shape
     shape = (cv2.getOptimalDFTSize(2 * rows), cv2.getOptimalDFTSize(2 * columns))
     shown = (now.mask > 0).astype(np.float32)
-    spectra = [
-        np.fft.rfft2(plane, shape) for plane in (shown * now.value, shown, shown * now.value**2)
-    ]
+    planes = shown * now.value, shown, shown * now.value**2
+    spectra = [np.fft.rfft2(plane, shape) for plane in planes]
     middle = (0.5 * (columns - 1), 0.5 * (rows - 1))
     best, most = None, 0.0
     for turn in SEARCHED:
@@ -315,9 +308,9 @@ class Painted(NamedTuple):
 
     Attributes:
         planes: its colours, grey levels of 255, smoothed.
-        texture: how far they depart from what is around, all together; of a picture without colours
-            its grey levels.
-        clear: 1 where there is no dot, else 0.
+        texture: how far all together depart from what is around; without colours grey levels.
+        clear: 1 where there is no dot, nor one that the side may cut; else 0.
+        power: squares of all colours' departure and 1 where there is no dot, up to the sides.
         part: by how much it has been scaled down [-].
         radius: typical, of a dot in it [px].
     """
@@ -325,6 +318,7 @@ class Painted(NamedTuple):
     planes: list[Float32[np.ndarray, "h w"]]
     texture: Float32[np.ndarray, "h w"]
     clear: Float32[np.ndarray, "h w"]
+    power: Float32[np.ndarray, "2 h w"]
     part: int
     radius: float
 
@@ -336,8 +330,8 @@ class Painted(NamedTuple):
             reach: half the side of the square around each [px].
         """
         width = (2 * int(reach / self.part) + 1,) * 2
-        power = sum(plane * plane for plane in self.planes) * self.clear
-        level = np.sqrt(cv2.blur(power, width) / (cv2.blur(self.clear, width) + 1e-3))
+        power, shown = (cv2.blur(one, width) for one in self.power)
+        level = np.sqrt(power / (shown + 1e-3))
         place = np.rint(np.nan_to_num(points) / self.part).astype(int)
         column, row = np.clip(place, 0, np.array(level.shape[::-1]) - 1).T
         return np.where(np.isfinite(points[:, 0]), level[row, column], np.nan)
@@ -362,25 +356,29 @@ def paint_out(
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     image = small.astype(np.float32) * np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
     dots, radius = dots / part, radius / part
-    clear = np.zeros(image.shape[:2], np.float32)
-    rim = round(1.6 * radius)  # of dots that the side cuts, whose middle is not seen
-    clear[rim:-rim, rim:-rim] = 1.0
+    shown = np.ones(image.shape[:2], np.float32)
     for x, y in np.rint(dots * 16).astype(int).tolist():
-        cv2.circle(clear, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
+        cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
     if seen is not None:
-        clear[cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0] = 0.0
-    width = (2 * int(4.0 * radius) + 1,) * 2
-    weight = cv2.blur(clear, width) + np.float32(1e-3)
-    planes = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
+        shown[cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0] = 0.0
+    rim = round(1.6 * radius)  # of dots that the side cuts, whose middle is not seen
+    clear = np.zeros_like(shown)
+    clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
+    colours = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
 
-    def without_around(plane: np.ndarray) -> np.ndarray:
-        return (plane - cv2.blur(plane * clear, width) / weight) * clear
+    def without_around(plane: np.ndarray, clear: np.ndarray) -> np.ndarray:
+        width = (2 * int(4.0 * radius) + 1,) * 2
+        around = cv2.blur(plane * clear, width) / (cv2.blur(clear, width) + np.float32(1e-3))
+        return (plane - around) * clear
 
-    planes = [cv2.GaussianBlur(without_around(plane), (0, 0), 1.0) for plane in planes]
+    def smooth(clear: np.ndarray) -> list[np.ndarray]:
+        return [cv2.GaussianBlur(without_around(one, clear), (0, 0), 1.0) for one in colours]
+
+    planes, power = smooth(clear), shown * np.sum(np.square(smooth(shown)), axis=0)
     texture = planes[0]
     if len(planes) > 1:
-        texture = without_around(np.sqrt(np.sum([plane * plane for plane in planes], axis=0)))
-    return Painted(planes, texture, clear, part, radius)
+        texture = without_around(np.sqrt(np.sum(np.square(planes), axis=0)), clear)
+    return Painted(planes, texture, clear, np.stack([power, shown]), part, radius)
 
 
 def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
@@ -391,8 +389,8 @@ def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
         region: dots of the contact region [px of the picture as it was].
     """
     mask = np.zeros(painted.clear.shape, np.uint8)
-    corners = cv2.convexHull((region / painted.part).astype(np.float32))
-    cv2.fillConvexPoly(mask, corners.astype(np.int32), 255)
+    hull = cv2.convexHull((region / painted.part).astype(np.float32)).astype(np.int32)
+    cv2.fillConvexPoly(mask, hull, 255)
     mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
     mask[painted.clear == 0.0] = 0
     return Texture(painted.texture, mask)
