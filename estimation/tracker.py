@@ -119,7 +119,7 @@ class Trackers:
         return estimates
 
     def _follow_shear(self, seen: Observation) -> Shear:
-        """The gel's shear; it is known where too little of the contact is in view for an angle."""
+        """The gel's shear, also where too little of the contact is in view for an angle."""
         frame = seen.frame
         contact = frame.contact if seen.fields is None else seen.fields.contact
         if frame.flaw or contact is None:

@@ -25,7 +25,7 @@ from estimation.frames.recording import MarkerLayout
 
 @dataclass(frozen=True)
 class ShearSettings:
-    """How a slip in shear is told.
+    """How a slip in shear is recognised.
 
     The four numbers that make probabilities are rounded from fits to 36 labelled lifts of four
     objects ([Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual
@@ -112,7 +112,7 @@ class ShearWatch:
 
         Args:
             layout: markers and reference.
-            settings: how a slip is told.
+            settings: how a slip is recognised.
         """
         self._settings = settings or ShearSettings()
         reference = layout.reference[:, :2]
@@ -120,7 +120,8 @@ class ShearWatch:
             layout.neighbours >= 0, layout.neighbours, np.arange(len(reference))[:, None]
         )
         apart = np.linalg.norm(reference[beside] - reference[:, None], axis=-1)
-        self._pitch = float(np.median(apart[apart > 0.0]))
+        apart = apart[apart > 0.0]
+        self._pitch = float(np.median(apart)) if len(apart) else 0.0
         self._restart()
 
     def _restart(self) -> None:
@@ -170,7 +171,7 @@ class ShearWatch:
 
     def _judge(self, shear: float, since: float, lately: float, weakest: float) -> Shear:
         settings, peak = self._settings, max(self._shears)
-        fallen = (peak - shear) / max(peak, settings.least * self._pitch)
+        fallen = (peak - shear) / max(peak, settings.least * self._pitch, 1e-12)
         if not np.isfinite(since):
             return Shear(shear, fallen)
         slipped = float(find_slip_probability(np.array([fallen]), np.array([since]), settings)[0])
@@ -190,7 +191,7 @@ def find_slip_probability(
     Args:
         fallen: share of its peak that the shear has lost again [-].
         hold: correlation of the print on the gel with an earlier one [-].
-        settings: how a slip is told.
+        settings: how a slip is recognised.
     """
     by_print = expit((settings.kept - hold) / settings.kept_spread)
     by_fall = expit((fallen - settings.fallen) / settings.fallen_spread)
