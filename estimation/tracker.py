@@ -140,6 +140,7 @@ class Trackers:
         angle, low, high = softness.correct(gel)
         turned = self.counts[method].turned(state, since.anew, fields.rotation)
         gel_low, gel_high = gel_ends(turned, fields.contact)
+        stick = fields.contact if self.shear.sticks else gel.stick & (not self.shear.slides)
         return Estimate(
             time=frame.time,
             source_index=frame.source_index,
@@ -153,8 +154,8 @@ class Trackers:
             moment=frame.moment,
             rotation=fields.rotation,
             contact=fields.contact,
-            stick=gel.stick,
-            stick_markers=int(gel.stick.sum()),
+            stick=stick,
+            stick_markers=int(stick.sum()),
             contact_markers=int(fields.contact.sum()),
             gel_low=gel_low,
             gel_high=gel_high,
