@@ -70,7 +70,7 @@ def plot_angles(
         gone = np.degrees(main.withdrawn.angle)
         top.plot(time, gone, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
     top.set_ylabel("object's angle [°]")
-    _scale_to(top, main)
+    _scale_to(top, main, (references or {}).get("truth", np.empty(0)))
     handles, labels = top.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in main.state]
     handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
@@ -296,9 +296,9 @@ def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequen
         axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
 
 
-def _scale_to(axis: Axes, track: Track) -> None:
-    """Let an axis hold the answers of a method, those that were withdrawn too, in degrees."""
-    angles = [track.angle, track.low, track.high]
+def _scale_to(axis: Axes, track: Track, truth: Float[np.ndarray, " frames"]) -> None:
+    """Let an axis hold a method's answers, those that were withdrawn too, and the truth [deg]."""
+    angles = [track.angle, track.low, track.high, truth]
     angles += [] if track.withdrawn is None else [track.withdrawn.angle]
     known = np.degrees(np.concatenate(angles))
     known = known[np.isfinite(known)]

@@ -37,3 +37,11 @@ def test_the_axis_of_the_angle_holds_the_chosen_method_and_no_more(answered):
     assert low < np.degrees(np.nanmin(result.low))
     assert np.degrees(np.nanmax(result.high)) < high < 20.0
     plt.close(figure)
+
+
+def test_the_axis_of_the_angle_holds_the_truth(answered):
+    _, result = answered
+    truth = np.radians(np.linspace(0.0, -40.0, len(result.time)))
+    figure = plot_angles({"tracked": result}, "tracked", {"truth": truth})
+    assert figure.axes[0].get_ylim()[0] < -40.0
+    plt.close(figure)
