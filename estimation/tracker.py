@@ -176,13 +176,12 @@ class Trackers:
         why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         if self.shear.slides:
             return State.MACRO_SLIP, why
+        if self.shear.sticks:
+            return State.STICK, why and UNTOLD_TURN
         if why or not gel.stick.any():
             if self.shear.holds:
-                state = State.STICK if self.shear.sticks else State.INCIPIENT
-                return state, why and UNTOLD_TURN
+                return State.INCIPIENT, why and UNTOLD_TURN
             return State.MACRO_SLIP, why
-        if self.shear.sticks:
-            return State.STICK, ""
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
             return State.STICK, ""
         return State.INCIPIENT, ""

@@ -37,6 +37,13 @@ class Stencils:
         return float(noise_mm / np.sqrt(2.0) / np.median(pitch))
 
 
+def marker_pitch(layout: MarkerLayout) -> float:
+    """Distance between neighbouring markers, the median [mm]; NaN without neighbours."""
+    inner, slot = np.nonzero(layout.neighbours >= 0)
+    pairs = layout.reference[inner] - layout.reference[layout.neighbours[inner, slot]]
+    return float(np.median(np.linalg.norm(pairs, axis=1))) if len(pairs) else np.nan
+
+
 def make_stencils(layout: MarkerLayout) -> Stencils:
     """Tangent planes and neighbour offsets of the unloaded markers."""
     reference = in_space(layout.reference)

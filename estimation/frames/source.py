@@ -19,7 +19,7 @@ class Source(Protocol):
         """Whether the frames come as they are taken.
 
         Then fewer are waited for before the first answer, Ctrl-C ends the run as if they had ended,
-        and a resumed run goes on with what is taken from then on.
+        and a resumed run begins with the next frame that it takes.
         """
         ...
 

@@ -14,7 +14,7 @@ from estimation.slip.lookback import FOLLOWING, date_doubts, withdraw
 from estimation.slip.margin import MarginPath, follow_margin
 from estimation.slip.motion import describe_counts
 from estimation.slip.onset import MacroSlip, describe_slips
-from estimation.slip.shear import Outcome, Shear, conclude
+from estimation.slip.shear import Outcome, ShearPath, conclude
 
 
 class Known(NamedTuple):
@@ -99,12 +99,12 @@ class Run:
     truth: Known | None = None
     slips: Sequence[MacroSlip] = ()
     margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
-    shears: Sequence[Shear] = ()
+    shears: ShearPath = field(default_factory=ShearPath.of)
 
     @property
     def outcome(self) -> Outcome:
         """Whether the object was held to the end, or slipped."""
-        return conclude(self.shears, self.main)
+        return conclude(self.shears.slipped, self.main)
 
     @property
     def turns(self) -> str:
@@ -167,7 +167,7 @@ def find_in_record(record: RecordReader) -> Run:
         truth=None if truth is None else Known(*(np.array(values)[rows] for values in truth)),
         slips=slips,
         margin=margin,
-        shears=list(record.shears()),
+        shears=record.shears(),
     )
 
 

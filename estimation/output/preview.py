@@ -165,7 +165,7 @@ def annotate(
     angle, turned = np.degrees(result.angle[row]), np.degrees(run.imprint[row])
     values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
     known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
-    slipped = run.shears[row].slipped if run.shears else np.nan
+    slipped = run.shears.slipped[row]
     odds = f"  slip {slipped:.0%}" if np.isfinite(slipped) else ""
     texts = (
         f"frame {result.source_index[row]}  {result.state[row]}{odds}  {result.reason[row]}",

@@ -30,7 +30,7 @@ from estimation.estimators.result import (
 from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin
 from estimation.slip.onset import Sight
-from estimation.slip.shear import Shear
+from estimation.slip.shear import ShearPath
 from estimation.stream import Answer
 
 NAME = "record.sqlite"
@@ -46,7 +46,7 @@ _OTHERS = {
     "rests": "INTEGER",
     **{f"disc_{name}": "REAL" for name in Disc._fields},
     **{name: "REAL" for name in Margin._fields},
-    **{f"shear_{name}": "REAL" for name in Shear._fields},
+    **dict.fromkeys(ShearPath._fields, "REAL"),
 }
 """What is kept of each frame beside the methods' answers."""
 _MARKERS = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
@@ -174,7 +174,8 @@ class RecordWriter:
             values += [_plain(getattr(estimate, name)) for name in Record.columns()]
         disc = answer.sight.disc or Disc(np.nan, np.nan, np.nan, np.nan)
         others = (answer.axis, answer.frame.imprint[0], int(answer.sight.rests))
-        return [*values, *map(_plain, (*others, *disc, *answer.margin, *map(float, answer.shear)))]
+        shear = [getattr(answer.shear, name) for name in ShearPath._fields]
+        return [*values, *map(_plain, (*others, *disc, *answer.margin, *shear))]
 
     def _keep_markers(self, answer: Answer) -> None:
         main, frame = answer.estimates[self._methods[0]], answer.frame
@@ -257,11 +258,9 @@ class RecordReader:
         for values in self._rows(", ".join(Margin._fields)):
             yield Margin(*(np.nan if value is None else value for value in values))
 
-    def shears(self) -> Iterator[Shear]:
-        """How the gel was sheared, and whether the object slipped along it, by frame."""
-        for values in self._rows(", ".join(f"shear_{name}" for name in Shear._fields)):
-            shear, fallen, hold, slipped = (np.nan if one is None else one for one in values[:4])
-            yield Shear(shear, fallen, hold, slipped, *(bool(one) for one in values[4:]))
+    def shears(self) -> ShearPath:
+        """How the gel was sheared, and whether the object slipped along it."""
+        return ShearPath(*self._arrays(dict.fromkeys(ShearPath._fields, "REAL")))
 
     def markers(self) -> Iterator[KeptMarkers]:
         """The markers of the frames that they are kept of."""

@@ -12,7 +12,7 @@ from estimation.estimators.result import Track, Withdrawn, show_degrees, show_nu
 from estimation.frames.files import write_whole
 from estimation.slip.margin import Margin
 from estimation.slip.motion import accumulate_slip, follow_gel
-from estimation.slip.shear import Shear
+from estimation.slip.shear import ShearPath
 from estimation.stream import Answer
 
 MARGIN_COLUMNS = (
@@ -62,7 +62,7 @@ class TableWriter:
         track = Track.gather(self._method, [answer.estimates[self._method]])
         imprint = np.array([answer.frame.imprint[0]])
         table = tabulate(track, imprint, answer.row) | tabulate_margin(track, [answer.margin])
-        table |= tabulate_shear([answer.shear], self._unit)
+        table |= tabulate_shear(ShearPath.of(answer.shear), self._unit)
         self._file.write(csv_text(table, heading=not self._headed))
         self._file.flush()
         self._headed = True
@@ -83,7 +83,7 @@ def write_table(
     track: Track,
     imprint: Float[np.ndarray, " frames"],
     margins: Sequence[Margin],
-    shears: Sequence[Shear],
+    shears: ShearPath,
     unit: str,
 ) -> None:
     """Write `angles.csv` of one method, whole or not at all.
@@ -102,7 +102,7 @@ def write_table(
     tables = (
         tabulate(part, imprint[rows], rows.start)
         | tabulate_margin(part, margins[rows])
-        | tabulate_shear(shears[rows], unit)
+        | tabulate_shear(shears.take(rows), unit)
         for part, rows in _parts(track)
     )
     write_whole(path, _below_one_another(tables))
@@ -169,14 +169,12 @@ def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[s
     }
 
 
-def tabulate_shear(shears: Sequence[Shear], unit: str) -> dict[str, list[str]]:
+def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
     """The cells of the gel's shear and the slip along it, by column; empty without a number."""
-    values = np.array([(one.shear, one.hold, one.slipped) for one in shears]).reshape(-1, 3)
+    names = (f"shear_{unit}", "print_hold", "slip_probability")
     return {
-        name: ["" if cell == "nan" else cell for cell in show_numbers(column)]
-        for name, column in zip(
-            (f"shear_{unit}", "print_hold", "slip_probability"), values.T, strict=True
-        )
+        name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
+        for name, values in zip(names, shears, strict=True)
     }
 
 

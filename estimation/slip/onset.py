@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from estimation.estimators.measurement import Z95
+from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
@@ -132,7 +133,7 @@ class SlipWatch:
             noise: of the markers.
             settings: how the disc is followed.
         """
-        self._pitch = _pitch(layout)
+        self._pitch = marker_pitch(layout)
         self._scale = float(np.sqrt(2.0) * noise.in_plane) / self._pitch
         self._settings = settings
         self._window: deque[_Seen] = deque(maxlen=settings.window + 1)
@@ -223,10 +224,3 @@ def _date(discs: Sequence[Disc], near: float, settings: SlipSettings) -> MacroSl
     frame = float(np.median(np.diff(time)))  # the truth lies between two of them
     half = float(np.hypot(Z95 * np.sqrt(gradient @ inverse @ gradient * variance), frame))
     return MacroSlip(onset, onset - half, onset + half) if half < settings.widest * frame else None
-
-
-def _pitch(layout: MarkerLayout) -> float:
-    """Distance between neighbouring markers, the unit of this module's bounds."""
-    inner, slot = np.nonzero(layout.neighbours >= 0)
-    pairs = layout.reference[inner] - layout.reference[layout.neighbours[inner, slot]]
-    return float(np.median(np.linalg.norm(pairs, axis=1)))

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 from scipy.special import expit
 
 from estimation.estimators.result import State, Track
+from estimation.fields.stencils import marker_pitch
 from estimation.frames.recording import MarkerLayout
 
 
@@ -80,6 +81,23 @@ class Shear(NamedTuple):
     sticks: bool = False
 
 
+class ShearPath(NamedTuple):
+    """What is kept of the shear over a recording; as in `Shear`, an array each."""
+
+    shear: Float[np.ndarray, " frames"]
+    hold: Float[np.ndarray, " frames"]
+    slipped: Float[np.ndarray, " frames"]
+
+    @classmethod
+    def of(cls, *shears: Shear) -> "ShearPath":
+        """That of some frames."""
+        return cls(*(np.array([getattr(one, name) for one in shears]) for name in cls._fields))
+
+    def take(self, rows: slice) -> "ShearPath":
+        """That of some of the frames."""
+        return ShearPath(*(values[rows] for values in self))
+
+
 class Outcome(NamedTuple):
     """What became of a grasp.
 
@@ -115,13 +133,7 @@ class ShearWatch:
             settings: how a slip is recognised.
         """
         self._settings = settings or ShearSettings()
-        reference = layout.reference[:, :2]
-        beside = np.where(
-            layout.neighbours >= 0, layout.neighbours, np.arange(len(reference))[:, None]
-        )
-        apart = np.linalg.norm(reference[beside] - reference[:, None], axis=-1)
-        apart = apart[apart > 0.0]
-        self._pitch = float(np.median(apart)) if len(apart) else 0.0
+        self._least = float(np.fmax(self._settings.least * marker_pitch(layout), 1e-12))
         self._restart()
 
     def _restart(self) -> None:
@@ -171,7 +183,7 @@ class ShearWatch:
 
     def _judge(self, shear: float, since: float, lately: float, weakest: float) -> Shear:
         settings, peak = self._settings, max(self._shears)
-        fallen = (peak - shear) / max(peak, settings.least * self._pitch, 1e-12)
+        fallen = (peak - shear) / max(peak, self._least)
         if not np.isfinite(since):
             return Shear(shear, fallen)
         slipped = float(find_slip_probability(np.array([fallen]), np.array([since]), settings)[0])
@@ -199,14 +211,13 @@ def find_slip_probability(
     return 1.0 - (1.0 - by_fall) * (1.0 - by_print)
 
 
-def conclude(shears: Sequence[Shear], track: Track) -> Outcome:
+def conclude(slipped: Float[np.ndarray, " frames"], track: Track) -> Outcome:
     """What became of the grasp of a recording; without any print the states of the contact tell.
 
     Args:
-        shears: of the gel, in each frame.
+        slipped: probability of a slip in each frame [-].
         track: of the chosen method.
     """
-    slipped = np.array([shear.slipped for shear in shears])
     if np.isfinite(slipped).any():
         probability, over = float(np.nanmax(slipped)), slipped > 0.5
     else:

@@ -20,6 +20,7 @@ from contactmodel.contact import Contact
 from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from estimation.choices import DEFAULT_CONTACT
+from estimation.estimators.plane import fit_motion
 from estimation.estimators.result import State
 from estimation.pictures.render import Camera, cover_with_dots, digitise, project_discs
 from estimation.pictures.stream import Picture
@@ -325,11 +326,11 @@ def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray
 
 def _move_rigidly(points: np.ndarray, moved: np.ndarray) -> tuple[float, np.ndarray]:
     """Rotation of points that have moved as one body [rad], and where it takes the origin [mm]."""
-    middle = points.mean(axis=1)
-    x, y = points - middle[:, None]
-    to_x, to_y = points + moved - (middle + moved.mean(axis=1))[:, None]
-    turn = float(np.arctan2(np.sum(x * to_y - y * to_x), np.sum(x * to_x + y * to_y)))
-    return turn, middle + moved.mean(axis=1) - _rotation(turn) @ middle
+    x, y = (one[0] + 1j * one[1] for one in (points, points + moved))
+    motion = fit_motion(x, y, np.ones(len(x)))
+    turn = float(np.angle(motion.turn))
+    to = motion.image - np.exp(1j * turn) * motion.origin
+    return turn, np.array([to.real, to.imag])
 
 
 def _rotation(angle: float) -> np.ndarray:

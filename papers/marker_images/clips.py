@@ -24,7 +24,7 @@ from estimation.pictures.stream import read_pictures
 from estimation.stream import Answer
 from papers.items import Track
 from papers.marker_images import settings
-from papers.marker_images.states import answer_video
+from papers.marker_images.answers import answer_pictures
 
 COLUMNS = ("object", "exp_num", "camera", "from_frame", "to_frame", "turn_deg")
 
@@ -111,7 +111,7 @@ def compute(quick: bool = False, track: Track = iter) -> Clips:
     chosen = [clip for clip in pairs if there[clip].is_file()]
     if quick:
         chosen = sorted(chosen, key=lambda clip: there[clip].stat().st_size)[:2]
-    answers = {clip: answer_video(there[clip]) for clip in track(chosen)}
+    answers = {clip: answer_pictures(there[clip]).frames for clip in track(chosen)}
     turns = [_compare(clip, *pair, answers[clip]) for clip in chosen for pair in pairs[clip]]
     return Clips(root, turns, answers)
 

@@ -4,8 +4,6 @@ Every clip is drawn by `estimation.virtual.clip`, written as pictures, and answe
 `python -m estimation run` without options. The truth is the scene's.
 """
 
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -13,16 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
-from estimation.estimators.result import Estimate, State, Track
+from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.pictures.reading import PictureSource
-from estimation.settings import Settings
 from estimation.slip.lookback import date_doubts, withdraw
 from estimation.slip.motion import accumulate_slip
-from estimation.slip.onset import Sight
-from estimation.stream import Answer, Stream
-from estimation.virtual.clip import ClipTruth, VirtualClip, write_pictures
+from estimation.virtual.clip import ClipTruth, VirtualClip
 from papers.items import Track as Progress
+from papers.marker_images.answers import answer_clip
 from papers.marker_images.scenes import CONDITIONS, draw_scene
 from papers.marker_images.settings import CLIP_DRAWS, QUICK_CLIPS
 
@@ -48,35 +43,13 @@ class ClipAnswers(NamedTuple):
     imprint: Float[np.ndarray, " frames"]
 
 
-class _Collector:
-    """A sink that keeps what the table of a run is made from."""
-
-    def __init__(self) -> None:
-        self.restart()
-
-    def put(self, answer: Answer) -> None:
-        self.estimates.append(answer.estimates["tracked"])
-        self.sights.append(answer.sight)
-        self.imprint.append(answer.frame.imprint[0])
-
-    def restart(self) -> None:
-        self.estimates: list[Estimate] = []
-        self.sights: list[Sight] = []
-        self.imprint: list[float] = []
-
-
-def answer_clip(condition: str, draw: int) -> ClipAnswers:
+def answer_scene(condition: str, draw: int) -> ClipAnswers:
     """Draw a clip, and run over its pictures as the command line does."""
     clip = VirtualClip(draw_scene(condition, draw))
-    collector = _Collector()
-    with TemporaryDirectory() as folder:
-        write_pictures(clip, Path(folder))
-        stream = Stream(PictureSource(Path(folder), name=condition), Settings())
-        for _ in stream.answers(collector):
-            pass
-    live = Track.gather("tracked", collector.estimates)
-    imprint = np.array(collector.imprint)
-    slips = [] if stream.follower.noise is None else date_doubts(live, collector.sights)
+    answers, noise = answer_clip(clip)
+    live = Track.gather("tracked", [answer.estimates["tracked"] for answer in answers])
+    imprint = np.array([answer.frame.imprint[0] for answer in answers])
+    slips = [] if noise is None else date_doubts(live, [answer.sight for answer in answers])
     return ClipAnswers(condition, clip.truth, withdraw(live, slips, imprint), imprint)
 
 
@@ -84,7 +57,7 @@ def compute(quick: bool = False, track: Progress = iter) -> list[ClipAnswers]:
     """Draw and answer the clips of every condition."""
     conditions, draws = (QUICK_CLIPS, 1) if quick else (list(CONDITIONS), CLIP_DRAWS)
     cases = [(condition, draw) for condition in conditions for draw in range(draws)]
-    return [answer_clip(*case) for case in track(cases)]
+    return [answer_scene(*case) for case in track(cases)]
 
 
 class Judged(NamedTuple):

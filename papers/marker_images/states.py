@@ -19,10 +19,8 @@ from matplotlib.figure import Figure
 
 from estimation.estimators.result import State
 from estimation.frames import datasets
-from estimation.pictures.reading import PictureSource
-from estimation.settings import Settings
-from estimation.stream import Answer, Stream
 from papers.items import Track
+from papers.marker_images.answers import answer_pictures
 
 UNCLEAR = "unclear"
 ALLOWED = {
@@ -144,33 +142,11 @@ def compute(quick: bool = False, track: Track = iter) -> Scored:
     clips = sorted(frames, key=lambda clip: max(frames[clip]))[: 2 if quick else None]
     ours: dict[Place, Ours] = {}
     for clip in track(clips):
-        answers = answer_video(root / f"{clip}.avi")
+        answers = answer_pictures(root / f"{clip}.avi").frames
         for frame in frames[clip]:
             one = answers[frame].estimates["tracked"]
             ours[Place(clip, frame)] = Ours(one.state, one.reason)
     return Scored(readings, ours)
-
-
-class _OneMethod(Settings):
-    """Settings of a run without the methods that are not asked for."""
-
-    @property
-    def methods(self) -> dict[str, Mapping[str, object]]:
-        return {self.method: self.constants}
-
-
-def answer_video(path: Path) -> list[Answer]:
-    """What `run` answers of every frame of a video, by the default method alone.
-
-    Raises:
-        ValueError: no video with markers.
-        OSError: it cannot be read.
-    """
-    stream = Stream(PictureSource(path), _OneMethod())
-    found: dict[int, Answer] = {}
-    for answer in stream.answers():  # some are given anew
-        found[answer.row] = answer
-    return [found[row] for row in sorted(found)]
 
 
 def kappa(one: Sequence[str], other: Sequence[str]) -> float:

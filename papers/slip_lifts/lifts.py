@@ -31,6 +31,7 @@ from papers.slip_lifts import settings
 from papers.slip_lifts.scores import (
     apply_rule,
     draw_roc,
+    first_called,
     fit_probability,
     leave_out,
     measure_auc,
@@ -77,6 +78,11 @@ class Lift:
     outcome: Outcome
     scores: Mapping[str, float]
     macro_slip: float
+
+    @property
+    def slipped(self) -> Float[np.ndarray, " frames"]:
+        """Probability of a slip in each frame [-]."""
+        return np.array([shear.slipped for shear in self.shears])
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +185,7 @@ def answer(root: Path, label: Label) -> Lift:
     for name, warn in WARNINGS.items():
         scores[f"warning: {name.replace('_', ' ')}"] = float(warn(recording).warned.mean())
     frames = tuple(map(int, recording.source_index))
-    outcome = conclude(shears, track)
+    outcome = conclude(np.array([shear.slipped for shear in shears]), track)
     return Lift(label, folder, frames, shears, outcome, scores, _share_of_macro_slip(track))
 
 
@@ -255,7 +261,7 @@ def _lift_row(study: Study, i: int) -> dict[str, object]:
         "label": "slipped" if lift.label.slipped else "held",
         "ours": lift.outcome.word,
         **{name: _round(score[i]) for name, score in study.scores.items()},
-        "first slipped [frame]": first_called(lift),
+        "first slipped [frame]": first_called(lift.slipped),
     }
 
 
@@ -268,12 +274,6 @@ def _fit_row(study: Study, name: str) -> dict[str, object]:
         "right": int((study.called[LEFT_OUT] == study.slipped)[own].sum()),
         "of": int(own.sum()),
     }
-
-
-def first_called(lift: Lift) -> int | None:
-    """Index of the frame in which a slip is first more likely than not; None in none."""
-    over = np.array([shear.slipped for shear in lift.shears]) > 0.5
-    return int(over.argmax()) if over.any() else None
 
 
 def plot(result: Study) -> Figure:

@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 
 from estimation.pictures.stream import read_pictures
 from papers.slip_lifts import settings
-from papers.slip_lifts.lifts import Lift, Study, compute, first_called
+from papers.slip_lifts.lifts import Lift, Study, compute
 from papers.slip_lifts.outside import measure_motion
+from papers.slip_lifts.scores import first_called
 
 __all__ = ["compute", "plot", "tables"]
 
@@ -64,7 +65,7 @@ def tabulate(result: Onsets) -> dict[str, list[dict[str, object]]]:
     """The tables of some lifts."""
     rows = []
     for lift, motion in zip(result.lifts, result.motion, strict=True):
-        called = first_called(lift)
+        called = first_called(lift.slipped)
         row: dict[str, object] = {
             "object": lift.label.object_,
             "lift": lift.label.lift,
@@ -126,7 +127,7 @@ def draw(result: Onsets) -> Figure:
         axis.axhline(settings.SLID_MM[0], color="0.7", lw=0.6)
         axis.set_ylim(0.0, 5.0)
         twin = axis.twinx()
-        twin.plot([shear.slipped for shear in lift.shears], "C3", lw=1.0)
+        twin.plot(lift.slipped, "C3", lw=1.0)
         twin.set_ylim(0.0, 1.05)
         what = "slipped" if lift.label.slipped else "held"
         axis.set_title(f"{lift.label.object_} {lift.label.lift}: {what}", fontsize=8)

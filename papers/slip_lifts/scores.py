@@ -38,6 +38,16 @@ def draw_roc(
     return false, true
 
 
+def first_called(slipped: Float[np.ndarray, " frames"]) -> int | None:
+    """First frame in which a slip is more likely than not; None without one.
+
+    Args:
+        slipped: its probability in each frame [-].
+    """
+    over = slipped > 0.5
+    return int(over.argmax()) if over.any() else None
+
+
 def choose_bound(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]) -> float:
     """The score above which to call a slip: the middle of the gap with the most right."""
     values = np.unique(score)

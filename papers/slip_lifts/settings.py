@@ -20,7 +20,7 @@ class RuleSettings(NamedTuple):
 class FitSettings(NamedTuple):
     """How the numbers that make probabilities are fitted.
 
-    The outcomes can be told apart without an error, so that the likelihood alone would make both
+    The two outcomes separate without an error, so that the likelihood alone would make both
     spreads 0. They get a log-normal prior.
 
     Attributes:

@@ -5,8 +5,6 @@ to 1.0; friction falls when the object slides, or does not. The pictures begin l
 way of `python -m estimation run` without options.
 """
 
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -19,12 +17,11 @@ from contactmodel.elasticity.bodies import Rigid
 from contactmodel.pose import Pose, make_path
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import State
-from estimation.pictures.reading import PictureSource
-from estimation.settings import Settings
-from estimation.stream import Stream
-from estimation.virtual.clip import Scene, VirtualClip, write_pictures
+from estimation.virtual.clip import Scene, VirtualClip
 from papers.items import Track
+from papers.marker_images.answers import answer_clip
 from papers.marker_images.scenes import GRID, PAD, draw_look, shape_of
+from papers.slip_lifts.scores import first_called
 
 SHAPES = ("sphere", "cube", "cylinder")
 RELIEFS = ("texture", "edges", "stripes", "smooth")
@@ -58,8 +55,7 @@ class VirtualLift(NamedTuple):
     @property
     def called(self) -> int | None:
         """First frame that is called a slip."""
-        over = np.flatnonzero(self.slipped > 0.5)
-        return int(over[0]) if len(over) else None
+        return first_called(self.slipped)
 
     @property
     def delay(self) -> int | None:
@@ -98,10 +94,7 @@ def answer_lift(slips: bool, draw: int) -> VirtualLift:
     """Draw a lift, and run over its pictures as the command line does."""
     shape, scene = draw_lift(slips, draw)
     clip = VirtualClip(scene)
-    with TemporaryDirectory() as folder:
-        write_pictures(clip, Path(folder))
-        source = PictureSource(Path(folder), name="lift")
-        answers = list(Stream(source, Settings()).answers())
+    answers = answer_clip(clip).frames
     return VirtualLift(
         shape,
         scene.relief,

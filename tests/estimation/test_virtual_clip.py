@@ -78,7 +78,7 @@ def test_friction_limits_the_shear_and_falls_to_its_share():
     for kinetic in (1.0, 0.6):
         clip = VirtualClip(replace(SCENE, path=path, kinetic=kinetic, weakening=0.05))
         x, _, z = clip.truth.force[-1]
-        # all slides; what is left of the fall after 2 mm is e^-40
+        # all slides; after 2 mm the fall is complete but for e^-40
         assert x == pytest.approx(kinetic * FRICTION * -z, rel=1e-3)
     gel, slip = clip.truth.gel_shift[-1, 0], clip.truth.slip[-1]
     # where it has slipped least the gel has gone furthest: object = gel + slip there
