@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from scipy.interpolate import RBFInterpolator
 
-from estimation.pictures.imprint import Painted
+from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.lattice import Reference
 
 COARSE = 8

@@ -32,7 +32,8 @@ from estimation.frames.noise import Noise
 from estimation.observation import Observer
 from estimation.output.record import RecordWriter
 from estimation.output.table import TableWriter
-from estimation.pictures.imprint import ImprintFollower, Painted
+from estimation.pictures.imprint.follower import ImprintFollower
+from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import count_pictures, read_pictures
 from estimation.settings import Settings

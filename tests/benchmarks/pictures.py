@@ -36,7 +36,7 @@ from estimation.frames import datasets
 from estimation.frames.noise import Noise
 from estimation.pictures.corners.pattern import Pattern, render_pattern
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.imprint import ImprintFollower
+from estimation.pictures.imprint.follower import ImprintFollower
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import Camera, project_discs, render_dots, scatter_speckle
 from estimation.pictures.sensor import Sensor

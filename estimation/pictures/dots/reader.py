@@ -8,7 +8,8 @@ from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.hold import UNKNOWN, HoldFollower
-from estimation.pictures.imprint import LOST, ImprintFollower, paint_out
+from estimation.pictures.imprint.follower import LOST, ImprintFollower
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import (
     Reference,
     index_lattice,

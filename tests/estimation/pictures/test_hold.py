@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from estimation.pictures.hold import HoldFollower
-from estimation.pictures.imprint import paint_out
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import lay_reference
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from estimation.pictures.imprint import ImprintFollower, paint_out
+from estimation.pictures.imprint.follower import ImprintFollower
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.render import Camera, cover_with_dots, digitise
 from estimation.virtual.relief import Lamps, make_relief
 

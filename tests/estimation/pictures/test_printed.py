@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.pictures.imprint import paint_out
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import lay_reference
 from estimation.pictures.region import region_of_print
 from estimation.slip.motion import accumulate_slip

@@ -20,7 +20,8 @@ from estimation.output.lines import HEADER
 from estimation.output.record import RecordReader
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.imprint import ImprintFollower, paint_out
+from estimation.pictures.imprint.follower import ImprintFollower
+from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.sensor import Sensor

@@ -1,0 +1,1 @@
+"""The print that the object leaves in the picture: painted free, registered and followed."""

@@ -1,0 +1,178 @@
+"""Two textures registered by the rigid motion that correlates them best, and its error.
+
+[Evangelidis2008] G. D. Evangelidis, E. Z. Psarakis, "Parametric image alignment using enhanced
+correlation coefficient maximization", as OpenCV has it.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32
+
+from estimation.pictures.imprint.painted import Texture
+from estimation.pictures.imprint.settings import ImprintSettings
+
+STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 3e-4)
+
+
+class Keyframe(NamedTuple):
+    """A frame to register others with.
+
+    Attributes:
+        texture: of the imprint in it.
+        pose: takes points of the first keyframe to where they are here, in homogeneous coordinates.
+        error: standard error of its rotation [rad].
+    """
+
+    texture: Texture
+    pose: Float[np.ndarray, "3 3"]
+    error: float
+
+    @property
+    def angle(self) -> float:
+        """Its rotation since the first keyframe [rad]."""
+        return float(np.arctan2(self.pose[1, 0], self.pose[0, 0]))
+
+
+class Match(NamedTuple):
+    """A frame registered with a keyframe.
+
+    Attributes:
+        keyframe: it is registered with.
+        warp: the rigid motion from there.
+        quality: correlation of the two [-].
+        own_error: standard error of the rotation between them [rad].
+    """
+
+    keyframe: Keyframe
+    warp: Float32[np.ndarray, "2 3"]
+    quality: float
+    own_error: float
+
+    @property
+    def pose(self) -> Float[np.ndarray, "3 3"]:
+        """As of a keyframe."""
+        return np.vstack([self.warp, [0.0, 0.0, 1.0]]) @ self.keyframe.pose
+
+    @property
+    def turned(self) -> float:
+        """Rotation since the keyframe [rad]."""
+        return float(np.arctan2(self.warp[1, 0], self.warp[0, 0]))
+
+    @property
+    def error(self) -> float:
+        """Standard error of the rotation since the first keyframe [rad]."""
+        return float(np.hypot(self.keyframe.error, self.own_error))
+
+
+def register(
+    keyframe: Keyframe,
+    texture: Texture,
+    start: Float[np.ndarray, "2 3"],
+    settings: ImprintSettings,
+    *,
+    least: float | None = None,
+) -> Match | None:
+    """The rigid motion from a keyframe to a frame; None where they correlate too little.
+
+    Args:
+        keyframe: to register with.
+        texture: of the frame.
+        start: the motion to begin with.
+        settings: how the imprint is read.
+        least: correlation that is too little [-]; that of the settings by default.
+    """
+    before = keyframe.texture
+    shown = cv2.warpAffine(before.mask, start, before.mask.shape[::-1], flags=cv2.INTER_NEAREST)
+    both = cv2.bitwise_and(shown, texture.mask)
+    areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
+    if cv2.countNonZero(both) < settings.overlap * min(areas):
+        return None
+    pair = before.value, texture.value
+    try:
+        quality, warp = cv2.findTransformECC(
+            *pair, start.copy(), cv2.MOTION_EUCLIDEAN, STEPS, inputMask=both, gaussFiltSize=3
+        )
+    except cv2.error:  # it has not converged
+        return None
+    if quality <= (settings.least_correlation if least is None else least):
+        return None
+    loss = _turning_loss(before, texture, np.asarray(warp))
+    if loss < settings.least_loss:
+        return None
+    own = np.sqrt((1.0 - quality) / (settings.independent * loss))
+    error = np.hypot(np.radians(settings.reading_deg), own)
+    return Match(keyframe, np.asarray(warp), float(quality), float(error))
+
+
+def _turning_loss(before: Texture, now: Texture, warp: np.ndarray) -> float:
+    """What a turn from where they fit would cost of the correlation, over half its square [-].
+
+    It comes from the product of both slopes: noise, which they do not share, is left out.
+    """
+    size, back = before.value.shape[::-1], cv2.WARP_INVERSE_MAP
+    value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
+    shown = cv2.warpAffine(now.mask, warp, size, flags=cv2.INTER_NEAREST | back)
+    both = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8)) > 0
+    rows, columns = np.nonzero(both)
+    if not len(rows):
+        return 0.0
+    x, y = columns - columns.mean(), rows - rows.mean()
+    products = []
+    for one in (before.value, value):
+        right = cv2.Sobel(one, cv2.CV_32F, 1, 0, scale=0.125)[both]
+        down = cv2.Sobel(one, cv2.CV_32F, 0, 1, scale=0.125)[both]
+        products.append((x * down - y * right, one[both] - one[both].mean()))
+    (turn, level), (turn_now, level_now) = products
+    return float(np.sum(turn * turn_now) / max(np.sum(level * level_now), 1e-9))
+
+
+def search_motion(
+    before: Texture, now: Texture, settings: ImprintSettings
+) -> Float[np.ndarray, "2 3"] | None:
+    """The rigid motion, of all within the range searched, under which two textures correlate best.
+
+    Fourier transforms give, for every rotation, the correlation under all shifts at once.
+    """
+    step = 6.0  # between rotations that are tried [deg]
+    most = settings.searched_deg + 0.5 * step
+    rows, columns = now.value.shape
+    shape = (cv2.getOptimalDFTSize(2 * rows), cv2.getOptimalDFTSize(2 * columns))
+    shown = (now.mask > 0).astype(np.float32)
+    planes = shown * now.value, shown, shown * now.value**2
+    spectra = [np.fft.rfft2(plane, shape) for plane in planes]
+    middle = (0.5 * (columns - 1), 0.5 * (rows - 1))
+    best, highest = None, 0.0
+    for turn in np.arange(-settings.searched_deg, most, step):
+        ahead = cv2.getRotationMatrix2D(middle, -turn, 1.0)
+        value = cv2.warpAffine(before.value, ahead, (columns, rows))
+        mask = cv2.warpAffine((before.mask > 0).astype(np.float32), ahead, (columns, rows))
+        mask = (mask > 0.5).astype(np.float32)
+        turned = [np.conj(np.fft.rfft2(p, shape)) for p in (mask * value, mask, mask * value**2)]
+        both, left, right, here, there = (
+            np.fft.irfft2(a * b, shape)
+            for a, b in (
+                (spectra[0], turned[0]),
+                (spectra[2], turned[1]),
+                (spectra[1], turned[2]),
+                (spectra[1], turned[1]),
+                (spectra[0], turned[1]),
+            )
+        )
+        other = np.fft.irfft2(spectra[1] * turned[0], shape)
+        count = np.maximum(here, 1.0)
+        size = (left - there**2 / count) * (right - other**2 / count)
+        score = np.where(
+            (here > settings.overlap * min(mask.sum(), shown.sum())) & (size > 0.0),
+            (both - there * other / count) / np.sqrt(np.maximum(size, 1e-6)),
+            0.0,
+        )
+        if score.max() > highest:
+            down, right_ = np.unravel_index(int(score.argmax()), score.shape)
+            shift = [right_ - shape[1] * (right_ > columns), down - shape[0] * (down > rows)]
+            highest, best = (
+                float(score.max()),
+                ahead + np.array([[0.0, 0.0, shift[0]], [0.0, 0.0, shift[1]]]),
+            )
+    return None if best is None else best.astype(np.float32)
