@@ -10,6 +10,7 @@ from estimation.estimators.result import State as State
 from estimation.estimators.result import Track as Track
 from estimation.fields.outline import follow_outline as follow_outline
 from estimation.frames.archive import write_archive as write_archive
+from estimation.frames.bags.source import BagSource as BagSource
 from estimation.frames.datasets import fetch as fetch
 from estimation.frames.noise import Noise as Noise
 from estimation.frames.noise import estimate_noise as estimate_noise
@@ -19,6 +20,7 @@ from estimation.frames.recording import Recording as Recording
 from estimation.frames.recording import layout_markers as layout_markers
 from estimation.frames.source import FrameStream as FrameStream
 from estimation.frames.source import Source as Source
+from estimation.frames.source import record_source as record_source
 from estimation.output.plots import plot_angles as plot_angles
 from estimation.output.plots import plot_grasp as plot_grasp
 from estimation.output.plots import plot_maps as plot_maps

@@ -24,13 +24,23 @@ def run(
         list[str] | None,
         typer.Argument(
             metavar="[RECORDING|DATASET]...",
-            help="Tac3D folders, .npz recordings, videos, folders of images, cameras (camera:0) "
-            "or data set names; the virtual pivot if none. Pictures take their times from a table "
-            "with columns frame and time_s, if there is one: times.csv in the folder, CLIP.csv "
-            "beside CLIP.avi.",
+            help="Tac3D folders, .npz recordings, videos, folders of images, bags (MCAP, ROS 1, "
+            "ROS 2), cameras (camera:0) or data set names; the virtual pivot if none. Pictures "
+            "take their times from a table with columns frame and time_s, if there is one: "
+            "times.csv in the folder, CLIP.csv beside CLIP.avi.",
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Topic of a bag to run over; may be given twice, as for the fingers of a grasp.",
+            show_default="found, where only one can be meant",
+        ),
+    ] = None,
+    topics: Annotated[
+        bool, typer.Option("--topics", help="List the topics of bags, and run over none.")
+    ] = False,
     resume: Annotated[
         bool,
         typer.Option("--resume", help="Go on where the same command was cut off before."),
@@ -42,12 +52,18 @@ def run(
     """
     from rich.progress import Progress
 
+    from estimation.frames.bags.topics import list_topics
     from estimation.run import run_all
     from estimation.settings import read_settings
     from estimation.sources import open_inputs
 
+    if topics:
+        for name in recordings or []:
+            for found in list_topics(Path(name)):
+                print(found.describe())
+        return
     settings = read_settings(choices, known, constants)
-    inputs = open_inputs(recordings or [], settings, say, out if resume else None)
+    inputs = open_inputs(recordings or [], settings, say, out if resume else None, topic or ())
     with Progress(console=errors) as progress:
         answer = partial(print, flush=True)
         outcome = run_all(inputs, out, settings, progress, answer, resume)

@@ -11,10 +11,13 @@ from contactmodel.common.inputs import naming
 from contactmodel.common.version import __version__
 from estimation.frames import datasets
 from estimation.frames.archive import SUFFIX, read_archive
+from estimation.frames.bags.bag import is_bag, split_place
+from estimation.frames.bags.source import BagSource
+from estimation.frames.bags.topics import find_topic
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.names import name_recordings, natural_key, number_alike
 from estimation.frames.recording import Recording
-from estimation.frames.source import SOURCE_FACTS, FrameStream, Source
+from estimation.frames.source import SOURCE_FACTS, FrameStream, Source, record_source
 from estimation.frames.state import load_state
 from estimation.frames.tac3d import is_tac3d, read_tac3d
 from estimation.output.record import NAME, RecordReader
@@ -27,7 +30,7 @@ from estimation.virtual.recording import Truth, simulate_pivot
 
 EXPECTED = (
     f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
-    "folder of images or a camera (camera:0)"
+    "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder) or a camera (camera:0)"
 )
 
 
@@ -35,7 +38,7 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
     """Read the one recording at `path` and inspect it; it is named after its file or folder.
 
     Args:
-        path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
+        path: a folder of Tac3D arrays, an archive of ours, a bag, or pictures of markers.
         images: what is known of the pictures.
 
     Raises:
@@ -50,6 +53,9 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
     with naming(found[0]):
         if is_pictures(found[0]):
             return inspect_recording(read_images(found[0], images))
+        if split_place(found[0]):
+            source = BagSource(found[0], unloaded=_unloaded_number(images))
+            return inspect_recording(record_source(source, list(source)))
         reader = read_tac3d if found[0].is_dir() else read_archive
         recording = replace(reader(found[0]), name=name_recordings(found)[0])
         if images is not None:
@@ -58,6 +64,12 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
                 warnings += (f"Not used, since the recording is not of pictures: {unused}.",)
             recording = replace(recording, warnings=(*recording.warnings, *warnings))
         return inspect_recording(recording)
+
+
+def _unloaded_number(images: ImageSettings | None) -> int | None:
+    """The number of the unloaded frame, where one was given."""
+    unloaded = None if images is None else images.unloaded
+    return unloaded if isinstance(unloaded, int) else None
 
 
 def read_recordings(
@@ -88,7 +100,7 @@ def open_source(
     """Open the one recording at a path: pictures give their frames as they are read.
 
     Args:
-        path: a folder of Tac3D arrays, an archive of ours, or pictures of markers.
+        path: a folder of Tac3D arrays, an archive of ours, a bag, or pictures of markers.
         images: what is known of pictures.
         name: of the recording.
         checkpoint: where an earlier run got to; the frames after it are given.
@@ -101,18 +113,25 @@ def open_source(
         if is_camera(path):
             after = (0.0, 0) if checkpoint is None else checkpoint.clock_now()
             return PictureSource(path, images, name=name, after=after)
+        row = 0 if checkpoint is None else checkpoint.row
         if is_pictures(path):
-            state, row = (None, 0) if checkpoint is None else (checkpoint.pictures, checkpoint.row)
+            state = None if checkpoint is None else checkpoint.pictures
             return PictureSource(path, images, name=name, state=state, skip=row)
+        if split_place(path):
+            return BagSource(path, name=name, unloaded=_unloaded_number(images), skip=row)
         recording = replace(read_recording(path, images), name=name)
         if checkpoint is None:
             return recording
         about = {name: getattr(recording, name) for name in SOURCE_FACTS}
-        return FrameStream(recording.layout, islice(recording, checkpoint.row, None), **about)
+        return FrameStream(recording.layout, islice(recording, row, None), **about)
 
 
-def find_recordings(path: str | Path) -> list[Path]:
+def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
     """The recordings at `path`: itself, or those in it, in the natural order of their names.
+
+    Args:
+        path: of a recording, a folder of recordings, or a bag.
+        topics: of the bag; found, unless given, where only one can be meant.
 
     Raises:
         FileNotFoundError: there is nothing there.
@@ -120,6 +139,13 @@ def find_recordings(path: str | Path) -> list[Path]:
         OSError: the folder cannot be read.
     """
     path = Path(path)
+    if split_place(path):
+        places = [path / topic.strip("/") for topic in topics] or [path]
+        for place in places:
+            find_topic(place)
+        return places
+    if topics:
+        raise ValueError(f"{path} is no bag: topics (--topic) are those of a bag")
     if is_camera(path):
         return [path]
     if not path.exists():
@@ -135,7 +161,10 @@ def find_recordings(path: str | Path) -> list[Path]:
     found = [
         one
         for one in inside
-        if one.suffix == SUFFIX or is_pictures(one) or (one.is_dir() and is_tac3d(one))
+        if one.suffix == SUFFIX
+        or is_bag(one)
+        or is_pictures(one)
+        or (one.is_dir() and is_tac3d(one))
     ]
     if not found:
         what = "holds no recording" if inside else "is empty"
@@ -165,12 +194,15 @@ class Input(NamedTuple):
     place: str = ""
 
 
-def find_paths(names: Sequence[str], say: Callable[[str], None]) -> list[Path]:
+def find_paths(
+    names: Sequence[str], say: Callable[[str], None], topics: Sequence[str] = ()
+) -> list[Path]:
     """The recordings that were asked for.
 
     Args:
         names: paths of recordings or names of data sets.
         say: told what a data set's fetching has to say.
+        topics: of the bags, where they are named.
 
     Raises:
         ValueError: what is there is no recording, or a data set cannot be fetched.
@@ -180,7 +212,7 @@ def find_paths(names: Sequence[str], say: Callable[[str], None]) -> list[Path]:
     for name in names:
         is_dataset = name in datasets.NAMES and not Path(name).exists()
         folders = datasets.fetch_runs(name, say) if is_dataset else [Path(name)]
-        paths += [path for folder in folders for path in find_recordings(folder)]
+        paths += [path for folder in folders for path in find_recordings(folder, topics)]
     return paths
 
 
@@ -189,6 +221,7 @@ def open_inputs(
     settings: Settings,
     say: Callable[[str], None],
     resume: Path | None = None,
+    topics: Sequence[str] = (),
 ) -> list[Input]:
     """Open every recording that was asked for, before anything is computed.
 
@@ -197,6 +230,7 @@ def open_inputs(
         settings: of the run.
         say: told what is assumed about a recording or looks wrong with it.
         resume: the folder of the run that is resumed.
+        topics: of the bags, where they are named.
 
     Returns:
         The recordings, each with a name of its own: that of its file or folder, and as much of what
@@ -211,7 +245,7 @@ def open_inputs(
         recording, truth = simulate_pivot(seed=settings.seed)
         earlier = find_earlier(resume, "", recording.source, settings)
         return [Input(recording, truth, *earlier)]
-    paths = find_paths(names, say)
+    paths = find_paths(names, say, topics)
     named = name_folders(name_recordings(paths))
     inputs = []
     for path, name in zip(paths, named, strict=True):
@@ -249,7 +283,8 @@ def find_earlier(
 
 def identity_of(source: str, settings: Settings) -> dict[str, str]:
     """What must be the same for a run to be resumed, by name."""
-    path = Path(source)
+    split = split_place(Path(source)) if source else None
+    path = Path(source) if split is None else split[0]
     stamp = hashlib.sha256()
     if source and path.exists() and not is_camera(path):
         files = sorted(path.iterdir()) if path.is_dir() else [path, path.with_suffix(".csv")]

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 EXTRAS: dict[str, tuple[str, ...]] = {
     "peers": ("trackpy",),
     "video": ("av",),
+    "bags": ("mcap", "rosbags"),
     "sweeps": ("dask", "distributed", "zarr"),
 }
 """Packages that each extra installs, by the name they are imported under."""

@@ -35,10 +35,8 @@ def expect_places(reference: Float[np.ndarray, "n d"]) -> None:
         ValueError: one is not.
     """
     if not (np.abs(reference) < LARGEST).all():
-        raise ValueError(
-            "`reference` has positions that are not finite, or too far away: leave those markers "
-            "out"
-        )
+        why = "that are not finite, or too far away: leave those markers out"
+        raise ValueError(f"`reference` has positions {why}")
 
 
 @cache
@@ -83,28 +81,21 @@ class MarkerLayout:
                 "(markers, 3)"
             )
         if not np.isfinite(self.reference).all():
-            raise ValueError(
-                "`reference` has positions that are not finite: leave those markers out"
-            )
+            raise ValueError("`reference` has positions that are not finite: leave them out")
         markers = len(self.reference)
         if self.neighbours.ndim != 2 or len(self.neighbours) != markers:
             raise ValueError(
                 f"`neighbours` has shape {self.neighbours.shape}; it must have a row for each of "
                 f"the {markers} markers"
             )
-        if (
-            self.neighbours.size
-            and not -1 <= self.neighbours.min() <= self.neighbours.max() < markers
-        ):
+        around, shape = self.neighbours, self.grid_shape
+        if around.size and not -1 <= around.min() <= around.max() < markers:
             raise ValueError(f"`neighbours` must be −1 or the index of one of {markers} markers")
-        if self.grid_shape is not None and (
-            len(self.grid_shape) != 2
-            or min(self.grid_shape) < 1
-            or self.grid_shape[0] * self.grid_shape[1] != markers
+        if shape is not None and (
+            len(shape) != 2 or min(shape) < 1 or shape[0] * shape[1] != markers
         ):
             raise ValueError(
-                f"`grid_shape` is {self.grid_shape}: its rows and columns do not hold {markers} "
-                "markers"
+                f"`grid_shape` is {shape}: its rows and columns do not hold {markers} markers"
             )
 
 
@@ -176,9 +167,8 @@ def find_grid(reference: Float[np.ndarray, "n d"]) -> tuple[int, int] | None:
         means, regular = [], True
         for step in (np.diff(lattice, axis=0), np.diff(lattice, axis=1)):
             mean = step.mean(axis=(0, 1))
-            regular &= bool(
-                (np.linalg.norm(step - mean, axis=-1) < 0.35 * np.linalg.norm(mean)).all()
-            )
+            off = np.linalg.norm(step - mean, axis=-1)
+            regular &= bool((off < 0.35 * np.linalg.norm(mean)).all())
             means.append(mean)
         (ax, ay), (bx, by) = means
         area = abs(ax * by - ay * bx)
@@ -208,8 +198,8 @@ class Frame:
         valid: which markers can be used.
         time: time stamp [s].
         source_index: number the source gave the frame.
-        moment: moment about the contact normal [N·mm], NaN where unknown.
-        normal_force: pressing force [N], NaN where unknown.
+        wrench: resultant force [N] and moment [N·mm] on the sensor, NaN where unknown.
+        forces: force at each marker [N], if the source has it.
         flaw: why the frame cannot be used, empty where it can.
         contact: the contact region, where the source knows it; else the displacements tell.
         imprint: rotation of what the object prints through the gel, and its standard error [rad];
@@ -228,8 +218,8 @@ class Frame:
     valid: Bool[np.ndarray, " n"]
     time: float
     source_index: int
-    moment: float = float("nan")
-    normal_force: float = float("nan")
+    wrench: tuple[float, ...] = (float("nan"),) * 6
+    forces: Float[np.ndarray, "n d"] | None = None
     flaw: str = ""
     contact: Bool[np.ndarray, " n"] | None = None
     imprint: tuple[float, float] = (float("nan"), float("nan"))
@@ -239,7 +229,20 @@ class Frame:
     def __post_init__(self) -> None:
         """Check that the parts fit."""
         _expect_shape("valid", self.valid, *self.positions.shape[:1])
+        _expect_shape("wrench", np.array(self.wrench), 6)
+        if self.forces is not None:
+            _expect_shape("forces", self.forces, *self.positions.shape)
         _expect_positions(self.positions, self.valid)
+
+    @property
+    def normal_force(self) -> float:
+        """The pressing force [N], NaN where unknown."""
+        return -self.wrench[2]
+
+    @property
+    def moment(self) -> float:
+        """The moment about the contact normal [N·mm], NaN where unknown."""
+        return self.wrench[5]
 
 
 @dataclass(frozen=True)
@@ -342,19 +345,19 @@ class Recording:
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order, as `Tracker.update` takes them."""
+        at_markers = ("forces", "contact", "rotation")
+        known = {name: of for name in at_markers if (of := getattr(self, name)) is not None}
         for i in range(len(self)):
             yield Frame(
                 positions=self.positions[i],
                 valid=self.valid[i],
                 time=float(self.time[i]),
                 source_index=int(self.source_index[i]),
-                moment=float("nan") if self.moment is None else float(self.moment[i, 2]),
-                normal_force=float("nan") if self.force is None else -float(self.force[i, 2]),
+                wrench=(*_numbers(self.force, i, 3), *_numbers(self.moment, i, 3)),
                 flaw=self.flaws[i] if self.flaws else "",
-                contact=None if self.contact is None else self.contact[i],
                 imprint=_numbers(self.imprint, i, 2),
-                rotation=None if self.rotation is None else self.rotation[i],
                 hold=_numbers(self.hold, i, 3),
+                **{name: of[i] for name, of in known.items()},
             )
 
 
@@ -371,29 +374,26 @@ def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -
         frames: in order.
         **about: what else the recording is told: `unit`, `name`, `source` …
     """
-    unknown = np.full(len(layout.reference), np.nan)
     contact = [frame.contact for frame in frames if frame.contact is not None]
-    moment = np.array([(np.nan, np.nan, frame.moment) for frame in frames])
-    force = np.array([(np.nan, np.nan, -frame.normal_force) for frame in frames])
-    imprint = np.array([frame.imprint for frame in frames])
-    hold = np.array([frame.hold for frame in frames])
-    rotation = np.array([unknown if one.rotation is None else one.rotation for one in frames])
+    given = ("positions", "valid", "time", "source_index", "wrench")
+    all_of = {name: np.array([getattr(frame, name) for frame in frames]) for name in given}
+    force, moment = np.split(all_of.pop("wrench"), 2, axis=1)
 
-    def if_known(values: np.ndarray) -> np.ndarray | None:
+    def if_known(name: str, shape: tuple[int, ...] = ()) -> np.ndarray | None:
+        unknown, found = np.full(shape, np.nan), (getattr(frame, name) for frame in frames)
+        values = np.array([unknown if one is None else one for one in found])
         return values if np.isfinite(values).any() else None
 
     return Recording(
         layout=layout,
-        positions=np.stack([frame.positions for frame in frames]),
-        valid=np.stack([frame.valid for frame in frames]),
-        time=np.array([frame.time for frame in frames]),
-        source_index=np.array([frame.source_index for frame in frames]),
-        force=if_known(force),
-        moment=if_known(moment),
+        force=force if np.isfinite(force).any() else None,
+        moment=moment if np.isfinite(moment).any() else None,
+        forces=if_known("forces", layout.reference.shape),
         flaws=tuple(frame.flaw for frame in frames),
         contact=np.stack(contact) if len(contact) == len(frames) else None,
-        imprint=if_known(imprint),
-        rotation=if_known(rotation),
-        hold=if_known(hold),
+        imprint=if_known("imprint"),
+        rotation=if_known("rotation", layout.reference.shape[:1]),
+        hold=if_known("hold"),
+        **all_of,
         **about,
     )

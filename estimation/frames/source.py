@@ -1,10 +1,10 @@
 """Sources of frames: whatever gives them one after the other."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from estimation.frames.recording import Frame, MarkerLayout
+from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 
 SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
 """What a source tells beside its frames."""
@@ -99,3 +99,14 @@ class FrameStream:
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order of time."""
         return iter(self.frames)
+
+
+def record_source(source: Source, frames: Sequence[Frame]) -> Recording:
+    """The recording of a source's frames, at least one.
+
+    Args:
+        source: that has given the frames.
+        frames: in order.
+    """
+    about = {name: getattr(source, name) for name in SOURCE_FACTS}
+    return record_frames(source.layout, frames, **about)

@@ -12,7 +12,8 @@ from scipy.spatial import KDTree
 from contactmodel.common.inputs import naming
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.names import name_recordings
-from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
+from estimation.frames.recording import Frame, MarkerLayout, Recording
+from estimation.frames.source import record_source
 from estimation.pictures.corners.reader import CornerReader
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.kinds import MARKER_KINDS
@@ -221,16 +222,7 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
     except KeyboardInterrupt:
         if not (frames and source.live):
             raise
-    return record_frames(
-        source.layout,
-        frames,
-        unit=source.unit,
-        name=source.name,
-        source=source.source,
-        convention=source.convention,
-        notes=source.notes,
-        warnings=source.warnings,
-    )
+    return record_source(source, frames)
 
 
 def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:

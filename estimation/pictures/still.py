@@ -1,8 +1,10 @@
-"""One picture from a file: of a folder of pictures, or one that stands for itself."""
+"""One picture: from a file, of a folder or by itself, or from a message of a bag."""
 
 import hashlib
+import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -57,18 +59,76 @@ def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, 
         ValueError: its size is not read.
     """
     try:
-        with Image.open(path) as header:
-            check_size(*header.size, path)
-    except (UnidentifiedImageError, OSError):
+        return decode_picture(path.read_bytes(), path)
+    except OSError:
         return None, f"{path.name} is no image or damaged"
+
+
+def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
+    """The picture that a file or a message holds, or why there is none.
+
+    Args:
+        data: the file's content.
+        what: holds it, for the error.
+
+    Raises:
+        ValueError: its size is not read.
+    """
+    try:
+        with Image.open(io.BytesIO(data)) as header:
+            check_size(*header.size, what)
+    except (UnidentifiedImageError, OSError):
+        return None, f"{what.name} is no image or damaged"
     except Image.DecompressionBombError as error:
-        raise ValueError(f"{path}: {error}") from error
-    image = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+        raise ValueError(f"{what}: {error}") from error
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if image is None:
-        return None, f"{path.name} is damaged"
+        return None, f"{what.name} is damaged"
     if image.dtype not in (np.uint8, np.uint16):
-        return None, f"{path.name} is not of 8 or 16 bit"
+        return None, f"{what.name} is not of 8 or 16 bit"
     return image, ""
+
+
+def unpack_picture(
+    message: Any, what: Path
+) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
+    """The picture of a message, `Image` or `CompressedImage` of ROS, or why there is none.
+
+    Args:
+        message: its fields are attributes.
+        what: holds it, for the error.
+
+    Raises:
+        ValueError: its size is not read.
+    """
+    # encodings: of how many channels and bytes, and what makes them grey or BGR
+    kinds = {
+        **dict.fromkeys(("mono8", "8UC1"), (1, 1, None)),
+        **dict.fromkeys(("mono16", "16UC1"), (1, 2, None)),
+        **dict.fromkeys(("bgr8", "8UC3"), (3, 1, None)),
+        "rgb8": (3, 1, cv2.COLOR_RGB2BGR),
+        "bgra8": (4, 1, cv2.COLOR_BGRA2BGR),
+        "rgba8": (4, 1, cv2.COLOR_RGBA2BGR),
+        "bayer_rggb8": (1, 1, cv2.COLOR_BayerRGGB2BGR),
+        "bayer_bggr8": (1, 1, cv2.COLOR_BayerBGGR2BGR),
+        "bayer_gbrg8": (1, 1, cv2.COLOR_BayerGBRG2BGR),
+        "bayer_grbg8": (1, 1, cv2.COLOR_BayerGRBG2BGR),
+    }
+    data = np.ascontiguousarray(message.data)
+    if not hasattr(message, "encoding"):
+        return decode_picture(data.tobytes(), what)
+    if message.encoding not in kinds:
+        return None, f"pictures encoded as {message.encoding} are not read"
+    channels, size, colours = kinds[message.encoding]
+    height, width, step = message.height, message.width, message.step
+    if step < width * channels * size or not 0 < height * step <= data.nbytes:
+        return None, f"the message has {data.nbytes} bytes for {height} rows of {step}"
+    kind = np.dtype((">" if message.is_bigendian else "<") + f"u{size}")
+    strides = (step, channels * size, size)
+    image = np.ndarray((height, width, channels), kind, data, strides=strides)
+    image = np.ascontiguousarray(image.squeeze(2) if channels == 1 else image, f"u{size}")
+    return (image if colours is None else cv2.cvtColor(image, colours)), ""
 
 
 def check_size(width: int, height: int, what: Path) -> None:

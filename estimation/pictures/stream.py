@@ -20,10 +20,12 @@ import numpy as np
 from jaxtyping import Shaped
 
 from contactmodel.common.inputs import cell_number, cell_whole, read_rows
+from estimation.frames.bags.bag import split_place
+from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.extras import require_extra
 from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
 from estimation.pictures.part import SMALLEST, WHOLE, Part
-from estimation.pictures.still import LARGEST, check_size, load_picture
+from estimation.pictures.still import LARGEST, check_size, load_picture, unpack_picture
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -64,17 +66,24 @@ def is_camera(path: Path) -> bool:
 
 
 def is_pictures(path: Path) -> bool:
-    """Whether there are pictures at the path: a video, a folder of images or a camera."""
+    """Whether there are pictures at the path: a video, a folder of images, a bag or a camera.
+
+    Raises:
+        ValueError: a bag without a topic of a tactile sensor, or a damaged one.
+        OSError: a bag cannot be read.
+    """
     videos = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
     if is_camera(path) or path.suffix.lower() in videos:
         return True
-    return path.is_dir() and bool(_list_images(path))
+    return holds_pictures(path) or (path.is_dir() and bool(_list_images(path)))
 
 
 def count_pictures(path: Path) -> int:
     """How many pictures there are, as far as that is known without reading them; else 0."""
     if is_camera(path):
         return 0
+    if split_place(path):
+        return find_topic(path)[1].channel.messages
     if path.is_dir():
         return len(_list_images(path))
     with _open_video(path) as container:
@@ -93,6 +102,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
     """
     if is_camera(path):
         return () if rate is None else (ignored_rate(rate, "the camera's clock"),)
+    if split_place(path):
+        return () if rate is None else (ignored_rate(rate, "the bag"),)
     warnings, table = [], _table_beside(path)
     stamps = _read_times(table)
     if path.is_dir():
@@ -126,7 +137,8 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> 
     then says so.
 
     Args:
-        path: a video, a folder of images, or a camera: `camera:0` or its device, `/dev/video0`.
+        path: a video, a folder of images, a topic in a bag, or a camera: `camera:0` or its device,
+            `/dev/video0`.
         rate: pictures per second of a folder without a table of times [1/s].
         part: of each picture that is given.
 
@@ -137,6 +149,8 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> 
     """
     if is_camera(path):
         source = _read_camera(str(path))
+    elif split_place(path):
+        source = _read_bag(path)
     elif path.is_dir():
         source = _read_folder(path, RATE if rate is None else rate)
     else:
@@ -268,6 +282,16 @@ def _read_video(path: Path) -> Iterator[Picture]:
         if short > 0:
             why = f"the video ends here: {short} of the {declared} frames it declares are missing"
             yield Picture(None, stamp_of(number + 1), number + 1, why)
+
+
+def _read_bag(place: Path) -> Iterator[Picture]:
+    for message in read_topic(place):
+        image, flaw = None, message.damage
+        if not flaw:
+            image, flaw = unpack_picture(message.content, place)
+        if image is not None:
+            check_size(image.shape[1], image.shape[0], place)
+        yield Picture(image, message.time, message.number, flaw)
 
 
 def _read_camera(name: str) -> Iterator[Picture]:

@@ -220,7 +220,7 @@ def simulate_frame(
         valid=np.ones(len(positions), dtype=bool),
         time=0.0,
         source_index=0,
-        moment=float(truth.moment[0]),
+        wrench=(*[np.nan] * 5, float(truth.moment[0])),
     )
     return layout, frame, truth.stick[0]
 

@@ -4,6 +4,7 @@ import pytest
 
 from estimation.__main__ import main
 from estimation.frames.archive import write_archive
+from tests.bags import Sent, cloud, write_mcap
 from tests.cases import lift
 
 
@@ -25,6 +26,20 @@ def test_run_an_archive(command, tmp_path):
     assert code == 0
     assert "4 of 9 frames answered" in out
     assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_run_a_topic_of_a_bag(command, tmp_path):
+    positions = lift([0.0, 0.05, 0.1, 0.12]).positions
+    sent = [Sent("/pad", cloud(one, i * 10**7), i * 10**7) for i, one in enumerate(positions)]
+    path = write_mcap(tmp_path / "lift.mcap", sent)
+    code, out, _ = command("run", path, "--topics")
+    assert (code, out) == (0, "/pad: points (sensor_msgs/msg/PointCloud2, 9 messages)\n")
+    code, out, _ = command("run", path, "--topic", "/pad", "--out", tmp_path / "out")
+    assert code == 0
+    assert "4 of 9 frames answered" in out
+    code, _, err = command("run", path, "--topic", "/other", "--out", tmp_path / "out")
+    assert code == 2
+    assert "lift.mcap has no topic other; it holds /pad: points" in err
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from contactmodel.common.stored import read_arrays
 from estimation.frames.archive import write_archive
 from estimation.frames.recording import Recording
 from estimation.pictures.render import Camera, render_dots
+from tests import bags
 from tests.cases import domed_pad, lift
 from tests.estimation.pictures.rigs import make_rig
 from tests.fuzz.contents import Input
@@ -99,6 +100,24 @@ def make_tac3d() -> Input:
         "sendTimestamp": recording.time,
     }
     return {f"{name}.npy": array for name, array in arrays.items()}
+
+
+@cache
+def make_bag(name: str) -> Input:
+    """A bag: an MCAP file of pictures, one of points, a ROS 1 bag, or a ROS 2 folder."""
+    step, recording = 33_333_333, pressed()
+    sent = [
+        bags.Sent("/markers", bags.cloud(one, i * step, ros1=name.endswith(".bag")), i * step)
+        for i, one in enumerate(recording.positions)
+    ]
+    if name == "pictures.mcap":
+        shown = [bags.image(one, "mono8", i * step) for i, one in enumerate(dots())]
+        sent = [bags.Sent("/camera", one, i * step) for i, one in enumerate(shown)]
+    write = {".mcap": bags.write_mcap, ".bag": bags.write_ros1}.get(Path(name).suffix)
+    with tempfile.TemporaryDirectory() as folder:
+        path = (write or bags.write_ros2)(Path(folder) / name, sent)
+        inside = sorted(path.iterdir()) if path.is_dir() else [path]
+        return {str(one.relative_to(folder)): one.read_bytes() for one in inside}
 
 
 @cache

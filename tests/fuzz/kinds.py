@@ -135,6 +135,10 @@ KINDS = {
     "Matroska": Kind(
         partial(inputs.make_video, "clip.mkv", "ffv1", "gray"), use_recording, "clip.mkv"
     ),
+    **{
+        name: Kind(partial(inputs.make_bag, name), use_recording, name)
+        for name in ("points.mcap", "pictures.mcap", "points.bag", "ros2")
+    },
     "scalar softness": Kind(inputs.make_softness, use_softness, "softness.toml"),
     "layered softness": Kind(inputs.make_layered, use_softness, "softness.toml"),
     "sensor": Kind(inputs.make_sensor, use_sensor, "sensor.toml"),

@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 from estimation.frames import archive
 from estimation.frames.archive import read_archive, write_archive
 from estimation.frames.recording import MarkerLayout, Recording, layout_markers
+from estimation.frames.source import record_source
 from estimation.sources import read_recording
 from tests.cases import lift
 
@@ -118,6 +119,10 @@ def test_every_declared_field_is_archived_documented_and_cut(full, tmp_path):
     described = archive.write_archive.__doc__
     with np.load(tmp_path / "one.npz") as file:
         assert [name for name in file.files if f"`{name}`" not in described] == []
+
+
+def test_frames_hold_all_that_a_recording_does(full):
+    assert_same(record_source(full, list(full)), full)
 
 
 def test_archives_of_version_1_are_read(recording, tmp_path):

@@ -1,0 +1,211 @@
+"""Messages of markers, turned into frames.
+
+A reader of each kind of topic is made from its first messages, in which it finds the markers at
+rest, and then turns each message into a frame.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from estimation.frames.bags.topics import Stamped
+from estimation.frames.recording import Frame, MarkerLayout, layout_markers
+from estimation.frames.tac3d import find_reference
+
+UNKNOWN = float("nan")
+Vectors = Float[np.ndarray, "n 3"]
+
+
+class Seen(NamedTuple):
+    """What a message says of the markers.
+
+    Attributes:
+        positions: of the markers [mm].
+        time: time stamp [s].
+        number: of the frame.
+        displacements: of the markers, if it has them [mm].
+        forces: at each marker, if it has them [N].
+        wrench: as in `Frame`.
+    """
+
+    positions: Vectors
+    time: float
+    number: int
+    displacements: Vectors | None = None
+    forces: Vectors | None = None
+    wrench: tuple[float, ...] = (UNKNOWN,) * 6
+
+
+def read_tac3d(message: Stamped) -> Seen:
+    """What a `Frame` of the Tac3D nodes says; mm, N and N·mm, on the sensor's own clock.
+
+    Raises:
+        ValueError: its arrays do not fit each other.
+    """
+    content, found = message.content, dict[str, Vectors]()
+    names = ("Positions", "Displacements", "Forces", "ResultantForce", "ResultantMoment")
+    for name in names:
+        values = np.asarray(getattr(content, name), dtype=float)
+        wanted = 3 if name.startswith("Resultant") else found.get("Positions", values).size
+        if values.size != wanted or wanted % 3 or not wanted:
+            raise ValueError(
+                f"{name} has {values.size} numbers, not {wanted - wanted % 3 or 'any'}"
+            )
+        found[name] = values.reshape(-1, 3)
+    positions, displacements, forces, force, moment = (found[name] for name in names)
+    time, number = float(content.sendTimestamp), int(content.index)
+    wrench = (*force[0].tolist(), *moment[0].tolist())
+    return Seen(positions, time, number, displacements, forces, wrench)
+
+
+def read_points(message: Stamped) -> Seen:
+    """The points of a `PointCloud2`, which keep their places in it; ROS gives them in m.
+
+    Raises:
+        ValueError: it has no x, y and z, or fewer bytes than it declares.
+    """
+    cloud, mm = message.content, 1e3
+    codes = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
+    fields = {one.name: one for one in cloud.fields if 1 <= one.datatype <= len(codes)}
+    if missing := [axis for axis in "xyz" if axis not in fields]:
+        raise ValueError(f"the cloud lacks the fields {', '.join(missing)}")
+    order = ">" if cloud.is_bigendian else "<"
+    kinds = [order + codes[fields[axis].datatype - 1] for axis in "xyz"]
+    offsets = [fields[axis].offset for axis in "xyz"]
+    point = np.dtype(
+        {"names": list("xyz"), "formats": kinds, "offsets": offsets, "itemsize": cloud.point_step}
+    )
+    data: Shaped[np.ndarray, " bytes"] = np.ascontiguousarray(cloud.data)
+    needed = (cloud.height - 1) * cloud.row_step + cloud.width * cloud.point_step
+    if not 0 < needed <= data.nbytes:
+        raise ValueError(f"the cloud declares {needed} bytes and has {data.nbytes}")
+    shape, strides = (cloud.height, cloud.width), (cloud.row_step, cloud.point_step)
+    points = np.ndarray(shape, point, data, strides=strides).ravel()
+    positions = mm * np.stack([points[axis].astype(float) for axis in "xyz"], axis=1)
+    return Seen(positions, message.time, message.number)
+
+
+class MarkerMessages(Protocol):
+    """Turns messages of one topic into frames.
+
+    Attributes:
+        layout: the markers at rest.
+        unit: of lengths, mm or px.
+        convention: how the axes lie.
+        notes: what a reader should know, in sentences.
+    """
+
+    layout: MarkerLayout
+    unit: str
+    convention: str
+    notes: tuple[str, ...]
+
+    def frame(self, message: Stamped) -> Frame:
+        """The frame of a message.
+
+        Raises:
+            ValueError: the message is not of these markers, or inconsistent.
+        """
+        ...
+
+
+class PlainMessages:
+    """Messages with the positions of all markers, and perhaps their displacements.
+
+    The reference comes from the displacements, as in Tac3D folders, but of the first loaded
+    messages only; without displacements it is a message itself.
+    """
+
+    unit = "mm"
+    convention = "z out of the elastomer towards the object, as the sensor gives it"
+
+    def __init__(
+        self,
+        read: Callable[[Stamped], Seen],
+        messages: Iterable[Stamped],
+        unloaded: int | None = None,
+    ) -> None:
+        """Find the markers at rest; no more messages are read than that takes.
+
+        Args:
+            read: what a message says.
+            messages: in order.
+            unloaded: number of the message that is unloaded.
+
+        Raises:
+            ValueError: no message shows markers, or the unloaded one does not.
+        """
+        self._read = read
+        seen = _usable(read, messages)
+        first = next(seen)
+        self._count = len(first.positions)
+        if first.displacements is not None:
+            reference, self.notes = self._find_zero(first, seen)
+        else:
+            reference, self.notes = self._find_rest(first, seen, unloaded)
+        self._known = np.isfinite(reference).all(axis=1)
+        if not self._known.all():
+            self.notes += (f"{(~self._known).sum()} markers were never seen and are left out",)
+        self.layout = layout_markers(reference[self._known])
+
+    def _find_zero(self, first: Seen, later: Iterator[Seen]) -> tuple[Vectors, tuple[str, ...]]:
+        most = 256  # messages with a load from which the sensor's zero is found
+        kept, loaded = [first], 0
+        for one in later:
+            if len(one.positions) == self._count and one.displacements is not None:
+                moved = bool(np.nan_to_num(one.displacements).any())
+                loaded += moved
+                if moved or len(kept) - loaded < most:
+                    kept.append(one)
+            if loaded == most:
+                break
+        moves = [one.displacements for one in kept if one.displacements is not None]
+        return find_reference(np.stack([one.positions for one in kept]), np.stack(moves))
+
+    def _find_rest(
+        self, first: Seen, later: Iterator[Seen], unloaded: int | None
+    ) -> tuple[Vectors, tuple[str, ...]]:
+        if unloaded is None:
+            note = "the markers' motion counts from the first message (--unloaded-frame)"
+            return first.positions, (note,)
+        for one in (first, *later):
+            if one.number == unloaded:
+                return one.positions, ()
+        raise ValueError(f"no message {unloaded}, which should be the unloaded one, shows markers")
+
+    def frame(self, message: Stamped) -> Frame:
+        """The frame of a message."""
+        seen = self._read(message)
+        if len(seen.positions) != self._count:
+            raise ValueError(f"{len(seen.positions)} markers, not {self._count} as in the first")
+        positions = seen.positions[self._known]
+        return Frame(
+            positions=positions,
+            valid=np.asarray(np.isfinite(positions).all(axis=1)),
+            time=seen.time,
+            source_index=seen.number,
+            wrench=seen.wrench,
+            forces=None if seen.forces is None else seen.forces[self._known],
+        )
+
+
+def _usable(read: Callable[[Stamped], Seen], messages: Iterable[Stamped]) -> Iterator[Seen]:
+    """What the messages that can be read say.
+
+    Raises:
+        ValueError: none of them can be.
+    """
+    why, found = "there are none", False
+    for message in messages:
+        try:
+            seen = read(message)
+        except ValueError as error:
+            why = str(error)
+            continue
+        if np.isfinite(seen.positions).all(axis=1).sum() >= 3:
+            found = True
+            yield seen
+    if not found:
+        raise ValueError(f"no message shows markers: {why}")

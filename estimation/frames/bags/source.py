@@ -1,0 +1,101 @@
+"""The frames of a topic of markers in a bag, one after the other."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+
+from contactmodel.common.inputs import naming
+from estimation.frames.bags.messages import PlainMessages, read_points, read_tac3d
+from estimation.frames.bags.topics import Stamped, find_topic, read_topic
+from estimation.frames.inspection import LiveInspector
+from estimation.frames.names import name_recordings
+from estimation.frames.recording import Frame, MarkerLayout
+
+
+class BagSource:
+    """The frames of a topic of markers; one message at a time is in memory.
+
+    A message that cannot be used gives a frame that says why; where the bag is damaged the last
+    frame says so.
+
+    Attributes:
+        name: short name.
+        source: where they come from.
+        warnings: what is assumed about the messages, in sentences.
+        live: no: all messages are there.
+        provisional: no: the reference is known.
+    """
+
+    live, provisional = False, False
+
+    def __init__(
+        self, place: Path, *, name: str = "", unloaded: int | None = None, skip: int = 0
+    ) -> None:
+        """Find the markers at rest.
+
+        Args:
+            place: a bag with one topic of markers, or the topic in a bag.
+            name: short name; that of the place unless given.
+            unloaded: number of the message that is unloaded, where the messages have no
+                displacements.
+            skip: first frames that are not given.
+
+        Raises:
+            ValueError: no such topic, a damaged bag, or no markers in its messages.
+            OSError: it cannot be read.
+        """
+        self.name = name or name_recordings([place])[0]
+        self.source, self.warnings = str(place), ()
+        self._place, self._skip = place, skip
+        bag, self._topic = find_topic(place)
+        read = {"Tac3D frames": read_tac3d, "points": read_points}[self._topic.kind]
+        with naming(bag), closing(read_topic(place)) as messages:
+            sound = takewhile(lambda one: not one.damage, messages)
+            self._markers = PlainMessages(read, sound, unloaded)
+        self._inspector = LiveInspector()
+
+    @property
+    def layout(self) -> MarkerLayout:
+        """The markers at rest."""
+        return self._markers.layout
+
+    @property
+    def unit(self) -> str:
+        """Of lengths, mm or px."""
+        return self._markers.unit
+
+    @property
+    def convention(self) -> str:
+        """How the axes lie."""
+        return self._markers.convention
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know, in sentences, as known by now."""
+        return (*self._markers.notes, *self._inspector.notes())
+
+    def __len__(self) -> int:
+        """How many messages there are, as far as the bag says."""
+        return self._topic.channel.messages
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames in order."""
+        self._inspector = LiveInspector()
+        with closing(read_topic(self._place)) as messages:
+            for message in messages:
+                frame = self._inspector.inspect(self._frame(message), self.layout.reference)
+                if message.number >= self._skip:
+                    yield frame
+
+    def _frame(self, message: Stamped) -> Frame:
+        flaw = message.damage
+        if not flaw:
+            try:
+                return self._markers.frame(message)
+            except ValueError as error:
+                flaw = f"the message cannot be used: {error}"
+        none = np.full(self.layout.reference.shape, np.nan)
+        return Frame(none, np.isfinite(none[:, 0]), message.time, message.number, flaw=flaw)

@@ -1,0 +1,152 @@
+"""Topics of a bag that a tactile sensor writes: which there are, and which one is meant."""
+
+from collections.abc import Generator
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from estimation.frames.bags.bag import Channel, describe_bag, read_messages, split_place
+from estimation.frames.bags.types import FRAME
+
+KINDS = ("frames", "Tac3D frames", "points", "pictures")
+"""What a topic may hold; the first of them that a bag has is read, if no topic is named."""
+
+EXPECTED = (
+    "Tac3D frames, PointCloud2 of markers, Image, CompressedImage or what `run --sink mcap` writes"
+)
+
+
+class Stamped(NamedTuple):
+    """A message of a topic.
+
+    Attributes:
+        content: of the message; its fields are attributes. None where the bag is damaged.
+        time: of the message, from the start of the bag [s].
+        number: of the message, counted from 0.
+        damage: why there are no more messages.
+    """
+
+    content: Any
+    time: float
+    number: int
+    damage: str = ""
+
+
+class Topic(NamedTuple):
+    """The messages of a topic, or of a field of them.
+
+    Attributes:
+        name: of the topic; with that of the field where each message is of two fingers.
+        kind: one of `KINDS`; empty where no tactile sensor writes it.
+        channel: of the messages.
+        field: of them that is meant; all of the message where empty.
+    """
+
+    name: str
+    kind: str
+    channel: Channel
+    field: str = ""
+
+    def describe(self) -> str:
+        """Name, type and number of the messages, in a line."""
+        kind = self.kind or "not tactile"
+        return f"{self.name}: {kind} ({self.channel.type}, {self.channel.messages} messages)"
+
+
+def list_topics(bag: Path) -> list[Topic]:
+    """The topics of a bag, by name.
+
+    Raises:
+        ImportError: the extra `bags` is not installed.
+        ValueError: it is no bag, or damaged.
+        OSError: it cannot be read.
+    """
+    topics = []
+    for channel in sorted(describe_bag(bag).channels):
+        name = channel.topic.rstrip("/")
+        if channel.type.endswith("/TactileMsg") and _has_tac3d(channel):
+            topics += [
+                Topic(f"{name}/{side}", "Tac3D frames", channel, side) for side in ("left", "right")
+            ]
+        else:
+            topics.append(Topic(name, _kind_of(channel), channel))
+    return topics
+
+
+def find_topic(place: Path) -> tuple[Path, Topic]:
+    """The topic at a place in a bag, and the bag.
+
+    Args:
+        place: the bag, where only one topic can be meant, or the bag with the topic's name.
+
+    Raises:
+        ValueError: it is no bag, or damaged; no such topic, none of a tactile sensor, or several.
+        OSError: it cannot be read.
+    """
+    split = split_place(place)
+    if split is None:
+        raise FileNotFoundError(f"{place} does not exist, and is in no bag")
+    bag, name = split
+    topics = list_topics(bag)
+    held = "; ".join(topic.describe() for topic in topics)
+    if name:
+        for topic in topics:
+            if topic.name.strip("/") == name:
+                if topic.kind:
+                    return bag, topic
+                raise ValueError(
+                    f"{bag}: {topic.describe()}: a topic of {EXPECTED} is expected; it holds {held}"
+                )
+        raise ValueError(f"{bag} has no topic {name}; it holds {held}")
+    kinds = [topic.kind for topic in topics]
+    first = next((kind for kind in KINDS if kind in kinds), None)
+    if first is None:
+        raise ValueError(f"{bag} has no topic of {EXPECTED}; it holds {held}")
+    found = [topic for topic in topics if topic.kind == first]
+    if len(found) > 1:
+        names = ", ".join(topic.name for topic in found)
+        raise ValueError(f"{bag} has {len(found)} topics of {first}: name one (--topic): {names}")
+    return bag, found[0]
+
+
+def holds_pictures(place: Path) -> bool:
+    """Whether the topic at a place in a bag is of pictures; arguments as for `find_topic`."""
+    return split_place(place) is not None and find_topic(place)[1].kind == "pictures"
+
+
+def read_topic(place: Path) -> Generator[Stamped, None, None]:
+    """The messages of the topic at a place in a bag, in order; arguments as for `find_topic`.
+
+    Their times are those of their headers, unless a header has none or is a minute or more off the
+    time of its recording: that of another clock.
+    """
+    bag, topic = find_topic(place)
+    start, longest = describe_bag(bag).start, 60 * 10**9
+    with closing(read_messages(bag, topic.channel)) as messages:
+        for number, (recorded, content, damage) in enumerate(messages):
+            if content is None:
+                yield Stamped(None, float("nan"), number, damage)
+                continue
+            stamp = getattr(getattr(content, "header", None), "stamp", None)
+            taken = recorded if stamp is None else stamp.sec * 10**9 + stamp.nanosec
+            time = (taken if abs(taken - recorded) < longest else recorded) - start
+            if topic.field:
+                content = getattr(content, topic.field)
+            yield Stamped(content, 1e-9 * time, number)
+
+
+def _kind_of(channel: Channel) -> str:
+    kinds = {
+        FRAME: "frames",
+        "sensor_msgs/msg/PointCloud2": "points",
+        "sensor_msgs/msg/Image": "pictures",
+        "sensor_msgs/msg/CompressedImage": "pictures",
+    }
+    if channel.type.endswith("/Frame") and _has_tac3d(channel):
+        return "Tac3D frames"
+    return kinds.get(channel.type, "")
+
+
+def _has_tac3d(channel: Channel) -> bool:
+    """Whether the messages are those of the Tac3D nodes, by their definition, if there is one."""
+    return "Displacements" in (channel.definition or "Displacements")

@@ -1,0 +1,57 @@
+"""Types of messages that a bag need not define itself."""
+
+from typing import Any
+
+TAC3D = "tactile_msgs/msg/Frame"
+"""The message of the Tac3D ROS nodes; ports of them may have it in another package."""
+FRAME = "contactmodel_msgs/msg/Frame"
+"""The message that holds all that is known of a frame, as this project writes it."""
+PAIR = "tactile_msgs/msg/TactileMsg"
+"""The one of their node for two fingers."""
+
+DEFINITIONS = {
+    TAC3D: """\
+string SN
+uint32 index
+float64 sendTimestamp
+float64 recvTimestamp
+float64[1200] Positions
+float64[1200] Displacements
+float64[1200] Forces
+float64[3] ResultantForce
+float64[3] ResultantMoment
+""",
+    PAIR: """\
+std_msgs/Header header
+Frame left
+Frame right
+""",
+}
+"""Of the types, as `.msg` files have them."""
+
+
+def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any:
+    """Types as `rosbags` keeps them: those of ROS 2 and of `DEFINITIONS`, or those of a definition.
+
+    Args:
+        name: of the type that is defined.
+        definition: with those of all types in it.
+        idl: whether the definition is in IDL.
+    """
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    if name:
+        store = get_typestore(Stores.EMPTY)
+        found = get_types_from_idl(definition) if idl else get_types_from_msg(definition, name)
+        store.register(found)
+        return store
+    store = get_typestore(Stores.LATEST)
+    for own, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, own))
+    return store
+
+
+def to_ros2_name(name: str) -> str:
+    """The name of a type as ROS 2 writes it: `sensor_msgs/Image` is `sensor_msgs/msg/Image`."""
+    package, _, rest = name.partition("/")
+    return name if "/" in rest or not rest else f"{package}/msg/{rest}"
