@@ -141,6 +141,14 @@ def sheets(
             show_default="the frames of the study's table",
         ),
     ] = None,
+    clip: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Every frame of this video, such as lemon/exp_num_2/camera_0, instead of a draw. "
+            "Can be given several times.",
+            show_default="none",
+        ),
+    ] = None,
 ) -> None:
     """Make sheets of pictures from which the state of the contact is read by eye.
 
@@ -149,13 +157,15 @@ def sheets(
     """
     require_extra("video", "sheets")
     from estimation.frames.datasets import fetch
-    from papers.marker_images import settings, states
+    from papers.marker_images import reading, settings
     from papers.marker_images import sheets as pages
 
     check_writable(out)
     root = fetch("state-videos", say)
-    if seed is None:
-        drawn = states.read_frames()
+    if clip:
+        drawn = pages.every_frame(root, clip)
+    elif seed is None:
+        drawn = reading.read_frames()
     else:
         drawn = pages.draw(root, settings.SHEETS._replace(seed=seed))
     with _progress() as progress:

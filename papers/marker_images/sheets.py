@@ -71,6 +71,23 @@ def draw(root: Path, settings: SheetSettings = SHEETS) -> dict[str, list[int]]:
     return drawn
 
 
+def every_frame(
+    root: Path, clips: Sequence[str], settings: SheetSettings = SHEETS
+) -> dict[str, range]:
+    """All frames of some clips that have enough frames before and after them, by clip.
+
+    Args:
+        root: folder of `OBJECT/EXPERIMENT/CAMERA.avi`.
+        clips: paths below it, without their ending.
+        settings: how many frames before and after are compared.
+
+    Raises:
+        OSError: a video cannot be read.
+    """
+    sizes = {name: len(read_clip(root / f"{name}.avi")) for name in clips}
+    return {name: range(settings.reach, size - settings.reach) for name, size in sizes.items()}
+
+
 def draw_frames(
     clip: Clip, rng: np.random.Generator, settings: SheetSettings = SHEETS
 ) -> list[int]:

@@ -1,50 +1,41 @@
-"""The state of the contact against a table read by eye, twice, from clips of real objects.
+"""The state of the contact against tables read by eye, twice, from clips of real objects.
 
-How frames were drawn and read: `readings/README.md`. Ours are scored where both readers agree. At
-rest the readers write `stick`, since pictures at rest do not show what has slipped before; ours
-may say `incipient` there, and only `macro_slip`, `no_contact` and `unknown` count as wrong.
+Single frames of many clips, and two clips from beginning to end. How they were drawn and read:
+`readings/README.md`. Ours are scored where both readers agree, and in whole clips where the time
+of a change is sure. At rest the readers write `stick`, since pictures at rest do not show what has
+slipped before; ours may say `incipient` there, and only `macro_slip`, `no_contact` and `unknown`
+count as wrong.
 """
 
-import csv
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib import resources
-from pathlib import Path
+from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from estimation.estimators.result import State
 from estimation.frames import datasets
+from estimation.output.plots import STATE_COLOURS
 from papers.items import Track
 from papers.marker_images.answers import answer_pictures
-
-UNCLEAR = "unclear"
-ALLOWED = {
-    "contact": ("yes", "no", UNCLEAR),
-    "motion": ("rest", "moving"),
-    "state": (State.NO_CONTACT, State.STICK, State.INCIPIENT, State.MACRO_SLIP, UNCLEAR),
-}
-"""What a reader may write, by column."""
-
-
-class Place(NamedTuple):
-    """A frame of a clip.
-
-    Attributes:
-        clip: path of the video below the folder of all, without its ending.
-        frame: number of the frame, from 0.
-    """
-
-    clip: str
-    frame: int
-
-
-Reading = dict[Place, dict[str, str]]
-"""What one reader wrote: the columns of `ALLOWED`, by frame."""
+from papers.marker_images.reading import (
+    UNCLEAR,
+    Place,
+    Reading,
+    Run,
+    Spans,
+    compare_readers,
+    find_alike,
+    find_runs,
+    read_readings,
+    read_whole_clips,
+    spread,
+)
 
 
 class Ours(NamedTuple):
@@ -71,10 +62,12 @@ class Scored:
     Attributes:
         readings: by the reader's name.
         ours: by frame; may lack frames, and clips.
+        whole: spans of whole clips, by the reader's name.
     """
 
     readings: Mapping[str, Reading]
     ours: Mapping[Place, Ours]
+    whole: Mapping[str, Spans] = field(default_factory=dict)
 
     @property
     def agreed(self) -> Reading:
@@ -90,55 +83,25 @@ class Scored:
             if place in self.ours
         }
 
+    @property
+    def on_whole_clips(self) -> "Scored":
+        """The same on every frame of the whole clips, where the time of a change is sure."""
+        return Scored({name: spread(one, sure=True) for name, one in self.whole.items()}, self.ours)
 
-def read_reading(path: Path) -> Reading:
-    """A table of what a reader saw.
-
-    Raises:
-        ValueError: a word that is not allowed, or a frame twice.
-        OSError: the file cannot be read.
-    """
-    found: Reading = {}
-    with path.open(encoding="utf-8", newline="") as opened:
-        for line, row in enumerate(csv.DictReader(opened), start=2):
-            for name, allowed in ALLOWED.items():
-                if row.get(name) not in allowed:
-                    raise ValueError(
-                        f"{path}, line {line}: {name} is {row.get(name)!r}; it must be one of "
-                        f"{', '.join(allowed)}"
-                    )
-            place = Place(row["clip"], int(row["frame"]))
-            if place in found:
-                raise ValueError(f"{path}, line {line}: frame {place.frame} is there twice")
-            found[place] = {name: row[name] for name in ALLOWED}
-    return found
-
-
-def read_readings() -> dict[str, Reading]:
-    """The readings that belong to the study, by the reader's name.
-
-    Raises:
-        ValueError: they are not of the same frames, or one is damaged.
-    """
-    with resources.as_file(resources.files("papers.marker_images") / "readings") as folder:
-        found = {path.stem: read_reading(path) for path in sorted(folder.glob("*.csv"))}
-    if len({frozenset(reading) for reading in found.values()}) != 1:
-        raise ValueError(f"{', '.join(found)} are not readings of the same frames")
-    return found
-
-
-def read_frames() -> dict[str, list[int]]:
-    """The frames that were read, by clip."""
-    frames: dict[str, list[int]] = {}
-    for clip, frame in next(iter(read_readings().values())):
-        frames.setdefault(clip, []).append(frame)
-    return frames
+    @property
+    def whole_clips(self) -> list[str]:
+        """The whole clips that were read and answered."""
+        clips = {place.clip for place in self.ours}
+        return [clip for clip in next(iter(self.whole.values()), {}) if clip in clips]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Scored:
-    """Answer all clips of the table; the two shortest only if quick."""
+    """Answer all clips of the tables; the two shortest only if quick."""
     root = datasets.fetch("state-videos")
-    readings, frames = read_readings(), read_frames()
+    readings, whole = read_readings(), read_whole_clips()
+    frames: dict[str, list[int]] = {}
+    for clip, frame in {**next(iter(readings.values())), **spread(next(iter(whole.values())))}:
+        frames.setdefault(clip, []).append(frame)
     clips = sorted(frames, key=lambda clip: max(frames[clip]))[: 2 if quick else None]
     ours: dict[Place, Ours] = {}
     for clip in track(clips):
@@ -146,18 +109,7 @@ def compute(quick: bool = False, track: Track = iter) -> Scored:
         for frame in frames[clip]:
             one = answers[frame].estimates["tracked"]
             ours[Place(clip, frame)] = Ours(one.state, one.reason)
-    return Scored(readings, ours)
-
-
-def kappa(one: Sequence[str], other: Sequence[str]) -> float:
-    """Agreement beyond chance [-], [Cohen1960] J. Cohen, "A coefficient of agreement for nominal
-    scales"; 1 where both are always the same.
-    """
-    n = len(one)
-    observed = sum(a == b for a, b in zip(one, other, strict=True)) / n
-    counts, others = Counter(one), Counter(other)
-    chance = sum(counts[word] * others[word] for word in counts) / n**2
-    return 1.0 if chance == 1.0 else (observed - chance) / (1.0 - chance)
+    return Scored(readings, ours, whole)
 
 
 def is_right(read: str, motion: str, ours: str) -> bool:
@@ -166,13 +118,24 @@ def is_right(read: str, motion: str, ours: str) -> bool:
 
 
 def tables(result: Scored) -> dict[str, list[dict[str, object]]]:
-    """Figures; our states by what was read; the readers' agreement; frames we have wrong."""
-    return {
+    """Figures; our states by what was read; the readers' agreement; frames we have wrong.
+
+    Where whole clips were answered, the first three of them and every change of state.
+    """
+    shown = {
         "": _figures(result),
         "_states": _confusion(result),
-        "_readers": _compare_readers(result.readings),
+        "_readers": compare_readers(result.readings),
         "_wrong": _wrong(result),
     }
+    if result.whole_clips:
+        shown |= {
+            "_whole": _figures(result.on_whole_clips),
+            "_whole_states": _confusion(result.on_whole_clips),
+            "_whole_readers": compare_readers({k: spread(v) for k, v in result.whole.items()}),
+            "_changes": _changes(result),
+        }
+    return shown
 
 
 def _figures(result: Scored) -> list[dict[str, object]]:
@@ -216,35 +179,6 @@ def _confusion(result: Scored) -> list[dict[str, object]]:
     ]
 
 
-def _compare_readers(readings: Mapping[str, Reading]) -> list[dict[str, object]]:
-    """How often two readers agree, in each column; none where there is one reader."""
-    rows: list[dict[str, object]] = []
-    names = sorted(readings)
-    for i, one in enumerate(names):
-        for other in names[i + 1 :]:
-            for column in ALLOWED:
-                words = [
-                    (row[column], readings[other][place][column])
-                    for place, row in readings[one].items()
-                ]
-                clear = [pair for pair in words if UNCLEAR not in pair]
-                rows.append(
-                    {
-                        "readers": f"{one}, {other}",
-                        "column": column,
-                        "frames": len(words),
-                        "the same [%]": round(100.0 * np.mean([a == b for a, b in words]), 1),
-                        "kappa": round(kappa(*zip(*words, strict=True)), 3),
-                        "clear to both": len(clear),
-                        "of these the same [%]": round(
-                            100.0 * np.mean([a == b for a, b in clear]), 1
-                        ),
-                        "their kappa": round(kappa(*zip(*clear, strict=True)), 3),
-                    }
-                )
-    return rows
-
-
 def _wrong(result: Scored) -> list[dict[str, object]]:
     rows = []
     for place, row in result.agreed.items():
@@ -268,10 +202,111 @@ def _wrong(result: Scored) -> list[dict[str, object]]:
     return rows
 
 
+def _runs_of_readers(result: Scored, clip: str) -> list[list[Run]]:
+    return [
+        find_runs([Run(one.words["state"], one.first, one.last, one.unsure) for one in spans[clip]])
+        for spans in result.whole.values()
+    ]
+
+
+def _runs_of_ours(result: Scored, clip: str) -> list[Run]:
+    last = max(span.last for spans in result.whole.values() for span in spans[clip])
+    return find_runs([Run(result.ours[Place(clip, t)].state, t, t) for t in range(last + 1)])
+
+
+def _changes(result: Scored) -> list[dict[str, object]]:
+    """When the state changes, by the readers and by us: a row for each change of the first reader.
+
+    Ours is late after the latest time that a reader allows, and early (negative) before the
+    earliest.
+    """
+    rows: list[dict[str, object]] = []
+    for clip in result.whole_clips:
+        first, *others = _runs_of_readers(result, clip)
+        ours = _runs_of_ours(result, clip)
+        for before, run in pairwise(first):
+            seen = [run, *(one for other in others if (one := find_alike(run, other)))]
+            found = find_alike(run, ours)
+            if found is not None and found.first < before.first - before.unsure:
+                found = None  # ours was in that state before, and has not left it
+            low, high = (
+                min(one.first - one.unsure for one in seen),
+                max(one.first + one.unsure for one in seen),
+            )
+            words = [result.ours[Place(clip, t)].state for t in range(run.first, run.last + 1)]
+            rows.append(
+                {
+                    "clip": clip,
+                    "from": before.state,
+                    "to": run.state,
+                    "frames": len(words),
+                    "frame": run.first,
+                    "unsure": run.unsure,
+                    "other reader": "" if len(seen) == 1 else seen[1].first,
+                    "ours": "" if found is None else found.first,
+                    "late": ""
+                    if found is None
+                    else max(found.first - high, 0) + min(found.first - low, 0),
+                    "ours mostly": max(words, key=words.count),
+                    "ours the same [%]": round(100.0 * words.count(run.state) / len(words), 1),
+                }
+            )
+    return rows
+
+
 def plot(result: Scored) -> Figure:
-    """Our states by what was read: shares of each row, with the number of frames."""
+    """Our states by what was read: shares of each row, with the number of frames.
+
+    Below, the whole clips: states over time, the readers' and ours. A black line shows by how much
+    the time of a change is unsure.
+    """
+    clips = result.whole_clips
     rows = _confusion(result)
-    figure, axes = plt.subplots(figsize=(6.5, 0.6 * len(rows) + 1.5), layout="constrained")
+    heights = [0.6 * len(rows) + 1.5, *[1.5] * len(clips)]
+    figure, axes = plt.subplots(
+        len(heights),
+        figsize=(6.5 if not clips else 9.0, sum(heights)),
+        height_ratios=heights,
+        squeeze=False,
+        layout="constrained",
+    )
+    _plot_confusion(axes[0, 0], rows)
+    for axis, clip in zip(axes[1:, 0], clips, strict=True):
+        _plot_times(axis, result, clip)
+    if clips:
+        axes[-1, 0].set_xlabel("frame")
+        colours = [(str(state), colour) for state, colour in STATE_COLOURS.items()]
+        handles = [
+            Patch(facecolor=colour, edgecolor="0.5", label=name)
+            for name, colour in [*colours, (UNCLEAR, "white")]
+        ]
+        figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize="small")
+    return figure
+
+
+def _plot_times(axis: Axes, result: Scored, clip: str) -> None:
+    names = [f"reader: {name}" for name in result.whole]
+    lines = [*_runs_of_readers(result, clip), _runs_of_ours(result, clip)]
+    colours = {str(state): colour for state, colour in STATE_COLOURS.items()}
+    for i, runs in enumerate(lines):
+        bars = [(run.first, run.last + 1 - run.first) for run in runs]
+        faces = [colours.get(str(run.state), "white") for run in runs]
+        axis.broken_barh(bars, (i - 0.4, 0.8), facecolors=faces, lw=0)
+        unsure = [run for run in runs if run.unsure]
+        axis.errorbar(
+            [run.first for run in unsure],
+            [i] * len(unsure),
+            xerr=[run.unsure for run in unsure],
+            fmt="none",
+            ecolor="black",
+            elinewidth=1.0,
+        )
+    axis.set_yticks(range(len(lines)), [*names, "ours"])
+    axis.invert_yaxis()
+    axis.set_title(clip, fontsize="medium")
+
+
+def _plot_confusion(axes: Axes, rows: Sequence[Mapping[str, object]]) -> None:
     counts = np.array([[row[f"ours {state}"] for state in State] for row in rows], dtype=float)
     axes.imshow(counts / counts.sum(axis=1, keepdims=True), cmap="Blues", vmin=0.0, vmax=1.0)
     for (i, j), count in np.ndenumerate(counts):
@@ -280,4 +315,3 @@ def plot(result: Scored) -> Figure:
     axes.set_yticks(range(len(rows)), [str(row["read"]) for row in rows])
     axes.set_xlabel("ours")
     axes.set_ylabel("read by eye")
-    return figure

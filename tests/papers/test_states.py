@@ -1,4 +1,4 @@
-"""The table of states read by eye, the sheets it is read from, and how ours is scored."""
+"""The tables of states read by eye, the sheets they are read from, and how ours are scored."""
 
 import csv
 from pathlib import Path
@@ -7,9 +7,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from papers.marker_images import reading as read
 from papers.marker_images import sheets, states
+from papers.marker_images.reading import Place, Run, Span
 from papers.marker_images.settings import SheetSettings
-from papers.marker_images.states import Ours, Place, Scored
+from papers.marker_images.states import Ours, Scored
 
 WORDS = [
     "yes rest stick",
@@ -23,7 +25,7 @@ WORDS = [
 
 def reading(words=WORDS):
     return {
-        Place("a/b/c", frame): dict(zip(states.ALLOWED, row.split(), strict=True))
+        Place("a/b/c", frame): dict(zip(read.ALLOWED, row.split(), strict=True))
         for frame, row in enumerate(words)
     }
 
@@ -33,8 +35,8 @@ def answers(*given):
 
 
 def test_the_table_is_as_large_as_the_study_says():
-    found = states.read_readings()
-    frames = states.read_frames()
+    found = read.read_readings()
+    frames = read.read_frames()
     assert sum(map(len, frames.values())) == 360
     assert len(frames) == 24
     assert all(len(one) == 360 for one in found.values())
@@ -44,8 +46,8 @@ def test_the_kappa_is_that_of_a_worked_example():
     # 20 yes-yes, 5 yes-no, 10 no-yes, 15 no-no: 35 of 50 alike, 25 expected, κ = 0.2/0.5
     one = ["yes"] * 25 + ["no"] * 25
     other = ["yes"] * 20 + ["no"] * 5 + ["yes"] * 10 + ["no"] * 15
-    assert states.kappa(one, other) == pytest.approx(0.4)
-    assert states.kappa(["yes"], ["yes"]) == 1.0
+    assert read.kappa(one, other) == pytest.approx(0.4)
+    assert read.kappa(["yes"], ["yes"]) == 1.0
 
 
 def test_ours_are_scored_where_the_readers_agree():
@@ -85,7 +87,99 @@ def test_a_wrong_word_is_named_with_its_line(tmp_path, row, message):
     table = tmp_path / "third.csv"
     table.write_text(f"clip,frame,contact,motion,state\na/b/c,1,yes,rest,stick\n{row}\n")
     with pytest.raises(ValueError, match=f"third.csv, line 3: {message}"):
-        states.read_reading(table)
+        read.read_reading(table)
+
+
+SPANS = [("stick", 0, 9, 0), ("macro_slip", 10, 14, 2), ("stick", 15, 29, 1)]
+
+
+def whole(*spans):
+    return {
+        "a/b/c": [
+            Span(first, last, {"contact": "yes", "motion": "moving", "state": state}, unsure)
+            for state, first, last, unsure in spans
+        ]
+    }
+
+
+def test_whole_clips_are_read_without_gaps_by_two_readers():
+    found = read.read_whole_clips()
+    assert list(found) == ["first", "second"]
+    for spans in found.values():
+        assert {clip: parts[-1].last for clip, parts in spans.items()} == {
+            "lemon/exp_num_2/camera_0": 449,
+            "wallet/exp_num_3/camera_0": 449,
+        }
+        assert len(read.spread(spans)) == 900
+        states_seen = {span.words["state"] for parts in spans.values() for span in parts}
+        assert {"stick", "macro_slip", "unclear"} <= states_seen
+    # no clip of the single frames, so that neither table leans on the other
+    assert not set(found["first"]) & set(read.read_frames())
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("a/b/c,6,9,yes,rest,stick,0", "6 to 9, unsure by 0; the span must begin at frame 5"),
+        ("a/b/c,5,4,yes,rest,stick,0", "not end before it"),
+        ("a/b/c,5,9,yes,rest,stick,-1", "unsure by -1"),
+        ("a/b/c,5,,yes,rest,stick,1", "from, to and unsure must be numbers of frames"),
+        ("a/b/c,5,9,yes,rest,slip,1", "state is 'slip'"),
+    ],
+)
+def test_spans_with_a_gap_or_without_numbers_are_refused(tmp_path, row, message):
+    table = tmp_path / "third.csv"
+    table.write_text(
+        f"clip,from,to,contact,motion,state,unsure\na/b/c,0,4,no,rest,stick,0\n{row}\n"
+    )
+    with pytest.raises(ValueError, match=f"third.csv, line 3: .*{message}"):
+        read.read_spans(table)
+
+
+def test_a_change_whose_time_is_unsure_leaves_frames_out():
+    sure = read.spread(whole(*SPANS), sure=True)
+    left_out = [place.frame for place, row in sure.items() if row["state"] == "unclear"]
+    assert left_out == [8, 9, 10, 11, 14, 15]
+    assert {row["contact"] for row in sure.values()} == {"yes"}  # which does not change
+    assert [row["state"] for row in read.spread(whole(*SPANS)).values()].count("macro_slip") == 5
+
+
+def test_the_alike_run_is_the_nearest_that_shares_frames():
+    runs = read.find_runs([Run(word, t, t) for t, word in enumerate("aabbabaa")])
+    assert [(run.state, run.first, run.last) for run in runs] == [
+        ("a", 0, 1),
+        ("b", 2, 3),
+        ("a", 4, 4),
+        ("b", 5, 5),
+        ("a", 6, 7),
+    ]
+    assert read.find_alike(Run("b", 3, 6), runs) == Run("b", 2, 3)
+    assert read.find_alike(Run("b", 6, 7), runs) is None
+
+
+def test_changes_are_late_beyond_what_the_readers_leave_open():
+    other = [("stick", 0, 10, 0), ("macro_slip", 11, 14, 1), ("stick", 15, 29, 1)]
+    ours = answers(*["stick"] * 15, *["macro_slip"] * 5, *["unknown"] * 10)
+    result = Scored({"first": reading()}, ours, {"first": whole(*SPANS), "second": whole(*other)})
+    shown = states.tables(result)
+    begin, end = shown["_changes"]
+    assert (begin["to"], begin["frame"], begin["other reader"]) == ("macro_slip", 10, 11)
+    assert (begin["ours"], begin["late"]) == ("", "")  # ours begins when theirs is over
+    assert (end["to"], end["ours"], end["ours mostly"]) == ("stick", "", "unknown")
+    ours = answers(*["stick"] * 13, *["macro_slip"] * 3, *["stick"] * 14)
+    result = Scored({"first": reading()}, ours, result.whole)
+    shown = states.tables(result)
+    begin, end = shown["_changes"]
+    assert (begin["ours"], begin["late"]) == (13, 1)  # 12 is the latest that a reader allows
+    blind = Scored({"first": reading()}, answers(*["stick"] * 30), result.whole)
+    assert [row["ours"] for row in states.tables(blind)["_changes"]] == ["", ""]
+    assert (end["ours"], end["late"], end["ours the same [%]"]) == (16, 0, 93.3)
+    right = {row["read"]: (row["frames"], row["right [%]"]) for row in shown["_whole_states"]}
+    assert right == {"stick, moving": (22, 100.0), "macro_slip": (2, 50.0)}
+    (state,) = [row for row in shown["_whole_readers"] if row["column"] == "state"]
+    assert state["the same [%]"] == 96.7
+    assert [axes.get_title() for axes in states.plot(result).axes] == ["", "a/b/c"]
+    plt.close("all")
 
 
 def draw_clip(frames=17, still=9):
@@ -125,12 +219,14 @@ def test_the_sheets_show_what_slides_over_the_gel(clip):
     np.testing.assert_allclose(np.median(apart, axis=0), [3.5, 0.0], atol=0.5)
 
 
-def test_frames_are_drawn_from_all_strata_and_shown_without_answers(clip):
+def test_frames_are_drawn_from_all_strata_and_shown_without_answers(clip, monkeypatch):
     settings = SheetSettings(before=4, draws=2, rows=3)
     drawn = sheets.draw_frames(clip, np.random.default_rng(1), settings)
     assert drawn == sheets.draw_frames(clip, np.random.default_rng(1), settings)
     assert len(set(drawn)) == len(drawn) == 6
     assert 4 <= min(drawn) <= max(drawn) < 13
+    monkeypatch.setattr(sheets, "read_clip", lambda path: clip)
+    assert sheets.every_frame(Path("videos"), ["a/b/c"]) == {"a/b/c": range(4, 13)}
     pages = list(sheets.make_sheets(clip, "a/b/c", drawn, settings))
     assert [len(page) for page in pages] == [26 + 60 + 3 * 120, 26 + 60 + 3 * 120]
     assert {page.shape[1] for page in pages} == {5 * 160}
