@@ -35,7 +35,39 @@ class ContactSettings:
         check_share("stick_share", self.stick_share)
 
 
+@dataclass(frozen=True)
+class AlertSettings:
+    """When a gripper is warned; see `estimation.slip.alert.Level`.
+
+    Attributes:
+        watch_s: time to slip below which the alert is `watch` [s].
+        act_s: time to slip below which the alert is `act` [s].
+        watch_used: share of the friction limit from which the alert is `watch` [-].
+        act_used: share of the friction limit from which the alert is `act` [-].
+        act_probability: probability of a slip from which the alert is `act` [-].
+        rate_frames: frames over which the rate of turn and load is taken, 5 or more [frames].
+
+    Raises:
+        ValueError: a threshold below 0, or a rate over fewer than 5 frames.
+    """
+
+    watch_s: float = 1.5
+    act_s: float = 0.4
+    watch_used: float = 0.7
+    act_used: float = 0.9
+    act_probability: float = 0.2
+    rate_frames: int = 10
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if min(vars(self).values()) < 0.0:
+            raise ValueError(f"thresholds of alerts must not be below 0: {vars(self)}")
+        if self.rate_frames < 5:
+            raise ValueError(f"rate_frames is {self.rate_frames}; a rate takes 5 frames or more")
+
+
 DEFAULT_CONTACT = ContactSettings()
+DEFAULT_ALERT = AlertSettings()
 
 
 @dataclass(frozen=True)
@@ -50,6 +82,7 @@ class Choices:
         preview: write an annotated video, preview.mp4 (needs the extra `video`).
         seed: seed of the virtual pivot.
         contact: how the contact and its state are told.
+        alert: when a gripper is warned.
 
     Raises:
         ValueError: the seed is below 0.
@@ -63,6 +96,7 @@ class Choices:
     preview: bool = False
     seed: int = 0
     contact: ContactSettings = field(default_factory=ContactSettings)
+    alert: AlertSettings = field(default_factory=AlertSettings)
 
     def __post_init__(self) -> None:
         """Check the seed."""

@@ -226,6 +226,7 @@ class _Job:
                 "noise_from": "given" if settings.noise else "recording" if noise else "misfit",
                 "softness": settings.softness.content(),
                 **vars(settings.contact),
+                **vars(settings.alert),
                 "keep_withdrawn": settings.keep_withdrawn,
                 "grasp": settings.grasp,
                 **settings.images.content(),

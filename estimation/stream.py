@@ -22,7 +22,9 @@ from estimation.frames.source import Source
 from estimation.frames.state import save_state
 from estimation.pictures.reading import PictureSource, PictureState
 from estimation.settings import Settings
+from estimation.slip.alert import Alert, AlertWatch
 from estimation.slip.branch import Branch
+from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin, MarginTracker
 from estimation.slip.onset import Sight, SlipWatch
 from estimation.slip.shear import Shear
@@ -48,6 +50,8 @@ class Answer(NamedTuple):
         margin: angle and moment that remain before macro slip, by the chosen method.
         turned: φ of each marker since that method's angle is counted [rad].
         shear: of the gel, and whether the object slips along it.
+        friction: in use, and its coefficient.
+        alert: when all of the contact will slip, and what a gripper should do.
     """
 
     row: int
@@ -58,6 +62,8 @@ class Answer(NamedTuple):
     margin: Margin
     turned: Float[np.ndarray, " n"]
     shear: Shear
+    friction: Friction
+    alert: Alert
 
 
 def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None) -> Trackers:
@@ -147,6 +153,7 @@ class Follower:
         self.layout = layout
         self.trackers = make_trackers(layout, self._settings, self.noise)
         self._outline, self._margin = OutlineFollower(), MarginTracker()
+        self._alert = AlertWatch(self._settings.alert)
         self._watch = None if self.noise is None else SlipWatch(layout, self.noise)
         self._digest = hashlib.sha256(np.ascontiguousarray(layout.reference).tobytes()).digest()
 
@@ -186,15 +193,22 @@ class Follower:
         sight = Sight(None, False)
         if self._watch is not None:
             sight = self._watch.update(frame.positions, main.contact, frame.time)
+        margin = self._margin.follow(main.state, main.angle, main.moment, main.contact_markers)
+        friction = self.trackers.friction.tell(self._margin.branch)
+        shear = self.trackers.shear
         answer = Answer(
             row=self.row,
             frame=frame,
             estimates=estimates,
             axis=self._outline.update(seen.fields)[0],
             sight=sight,
-            margin=self._margin.follow(main.state, main.angle, main.moment, main.contact_markers),
+            margin=margin,
             turned=main.rotation - self.trackers.counts[self._settings.method].start,
-            shear=self.trackers.shear,
+            shear=shear,
+            friction=friction,
+            alert=self._alert.update(
+                main.time, main.state, main.angle, margin, friction, shear.slipped
+            ),
         )
         self.row += 1
         return answer

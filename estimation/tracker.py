@@ -24,6 +24,7 @@ from estimation.fields.stencils import Stencils
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.observation import RIGID_OBJECT, Observation, Observer
+from estimation.slip.friction import FrictionWatch
 from estimation.slip.motion import Count, gel_ends
 from estimation.slip.shear import Shear, ShearWatch
 from estimation.softness import Contact, Softness
@@ -59,6 +60,7 @@ class Trackers:
         counts: by method, from where its angle is counted.
         observation: what the last frame showed; None before the first.
         shear: of the gel in the last frame, and whether the object slips along it.
+        friction: in use, and what slips by the first method have shown of its coefficient.
     """
 
     def __init__(
@@ -96,6 +98,7 @@ class Trackers:
         self.observation: Observation | None = None
         self.shear = Shear()
         self._shear = ShearWatch(layout)
+        self.friction = FrictionWatch()
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
         """What is known after the next frame, by method.
@@ -111,11 +114,15 @@ class Trackers:
         self.shear = self._follow_shear(seen)
         if seen.fields is None:
             return {name: _label(frame, seen.flaw, since) for name, since in self._since.items()}
-        estimates = {}
+        points = seen.fields.positions[seen.fields.contact, :2]
+        self.friction.update(frame.wrench, points)
+        estimates = dict[str, Estimate]()
         for name, estimator in self.estimators.items():
             gel = estimator.update(seen.fields)
             self._since[name] = self._since[name].update(gel, seen.fields, frame.time)
             estimates[name] = self._answer(seen, seen.fields, gel, name)
+        if next(iter(estimates.values())).state == State.MACRO_SLIP:
+            self.friction.learn()
         return estimates
 
     def _follow_shear(self, seen: Observation) -> Shear:
@@ -179,7 +186,7 @@ class Trackers:
         if self.shear.sticks:
             return State.STICK, why and UNTOLD_TURN
         if why or not gel.stick.any():
-            if self.shear.holds:
+            if self.shear.holds or self.friction.holds:
                 return State.INCIPIENT, why and UNTOLD_TURN
             return State.MACRO_SLIP, why
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():

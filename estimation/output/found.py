@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from estimation.estimators.result import State, Track
 from estimation.output.record import KeptMarkers, RecordReader
+from estimation.slip.alert import GripPath
 from estimation.slip.branch import Branch
 from estimation.slip.lookback import FOLLOWING, date_doubts, withdraw
 from estimation.slip.margin import MarginPath, follow_margin
@@ -81,6 +82,7 @@ class Run:
         slips: when macro slip began, by the whole recording.
         margin: angle and moment that remain before macro slip, by the chosen method.
         shears: of the gel, and whether the object slips along it, in each frame.
+        grips: friction and alerts, in each frame.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Run:
     slips: Sequence[MacroSlip] = ()
     margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
     shears: ShearPath = field(default_factory=ShearPath.of)
+    grips: GripPath = field(default_factory=GripPath.of)
 
     @property
     def outcome(self) -> Outcome:
@@ -168,6 +171,7 @@ def find_in_record(record: RecordReader) -> Run:
         slips=slips,
         margin=margin,
         shears=record.shears(),
+        grips=record.grips(),
     )
 
 

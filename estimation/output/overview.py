@@ -13,7 +13,8 @@ from estimation.estimators.grasp import Disagreement, Fit, Grasp
 from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
 from estimation.output.found import Run
-from estimation.output.plots import plot_grasp, plot_moment, plot_overview
+from estimation.output.load_plots import plot_moment
+from estimation.output.plots import plot_grasp, plot_overview
 from estimation.output.report import (
     describe_branch,
     figure_png,

@@ -16,7 +16,6 @@ from estimation.estimators.grasp import Grasp
 from estimation.estimators.result import Result, State, Track
 from estimation.frames.recording import Recording
 from estimation.output.record import KeptMarkers
-from estimation.slip.branch import Branch
 from estimation.slip.motion import slip_curl, turned_since_counted
 
 STATE_COLOURS = {
@@ -230,38 +229,6 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     bottom.set_ylabel("difference [°]")
     bottom.set_xlabel(f"time since the first frame of {names[0]} [s]")
     bottom.legend(fontsize=8, frameon=False)
-    return figure
-
-
-def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
-    """Moment against angle, and the branch of partial-slip torsion fitted while it held.
-
-    Args:
-        results: by name, with moments and the branch, if it is known.
-    """
-    size = (5.2 * len(results), 4.2)
-    figure, axes = plt.subplots(
-        1, len(results), figsize=size, squeeze=False, gridspec_kw=_margins(size, wspace=0.2)
-    )
-    for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
-        slip = np.array([state == State.MACRO_SLIP for state in result.state])
-        for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
-            axis.plot(
-                np.degrees(result.angle[where]),
-                result.moment[where],
-                ".",
-                color=colour,
-                label=label,
-            )
-        if branch is not None:
-            furthest = np.nanmax(branch.sign * (result.angle - branch.start))
-            angle = branch.start + branch.sign * np.linspace(0.0, furthest, 200)
-            label = f"Lubkin, Masing: limit {branch.limit:.1f} N·mm, rms {branch.rms:.2f} N·mm"
-            axis.plot(np.degrees(angle), branch.moment(angle), "k", lw=1.1, label=label)
-        axis.set_title(name, fontsize=9)
-        axis.set_xlabel("object's angle [°]")
-        axis.set_ylabel("moment [N·mm]")
-        axis.legend(fontsize=8, frameon=False)
     return figure
 
 

@@ -27,6 +27,7 @@ from estimation.estimators.result import (
     Track,
     Whole,
 )
+from estimation.slip.alert import GripPath, Level
 from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin
 from estimation.slip.onset import Sight
@@ -47,6 +48,7 @@ _OTHERS = {
     **{f"disc_{name}": "REAL" for name in Disc._fields},
     **{name: "REAL" for name in Margin._fields},
     **dict.fromkeys(ShearPath._fields, "REAL"),
+    **dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"},
 }
 """What is kept of each frame beside the methods' answers."""
 _MARKERS = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
@@ -175,7 +177,8 @@ class RecordWriter:
         disc = answer.sight.disc or Disc(np.nan, np.nan, np.nan, np.nan)
         others = (answer.axis, answer.frame.imprint[0], int(answer.sight.rests))
         shear = [getattr(answer.shear, name) for name in ShearPath._fields]
-        return [*values, *map(_plain, (*others, *disc, *answer.margin, *shear))]
+        grip = (*answer.friction, *answer.alert[1:], answer.alert.level)
+        return [*values, *map(_plain, (*others, *disc, *answer.margin, *shear, *grip))]
 
     def _keep_markers(self, answer: Answer) -> None:
         main, frame = answer.estimates[self._methods[0]], answer.frame
@@ -261,6 +264,11 @@ class RecordReader:
     def shears(self) -> ShearPath:
         """How the gel was sheared, and whether the object slipped along it."""
         return ShearPath(*self._arrays(dict.fromkeys(ShearPath._fields, "REAL")))
+
+    def grips(self) -> GripPath:
+        """Friction and alerts."""
+        *numbers, levels = self._arrays(dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"})
+        return GripPath(*numbers, level=tuple(map(Level, levels)))
 
     def markers(self) -> Iterator[KeptMarkers]:
         """The markers of the frames that they are kept of."""

@@ -18,15 +18,16 @@ from matplotlib.figure import Figure
 from estimation.estimators.result import State, Track
 from estimation.frames.files import write_whole
 from estimation.output.found import Known, Run
+from estimation.output.load_plots import plot_friction, plot_moment
 from estimation.output.missing import count_missing
 from estimation.output.plots import (
     choose_frames,
     plot_angles,
     plot_markers,
-    plot_moment,
     points_down,
 )
 from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
+from estimation.slip.alert import Level
 from estimation.slip.branch import Branch
 from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.onset import MacroSlip
@@ -50,8 +51,9 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     """
     main = run.main
     if table:
+        margins = run.margin.margins
         write_table(
-            folder / "angles.csv", main, run.imprint, run.margin.margins, run.shears, run.unit
+            folder / "angles.csv", main, run.imprint, margins, run.shears, run.grips, run.unit
         )
     write_tables(folder / "angles_all.csv", run.results.values(), run.imprint)
     summary = summarise(run)
@@ -71,6 +73,8 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     }
     if np.isfinite(main.moment).any():
         pictures["moment.png"] = plot_moment({run.name: (main, run.margin.last)})
+    if np.isfinite(run.grips.friction_used).any():
+        pictures["friction.png"] = plot_friction(main, run.grips)
     images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():
         write_whole(folder / name, image)
@@ -111,6 +115,12 @@ def summarise(run: Run) -> dict[str, Any]:
         "branch": describe_branch(run.margin.last),
         "margin_last": _describe_margin(run),
         "outcome": _describe_outcome(run),
+        "friction": _describe_friction(run),
+        "first_alerts_s": {
+            str(level): json_number(run.main.time[run.grips.level.index(level)] - run.main.time[0])
+            for level in (Level.WATCH, Level.ACT, Level.SLIPS)
+            if level in run.grips.level
+        },
         "macro_slips": [_describe_slip(slip, main.time[0]) for slip in run.slips],
         "methods": {name: _figures(track, run.truth) for name, track in run.results.items()},
         "notes": list(run.notes),
@@ -137,6 +147,22 @@ def _describe_outcome(run: Run) -> dict[str, str | float | None]:
         "word": outcome.word,
         "probability_slipped": json_number(outcome.probability),
         "onset_s": json_number(outcome.onset - run.main.time[0]),
+    }
+
+
+def _describe_friction(run: Run) -> dict[str, float | None] | None:
+    """The coefficient as last known, and the most that was in use; None without forces."""
+    grips = run.grips
+    used = grips.friction_used[np.isfinite(grips.friction_used)]
+    if not len(used):
+        return None
+    known = np.flatnonzero(np.isfinite(grips.friction))
+    last = known[-1] if len(known) else 0
+    return {
+        "coefficient": json_number(grips.friction[last]),
+        "low": json_number(grips.friction_low[last] if len(known) else used.max()),
+        "high": json_number(grips.friction_high[last]),
+        "most_used": json_number(used.max()),
     }
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from estimation.estimators.result import Track, Withdrawn, show_degrees, show_numbers
 from estimation.frames.files import write_whole
+from estimation.slip.alert import GripPath
 from estimation.slip.margin import Margin
 from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.shear import ShearPath
@@ -25,6 +26,17 @@ MARGIN_COLUMNS = (
     "moment_left_high_Nmm",
 )
 """Beside the chosen method's angles; empty where they cannot be told."""
+
+GRIP_COLUMNS = (
+    "friction_used",
+    "friction",
+    "friction_low",
+    "friction_high",
+    "time_to_slip_s",
+    "time_to_slip_low_s",
+    "time_to_slip_high_s",
+)
+"""Numbers beside the `alert`; empty where they cannot be told."""
 
 Table = Mapping[str, list[str]]
 """The cells of a table, by column."""
@@ -63,6 +75,7 @@ class TableWriter:
         imprint = np.array([answer.frame.imprint[0]])
         table = tabulate(track, imprint, answer.row) | tabulate_margin(track, [answer.margin])
         table |= tabulate_shear(ShearPath.of(answer.shear), self._unit)
+        table |= tabulate_grip(GripPath.of((answer.friction, answer.alert)))
         self._file.write(csv_text(table, heading=not self._headed))
         self._file.flush()
         self._headed = True
@@ -84,6 +97,7 @@ def write_table(
     imprint: Float[np.ndarray, " frames"],
     margins: Sequence[Margin],
     shears: ShearPath,
+    grips: GripPath,
     unit: str,
 ) -> None:
     """Write `angles.csv` of one method, whole or not at all.
@@ -94,6 +108,7 @@ def write_table(
         imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
         margins: angle and moment that remain before macro slip, in each frame.
         shears: of the gel, in each frame.
+        grips: friction and alerts, in each frame.
         unit: of lengths, mm or px.
 
     Raises:
@@ -103,6 +118,7 @@ def write_table(
         tabulate(part, imprint[rows], rows.start)
         | tabulate_margin(part, margins[rows])
         | tabulate_shear(shears.take(rows), unit)
+        | tabulate_grip(grips.take(rows))
         for part, rows in _parts(track)
     )
     write_whole(path, _below_one_another(tables))
@@ -176,6 +192,16 @@ def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
         name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
         for name, values in zip(names, shears, strict=True)
     }
+
+
+def tabulate_grip(grips: GripPath) -> dict[str, list[str]]:
+    """The cells of friction and alerts, by column; empty without a number."""
+    *numbers, levels = grips
+    table = {
+        name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
+        for name, values in zip(GRIP_COLUMNS, numbers, strict=True)
+    }
+    return table | {"alert": [str(level) for level in levels]}
 
 
 def csv_text(table: Table, heading: bool = True) -> str:

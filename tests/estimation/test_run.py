@@ -11,7 +11,7 @@ from rich.progress import Progress
 from estimation.estimators import METHODS
 from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
-from estimation.output.table import MARGIN_COLUMNS
+from estimation.output.table import GRIP_COLUMNS, MARGIN_COLUMNS
 from estimation.run import UNFINISHED, Input, run_all
 from estimation.settings import Settings
 from estimation.tracker import Trackers, estimate_angles
@@ -19,6 +19,7 @@ from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from tests.cases import domed_pad, lift
 
 SHEAR_COLUMNS = ("shear_mm", "print_hold", "slip_probability")
+ALERT_COLUMNS = (*GRIP_COLUMNS, "alert")
 COLUMNS = (
     "time_s",
     "frame",
@@ -73,7 +74,7 @@ def test_everything_is_written(tmp_path, progress):
     assert not outcome.interrupted
     assert {path.name for path in (tmp_path / "out").iterdir()} == SINGLE
     rows = rows_of(tmp_path / "out" / "angles.csv")
-    assert tuple(rows[0]) == COLUMNS + MARGIN_COLUMNS + SHEAR_COLUMNS
+    assert tuple(rows[0]) == COLUMNS + MARGIN_COLUMNS + SHEAR_COLUMNS + ALERT_COLUMNS
     assert len(rows) == len(recording)
     result = estimate_angles(recording)
     for i, row in enumerate(rows):

@@ -1,0 +1,68 @@
+"""Pictures of what a contact carries, beside its limit."""
+
+from collections.abc import Mapping
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from estimation.estimators.result import State, Track
+from estimation.slip.alert import GripPath, Level
+from estimation.slip.branch import Branch
+
+ALERT_COLOURS = {Level.WATCH: "#f2c14e", Level.ACT: "#f2803a", Level.SLIPS: "#c92a2a"}
+
+
+def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
+    """Moment against angle, and the branch of partial-slip torsion fitted while it held.
+
+    Args:
+        results: by name, with moments and the branch, if it is known.
+    """
+    size = (5.2 * len(results), 4.2)
+    figure, axes = plt.subplots(1, len(results), figsize=size, squeeze=False, layout="constrained")
+    for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
+        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
+            axis.plot(
+                np.degrees(result.angle[where]),
+                result.moment[where],
+                ".",
+                color=colour,
+                label=label,
+            )
+        if branch is not None:
+            furthest = np.nanmax(branch.sign * (result.angle - branch.start))
+            angle = branch.start + branch.sign * np.linspace(0.0, furthest, 200)
+            label = f"Lubkin, Masing: limit {branch.limit:.1f} N·mm, rms {branch.rms:.2f} N·mm"
+            axis.plot(np.degrees(angle), branch.moment(angle), "k", lw=1.1, label=label)
+        axis.set_title(name, fontsize=9)
+        axis.set_xlabel("object's angle [°]")
+        axis.set_ylabel("moment [N·mm]")
+        axis.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def plot_friction(track: Track, grips: GripPath) -> Figure:
+    """Friction in use over time beside the coefficient, and what a gripper was told.
+
+    Args:
+        track: of the chosen method.
+        grips: friction and alerts.
+    """
+    time = track.time - track.time[0]
+    figure, axis = plt.subplots(figsize=(9.0, 3.2), layout="constrained")
+    axis.plot(time, grips.friction_used, color="#08306b", lw=1.4, label="in use")
+    axis.plot(time, grips.friction, color="#b2182b", lw=1.1, label="coefficient, 95 % interval")
+    axis.fill_between(
+        time, grips.friction_low, grips.friction_high, color="#b2182b", alpha=0.2, lw=0
+    )
+    for level, colour in ALERT_COLOURS.items():
+        told = np.array([one == level for one in grips.level])
+        bar = np.where(told, 0.0, np.nan)
+        axis.plot(time, bar, color=colour, lw=6, solid_capstyle="butt", label=f"alert: {level}")
+    axis.set_ylim(bottom=0.0)
+    axis.set_xlabel("time [s]")
+    axis.set_ylabel("friction [-]")
+    axis.legend(fontsize=8, frameon=False, ncols=3)
+    return figure

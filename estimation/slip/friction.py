@@ -1,0 +1,153 @@
+"""Friction of a contact from the forces on it, and how much of its limit a grasp uses.
+
+The object slips where shear and moment together reach the limit curve: nearly an ellipse
+([Howe1996] R. D. Howe, M. R. Cutkosky, "Practical Force-Motion Models for Sliding Manipulation"),
+(Q/Q₀)² + (M/M₀)² = 1. Under a normal force P it has Q₀ = μP and, of a round contact of radius a
+with Hertz's pressure, M₀ = (3π/16) μPa ([Lubkin1951]). The friction in use, what μ would have to
+be for a slip now, is no more than μ while the object holds, and μ while all of it slips. What a
+slip has shown is remembered over the recording, for grasps that are pressed otherwise, too.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.estimators.measurement import Z95
+from estimation.slip.branch import Branch
+from estimation.softness.contact import disc_radius
+
+HERTZ_ARM = 3.0 * np.pi / 16.0
+"""Arm of the friction of a turning contact over its radius: M₀/(μPa) [-]."""
+
+
+@dataclass(frozen=True)
+class FrictionSettings:
+    """How friction is found.
+
+    Attributes:
+        least_force: pressing force from which friction is found [N].
+        frames: of macro slip over which friction is the median, at most [frames].
+        steady: change of the friction in use over five frames that still is a slip, and none of the
+            load [-].
+        arm_error: relative standard error of the arm: flat faces carry more at their rims, and
+            have one longer by a quarter [-].
+        load_error: relative standard error of forces, and of the limit curve [-].
+        most_doubt: relative standard error from which the coefficient is unknown [-].
+        holding: friction in use, over that of earlier slips, below which an object holds [-].
+        holding_unseen: the same over the most that was in use, while no slip has been seen [-].
+    """
+
+    least_force: float = 0.1
+    frames: int = 50
+    steady: float = 0.1
+    arm_error: float = 0.12
+    load_error: float = 0.05
+    most_doubt: float = 0.25
+    holding: float = 0.8
+    holding_unseen: float = 0.5
+
+
+class Friction(NamedTuple):
+    """Friction after a frame; NaN where it is unknown.
+
+    Attributes:
+        used: friction in use [-].
+        coefficient: μ, as earlier slips showed it, or the branch that the object turns on [-].
+        low: lower end of its 95 % interval; while no slip has been seen, the most that was in use
+            since the object touched [-].
+        high: upper end [-].
+    """
+
+    used: float = np.nan
+    coefficient: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+
+    @property
+    def share(self) -> float:
+        """Share of the limit that is in use [-]; NaN while no friction is known."""
+        return self.used / self.coefficient
+
+
+class FrictionWatch:
+    """Follows the friction in use, and learns the coefficient from slips."""
+
+    def __init__(self, settings: FrictionSettings | None = None) -> None:
+        """Begin with nothing known.
+
+        Args:
+            settings: how friction is found.
+        """
+        self._settings = settings or FrictionSettings()
+        self._slips: deque[float] = deque(maxlen=self._settings.frames)
+        self._turning = 1.0
+        self._arm = np.nan
+        self.restart()
+
+    def restart(self) -> None:
+        """The object has left; what its slips have shown is remembered."""
+        self._lately: deque[float] = deque(maxlen=5)
+        self._most = self._used = np.nan
+        self._turn = 1.0
+
+    def update(self, wrench: tuple[float, ...], contact: Float[np.ndarray, "n 2"]) -> None:
+        """Take the next frame.
+
+        Args:
+            wrench: force [N] and moment [N·mm] on the sensor, about its origin; pressing makes the
+                force's z component negative.
+            contact: where the markers of the contact are [mm].
+        """
+        if not len(contact):
+            self.restart()
+            return
+        force, moment = wrench[:3], wrench[5]
+        self._used, pressed = np.nan, -force[2]
+        if not (np.isfinite([*force, moment]).all() and pressed > self._settings.least_force):
+            return
+        x, y = contact.mean(axis=0)
+        self._arm = pressed * HERTZ_ARM * disc_radius(contact)
+        about = moment - (x * force[1] - y * force[0])
+        shear, twist = np.hypot(*force[:2]) / pressed, about / self._arm
+        self._lately.append(float(np.hypot(shear, twist)))
+        self._turn = float(twist**2 / max(shear**2 + twist**2, 1e-12))
+        self._used = float(np.median(list(self._lately)[-3:]))
+        self._most = float(np.fmax(self._most, self._used))
+
+    @property
+    def holds(self) -> bool:
+        """Whether so little friction is in use that the object cannot be slipping."""
+        if self._slips:
+            return self._used < self._settings.holding * float(np.median(self._slips))
+        return self._used < self._settings.holding_unseen * self._most
+
+    def learn(self) -> None:
+        """All of the contact slips: what is in use is the coefficient, if the load is steady."""
+        known = np.array(self._lately)
+        enough = len(known) == self._lately.maxlen and np.isfinite(self._used)
+        if enough and np.ptp(known) < self._settings.steady * known.mean():
+            self._slips.append(self._used)
+            self._turning = self._turn
+
+    def tell(self, branch: Branch | None = None) -> Friction:
+        """What is known now.
+
+        Args:
+            branch: that the object turns on, whose limit shows the coefficient before a slip does.
+        """
+        coefficient = spread = np.nan
+        if self._slips:
+            coefficient = float(np.median(self._slips))
+            spread = float(np.std(self._slips)) / coefficient
+        elif branch is not None:
+            coefficient, spread = branch.limit / self._arm, float(np.sqrt(branch.covariance[0, 0]))
+        if not (np.isfinite(self._used + coefficient) and spread < self._settings.most_doubt):
+            return Friction(self._used, low=self._most)
+        # of the coefficient, the arm bears the share that the twist has in it
+        errors = spread, self._settings.load_error, self._settings.arm_error * self._turning
+        half = Z95 * float(np.linalg.norm(errors))
+        low, high = coefficient * np.exp([-half, half])
+        return Friction(self._used, coefficient, float(low), float(high))
