@@ -111,7 +111,7 @@ class FrictionWatch:
         x, y = contact.mean(axis=0)
         self._arm = pressed * HERTZ_ARM * disc_radius(contact)
         about = moment - (x * force[1] - y * force[0])
-        shear, twist = np.hypot(*force[:2]) / pressed, about / self._arm
+        shear, twist = np.hypot(force[0], force[1]) / pressed, about / self._arm
         self._lately.append(float(np.hypot(shear, twist)))
         self._turn = float(twist**2 / max(shear**2 + twist**2, 1e-12))
         self._used = float(np.median(list(self._lately)[-3:]))
