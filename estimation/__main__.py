@@ -31,13 +31,6 @@ def run(
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
-    topic: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Topic of a bag to run over; may be given twice, as for the fingers of a grasp.",
-            show_default="found, where only one can be meant",
-        ),
-    ] = None,
     topics: Annotated[
         bool, typer.Option("--topics", help="List the topics of bags, and run over none.")
     ] = False,
@@ -63,7 +56,7 @@ def run(
                 print(found.describe())
         return
     settings = read_settings(choices, known, constants)
-    inputs = open_inputs(recordings or [], settings, say, out if resume else None, topic or ())
+    inputs = open_inputs(recordings or [], settings, say, out if resume else None)
     with Progress(console=errors) as progress:
         answer = partial(print, flush=True)
         outcome = run_all(inputs, out, settings, progress, answer, resume)

@@ -80,6 +80,9 @@ class Choices:
         keep_withdrawn: keep the angles that were reported while the object may have been sliding
             unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
         preview: write an annotated video, preview.mp4 (needs the extra `video`).
+        topic: topic of a bag to run over; given twice, as for the fingers of a grasp, both are.
+        sink: what else takes the answers, frame by frame; it may be given several times. mcap:
+            frames.mcap, an MCAP file of ROS messages, which can be run over again.
         seed: seed of the virtual pivot.
         contact: how the contact and its state are told.
         alert: when a gripper is warned.
@@ -94,6 +97,10 @@ class Choices:
     grasp: bool = False
     keep_withdrawn: bool = False
     preview: bool = False
+    topic: tuple[str, ...] = field(
+        default=(), metadata=option("found, where only one can be meant")
+    )
+    sink: tuple[str, ...] = field(default=(), metadata=option("none"))
     seed: int = 0
     contact: ContactSettings = field(default_factory=ContactSettings)
     alert: AlertSettings = field(default_factory=AlertSettings)

@@ -20,6 +20,7 @@ from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
 from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
+from estimation.output.sinks import FILES, check_sinks, open_sinks
 from estimation.output.table import TableWriter
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
@@ -67,11 +68,7 @@ def run_all(
     """
     if settings.grasp and len(inputs) != 2:
         raise ValueError(f"a grasp takes the recordings of two fingers, not {len(inputs)}")
-    if settings.preview:
-        find_encoder()
-    for one in inputs:  # before anything is computed
-        expect_unit(settings.noise, one.source)
-        make_trackers(one.source.layout, settings, settings.noise)
+    _check_all(inputs, settings)
     names = name_folders([one.source.name for one in inputs])
     inner = names if len(inputs) > 1 else [""]
     lines: list[str] = []
@@ -97,6 +94,16 @@ def run_all(
             lines[:0] = first
             lines += [*more, f"side by side: {out / 'report.html'}"]
     return Outcome(lines, False)
+
+
+def _check_all(inputs: Sequence[Input], settings: Settings) -> None:
+    """Check what can be checked before anything is computed."""
+    check_sinks(settings.sink)
+    if settings.preview:
+        find_encoder()
+    for one in inputs:
+        expect_unit(settings.noise, one.source)
+        make_trackers(one.source.layout, settings, settings.noise)
 
 
 def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
@@ -145,26 +152,33 @@ class _Job:
         """Answer the frames that are not answered yet; whether Ctrl-C came."""
         if self.input.record is not None:
             return False
-        source, checkpoint = self.input.source, self.input.checkpoint
-        stream = Stream(source, self.settings, checkpoint)
+        source, settings = self.input.source, self.settings
+        stream = Stream(source, settings, self.input.checkpoint)
         rows = stream.follower.row
         self.folder.mkdir(parents=True, exist_ok=True)
         if rows and not self.record.is_file():  # Ctrl-C ended that run, which put it in its place
-            for name in (NAME, "angles.csv"):
+            for name in self._files:
                 shutil.copyfile(self.shown / name, self.folder / name)
         with ExitStack() as opened:
             writer = opened.enter_context(closing(self._open_record(rows)))
-            table = TableWriter(self.folder / "angles.csv", self.settings.method, source.unit, rows)
+            table = TableWriter(self.folder / "angles.csv", settings.method, source.unit, rows)
             sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
+            more = open_sinks(settings.sink, self.folder, source, settings.method, rows)
+            sinks += [opened.enter_context(closing(one)) for one in more]
             if answer is not None and source.live:
-                sinks.append(LineWriter(answer, self.settings.method))
+                sinks.append(LineWriter(answer, settings.method))
             self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
             self._tell_state(writer, stream, complete=not interrupted)
         if not stream.done:
-            for name in (NAME, "angles.csv"):
+            for name in self._files:
                 (self.folder / name).unlink()
         return interrupted
+
+    @property
+    def _files(self) -> list[str]:
+        """Names of the files that grow with every frame."""
+        return [NAME, "angles.csv", *(FILES[name] for name in self.settings.sink)]
 
     def _answer(
         self, stream: Stream, writer: RecordWriter, sinks: list[Sink], progress: Progress

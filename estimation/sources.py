@@ -221,7 +221,6 @@ def open_inputs(
     settings: Settings,
     say: Callable[[str], None],
     resume: Path | None = None,
-    topics: Sequence[str] = (),
 ) -> list[Input]:
     """Open every recording that was asked for, before anything is computed.
 
@@ -230,7 +229,6 @@ def open_inputs(
         settings: of the run.
         say: told what is assumed about a recording or looks wrong with it.
         resume: the folder of the run that is resumed.
-        topics: of the bags, where they are named.
 
     Returns:
         The recordings, each with a name of its own: that of its file or folder, and as much of what
@@ -245,7 +243,7 @@ def open_inputs(
         recording, truth = simulate_pivot(seed=settings.seed)
         earlier = find_earlier(resume, "", recording.source, settings)
         return [Input(recording, truth, *earlier)]
-    paths = find_paths(names, say, topics)
+    paths = find_paths(names, say, settings.topic)
     named = name_folders(name_recordings(paths))
     inputs = []
     for path, name in zip(paths, named, strict=True):

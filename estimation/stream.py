@@ -52,6 +52,7 @@ class Answer(NamedTuple):
         shear: of the gel, and whether the object slips along it.
         friction: in use, and its coefficient.
         alert: when all of the contact will slip, and what a gripper should do.
+        layout: markers, and the reference that the answer is relative to.
     """
 
     row: int
@@ -64,6 +65,7 @@ class Answer(NamedTuple):
     shear: Shear
     friction: Friction
     alert: Alert
+    layout: MarkerLayout
 
 
 def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None) -> Trackers:
@@ -209,6 +211,7 @@ class Follower:
             alert=self._alert.update(
                 main.time, main.state, main.angle, margin, friction, shear.slipped
             ),
+            layout=self.layout,
         )
         self.row += 1
         return answer

@@ -1,7 +1,8 @@
 """Options of a command, made from the settings that it fills in.
 
 A settings object is a dataclass whose docstring says under `Attributes:` what each field is, with
-its unit. Those lines are the help, its defaults the defaults: nothing is said twice.
+its unit. Those lines are the help, its defaults the defaults: nothing is said twice. A field of
+type `tuple[str, ...]` is an option that may be given several times.
 """
 
 import functools
@@ -16,6 +17,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 import typer
 
 _PLAIN = (bool, int, float, str, Path)
+_SEVERAL = tuple[str, ...]
 
 
 def option(
@@ -90,6 +92,8 @@ def _options_of(owner: type) -> list[inspect.Parameter]:
 
 
 def _is_plain(hint: Any) -> bool:
+    if hint == _SEVERAL:
+        return True
     if get_origin(hint) is not tuple and get_args(hint):  # of a union
         return all(map(_is_plain, get_args(hint)))
     return all(one in (*_PLAIN, NoneType) for one in get_args(hint) or (hint,))
@@ -106,8 +110,8 @@ def _option(field: Field, hint: Any, said: str) -> inspect.Parameter:
     return inspect.Parameter(
         field.name,
         inspect.Parameter.KEYWORD_ONLY,
-        default=field.default,
-        annotation=Annotated[hint, made],
+        default=None if hint == _SEVERAL else field.default,
+        annotation=Annotated[list[str] | None if hint == _SEVERAL else hint, made],
     )
 
 
@@ -117,5 +121,6 @@ def _fill(owner: type, given: dict[str, Any]) -> Any:
         if is_dataclass(hints[field.name]):
             filled[field.name] = _fill(hints[field.name], given)
         elif _is_plain(hints[field.name]):
-            filled[field.name] = given[field.name]
+            value = given[field.name]
+            filled[field.name] = tuple(value or ()) if hints[field.name] == _SEVERAL else value
     return owner(**filled)

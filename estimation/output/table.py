@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from estimation.estimators.result import Track, Withdrawn, show_degrees, show_numbers
+from estimation.estimators.result import (
+    Label,
+    Record,
+    Text,
+    Track,
+    Whole,
+    Withdrawn,
+    show_degrees,
+    show_numbers,
+)
 from estimation.frames.files import write_whole
 from estimation.slip.alert import GripPath
 from estimation.slip.margin import Margin
@@ -71,11 +80,7 @@ class TableWriter:
 
     def put(self, answer: Answer) -> None:
         """Write the next row; it is on the disc when this returns."""
-        track = Track.gather(self._method, [answer.estimates[self._method]])
-        imprint = np.array([answer.frame.imprint[0]])
-        table = tabulate(track, imprint, answer.row) | tabulate_margin(track, [answer.margin])
-        table |= tabulate_shear(ShearPath.of(answer.shear), self._unit)
-        table |= tabulate_grip(GripPath.of((answer.friction, answer.alert)))
+        table = tabulate_answer(answer, self._method, self._unit)
         self._file.write(csv_text(table, heading=not self._headed))
         self._file.flush()
         self._headed = True
@@ -138,6 +143,41 @@ def write_tables(
         for part, rows in _parts(track)
     )
     write_whole(path, _below_one_another(tables))
+
+
+def tabulate_answer(answer: Answer, method: str, unit: str) -> Table:
+    """The row of `angles.csv` that an answer gives.
+
+    Args:
+        answer: to a frame.
+        method: whose answer is tabulated.
+        unit: of lengths, mm or px.
+    """
+    track = Track.gather(method, [answer.estimates[method]])
+    imprint = np.array([answer.frame.imprint[0]])
+    table = tabulate(track, imprint, answer.row) | tabulate_margin(track, [answer.margin])
+    table |= tabulate_shear(ShearPath.of(answer.shear), unit)
+    return table | tabulate_grip(GripPath.of((answer.friction, answer.alert)))
+
+
+def read_cells(table: Table) -> dict[str, str | int | float]:
+    """The first row of a table as words, whole numbers and numbers; NaN where a cell is empty.
+
+    Answers that were withdrawn are left out: frame by frame there are none.
+    """
+    kinds = {Label: str, Text: str, Whole: int}
+    declared = Record.columns().items()
+    known = {column.name: kinds.get(Record.__annotations__[name]) for name, column in declared}
+    known |= {"frame": int, "alert": str}
+    return {
+        name: (known.get(name) or _read_number)(cells[0])
+        for name, cells in table.items()
+        if not name.startswith("withdrawn_")
+    }
+
+
+def _read_number(cell: str) -> float:
+    return float(cell or "nan")
 
 
 def tabulate(

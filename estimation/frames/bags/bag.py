@@ -157,10 +157,12 @@ def _open_mcap(file: IO[bytes], size: int) -> tuple[Any, Any]:
         summary = reader.get_summary()
     except _damage():
         summary = None
-    if summary is not None and summary.chunk_indexes and summary.statistics is not None:
+    if summary is not None and summary.statistics is None:
+        summary = None
+    if summary is not None and summary.chunk_indexes:
         return reader, summary
     file.seek(0)
-    return NonSeekingReader(file, validate_crcs=True, record_size_limit=size), None
+    return NonSeekingReader(file, validate_crcs=True, record_size_limit=size), summary
 
 
 def _describe_mcap(path: Path) -> Contents:
@@ -168,7 +170,7 @@ def _describe_mcap(path: Path) -> Contents:
     with path.open("rb") as file:
         reader, summary = _open_mcap(file, size)
         if summary is not None:
-            counts, start = summary.statistics.channel_message_counts, summary.statistics
+            counts = summary.statistics.channel_message_counts
             schemas, channels = summary.schemas, summary.channels.values()
             start = summary.statistics.message_start_time
         else:

@@ -5,12 +5,13 @@ rest, and then turns each message into a frame.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from estimation.frames.bags.topics import Stamped
+from estimation.frames.flat import FRAME_FIELDS, LAYOUT_FIELDS, restore_frame, restore_layout
 from estimation.frames.recording import Frame, MarkerLayout, layout_markers
 from estimation.frames.tac3d import find_reference
 
@@ -87,35 +88,17 @@ def read_points(message: Stamped) -> Seen:
     return Seen(positions, message.time, message.number)
 
 
-class MarkerMessages(Protocol):
-    """Turns messages of one topic into frames.
-
-    Attributes:
-        layout: the markers at rest.
-        unit: of lengths, mm or px.
-        convention: how the axes lie.
-        notes: what a reader should know, in sentences.
-    """
-
-    layout: MarkerLayout
-    unit: str
-    convention: str
-    notes: tuple[str, ...]
-
-    def frame(self, message: Stamped) -> Frame:
-        """The frame of a message.
-
-        Raises:
-            ValueError: the message is not of these markers, or inconsistent.
-        """
-        ...
-
-
 class PlainMessages:
     """Messages with the positions of all markers, and perhaps their displacements.
 
     The reference comes from the displacements, as in Tac3D folders, but of the first loaded
     messages only; without displacements it is a message itself.
+
+    Attributes:
+        layout: the markers at rest.
+        unit: of lengths.
+        convention: how the axes lie.
+        notes: what a reader should know, in sentences.
     """
 
     unit = "mm"
@@ -176,7 +159,11 @@ class PlainMessages:
         raise ValueError(f"no message {unloaded}, which should be the unloaded one, shows markers")
 
     def frame(self, message: Stamped) -> Frame:
-        """The frame of a message."""
+        """The frame of a message.
+
+        Raises:
+            ValueError: the message is not of these markers, or inconsistent.
+        """
         seen = self._read(message)
         if len(seen.positions) != self._count:
             raise ValueError(f"{len(seen.positions)} markers, not {self._count} as in the first")
@@ -189,6 +176,51 @@ class PlainMessages:
             wrench=seen.wrench,
             forces=None if seen.forces is None else seen.forces[self._known],
         )
+
+
+class WholeMessages:
+    """Messages that hold all of a frame, as `run --sink mcap` writes them.
+
+    The markers at rest come with the first message, and where they have changed. Attributes as of
+    `PlainMessages`.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, messages: Iterable[Stamped]) -> None:
+        """Find the markers at rest in the first message.
+
+        Raises:
+            ValueError: it does not have them.
+        """
+        first = next((message.content for message in messages), None)
+        if first is None or not len(first.reference):
+            raise ValueError("its first message does not say where the markers are at rest")
+        self.layout = restore_layout(_attributes(first, LAYOUT_FIELDS), first.dimensions)
+        self.unit, self.convention = first.unit, first.convention
+
+    def frame(self, message: Stamped) -> Frame:
+        """The frame of a message; as of `PlainMessages`."""
+        content = message.content
+        if len(content.reference):
+            layout = restore_layout(_attributes(content, LAYOUT_FIELDS), content.dimensions)
+            if not _is_same(layout, self.layout):
+                self.layout = layout
+        frame = restore_frame(_attributes(content, FRAME_FIELDS))
+        if frame.positions.shape != self.layout.reference.shape:
+            raise ValueError(f"{len(frame.valid)} markers, not {len(self.layout.reference)}")
+        return frame
+
+
+def _attributes(content: Any, names: Iterable[str]) -> dict[str, Any]:
+    return {name: getattr(content, name) for name in names}
+
+
+def _is_same(one: MarkerLayout, other: MarkerLayout) -> bool:
+    return one.grid_shape == other.grid_shape and all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("reference", "neighbours")
+    )
 
 
 def _usable(read: Callable[[Stamped], Seen], messages: Iterable[Stamped]) -> Iterator[Seen]:

@@ -8,11 +8,26 @@ from pathlib import Path
 import numpy as np
 
 from contactmodel.common.inputs import naming
-from estimation.frames.bags.messages import PlainMessages, read_points, read_tac3d
+from estimation.frames.bags.messages import (
+    PlainMessages,
+    WholeMessages,
+    read_points,
+    read_tac3d,
+)
 from estimation.frames.bags.topics import Stamped, find_topic, read_topic
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame, MarkerLayout
+
+
+def _open_messages(
+    kind: str, messages: Iterator[Stamped], unloaded: int | None
+) -> PlainMessages | WholeMessages:
+    """What turns the messages of a kind into frames."""
+    if kind == "frames":
+        return WholeMessages(messages)
+    read = {"Tac3D frames": read_tac3d, "points": read_points}[kind]
+    return PlainMessages(read, messages, unloaded)
 
 
 class BagSource:
@@ -51,10 +66,9 @@ class BagSource:
         self.source, self.warnings = str(place), ()
         self._place, self._skip = place, skip
         bag, self._topic = find_topic(place)
-        read = {"Tac3D frames": read_tac3d, "points": read_points}[self._topic.kind]
         with naming(bag), closing(read_topic(place)) as messages:
             sound = takewhile(lambda one: not one.damage, messages)
-            self._markers = PlainMessages(read, sound, unloaded)
+            self._markers = _open_messages(self._topic.kind, sound, unloaded)
         self._inspector = LiveInspector()
 
     @property

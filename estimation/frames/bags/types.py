@@ -10,6 +10,25 @@ PAIR = "tactile_msgs/msg/TactileMsg"
 """The one of their node for two fingers."""
 
 DEFINITIONS = {
+    FRAME: """\
+float64 time
+int64 source_index
+string flaw
+float64[] positions
+uint8[] valid
+int8[] contact
+float64[] wrench
+float64[] forces
+float64[] imprint
+float64[] rotation
+float64[] hold
+uint8 dimensions
+string unit
+string convention
+float64[] reference
+int32[] neighbours
+int32[] grid_shape
+""",
     TAC3D: """\
 string SN
 uint32 index
@@ -47,8 +66,15 @@ def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any
         return store
     store = get_typestore(Stores.LATEST)
     for own, text in DEFINITIONS.items():
-        store.register(get_types_from_msg(text, own))
+        add_type(store, own, text)
     return store
+
+
+def add_type(store: Any, name: str, definition: str) -> None:
+    """Add a type to types that `rosbags` keeps; arguments as for `ros_types`."""
+    from rosbags.typesys import get_types_from_msg
+
+    store.register(get_types_from_msg(definition, name))
 
 
 def to_ros2_name(name: str) -> str:

@@ -1,0 +1,99 @@
+"""Frames and layouts as plain arrays by name, as files of other formats keep them.
+
+What a frame lacks is NaN (−1 in `contact`), so that every frame of a recording has the same names
+and shapes.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from estimation.frames.recording import Frame, MarkerLayout
+
+FRAME_FIELDS = {
+    "time": "f8",
+    "source_index": "i8",
+    "flaw": "U",
+    "positions": "f8",
+    "valid": "u1",
+    "contact": "i1",
+    "wrench": "f8",
+    "forces": "f8",
+    "imprint": "f8",
+    "rotation": "f8",
+    "hold": "f8",
+}
+"""What a flat frame has, and the kind of its values."""
+LAYOUT_FIELDS = {"reference": "f8", "neighbours": "i4", "grid_shape": "i4"}
+"""What a flat layout has."""
+
+
+def flatten_frame(frame: Frame) -> dict[str, Any]:
+    """All that a frame holds: arrays, but for its time, number and flaw."""
+    unknown = np.full(frame.positions.shape, np.nan)
+    contact = np.full(len(unknown), -1) if frame.contact is None else frame.contact
+    values = {name: getattr(frame, name) for name in FRAME_FIELDS}
+    values |= {
+        "contact": contact,
+        "forces": unknown if frame.forces is None else frame.forces,
+        "rotation": unknown[:, 0] if frame.rotation is None else frame.rotation,
+    }
+    plain = ("time", "source_index", "flaw")
+    return {
+        name: value if name in plain else np.asarray(value, FRAME_FIELDS[name])
+        for name, value in values.items()
+    }
+
+
+def restore_frame(flat: Mapping[str, Any]) -> Frame:
+    """The frame that was flattened.
+
+    Arrays may come in any shape of as many numbers; forces and rotation also as empty ones.
+
+    Raises:
+        ValueError: the arrays do not fit each other.
+    """
+    valid = np.array(flat["valid"], dtype=bool).ravel()
+    markers = len(valid)
+
+    def at_markers(name: str) -> np.ndarray | None:
+        values = np.array(flat[name], dtype=float)
+        return values.reshape(markers, -1) if np.isfinite(values).any() else None
+
+    contact = np.array(flat["contact"], dtype=int).ravel()
+    rotation, positions = at_markers("rotation"), np.array(flat["positions"], dtype=float)
+    return Frame(
+        positions=positions.reshape(markers, -1),
+        valid=valid,
+        time=float(flat["time"]),
+        source_index=int(flat["source_index"]),
+        wrench=tuple(np.ravel(flat["wrench"]).tolist()),
+        forces=at_markers("forces"),
+        flaw=str(flat["flaw"]),
+        contact=None if (contact < 0).any() else contact.astype(bool),
+        imprint=tuple(np.ravel(flat["imprint"]).tolist()),
+        rotation=None if rotation is None else rotation[:, 0],
+        hold=tuple(np.ravel(flat["hold"]).tolist()),
+    )
+
+
+def flatten_layout(layout: MarkerLayout) -> dict[str, np.ndarray]:
+    """All that a layout holds; the shape of a grid is empty where there is none."""
+    values = {name: getattr(layout, name) for name in LAYOUT_FIELDS}
+    return {
+        name: np.array([] if value is None else value, LAYOUT_FIELDS[name])
+        for name, value in values.items()
+    }
+
+
+def restore_layout(flat: Mapping[str, Any], dimensions: int) -> MarkerLayout:
+    """The layout that was flattened; arrays may come in any shape of as many numbers.
+
+    Raises:
+        ValueError: the arrays do not fit each other.
+    """
+    reference = np.array(flat["reference"], dtype=float).reshape(-1, dimensions)
+    around = np.array(flat["neighbours"], dtype=int).reshape(len(reference), -1)
+    grid = tuple(np.array(flat["grid_shape"], dtype=int).ravel().tolist())
+    return MarkerLayout(reference, around, grid or None)

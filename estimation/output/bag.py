@@ -1,0 +1,205 @@
+"""Answers and frames as an MCAP file, with the types of its messages in it."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from estimation.frames.bags.types import FRAME, add_type, ros_types
+from estimation.frames.extras import require_extra
+from estimation.frames.flat import flatten_frame, flatten_layout
+from estimation.frames.recording import MarkerLayout
+from estimation.output.table import read_cells, tabulate_answer
+from estimation.stream import Answer
+
+ANSWER = "contactmodel_msgs/msg/Answer"
+POINTS = "sensor_msgs/msg/PointCloud2"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+
+
+class BagWriter:
+    """The sink that writes an MCAP file of messages of ROS, each with its type in the file.
+
+    Topics: `/contactmodel/frame` has all of each frame, from which a run is done again;
+    `/contactmodel/answer` the row of `angles.csv` in numbers, with the variance of the angle;
+    `/contactmodel/markers` the markers as points [m], with those that stick; and
+    `/contactmodel/wrench` force and moment [N, N·m], where they are known.
+    """
+
+    def __init__(
+        self, path: Path, method: str, *, unit: str = "mm", convention: str = "", rows: int = 0
+    ) -> None:
+        """Make the file, or go on with it.
+
+        Args:
+            path: of the file.
+            method: whose answers it has.
+            unit: of lengths, mm or px.
+            convention: how the axes lie.
+            rows: that are kept of a file that is there.
+
+        Raises:
+            ImportError: the extra `bags` is not installed.
+            OSError: it cannot be written.
+        """
+        require_extra("bags", f"writing {path}")
+        self._path, self._method, self._unit = path, method, unit
+        self._convention, self._types = convention, ros_types()
+        earlier = path.with_name(f".{path.name}")
+        if rows and not earlier.is_file():
+            path.rename(earlier)
+        self._begin()
+        if rows:
+            for sent in _read_sent(earlier, rows):
+                self._send(sent)
+        earlier.unlink(missing_ok=True)
+
+    def restart(self) -> None:
+        """Begin the file anew."""
+        self._file.close()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._file = self._path.open("wb")
+        self._writer: Any = None
+        self._channels: dict[str, int] = {}
+        self._layout: MarkerLayout | None = None
+        self._stamp = 0
+
+    def put(self, answer: Answer) -> None:
+        """Write the messages of an answer; they are on the disc when this returns."""
+        time = answer.frame.time
+        if math.isfinite(time) and 0.0 <= time < 2.0**31:
+            self._stamp = round(1e9 * time)
+        for topic, kind, values in self._messages(answer):
+            definition, _ = self._types.generate_msgdef(kind, ros_version=2)
+            data = bytes(self._types.serialize_cdr(self._types.types[kind](**values), kind))
+            at = (self._stamp, answer.row)
+            self._send(_Sent(f"/contactmodel/{topic}", kind, definition, *at, data))
+        self._file.flush()
+
+    def close(self) -> None:
+        """Write the end of the file, by which messages are found fast, and close it."""
+        if self._writer is not None:
+            self._writer.finish()
+        self._file.close()
+
+    def _send(self, sent: "_Sent") -> None:
+        if self._writer is None:
+            self._writer = _start_writer(self._file)
+        if sent.topic not in self._channels:
+            schema = self._writer.register_schema(sent.kind, "ros2msg", sent.definition.encode())
+            self._channels[sent.topic] = self._writer.register_channel(sent.topic, "cdr", schema)
+        channel = self._channels[sent.topic]
+        self._writer.add_message(channel, sent.stamp, sent.data, sent.stamp, sent.row)
+
+    def _messages(self, answer: Answer) -> Iterator[tuple[str, str, dict[str, Any]]]:
+        """Topic, type and fields of the messages of an answer."""
+        new, self._layout = answer.layout is not self._layout, answer.layout
+        layout = flatten_layout(answer.layout)
+        frame = flatten_frame(answer.frame)
+        for name, value in frame.items():
+            if isinstance(value, np.ndarray):
+                unknown = name in ("forces", "rotation") and not np.isfinite(value).any()
+                frame[name] = value.ravel()[: 0 if unknown else None]
+        yield (
+            "frame",
+            FRAME,
+            frame
+            | {
+                "dimensions": answer.frame.positions.shape[1],
+                "unit": self._unit,
+                "convention": self._convention,
+                **{
+                    name: value.ravel() if new else value.ravel()[:0]
+                    for name, value in layout.items()
+                },
+            },
+        )
+        header = self._header()
+        yield "answer", ANSWER, {"header": header} | self._row(answer)
+        yield "markers", POINTS, {"header": header} | self._points(answer)
+        wrench = np.array(answer.frame.wrench)
+        if np.isfinite(wrench).any():
+            vectors = (wrench[:3], 1e-3 * wrench[3:])  # N·m, as ROS has them
+            make = self._types.types["geometry_msgs/msg/Vector3"]
+            both = (make(*vector.tolist()) for vector in vectors)
+            made = self._types.types["geometry_msgs/msg/Wrench"](*both)
+            yield "wrench", WRENCH, {"header": header, "wrench": made}
+
+    def _header(self) -> Any:
+        stamp = self._types.types["builtin_interfaces/msg/Time"](*divmod(self._stamp, 10**9))
+        return self._types.types["std_msgs/msg/Header"](stamp, "pad")
+
+    def _row(self, answer: Answer) -> dict[str, Any]:
+        """The fields of an answer; they define its type."""
+        row = read_cells(tabulate_answer(answer, self._method, self._unit))
+        row = {name.lower(): value for name, value in row.items()}
+        spread = (float(row["angle_high_deg"]) - float(row["angle_low_deg"])) / (2.0 * 1.96)
+        row["angle_variance_deg2"] = spread**2  # of a normal distribution with this 95 % interval
+        if ANSWER not in self._types.types:
+            kinds = {str: "string", int: "int64", float: "float64"}
+            lines = [f"{kinds[type(value)]} {name}" for name, value in row.items()]
+            add_type(self._types, ANSWER, "\n".join(["std_msgs/Header header", *lines]))
+        return row
+
+    def _points(self, answer: Answer) -> dict[str, Any]:
+        """The markers as a cloud of points."""
+        estimate, positions = answer.estimates[self._method], answer.frame.positions
+        kinds = {"x": "<f4", "y": "<f4", "z": "<f4", "turned_rad": "<f4"}
+        kinds |= dict.fromkeys(("valid", "contact", "stick"), "u1")
+        points = np.zeros(len(positions), np.dtype(list(kinds.items())))
+        for axis, values in zip("xyz", positions.T, strict=False):
+            points[axis] = (1e-3 if self._unit == "mm" else 1.0) * values
+        points["turned_rad"], points["valid"] = answer.turned, answer.frame.valid
+        points["contact"], points["stick"] = estimate.contact, estimate.stick
+        make, codes = self._types.types["sensor_msgs/msg/PointField"], {"<f4": 7, "u1": 2}
+        sizes = [np.dtype(kind).itemsize for kind in kinds.values()]
+        fields = zip(kinds.items(), np.cumsum([0, *sizes]).tolist(), strict=False)
+        return {
+            "height": 1,
+            "width": len(points),
+            "fields": [make(name, at, codes[kind], 1) for (name, kind), at in fields],
+            "is_bigendian": False,
+            "point_step": points.itemsize,
+            "row_step": points.nbytes,
+            "data": np.frombuffer(points.tobytes(), np.uint8),
+            "is_dense": bool(answer.frame.valid.all()),
+        }
+
+
+class _Sent(NamedTuple):
+    topic: str
+    kind: str
+    definition: str
+    stamp: int
+    row: int
+    data: bytes
+
+
+def _start_writer(file: IO[bytes]) -> Any:
+    """A writer that packs no messages together: each is whole on the disc before the next comes."""
+    from mcap.writer import Writer
+
+    writer = Writer(file, use_chunking=False)
+    writer.start("ros2", "contactmodel")
+    return writer
+
+
+def _read_sent(path: Path, rows: int) -> Iterator["_Sent"]:
+    """The messages of the first rows of a file of ours, which may be cut off."""
+    from mcap.exceptions import EndOfFile
+    from mcap.reader import NonSeekingReader
+
+    with path.open("rb") as file:
+        try:
+            messages = NonSeekingReader(file).iter_messages(log_time_order=False)
+            for schema, channel, message in messages:
+                if schema is not None and message.sequence < rows:
+                    text = schema.data.decode()
+                    at = (message.log_time, message.sequence, message.data)
+                    yield _Sent(channel.topic, schema.name, text, *at)
+        except EndOfFile:
+            return
