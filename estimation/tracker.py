@@ -179,7 +179,7 @@ class Trackers:
             onset = self._observer.contact.onset_mm
             return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
         if gel.reason:
-            return State.UNKNOWN, gel.reason
+            return State.MACRO_SLIP if self.shear.slides else State.UNKNOWN, gel.reason
         why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         if self.shear.slides:
             return State.MACRO_SLIP, why
