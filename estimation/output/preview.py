@@ -16,6 +16,7 @@ from estimation.output.found import Run
 from estimation.output.record import KeptMarkers
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import RATE, is_camera, read_pictures
+from estimation.slip.alert import Level
 from estimation.slip.motion import follow_gel
 
 ENCODERS = ("libx264", "libopenh264")
@@ -147,12 +148,12 @@ def annotate(
         gel_deg: rotation of the gel [deg].
     """
     green, red, grey = (60, 220, 60), (60, 60, 240), (200, 200, 200)
-    thickness = 26
     tall = 960  # height up to which pictures are enlarged, and at most threefold [px]
     enlarged = int(np.clip(tall // picture.shape[0], 1, 3))
     image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
     image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image[..., :3]
     image = cv2.resize(image, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_LINEAR)
+    thickness = max(26, image.shape[0] // 24)  # of a line of text [px]
     odd = np.array(image.shape[:2]) % 2  # H.264 takes even sizes
     below, right = 2 * thickness + int(odd[0]), int(odd[1])
     image = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_CONSTANT, value=(0, 0, 0))
@@ -167,13 +168,16 @@ def annotate(
     known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
     slipped = run.shears.slipped[row]
     odds = f"  slip {slipped:.0%}" if np.isfinite(slipped) else ""
+    alert = (
+        f"  alert {level}" if (level := run.grips.level[row]) in (Level.WATCH, Level.ACT) else ""
+    )
+    state = f"frame {result.source_index[row]}  {result.state[row]}{odds}{alert}"
     texts = (
-        f"frame {result.source_index[row]}  {result.state[row]}{odds}  {result.reason[row]}",
+        f"{state}  {result.reason[row]}",
         f"{'  '.join(known)} deg" if known else "no angle",
     )
     for line, text in enumerate(texts):
         place = (8, image.shape[0] - 2 * thickness + (line + 1) * thickness - 8)
-        cv2.putText(
-            image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA
-        )
+        font = cv2.FONT_HERSHEY_SIMPLEX
+        cv2.putText(image, text, place, font, thickness / 43, (255, 255, 255), 1, cv2.LINE_AA)
     return image
