@@ -57,11 +57,12 @@ def run(
         return
     settings = read_settings(choices, known, constants)
     inputs = open_inputs(recordings or [], settings, say, out if resume else None)
+    as_json = "json" in settings.sink  # then there is nothing else on standard output
     with Progress(console=errors) as progress:
-        answer = partial(print, flush=True)
+        answer = None if as_json else partial(print, flush=True)
         outcome = run_all(inputs, out, settings, progress, answer, resume)
     for line in outcome.lines:
-        print(line)
+        (say if as_json else print)(line)
     raise typer.Exit(130 if outcome.interrupted else 0)
 
 

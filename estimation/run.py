@@ -4,7 +4,7 @@ import shutil
 import time
 from collections.abc import Callable, Sequence, Sized
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,7 +83,7 @@ def run_all(
                     found = find_in_record(record)
                     summary, told = job.conclude(found)
                 done.append((found, summary))
-                lines += told
+                lines += [*told, *(f"  {line}" for line in job.told)]
                 results.publish()
             if interrupted:
                 lines.append("interrupted: the frames done so far are written")
@@ -125,13 +125,17 @@ def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
 
 @dataclass
 class _Job:
-    """One recording of a run; `inner` is its folder within that of the results."""
+    """One recording of a run.
+
+    `inner` is its folder within that of the results, `told` what there is to say of its sinks.
+    """
 
     input: Input
     name: str
     inner: str
     results: ResultFolder
     settings: Settings
+    told: list[str] = field(default_factory=list)
 
     @property
     def folder(self) -> Path:
@@ -163,8 +167,9 @@ class _Job:
             writer = opened.enter_context(closing(self._open_record(rows)))
             table = TableWriter(self.folder / "angles.csv", settings.method, source.unit, rows)
             sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
-            more = open_sinks(settings.sink, self.folder, source, settings.method, rows)
-            sinks += [opened.enter_context(closing(one)) for one in more]
+            asked, told = settings.sink, self.told.append
+            at = (self.folder, source, settings.method, rows)
+            sinks += open_sinks(asked, *at, opened, told)
             if answer is not None and source.live:
                 sinks.append(LineWriter(answer, settings.method))
             self._tell_state(writer, stream)
@@ -178,7 +183,8 @@ class _Job:
     @property
     def _files(self) -> list[str]:
         """Names of the files that grow with every frame."""
-        return [NAME, "angles.csv", *(FILES[name] for name in self.settings.sink)]
+        written = (FILES[name] for name in self.settings.sink if name in FILES)
+        return [NAME, "angles.csv", *written]
 
     def _answer(
         self, stream: Stream, writer: RecordWriter, sinks: list[Sink], progress: Progress

@@ -1,9 +1,14 @@
 """Sinks by name, as the command line and `Settings` have them."""
 
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from estimation.frames.source import Source
 from estimation.output.bag import BagWriter
+from estimation.output.lines import JsonWriter
+from estimation.output.outlet import Outlet, open_stdout, open_udp
+from estimation.stream import Sink
 
 FILES = {"mcap": "frames.mcap"}
 """What each sink that writes a file calls it, beside `angles.csv`."""
@@ -16,14 +21,23 @@ def check_sinks(names: tuple[str, ...]) -> None:
         ValueError: there is no such sink.
     """
     for name in names:
-        if name not in FILES:
-            raise ValueError(f"there is no sink {name!r} (--sink); there are {', '.join(FILES)}")
+        if name.startswith("udp:"):
+            read_address(name)
+        elif name not in (*FILES, "json"):
+            known = ", ".join((*FILES, "json", "udp:PORT", "udp:HOST:PORT"))
+            raise ValueError(f"there is no sink {name!r} (--sink); there are {known}")
 
 
 def open_sinks(
-    names: tuple[str, ...], folder: Path, source: Source, method: str, rows: int = 0
-) -> list[BagWriter]:
-    """Open sinks beside those that every run has; those with a `close` must be closed.
+    names: tuple[str, ...],
+    folder: Path,
+    source: Source,
+    method: str,
+    rows: int,
+    opened: ExitStack,
+    tell: Callable[[str], None],
+) -> list[Sink]:
+    """Open sinks beside those that every run has.
 
     Args:
         names: of the sinks.
@@ -31,10 +45,41 @@ def open_sinks(
         source: of the frames.
         method: whose answers they take.
         rows: that are kept of files that are there.
+        opened: closes them.
+        tell: told at their end, in a sentence, what has not been passed on.
 
     Raises:
         ImportError: an extra is not installed.
-        OSError: a file cannot be written.
+        ValueError: there is no such sink.
+        OSError: a file cannot be written, or there is no such host.
     """
-    about = {"unit": source.unit, "convention": source.convention, "rows": rows}
-    return [BagWriter(folder / FILES[name], method, **about) for name in names]
+    check_sinks(names)
+    sinks: list[Sink] = []
+    for name in names:
+        if name in FILES:
+            about = {"unit": source.unit, "convention": source.convention, "rows": rows}
+            writer = BagWriter(folder / FILES[name], method, **about)
+            sinks.append(opened.enter_context(closing(writer)))
+        else:
+            outlet = open_stdout() if name == "json" else open_udp(*read_address(name))
+            opened.callback(_close, outlet, name, tell)
+            sinks.append(JsonWriter(outlet.send, method, source.unit))
+    return sinks
+
+
+def read_address(name: str) -> tuple[str, int]:
+    """Host and port of a sink `udp:PORT` or `udp:HOST:PORT`; this machine where no host is named.
+
+    Raises:
+        ValueError: there is no port.
+    """
+    host, _, port = name.removeprefix("udp:").rpartition(":")
+    if not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ValueError(f"the sink {name!r} (--sink) has no port: give udp:PORT or udp:HOST:PORT")
+    return host.strip("[]") or "127.0.0.1", int(port)
+
+
+def _close(outlet: Outlet, name: str, tell: Callable[[str], None]) -> None:
+    outlet.close()
+    if note := outlet.describe(name):
+        tell(note)

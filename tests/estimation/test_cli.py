@@ -1,3 +1,4 @@
+import json
 import sys
 
 import pytest
@@ -42,9 +43,25 @@ def test_run_a_topic_of_a_bag(command, tmp_path):
     assert "lift.mcap has no topic other; it holds /pad: points" in err
 
 
+def test_lines_of_json_are_all_there_is_on_standard_output(tmp_path, monkeypatch, capfd):
+    write_archive(lift([0.0, 0.05, 0.1, 0.12]), tmp_path / "lift.npz")
+    arguments = ["run", tmp_path / "lift.npz", "--sink", "json", "--sink", "mcap"]
+    monkeypatch.setattr(
+        sys, "argv", ["estimation", *map(str, arguments), "--out", str(tmp_path / "out")]
+    )
+    with pytest.raises(SystemExit) as stop:
+        main()
+    told = capfd.readouterr()
+    assert not stop.value.code
+    assert [json.loads(line)["frame"] for line in told.out.splitlines()] == list(range(9))
+    assert "4 of 9 frames answered" in " ".join(told.err.split())
+    assert (tmp_path / "out" / "frames.mcap").is_file()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("{archive}", "--sink", "cvs"), "there is no sink 'cvs'"),
         (("nowhere.npz",), "nowhere.npz"),
         (("{archive}", "--method", "magic"), "no method 'magic'; there are tracked, incremental"),
         (("{archive}", "--softness", "nowhere.toml"), "nowhere.toml"),

@@ -1,5 +1,12 @@
 """What sinks write is whole, equal to what was run over, and gone on with after a kill."""
 
+import csv
+import json
+import os
+import socket
+import threading
+import time
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +20,10 @@ from estimation.frames.archive import write_archive
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording, layout_markers
 from estimation.frames.source import record_source
+from estimation.output.outlet import Outlet
 from estimation.output.record import RecordWriter
-from estimation.output.sinks import FILES, open_sinks
+from estimation.output.sinks import FILES, check_sinks, open_sinks, read_address
+from estimation.output.table import TableWriter
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import open_inputs, open_source
@@ -69,12 +78,17 @@ def settings_of(recording):
     return replace(SETTINGS, noise=Noise.given(1e-3, recording.unit))
 
 
+@contextmanager
+def opened(recording, folder, name, tell=print):
+    with ExitStack() as stack:
+        yield from open_sinks((name,), folder, recording, "tracked", 0, stack, tell)
+
+
 def write(recording, folder: Path, name: str) -> Path:
     """What a sink writes of a recording."""
-    (sink,) = open_sinks((name,), folder, recording, "tracked")
-    for _ in Stream(recording, settings_of(recording)).answers(sink):
-        pass
-    sink.close()
+    with opened(recording, folder, name) as sink:
+        for _ in Stream(recording, settings_of(recording)).answers(sink):
+            pass
     return folder / FILES[name]
 
 
@@ -172,15 +186,14 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, monkeypatch, name):
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_better_reference_begins_the_file_anew(tmp_path, name):
     recording = pressed()
-    (sink,) = open_sinks((name,), tmp_path, recording, "tracked")
     answers = list(Stream(recording, SETTINGS).answers())
-    for answer in answers[:5]:
-        sink.put(answer)
-    sink.restart()
     moved = replace(recording.layout, reference=recording.layout.reference + 0.01)
-    for answer in answers[:3]:
-        sink.put(answer._replace(layout=moved))
-    sink.close()
+    with opened(recording, tmp_path, name) as sink:
+        for answer in answers[:5]:
+            sink.put(answer)
+        sink.restart()
+        for answer in answers[:3]:
+            sink.put(answer._replace(layout=moved))
     found = read(tmp_path / FILES[name])
     assert len(found) == 3
     np.testing.assert_array_equal(found.layout.reference, moved.reference)
@@ -190,3 +203,95 @@ def test_an_unknown_sink_is_refused_before_anything_is_computed(tmp_path):
     write_archive(pressed(), tmp_path / "lift.npz")
     with pytest.raises(ValueError, match=r"no sink 'cvs' \(--sink\); there are mcap"):
         run(tmp_path / "lift.npz", tmp_path / "out", "cvs")
+
+
+# --- lines --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def answers():
+    return list(Stream(pressed(), SETTINGS).answers())
+
+
+def test_lines_of_json_are_the_rows_of_the_table(tmp_path, answers, capfd):
+    with opened(pressed(), tmp_path, "json") as sink:
+        table = TableWriter(tmp_path / "angles.csv", "tracked", "mm")
+        for answer in answers:
+            sink.put(answer)
+            table.put(answer)
+        table.close()
+        sink.put(answers[0])  # was said
+        sink.restart()
+    lines = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
+    with (tmp_path / "angles.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(lines) == len(rows) == len(answers)
+    for line, row in zip(lines, rows, strict=True):
+        for name, value in line.items():
+            expected = row[name]
+            if value is None:
+                assert expected in ("", "nan"), name
+            else:
+                assert str(value) == expected or value == float(expected), name
+    assert lines[-1]["angle_deg"] is not None
+    assert isinstance(lines[-1]["stick_markers"], int)
+
+
+def test_packets_arrive_and_a_port_without_a_reader_delays_nothing(tmp_path, answers):
+    reader = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    reader.bind(("127.0.0.1", 0))
+    reader.settimeout(10.0)
+    port = reader.getsockname()[1]
+    with opened(pressed(), tmp_path, f"udp:{port}") as sink:
+        for answer in answers[:3]:
+            sink.put(answer)
+        found = [json.loads(reader.recv(65536))["frame"] for _ in range(3)]
+        reader.close()
+        sink.put(answers[3])
+    assert found == [0, 1, 2]
+
+
+def test_a_reader_that_is_slow_or_gone_is_not_waited_for():
+    go_on = threading.Event()
+    written = []
+
+    def write(line):
+        go_on.wait()
+        written.append(line)
+
+    slow = Outlet(write, most=4)
+    for i in range(20):
+        slow.send(str(i))
+    go_on.set()
+    slow.close()
+    assert written[-4:] == [b"16\n", b"17\n", b"18\n", b"19\n"]
+    assert slow.sent == len(written) < 6
+    assert slow.describe("json").startswith(f"json: {20 - slow.sent} of 20 lines dropped")
+
+    read, gone = os.pipe()
+    os.close(read)
+    broken = Outlet(lambda line: os.write(gone, line) and None)
+    broken.send("a")
+    broken.close()
+    os.close(gone)
+    assert (broken.sent, broken.dropped) == (0, 1)
+
+    stuck = Outlet(lambda line: threading.Event().wait())
+    stuck.send("a")
+    stuck.send("b")
+    began = time.monotonic()
+    stuck.close(patience=0.05)
+    assert time.monotonic() - began < 5.0
+    assert stuck.dropped
+
+
+@pytest.mark.parametrize("name", ["udp:", "udp:x", "udp:0", "udp:70000", "udp:host:"])
+def test_a_port_that_is_none_is_refused(name):
+    with pytest.raises(ValueError, match=r"has no port: give udp:PORT"):
+        check_sinks((name,))
+
+
+def test_addresses_are_read():
+    assert read_address("udp:9000") == ("127.0.0.1", 9000)
+    assert read_address("udp:10.0.0.2:9000") == ("10.0.0.2", 9000)
+    assert read_address("udp:[::1]:9000") == ("::1", 9000)
