@@ -28,8 +28,10 @@ class Painted(NamedTuple):
 
     Attributes:
         planes: its colours, grey levels of 255, smoothed.
-        texture: how far all together depart from what is around; without colours grey levels.
+        texture: how far all together depart from what is around, worn dots left out; without
+            colours grey levels.
         clear: 1 where there is no dot, nor one that the side may cut; else 0.
+        bare: the same, and 0 where there is a worn dot or dirt.
         power: squares of all colours' departure and 1 where there is no dot, up to the sides.
         part: by how much it has been scaled down [-].
         radius: typical, of a dot in it [px].
@@ -38,6 +40,7 @@ class Painted(NamedTuple):
     planes: list[Float32[np.ndarray, "h w"]]
     texture: Float32[np.ndarray, "h w"]
     clear: Float32[np.ndarray, "h w"]
+    bare: Float32[np.ndarray, "h w"]
     power: Float32[np.ndarray, "2 h w"]
     part: int
     radius: float
@@ -98,10 +101,35 @@ def paint_out(
         return [cv2.GaussianBlur(without_around(one, clear), (0, 0), 1.0) for one in colours]
 
     planes, power = smooth(clear), shown * np.sum(np.square(smooth(shown)), axis=0)
-    texture = planes[0]
+    texture, bare = planes[0], clear
     if len(planes) > 1:
-        texture = without_around(np.sqrt(np.sum(np.square(planes), axis=0)), clear)
-    return Painted(planes, texture, clear, np.stack([power, shown]), part, radius)
+        bare = clear * ~_find_worn(colours, shown, dots, radius)
+        texture = without_around(np.sqrt(np.sum(np.square(smooth(bare)), axis=0)), bare)
+    return Painted(planes, texture, clear, bare, np.stack([power, shown]), part, radius)
+
+
+def _find_worn(
+    colours: list[Float32[np.ndarray, "h w"]],
+    shown: Float32[np.ndarray, "h w"],
+    dots: Float[np.ndarray, "n 2"],
+    radius: float,
+) -> Bool[np.ndarray, "h w"]:
+    """Where worn dots and dirt are, which go with the gel: spots like dots, which are not found.
+
+    In every colour they are darker than what is around, if dots are, or brighter. A slope is not:
+    of lamps of different colours it faces one.
+    """
+    share = 0.25  # of what a dot takes of the light or adds, from which a spot is like it [-]
+    width = (2 * int(4.0 * radius) + 1,) * 2
+    around = cv2.blur(shown, width) + np.float32(1e-3)
+    departure = np.stack([one - cv2.blur(one * shown, width) / around for one in colours])
+    column, row = np.clip(np.rint(dots).astype(int), 0, np.array(shown.shape[::-1]) - 1).T
+    if not len(row):
+        return np.zeros(shown.shape, dtype=bool)
+    alike = np.min(departure * np.sign(np.median(departure[:, row, column])), axis=0)
+    worn = (alike > share * np.median(alike[row, column])) & (shown > 0.0)
+    reach = np.ones((2 * round(0.5 * radius) + 1,) * 2, np.uint8)
+    return cv2.dilate(worn.astype(np.uint8), reach) > 0
 
 
 def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
@@ -115,5 +143,5 @@ def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
     hull = cv2.convexHull((region / painted.part).astype(np.float32)).astype(np.int32)
     cv2.fillConvexPoly(mask, hull, 255)
     mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
-    mask[painted.clear == 0.0] = 0
+    mask[painted.bare == 0.0] = 0
     return Texture(painted.texture, mask)
