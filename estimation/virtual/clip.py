@@ -163,6 +163,9 @@ class VirtualClip:
         self.gel = move_gel(scene.contact, scene.path, scene.kinetic, scene.weakening).take(kept)
         self._place = np.asarray(scene.path.shift)[kept]
         self._turned = np.asarray(scene.path.twist)[kept]
+        poses = np.column_stack([self._place, self._turned])
+        moves = np.append(False, (np.diff(poses, axis=0) != 0.0).any(axis=1))
+        self._moved = np.maximum.accumulate(np.where(moves, np.arange(len(moves)), 0))
         poses = count_from_touch(scene.path)
         self.truth = _find_truth(
             self.gel,
@@ -226,20 +229,26 @@ class VirtualClip:
     def _show(self, frame: int, fields: list[np.ndarray]) -> list[np.ndarray]:
         """Fields of the undeformed gel at each pixel, without the steps of cells at steep rims.
 
-        Under the object and around it they go with the gel that sticks: what the object has slid
-        over the gel is in them.
+        They lie around the middle of the pressure, and are shown around the object's axis: the
+        contact was solved with the shape where it was a step before.
         """
         step = 4  # distance of the points at which the contact's shape is looked up [px]
         camera, truth = self.scene.camera, self.truth
         y, x = (step * np.arange(-(-size // step) + 1.0) for size in (camera.height, camera.width))
         middle = 0.5 * (np.array([camera.width, camera.height]) - 1)
         now = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) - middle
-        rest = camera.mm_per_px * now - self.scene.centre - truth.gel_shift[frame]
-        rest = rest @ _rotation(truth.gel_angle[frame])
+        arm = camera.mm_per_px * now - self.scene.centre - truth.shift[frame]
+        slid = truth.slip_angle[max(self._moved[frame] - 1, 0)]
+        rest = arm @ _rotation(truth.angle[frame] - np.nan_to_num(slid)) + self._middle(frame)
         pixels = np.arange(camera.height), np.arange(camera.width)
         coarse = [_look_up(self.gel.grid, gaussian_filter(one, 1.0), rest) for one in fields]
         # a spline, whose slopes are smooth: others would print a lattice into the picture
         return [RectBivariateSpline(y, x, one.reshape(len(y), -1))(*pixels) for one in coarse]
+
+    def _middle(self, frame: int) -> Float[np.ndarray, "2"]:
+        """Middle of the pressure, in the undeformed gel [mm]."""
+        pressure, points = self.gel.pressure[frame], np.asarray(self.gel.grid.points)
+        return np.sum(points * pressure, axis=(1, 2)) / pressure.sum()
 
     def moved(self, frame: int, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Displacement of points of the gel [mm].
