@@ -27,6 +27,7 @@ from estimation.observation import RIGID_OBJECT, Observation, Observer
 from estimation.slip.friction import FrictionWatch
 from estimation.slip.motion import Count, gel_ends
 from estimation.slip.shear import Shear, ShearWatch
+from estimation.slip.slide import SlideWatch
 from estimation.softness import Contact, Softness
 
 
@@ -97,7 +98,7 @@ class Trackers:
         self.counts = {name: Count() for name in methods}
         self.observation: Observation | None = None
         self.shear = Shear()
-        self._shear = ShearWatch(layout)
+        self._shear, self._slide = ShearWatch(layout), SlideWatch(layout)
         self.friction = FrictionWatch()
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
@@ -131,7 +132,10 @@ class Trackers:
         contact = frame.contact if seen.fields is None else seen.fields.contact
         if frame.flaw or contact is None:
             return Shear()
-        return self._shear.update(frame.positions, contact, frame.hold)
+        slide = self._slide.update(
+            frame.positions[:, :2], contact, frame.imprint, frame.print_point, frame.time
+        )
+        return self._shear.update(frame.positions, contact, frame.hold, slide)
 
     def _answer(self, seen: Observation, fields: Fields, gel: Measurement, method: str) -> Estimate:
         """An estimate from one method's measurement."""

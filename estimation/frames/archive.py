@@ -46,6 +46,7 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     | `flaws` | (frames,) text | why a frame cannot be used; (0,) if not inspected |
     | `contact` | (frames, markers) | the contact region; only where the source knows it |
     | `imprint` | (frames, 2) | the imprint's rotation and its standard error; only where known |
+    | `print_point` | (frames, 7) | a point of the imprint, at first and now; only where known |
     | `rotation` | (frames, markers) | rotation of each marker's line features; only where known |
     | `hold` | (frames, 3) | agreement of the print on the gel with earlier ones; where known |
     | `unit` | () text | of lengths, `mm` or `px` |

@@ -91,9 +91,7 @@ class MarkerLayout:
         around, shape = self.neighbours, self.grid_shape
         if around.size and not -1 <= around.min() <= around.max() < markers:
             raise ValueError(f"`neighbours` must be −1 or the index of one of {markers} markers")
-        if shape is not None and (
-            len(shape) != 2 or min(shape) < 1 or shape[0] * shape[1] != markers
-        ):
+        if shape is not None and (len(shape) != 2 or min(shape) < 1 or np.prod(shape) != markers):
             raise ValueError(
                 f"`grid_shape` is {shape}: its rows and columns do not hold {markers} markers"
             )
@@ -204,11 +202,13 @@ class Frame:
         contact: the contact region, where the source knows it; else the displacements tell.
         imprint: rotation of what the object prints through the gel, and its standard error [rad];
             NaN where unknown.
+        print_point: x and y of a point of that print in the frame that its rotation counts from,
+            and now [mm], the variances of the latter and their covariance [mm²]; NaN if unknown.
         rotation: of the line features at each marker [rad], where the source measures it and the
             markers' neighbours need not tell; NaN where unknown.
-        hold: how well what the object prints on the gel agrees with what it printed there half a
-            second or a second before, some frames before, and then where it agrees least:
-            correlations [-]; NaN where unknown.
+        hold: correlation of what the object prints on the gel with what it printed there half a
+            second or a second before, some frames before, and then where it agrees least; NaN if
+            unknown [-].
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -223,6 +223,7 @@ class Frame:
     flaw: str = ""
     contact: Bool[np.ndarray, " n"] | None = None
     imprint: tuple[float, float] = (float("nan"), float("nan"))
+    print_point: tuple[float, ...] = (float("nan"),) * 7
     rotation: Float[np.ndarray, " n"] | None = None
     hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
 
@@ -263,8 +264,8 @@ class Recording:
         forces: force at each marker [N], if the source has it.
         flaws: per frame, why it cannot be used; empty where it can.
         contact: the contact region in each frame, if the source knows it.
-        imprint: rotation of what the object prints through the gel, and its standard error [rad],
-            in each frame, if the source has it; NaN where it has lost its place.
+        imprint: as in `Frame`, in each frame, if the source has it [rad].
+        print_point: as in `Frame`, in each frame, if the source has it.
         rotation: of the line features at each marker [rad], if the source measures it.
         hold: as in `Frame`, in each frame, if the source has it [-].
         unit: of lengths, mm, or px where the source has no scale.
@@ -290,6 +291,7 @@ class Recording:
     flaws: tuple[str, ...] = ()
     contact: Bool[np.ndarray, "frames n"] | None = None
     imprint: Float[np.ndarray, "frames 2"] | None = None
+    print_point: Float[np.ndarray, "frames 7"] | None = None
     rotation: Float[np.ndarray, "frames n"] | None = None
     hold: Float[np.ndarray, "frames 3"] | None = None
     unit: str = "mm"
@@ -347,6 +349,7 @@ class Recording:
         """The frames in order, as `Tracker.update` takes them."""
         at_markers = ("forces", "contact", "rotation")
         known = {name: of for name in at_markers if (of := getattr(self, name)) is not None}
+        sizes = {"imprint": 2, "print_point": 7, "hold": 3}
         for i in range(len(self)):
             yield Frame(
                 positions=self.positions[i],
@@ -355,8 +358,7 @@ class Recording:
                 source_index=int(self.source_index[i]),
                 wrench=(*_numbers(self.force, i, 3), *_numbers(self.moment, i, 3)),
                 flaw=self.flaws[i] if self.flaws else "",
-                imprint=_numbers(self.imprint, i, 2),
-                hold=_numbers(self.hold, i, 3),
+                **{name: _numbers(getattr(self, name), i, size) for name, size in sizes.items()},
                 **{name: of[i] for name, of in known.items()},
             )
 
@@ -391,9 +393,8 @@ def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -
         forces=if_known("forces", layout.reference.shape),
         flaws=tuple(frame.flaw for frame in frames),
         contact=np.stack(contact) if len(contact) == len(frames) else None,
-        imprint=if_known("imprint"),
         rotation=if_known("rotation", layout.reference.shape[:1]),
-        hold=if_known("hold"),
+        **{name: if_known(name) for name in ("imprint", "print_point", "hold")},
         **all_of,
         **about,
     )

@@ -227,7 +227,8 @@ def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[s
 
 def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
     """The cells of the gel's shear and the slip along it, by column; empty without a number."""
-    names = (f"shear_{unit}", "print_hold", "slip_probability")
+    lengths = f"slip_{unit}", f"slip_error_{unit}", "slip_since_s"
+    names = (f"shear_{unit}", "print_hold", "slip_probability", *lengths)
     return {
         name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
         for name, values in zip(names, shears, strict=True)

@@ -91,6 +91,7 @@ class Row(NamedTuple):
         flaw: why the picture cannot be used, empty where it can.
         imprint: rotation of what the object prints [rad], NaN where unknown.
         imprint_error: its standard error [rad].
+        print_point: as in `Frame`, in the reader's own lengths.
         rotation: of the line features at each marker [rad], None where only positions are known.
         hold: as in `Frame` [-].
     """
@@ -102,6 +103,7 @@ class Row(NamedTuple):
     flaw: str = ""
     imprint: float = float("nan")
     imprint_error: float = float("nan")
+    print_point: tuple[float, ...] = (float("nan"),) * 7
     rotation: Float[np.ndarray, " m"] | None = None
     hold: tuple[float, float, float] = (float("nan"), float("nan"), float("nan"))
 
@@ -147,6 +149,8 @@ class MarkerReader(ABC):
         position = row.position.copy()
         position[:, :2] += self.origin
         position *= self.scale
+        first, now, spread = np.split(np.array(row.print_point), [2, 4])
+        places = self.scale * (np.concatenate([first, now]) + np.tile(self.origin, 2))
         return Frame(
             positions=position,
             valid=np.isfinite(position[:, 0]),
@@ -155,6 +159,7 @@ class MarkerReader(ABC):
             flaw=row.flaw,
             contact=row.contact,
             imprint=(row.imprint, row.imprint_error),
+            print_point=(*places.tolist(), *(self.scale**2 * spread).tolist()),
             rotation=row.rotation,
             hold=row.hold,
         )

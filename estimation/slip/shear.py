@@ -22,6 +22,7 @@ from scipy.special import expit
 from estimation.estimators.result import State, Track
 from estimation.fields.stencils import marker_pitch
 from estimation.frames.recording import MarkerLayout
+from estimation.slip.slide import Slide
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,9 @@ class Shear(NamedTuple):
         slides: whether the print says that the object slides.
         holds: whether the print says that it has not slid lately.
         sticks: whether it says that all of it sticks.
+        slip: how far the object has slid over the gel, as in `Slide`, and so the next [mm].
+        slip_error: half-width of its 95 % interval [mm].
+        slip_since: time stamp of the frame that it counts from [s].
     """
 
     shear: float = float("nan")
@@ -79,6 +83,9 @@ class Shear(NamedTuple):
     slides: bool = False
     holds: bool = False
     sticks: bool = False
+    slip: float = float("nan")
+    slip_error: float = float("nan")
+    slip_since: float = float("nan")
 
 
 class ShearPath(NamedTuple):
@@ -87,6 +94,9 @@ class ShearPath(NamedTuple):
     shear: Float[np.ndarray, " frames"]
     hold: Float[np.ndarray, " frames"]
     slipped: Float[np.ndarray, " frames"]
+    slip: Float[np.ndarray, " frames"]
+    slip_error: Float[np.ndarray, " frames"]
+    slip_since: Float[np.ndarray, " frames"]
 
     @classmethod
     def of(cls, *shears: Shear) -> "ShearPath":
@@ -148,6 +158,7 @@ class ShearWatch:
         positions: Float[np.ndarray, "n d"],
         contact: Bool[np.ndarray, " n"],
         hold: tuple[float, float, float],
+        slide: Slide,
     ) -> Shear:
         """What is known after the next frame.
 
@@ -155,6 +166,7 @@ class ShearWatch:
             positions: of the markers [mm]; NaN where not seen.
             contact: markers of the contact region.
             hold: agreement of the print with earlier ones [-]; NaN where unknown.
+            slide: how far the object has slid over the gel.
         """
         if not contact.any():
             self._restart()
@@ -171,7 +183,7 @@ class ShearWatch:
         # one frame may be wrong: the middle of three
         shear, since = (_middle(values) for values in zip(*self._raw, strict=True))
         self._shears.append(shear)
-        return self._judge(shear, since, *now)
+        return self._judge(shear, since, *now)._replace(**slide._asdict())
 
     def _measure(self, moved: Float[np.ndarray, "n 2"]) -> float:
         """How far the markers that went furthest within memory have gone, as one [mm]."""

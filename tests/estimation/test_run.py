@@ -18,7 +18,14 @@ from estimation.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from tests.cases import domed_pad, lift
 
-SHEAR_COLUMNS = ("shear_mm", "print_hold", "slip_probability")
+SHEAR_COLUMNS = (
+    "shear_mm",
+    "print_hold",
+    "slip_probability",
+    "slip_mm",
+    "slip_error_mm",
+    "slip_since_s",
+)
 ALERT_COLUMNS = (*GRIP_COLUMNS, "alert")
 COLUMNS = (
     "time_s",

@@ -97,8 +97,14 @@ class DotReader(MarkerReader):
             flaw=flaw or find_unseen_flaw(self.reference.position, contact, seen),
             imprint=turned.angle,
             imprint_error=turned.error,
+            print_point=self._in_plane(turned.point),
             hold=hold,
         )
+
+    def _in_plane(self, point: tuple[float, ...]) -> tuple[float, ...]:
+        """A point of what the object prints, where a straight lens would show it [px]."""
+        places = self.sensor.straighten(np.reshape(point[:4], (2, 2)))
+        return (*places.ravel().tolist(), *point[4:])
 
     def notes(self) -> tuple[str, ...]:
         """What the dots look like, what the reference is, and what tells the contact region."""

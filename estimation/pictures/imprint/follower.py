@@ -17,17 +17,20 @@ from estimation.pictures.imprint.settings import ImprintSettings
 
 
 class Imprint(NamedTuple):
-    """Rotation of what the object prints, against the first frame.
+    """Motion of what the object prints, since the first frame.
 
     Attributes:
         angle: rotation [rad, from x to y of the picture]; NaN where lost.
         error: its standard error [rad].
         quality: correlation with the keyframe [-].
+        point: x and y of a point of the object in the first frame and now [px], and the variances
+            of where it is now and their covariance [px²].
     """
 
     angle: float
     error: float
     quality: float
+    point: tuple[float, ...] = (np.nan,) * 7
 
 
 LOST = Imprint(np.nan, np.nan, np.nan)
@@ -71,7 +74,7 @@ class ImprintFollower:
             return LOST
         texture = cut_out(painted, region)
         if self.last is None or self.before is None:
-            return self._begin(texture)
+            return self._begin(texture, painted.part)
         found = self._find(texture, self.last, self.before)
         if found is None or found.error > np.radians(self._settings.largest_deg):
             self.missed += 1
@@ -80,9 +83,9 @@ class ImprintFollower:
             shaded = not self.confirmed  # light, that no second frame has shown
             self._restart()
             self.resting = self._settings.unseen if shaded else 0
-            return LOST if shaded else self._begin(texture)
+            return LOST if shaded else self._begin(texture, painted.part)
         self.missed, self.confirmed = 0, True
-        self.before = Keyframe(texture, found.pose, found.error)
+        self.before = Keyframe(texture, found.pose, found.error, found.spread)
         self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.last = found
         if found.quality < self._settings.new_keyframe or abs(found.turned) > np.radians(
@@ -90,22 +93,23 @@ class ImprintFollower:
         ):
             self._keep(self.before)
         error = float(np.hypot(found.error, self._settings.shaded * self.angle))
-        return Imprint(self.angle, error, found.quality)
+        return Imprint(self.angle, error, found.quality, _locate(self.before, painted.part))
 
-    def _begin(self, texture: Texture) -> Imprint:
+    def _begin(self, texture: Texture, part: int) -> Imprint:
         if texture.value[texture.mask > 0].std() < self._settings.texture:
             self.resting = self._settings.unseen
             return LOST
-        self.before = Keyframe(texture, np.eye(3), 0.0)
+        self.before = Keyframe(texture, np.eye(3), 0.0, np.zeros((2, 2)))
         self._keep(self.before)
-        return Imprint(0.0, self._reading_error, 1.0)
+        return Imprint(0.0, self._reading_error, 1.0, _locate(self.before, part))
 
     def _keep(self, keyframe: Keyframe) -> None:
         """Make it the keyframe to register with."""
         self.keyframes.append(keyframe)
         if len(self.keyframes) > self._settings.kept:
             del self.keyframes[1]
-        self.last = Match(keyframe, np.eye(2, 3, dtype=np.float32), 1.0, self._reading_error)
+        still, spread = np.eye(2, 3, dtype=np.float32), self._settings.reading_px**2 * np.eye(2)
+        self.last = Match(keyframe, still, 1.0, self._reading_error, spread)
 
     def _find(self, texture: Texture, last: Match, before: Keyframe) -> Match | None:
         """The motion to this frame; None where the imprint has lost its place.
@@ -133,3 +137,16 @@ class ImprintFollower:
             if guess is not None:
                 found = register(before, texture, guess, settings, least=settings.found_again)
         return found
+
+
+def _locate(now: Keyframe, part: int) -> tuple[float, ...]:
+    """The object's point that is in the middle of the contact, as `Imprint` has it.
+
+    Args:
+        now: the frame.
+        part: by how much its picture has been scaled down.
+    """
+    middle = np.append(np.argwhere(now.texture.mask)[:, ::-1].mean(axis=0), 1.0)
+    first = np.linalg.solve(now.pose, middle)
+    (xx, xy), (_, yy) = part * now.spread
+    return tuple((part * np.array([*first[:2], *middle[:2], xx, yy, xy])).tolist())

@@ -23,11 +23,13 @@ class Keyframe(NamedTuple):
         texture: of the imprint in it.
         pose: takes points of the first keyframe to where they are here, in homogeneous coordinates.
         error: standard error of its rotation [rad].
+        spread: covariance of where the middle of the contact is [px²].
     """
 
     texture: Texture
     pose: Float[np.ndarray, "3 3"]
     error: float
+    spread: Float[np.ndarray, "2 2"]
 
     @property
     def angle(self) -> float:
@@ -43,12 +45,14 @@ class Match(NamedTuple):
         warp: the rigid motion from there.
         quality: correlation of the two [-].
         own_error: standard error of the rotation between them [rad].
+        own_spread: covariance of the shift between them, of the middle of the contact [px²].
     """
 
     keyframe: Keyframe
     warp: Float32[np.ndarray, "2 3"]
     quality: float
     own_error: float
+    own_spread: Float[np.ndarray, "2 2"]
 
     @property
     def pose(self) -> Float[np.ndarray, "3 3"]:
@@ -64,6 +68,11 @@ class Match(NamedTuple):
     def error(self) -> float:
         """Standard error of the rotation since the first keyframe [rad]."""
         return float(np.hypot(self.keyframe.error, self.own_error))
+
+    @property
+    def spread(self) -> Float[np.ndarray, "2 2"]:
+        """Covariance of where the middle of the contact is [px²]."""
+        return self.keyframe.spread + self.own_spread
 
 
 def register(
@@ -98,18 +107,30 @@ def register(
         return None
     if quality <= (settings.least_correlation if least is None else least):
         return None
-    loss = _turning_loss(before, texture, np.asarray(warp))
-    if loss < settings.least_loss:
+    loss = _find_loss(before, texture, np.asarray(warp))
+    if loss[0, 0] < settings.least_loss:
         return None
-    own = np.sqrt((1.0 - quality) / (settings.independent * loss))
-    error = np.hypot(np.radians(settings.reading_deg), own)
-    return Match(keyframe, np.asarray(warp), float(quality), float(error))
+    lacking = (1.0 - quality) / settings.independent
+    error = np.hypot(np.radians(settings.reading_deg), np.sqrt(lacking / loss[0, 0]))
+    spread = _spread_shift(loss[1:, 1:], lacking, before.value.size, settings)
+    return Match(keyframe, np.asarray(warp), float(quality), float(error), spread)
 
 
-def _turning_loss(before: Texture, now: Texture, warp: np.ndarray) -> float:
-    """What a turn from where they fit would cost of the correlation, over half its square [-].
+def _spread_shift(
+    loss: Float[np.ndarray, "2 2"], lacking: float, area: int, settings: ImprintSettings
+) -> Float[np.ndarray, "2 2"]:
+    """Covariance of a shift [px²]; along a print that is alike there it may be anything in view."""
+    along, ways = np.linalg.eigh(loss)
+    seen = along > settings.alike * along[1]
+    variance = settings.reading_px**2 + lacking / np.where(seen, along, 1.0)
+    return (ways * np.where(seen, variance, area)) @ ways.T
 
-    It comes from the product of both slopes: noise, which they do not share, is left out.
+
+def _find_loss(before: Texture, now: Texture, warp: np.ndarray) -> Float[np.ndarray, "3 3"]:
+    """What motions from where they fit would cost of the correlation, over half their squares.
+
+    They are a turn about the middle and shifts along x and y [-, 1/px²]. The loss comes from the
+    product of both slopes: noise, which they do not share, is left out.
     """
     size, back = before.value.shape[::-1], cv2.WARP_INVERSE_MAP
     value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
@@ -117,15 +138,17 @@ def _turning_loss(before: Texture, now: Texture, warp: np.ndarray) -> float:
     both = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8)) > 0
     rows, columns = np.nonzero(both)
     if not len(rows):
-        return 0.0
+        return np.zeros((3, 3))
     x, y = columns - columns.mean(), rows - rows.mean()
     products = []
     for one in (before.value, value):
         right = cv2.Sobel(one, cv2.CV_32F, 1, 0, scale=0.125)[both]
         down = cv2.Sobel(one, cv2.CV_32F, 0, 1, scale=0.125)[both]
-        products.append((x * down - y * right, one[both] - one[both].mean()))
-    (turn, level), (turn_now, level_now) = products
-    return float(np.sum(turn * turn_now) / max(np.sum(level * level_now), 1e-9))
+        slopes = np.stack([x * down - y * right, right, down])
+        products.append((slopes, one[both] - one[both].mean()))
+    (slopes, level), (slopes_now, level_now) = products
+    loss = slopes @ slopes_now.T / max(np.sum(level * level_now), 1e-9)
+    return 0.5 * (loss + loss.T)
 
 
 def search_motion(

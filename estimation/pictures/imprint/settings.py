@@ -10,6 +10,7 @@ class ImprintSettings:
     Attributes:
         reading_deg: standard error of a registration with correlation 1; errors add up over
             keyframes [deg].
+        reading_px: the same of the shift [px of the picture as it is registered].
         independent: parts of a texture that differ from the keyframe by themselves: what the
             correlation lacks, over these and over its loss by a turn, is the square of the error;
             96 % of 195 registrations in published clips are in their interval [-].
@@ -28,6 +29,9 @@ class ImprintSettings:
         least_loss: what a turn must cost of the correlation, over half its square, to be read: 5 %
             at 3°. Prints of published clips have 70 to 260, a smooth ball 20, by what does not turn
             with it [-].
+        alike: what a shift along the print must cost of the correlation, as a share of one across
+            it, for the print to show it: ridges have 0.00 to 0.07, prints of published lifts 0.09
+            and more [-].
         searched_deg: largest rotation that is tried either way where the imprint has lost its place
             [deg].
         overlap: share of the smaller contact region that both pictures must show: elsewhere the pad
@@ -38,6 +42,7 @@ class ImprintSettings:
     """
 
     reading_deg: float = 0.05
+    reading_px: float = 0.05
     independent: float = 30.0
     shaded: float = 0.01
     least_correlation: float = 0.65
@@ -48,6 +53,7 @@ class ImprintSettings:
     step_deg: float = 12.0
     texture: float = 0.9
     least_loss: float = 40.0
+    alike: float = 0.05
     searched_deg: float = 30.0
     overlap: float = 0.4
     unseen: int = 4

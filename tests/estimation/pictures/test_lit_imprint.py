@@ -28,10 +28,12 @@ def picture(height, rng):
     return digitise(CAMERA, light, rng)
 
 
-def follow(heights):
-    """What a follower reads; it is given the dots whose middle is well in view."""
+def follow(heights, worn=()):
+    """What a follower reads; it is given the dots whose middle is well in view, but worn ones."""
     follower, rng = ImprintFollower(), np.random.default_rng(6)
-    seen = DOTS[DOTS[:, 1] > RADIUS]
+    found = np.ones(len(DOTS), dtype=bool)
+    found[list(worn)] = False
+    seen = DOTS[found & (DOTS[:, 1] > RADIUS)]
     return [follower.update(paint_out(picture(h, rng), seen, RADIUS), REGION) for h in heights]
 
 
@@ -51,3 +53,32 @@ def test_a_smooth_ball_says_nothing_of_a_turn():
     # the first frame is what others are compared with; none is begun anew in the next ones
     assert found[0].quality == 1.0
     assert all(np.isnan(one.angle) for one in found[1:])
+
+
+def test_the_place_of_the_imprint_is_followed_and_worn_dots_are_not():
+    """Dots that are not found stay where they are, and are darker than all that the object prints.
+
+    Read with them, the print lags behind.
+    """
+    relief = make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(4))
+    far = np.linspace(0.0, 1.2, 9)
+    way = np.array([0.8, 0.6])
+    heights = [TOUCHED * relief.at(CAMERA, one * way, 0.05 * one) for one in far]
+    found = follow(heights, worn=(16, 24, 25))
+    first, now, spread = np.split(np.array([one.point for one in found]), [2, 4], axis=1)
+    arm = CAMERA.mm_per_px * (first - 0.5 * np.array([CAMERA.width - 1, CAMERA.height - 1]))
+    c, s = np.cos(0.05 * far), np.sin(0.05 * far)
+    turned = np.stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]], axis=1)
+    expected = first + (turned - arm + far[:, None] * way) / CAMERA.mm_per_px
+    error = np.linalg.norm(now - expected, axis=1)
+    assert error.max() < 0.2  # px
+    assert (error < 2.5 * np.sqrt(spread[:, :2].max(axis=1)) + 1e-9).all()
+
+
+def test_repeated_ridges_do_not_show_how_far_they_go_along_themselves():
+    relief = make_relief("stripes", 0.15, 20.0, 0.02, np.random.default_rng(4))
+    ridges = relief.at(CAMERA, np.zeros(2), 0.0)
+    xx, yy, xy = follow([ridges, ridges])[1].point[4:]
+    assert np.sqrt(xx) < 0.1  # px
+    assert np.sqrt(yy) > 100.0
+    assert abs(xy) < 0.05 * yy

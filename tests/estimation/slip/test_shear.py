@@ -7,6 +7,7 @@ from estimation.estimators.result import State
 from estimation.frames.recording import layout_markers
 from estimation.settings import Settings
 from estimation.slip.shear import Shear, ShearSettings, ShearWatch, conclude
+from estimation.slip.slide import Slide
 from estimation.sources import read_recording
 from estimation.stream import Stream
 from estimation.tracker import estimate_angles
@@ -20,12 +21,13 @@ RISE = np.concatenate([np.linspace(0.0, 0.4, 9), np.full(8, 0.4)])
 """Shear of a lift that is held [pitches]."""
 FALL = np.concatenate([RISE[:9], np.linspace(0.36, 0.1, 8)])
 SURE = np.full(len(RISE), 0.9)
+UNSEEN = Slide()
 
 
 def watch(shear, hold, contact=TOUCHED):
     watched = ShearWatch(LAYOUT)
     return [
-        watched.update(REST + one * SHARE * [1.0, 0.0], contact, (agrees, agrees, agrees))
+        watched.update(REST + one * SHARE * [1.0, 0.0], contact, (agrees, agrees, agrees), UNSEEN)
         for one, agrees in zip(shear, np.broadcast_to(hold, len(shear)), strict=True)
     ]
 
@@ -75,10 +77,10 @@ def test_without_a_print_nothing_is_said():
 
 def test_a_frame_without_markers_is_passed_over():
     watched = ShearWatch(LAYOUT)
-    watched.update(REST, TOUCHED, (1.0, 1.0, 1.0))
-    unseen = watched.update(np.full_like(REST, np.nan), TOUCHED, (np.nan, np.nan, np.nan))
+    watched.update(REST, TOUCHED, (1.0, 1.0, 1.0), UNSEEN)
+    unseen = watched.update(np.full_like(REST, np.nan), TOUCHED, (np.nan, np.nan, np.nan), UNSEEN)
     assert np.isnan(unseen.shear)
-    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0, 1.0)).shear > 0.0
+    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0, 1.0), UNSEEN).shear > 0.0
 
 
 def test_nothing_is_known_without_contact(pivot_result):
@@ -90,11 +92,11 @@ def test_nothing_is_known_without_contact(pivot_result):
 def test_contact_begins_anew():
     watched = ShearWatch(LAYOUT)
     for one in FALL:
-        watched.update(REST + np.array([one, 0.0]), TOUCHED, (0.8, 0.8, 0.8))
-    assert watched.update(REST, np.zeros_like(TOUCHED), (np.nan, np.nan, np.nan)) == pytest.approx(
-        Shear(), nan_ok=True
-    )
-    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0, 1.0)).shear == 0.0
+        watched.update(REST + np.array([one, 0.0]), TOUCHED, (0.8, 0.8, 0.8), UNSEEN)
+    assert watched.update(
+        REST, np.zeros_like(TOUCHED), (np.nan, np.nan, np.nan), UNSEEN
+    ) == pytest.approx(Shear(), nan_ok=True)
+    assert watched.update(REST + 0.3, TOUCHED, (1.0, 1.0, 1.0), UNSEEN).shear == 0.0
 
 
 def test_even_bets_are_where_the_settings_say():

@@ -1,0 +1,100 @@
+"""How far the object has slid over the gel, from where its print and the markers are."""
+
+import numpy as np
+import pytest
+
+from estimation.frames.recording import layout_markers
+from estimation.slip.slide import TILTED, SlideWatch
+
+REST = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).reshape(-1, 2)
+LAYOUT = layout_markers(REST)
+MIDDLE = np.array([4.0, 4.0])
+AWAY = np.linalg.norm(REST - MIDDLE, axis=1)
+TOUCHED = AWAY < 3.5
+ALL = np.ones_like(TOUCHED)
+SURE = (1e-4, 1e-4, 0.0)
+"""Variances of the print's place, and their covariance [mm²]."""
+RADIUS = 2.4477
+NOWHERE = (np.nan,) * 7
+
+
+def turned(points, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return MIDDLE + (points - MIDDLE) @ np.array([[c, s], [-s, c]])
+
+
+def watch(places, turns, gels, spread=SURE, turn_error=0.0):
+    """Slip while the object goes to places and turns, and the gel under it to others [mm, rad]."""
+    watched = SlideWatch(LAYOUT)
+    return [
+        watched.update(
+            gel, TOUCHED, (turn, turn_error), (*MIDDLE, *(MIDDLE + place), *spread), float(i)
+        )
+        for i, (place, turn, gel) in enumerate(zip(places, turns, gels, strict=True))
+    ]
+
+
+def test_gel_that_goes_with_the_object_is_not_slid_over():
+    """A core of three pitches sticks, around it the gel stays behind."""
+    share = np.clip(1.8 - 0.4 * AWAY, 0.0, 1.0)[:, None]
+    far, turn = np.array([1.5, -0.7]), 0.2
+    held = REST + share * (turned(REST, turn) + far - REST)
+    slide = watch([0.0, far], [0.0, turn], [REST, held])[-1]
+    assert slide.slip == pytest.approx(0.0, abs=1e-12)
+    assert slide.slip_since == 0.0
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_the_slip_is_how_far_the_object_has_gone_beyond_the_gel(turn):
+    far, gel = np.array([2.0, 1.0]), np.array([0.3, 0.15])
+    slide = watch([0.0, far], [0.0, turn], [REST, turned(REST, turn) + gel])[-1]
+    assert slide.slip == pytest.approx(np.linalg.norm(far - gel))
+
+
+def test_the_contact_may_leave_the_markers_that_it_began_on():
+    far = np.array([6.0, 0.0])
+    watched = SlideWatch(LAYOUT)
+    watched.update(REST, TOUCHED, (0.0, 0.0), (*MIDDLE, *MIDDLE, *SURE), 0.0)
+    there = np.linalg.norm(REST - MIDDLE - far, axis=1) < 3.5
+    slide = watched.update(REST, there, (0.01, 0.0), (*MIDDLE, *(MIDDLE + far), *SURE), 1.0)
+    assert slide.slip == pytest.approx(6.0, abs=0.05)
+
+
+def test_the_interval_has_the_errors_of_place_turn_and_shear():
+    """Of the markers that go with the object the first is that with the least of them."""
+    far = np.array([1.0, 0.0])
+    spread = (4e-4, 1e-4, 0.0)
+    place, sheared = (
+        watch([0.0, far], [0.0, 0.0], [REST, REST + gel], spread)[-1] for gel in (0.0, far / 2.0)
+    )
+    assert place.slip_error == pytest.approx(RADIUS * 0.02)
+    assert sheared.slip_error == pytest.approx(RADIUS * np.hypot(0.02, TILTED * 0.5))
+    one = np.zeros_like(TOUCHED)
+    one[np.flatnonzero(AWAY == 3.0)[0]] = True
+    watched = SlideWatch(LAYOUT)
+    turned_about = watched.update(REST, one, (0.0, 0.01), (*MIDDLE, *MIDDLE, 0.0, 0.0, 0.0), 0.0)
+    assert turned_about.slip_error == pytest.approx(RADIUS * 0.03)
+
+
+def test_a_print_that_is_alike_along_a_line_does_not_show_slip():
+    slide = watch([0.0, 0.0], [0.0, 0.0], [REST, REST], (1e-4, 9.0, 0.0))[-1]
+    assert np.isnan(slide.slip)
+    assert slide.slip_error == pytest.approx(RADIUS * 3.0)
+
+
+def test_slip_counts_anew_where_the_print_does():
+    watched = SlideWatch(LAYOUT)
+    still = (0.0, 0.0), (*MIDDLE, *MIDDLE, *SURE)
+    watched.update(REST, TOUCHED, *still, 0.0)
+    gone = watched.update(REST, TOUCHED, (0.0, 0.0), (*MIDDLE, *(MIDDLE + 1.0), *SURE), 1.0)
+    assert gone.slip == pytest.approx(np.sqrt(2.0))
+    assert np.isnan(watched.update(REST, TOUCHED, (np.nan, np.nan), NOWHERE, 2.0)).all()
+    anew = watched.update(REST, TOUCHED, *still, 3.0)
+    assert (anew.slip, anew.slip_since) == (0.0, 3.0)
+
+
+def test_nothing_is_known_without_contact_or_markers():
+    watched = SlideWatch(LAYOUT)
+    known = (0.0, 0.0), (*MIDDLE, *MIDDLE, *SURE), 0.0
+    assert np.isnan(watched.update(REST, ~ALL, *known)).all()
+    assert np.isnan(watched.update(np.full_like(REST, np.nan), ALL, *known)).all()
