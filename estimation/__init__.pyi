@@ -12,6 +12,7 @@ from estimation.fields.outline import follow_outline as follow_outline
 from estimation.frames.archive import write_archive as write_archive
 from estimation.frames.bags.source import BagSource as BagSource
 from estimation.frames.datasets import fetch as fetch
+from estimation.frames.lerobot import write_lerobot as write_lerobot
 from estimation.frames.noise import Noise as Noise
 from estimation.frames.noise import estimate_noise as estimate_noise
 from estimation.frames.recording import Frame as Frame
@@ -21,6 +22,7 @@ from estimation.frames.recording import layout_markers as layout_markers
 from estimation.frames.source import FrameStream as FrameStream
 from estimation.frames.source import Source as Source
 from estimation.frames.source import record_source as record_source
+from estimation.frames.zarr_folder import write_zarr as write_zarr
 from estimation.output.plots import plot_angles as plot_angles
 from estimation.output.plots import plot_grasp as plot_grasp
 from estimation.output.plots import plot_maps as plot_maps

@@ -82,7 +82,8 @@ class Choices:
         preview: write an annotated video, preview.mp4 (needs the extra `video`).
         topic: topic of a bag to run over; given twice, as for the fingers of a grasp, both are.
         sink: what else takes the answers, frame by frame; it may be given several times. mcap:
-            frames.mcap, an MCAP file of ROS messages, which can be run over again. json: a line of
+            frames.mcap, an MCAP file of ROS messages; zarr: frames.zarr; lerobot: a LeRobot data
+            set. All of them can be run over again. json: a line of
             JSON for each frame on standard output. udp:PORT, udp:HOST:PORT: the same as packets.
         seed: seed of the virtual pivot.
         contact: how the contact and its state are told.

@@ -20,7 +20,7 @@ from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
 from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
-from estimation.output.sinks import FILES, check_sinks, open_sinks
+from estimation.output.sinks import check_sinks, finish_files, growing_files, open_sinks
 from estimation.output.table import TableWriter
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
@@ -178,13 +178,14 @@ class _Job:
         if not stream.done:
             for name in self._files:
                 (self.folder / name).unlink()
+        elif not interrupted:
+            finish_files(settings.sink, self.folder)
         return interrupted
 
     @property
     def _files(self) -> list[str]:
         """Names of the files that grow with every frame."""
-        written = (FILES[name] for name in self.settings.sink if name in FILES)
-        return [NAME, "angles.csv", *written]
+        return [NAME, "angles.csv", *growing_files(self.settings.sink)]
 
     def _answer(
         self, stream: Stream, writer: RecordWriter, sinks: list[Sink], progress: Progress

@@ -15,11 +15,14 @@ from estimation.frames.bags.bag import is_bag, split_place
 from estimation.frames.bags.source import BagSource
 from estimation.frames.bags.topics import find_topic
 from estimation.frames.inspection import inspect_recording
+from estimation.frames.lerobot import is_lerobot, open_lerobot
 from estimation.frames.names import name_recordings, natural_key, number_alike
 from estimation.frames.recording import Recording
+from estimation.frames.rows import stream_rows
 from estimation.frames.source import SOURCE_FACTS, FrameStream, Source, record_source
 from estimation.frames.state import load_state
 from estimation.frames.tac3d import is_tac3d, read_tac3d
+from estimation.frames.zarr_folder import is_zarr, open_zarr
 from estimation.output.record import NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
@@ -30,7 +33,8 @@ from estimation.virtual.recording import Truth, simulate_pivot
 
 EXPECTED = (
     f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
-    "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder) or a camera (camera:0)"
+    "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, lerobot) "
+    "or a camera (camera:0)"
 )
 
 
@@ -55,6 +59,9 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
             return inspect_recording(read_images(found[0], images))
         if split_place(found[0]):
             source = BagSource(found[0], unloaded=_unloaded_number(images))
+            return inspect_recording(record_source(source, list(source)))
+        if is_rows(found[0]):
+            source = _open_rows(found[0], name_recordings(found)[0])
             return inspect_recording(record_source(source, list(source)))
         reader = read_tac3d if found[0].is_dir() else read_archive
         recording = replace(reader(found[0]), name=name_recordings(found)[0])
@@ -119,11 +126,23 @@ def open_source(
             return PictureSource(path, images, name=name, state=state, skip=row)
         if split_place(path):
             return BagSource(path, name=name, unloaded=_unloaded_number(images), skip=row)
+        if is_rows(path):
+            return _open_rows(path, name, row)
         recording = replace(read_recording(path, images), name=name)
         if checkpoint is None:
             return recording
         about = {name: getattr(recording, name) for name in SOURCE_FACTS}
         return FrameStream(recording.layout, islice(recording, row, None), **about)
+
+
+def is_rows(path: Path) -> bool:
+    """Whether there is a Zarr group or a LeRobot data set at the path."""
+    return is_zarr(path) or is_lerobot(path)
+
+
+def _open_rows(path: Path, name: str, skip: int = 0) -> FrameStream:
+    file = open_zarr(path) if is_zarr(path) else open_lerobot(path)
+    return stream_rows(file, str(path), name, skip)
 
 
 def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
@@ -155,7 +174,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
             return [path]
         hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
         raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
-    if is_tac3d(path) or is_pictures(path):
+    if is_tac3d(path) or is_rows(path) or is_pictures(path):
         return [path]
     inside = sorted(path.iterdir(), key=natural_key)
     found = [
@@ -163,6 +182,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         for one in inside
         if one.suffix == SUFFIX
         or is_bag(one)
+        or is_rows(one)
         or is_pictures(one)
         or (one.is_dir() and is_tac3d(one))
     ]

@@ -6,6 +6,8 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "peers": ("trackpy",),
     "video": ("av",),
     "bags": ("mcap", "rosbags"),
+    "lerobot": ("pyarrow",),
+    "zarr": ("zarr",),
     "sweeps": ("dask", "distributed", "zarr"),
 }
 """Packages that each extra installs, by the name they are imported under."""

@@ -2,7 +2,8 @@
 
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -30,6 +31,26 @@ def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def write_folder(path: Path) -> Iterator[Path]:
+    """A folder under a temporary name, which gets its own, and replaces another, once it is whole.
+
+    Args:
+        path: of the folder.
+
+    Raises:
+        OSError: it cannot be written; nothing is left behind.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as outer:
+        folder = Path(outer).resolve() / path.name
+        folder.mkdir()
+        yield folder
+        if path.exists():
+            path.rename(Path(outer) / "earlier")
+        folder.rename(path)
 
 
 def check_writable(folder: Path) -> None:

@@ -7,6 +7,7 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
+from estimation.frames.bags.bag import describe_bag, read_messages
 from estimation.frames.bags.types import FRAME, add_type, ros_types
 from estimation.frames.extras import require_extra
 from estimation.frames.flat import flatten_frame, flatten_layout
@@ -168,6 +169,16 @@ class BagWriter:
             "data": np.frombuffer(points.tobytes(), np.uint8),
             "is_dense": bool(answer.frame.valid.all()),
         }
+
+
+def read_answers(path: Path) -> Iterator[dict[str, Any]]:
+    """The answers in a file that `BagWriter` has written, each by the names of its fields."""
+    (channel,) = (one for one in describe_bag(path).channels if one.type == ANSWER)
+    for message in read_messages(path, channel):
+        if message.content is not None:
+            row = dict(vars(message.content))
+            del row["header"]
+            yield row
 
 
 class _Sent(NamedTuple):

@@ -8,25 +8,36 @@ import threading
 import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from mcap.reader import make_reader
 from rich.progress import Progress
 from rosbags.highlevel import AnyReader
 
 from estimation.frames.archive import write_archive
+from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording, layout_markers
 from estimation.frames.source import record_source
+from estimation.frames.zarr_folder import write_zarr
 from estimation.output.outlet import Outlet
 from estimation.output.record import RecordWriter
-from estimation.output.sinks import FILES, check_sinks, open_sinks, read_address
+from estimation.output.sinks import (
+    FILES,
+    GROWING,
+    check_sinks,
+    finish_files,
+    open_sinks,
+    read_address,
+)
 from estimation.output.table import TableWriter
 from estimation.run import run_all
 from estimation.settings import Settings
-from estimation.sources import open_inputs, open_source
+from estimation.sources import open_inputs, open_source, read_recording
 from estimation.stream import Stream
 from tests.cases import lift
 from tests.estimation.frames.test_archive import assert_same
@@ -34,7 +45,8 @@ from tests.estimation.frames.test_archive import assert_same
 SETTINGS = Settings(noise=Noise.given(1e-3))
 ABOUT = ("name", "source", "notes", "warnings")
 """What a recording says of its file, and of what was found in it."""
-FORMATS = list(FILES)
+NEEDED = {"lerobot": "pyarrow"}
+FORMATS = [name for name in FILES if find_spec(NEEDED.get(name, "mcap"))]
 
 
 def pressed(flat: bool = False) -> Recording:
@@ -82,6 +94,7 @@ def settings_of(recording):
 def opened(recording, folder, name, tell=print):
     with ExitStack() as stack:
         yield from open_sinks((name,), folder, recording, "tracked", 0, stack, tell)
+    finish_files((name,), folder)
 
 
 def write(recording, folder: Path, name: str) -> Path:
@@ -107,6 +120,7 @@ def assert_alike(found: Recording, expected: Recording) -> None:
 def test_a_recording_comes_back_equal(tmp_path, name, flat):
     recording = pressed(flat)
     assert_alike(read(write(recording, tmp_path, name)), recording)
+    assert [one.name for one in tmp_path.iterdir()] == [FILES[name]]
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -157,14 +171,12 @@ def test_topics_hold_the_row_the_markers_and_the_wrench(tmp_path):
     assert wrench.wrench.torque.z == pytest.approx(1e-3 * recording.moment[-1, 2])
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_a_killed_run_goes_on_where_it_was(tmp_path, monkeypatch, name):
-    """The file is that of a run that was not killed, and could be read after the kill."""
-    recording, out = pressed(), tmp_path / "out"
+def test_a_killed_run_goes_on_where_it_was(tmp_path, monkeypatch):
+    """The files are those of the recording, and it could be read after the kill."""
+    recording, out, sinks = pressed(), tmp_path / "out", ("mcap", "zarr")
     write_archive(recording, tmp_path / "lift.npz")
     monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
-    whole, take = tmp_path / "whole", RecordWriter.put
-    run(tmp_path / "lift.npz", whole, name)
+    take = RecordWriter.put
 
     def take_until(self, answer):
         if answer.row == 8:
@@ -174,13 +186,13 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, monkeypatch, name):
     with monkeypatch.context() as patch:
         patch.setattr(RecordWriter, "put", take_until)
         with pytest.raises(MemoryError):
-            run(tmp_path / "lift.npz", out, name)
-    killed = out / "unfinished" / FILES[name]
-    assert_alike(read(killed), recording.head(8))
-    run(tmp_path / "lift.npz", out, name, resume=True)
-    assert_alike(read(out / FILES[name]), read(whole / FILES[name]))
-    assert not list(out.rglob(f".{FILES[name]}*"))
-    assert str(FILES[name]) in (out / "manifest.json").read_text()
+            run(tmp_path / "lift.npz", out, *sinks)
+    assert_alike(read(out / "unfinished" / GROWING), recording.head(8))
+    run(tmp_path / "lift.npz", out, *sinks, resume=True)
+    for name in sinks:
+        assert_alike(read(out / FILES[name]), recording)
+        assert FILES[name] in (out / "manifest.json").read_text()
+    assert not list(out.rglob(f".{GROWING}*"))
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -295,3 +307,67 @@ def test_addresses_are_read():
     assert read_address("udp:9000") == ("127.0.0.1", 9000)
     assert read_address("udp:10.0.0.2:9000") == ("10.0.0.2", 9000)
     assert read_address("udp:[::1]:9000") == ("::1", 9000)
+
+
+# --- columns ------------------------------------------------------------------------------------
+
+
+def test_a_zarr_group_opens_without_us(tmp_path):
+    recording = pressed()
+    group = zarr.open_group(write(recording, tmp_path, "zarr"), mode="r")
+    np.testing.assert_array_equal(group["positions"][:], recording.positions)
+    assert group["flaw"][6] == recording.flaws[6]
+    assert group["answer.state"][0] == "no_contact"
+    angles = group["answer.angle_deg"][:]
+    assert np.isfinite(angles[-1])
+    assert group.attrs["unit"] == "mm"
+
+
+def test_a_lerobot_set_has_points_and_what_its_readers_ask_for(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    recording = pressed()
+    path = write(recording, tmp_path, "lerobot")
+    info = json.loads((path / "meta" / "info.json").read_text())
+    frames, markers = recording.valid.shape
+    assert info["codebase_version"] == "v3.0"
+    assert (info["total_episodes"], info["total_frames"], info["fps"]) == (1, frames, 30)
+    points = info["features"]["observation.tactile.points"]
+    assert points["shape"] == [markers, 6]
+    assert points["names"] == ["dx", "dy", "dz", "Fx", "Fy", "Fz"]
+    data = parquet.read_table(path / info["data_path"].format(chunk_index=0, file_index=0))
+    assert set(data.column_names) == set(info["features"])
+    found = np.array(data["observation.tactile.points"].to_pylist())
+    np.testing.assert_array_equal(found[..., 3:], recording.forces.astype(np.float32))
+    moved = (recording.positions - recording.layout.reference).astype(np.float32)
+    np.testing.assert_array_equal(found[..., :3], moved)
+    np.testing.assert_allclose(data["timestamp"], np.arange(frames) / 30.0, atol=1e-5)
+    assert data["observation.contact.state"][-1].as_py() in ("stick", "incipient")
+    statistics = json.loads((path / "meta" / "stats.json").read_text())
+    mean = np.array(statistics["observation.tactile.points"]["mean"])
+    np.testing.assert_allclose(mean, np.nanmean(found, axis=0), atol=1e-6)
+    episode = parquet.read_table(path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()[0]
+    assert (episode["length"], episode["dataset_to_index"]) == (frames, frames)
+    tasks = parquet.read_table(path / "meta" / "tasks.parquet").to_pandas()
+    assert tasks["task_index"].tolist() == [0]
+    assert tasks.index.tolist() == episode["tasks"]
+
+
+def test_a_recording_is_written_without_answers(tmp_path):
+    recording = pressed()
+    write_zarr(tmp_path / "lift.zarr", recording)
+    assert_alike(read_recording(tmp_path / "lift.zarr"), inspect_recording(recording))
+    write_zarr(tmp_path / "lift.zarr", recording.head(3))  # over the other
+    assert len(read(tmp_path / "lift.zarr")) == 3
+    assert [one.name for one in tmp_path.iterdir()] == ["lift.zarr"]
+
+
+def test_what_is_no_group_of_ours_is_refused(tmp_path):
+    path = tmp_path / "other.zarr"
+    zarr.create_group(path)
+    with pytest.raises(ValueError, match=r"other\.zarr is no Zarr group of frames, or damaged"):
+        read_recording(path)
+    (tmp_path / "set" / "meta").mkdir(parents=True)
+    (tmp_path / "set" / "meta" / "info.json").write_text("{}")
+    if find_spec("pyarrow"):
+        with pytest.raises(ValueError, match="LeRobot data set of another program"):
+            read_recording(tmp_path / "set")

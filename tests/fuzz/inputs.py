@@ -16,7 +16,9 @@ from contactmodel import Pad
 from contactmodel.common.settings import to_table
 from contactmodel.common.stored import read_arrays
 from estimation.frames.archive import write_archive
+from estimation.frames.lerobot import write_lerobot
 from estimation.frames.recording import Recording
+from estimation.frames.zarr_folder import write_zarr
 from estimation.pictures.render import Camera, render_dots
 from tests import bags
 from tests.cases import domed_pad, lift
@@ -117,6 +119,16 @@ def make_bag(name: str) -> Input:
     with tempfile.TemporaryDirectory() as folder:
         path = (write or bags.write_ros2)(Path(folder) / name, sent)
         inside = sorted(path.iterdir()) if path.is_dir() else [path]
+        return {str(one.relative_to(folder)): one.read_bytes() for one in inside}
+
+
+@cache
+def make_rows(name: str) -> Input:
+    """A Zarr group, or a LeRobot data set."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        (write_zarr if name.endswith(".zarr") else write_lerobot)(path, pressed())
+        inside = [one for one in sorted(path.rglob("*")) if one.is_file()]
         return {str(one.relative_to(folder)): one.read_bytes() for one in inside}
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -138,6 +139,10 @@ KINDS = {
     **{
         name: Kind(partial(inputs.make_bag, name), use_recording, name)
         for name in ("points.mcap", "pictures.mcap", "points.bag", "ros2")
+    },
+    **{
+        name: Kind(partial(inputs.make_rows, name), use_recording, name)
+        for name in ("lift.zarr", *(["lerobot"] if find_spec("pyarrow") else []))
     },
     "scalar softness": Kind(inputs.make_softness, use_softness, "softness.toml"),
     "layered softness": Kind(inputs.make_layered, use_softness, "softness.toml"),

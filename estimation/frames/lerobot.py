@@ -1,0 +1,267 @@
+"""Frames as a LeRobot data set, version 3.0: one episode, in Parquet and JSON, without `lerobot`.
+
+The markers are `observation.tactile.points`: a row each of dx, dy, dz [mm] and Fx, Fy, Fz [N], in
+single precision, as the proposals for tactile sensors have it. What was found is
+`observation.contact.angle_deg` and so on. All that a frame holds is there to the last digit in
+features that begin with `contactmodel.`, and the layout in `meta/contactmodel.json`.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactmodel.common.inputs import naming
+from estimation.frames.extras import require_extra
+from estimation.frames.files import write_folder
+from estimation.frames.flat import FRAME_FIELDS, flatten_layout, restore_layout
+from estimation.frames.rows import ANSWER, Columns, RowFile, batch_rows
+from estimation.frames.source import Source
+
+FORMAT_VERSION = 1
+DATA = "data/chunk-000/file-000.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+OWN = "contactmodel."
+FOUND = "observation.contact."
+POINTS = "observation.tactile.points"
+ABOUT = "meta/contactmodel.json"
+TASK = "hold and turn an object"
+
+
+def is_lerobot(path: Path) -> bool:
+    """Whether there is a LeRobot data set at the path."""
+    return (path / "meta" / "info.json").is_file()
+
+
+def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] = ()) -> None:
+    """Write the frames of a source as a LeRobot data set; it appears whole or not at all.
+
+    Args:
+        path: of the folder.
+        source: of the frames.
+        answers: what was found in each frame, by name; there may be none.
+
+    Raises:
+        ImportError: the extra `lerobot` is not installed.
+        ValueError: there are no frames.
+        OSError: it cannot be written.
+    """
+    require_extra("lerobot", f"writing {path}")
+    import pyarrow
+    from pyarrow import parquet
+
+    times: list[float] = []
+    features, statistics = dict[str, Any](), _Statistics()
+    with write_folder(path) as folder:
+        for name in (DATA, EPISODES):
+            (folder / name).parent.mkdir(parents=True)
+        writer = None
+        for columns in batch_rows(source, answers):
+            named = _name_columns(columns, source.layout.reference, times)
+            features = features or {name: _describe(one) for name, one in named.items()}
+            statistics.update(named)
+            table = pyarrow.table({name: _to_arrow(one) for name, one in named.items()})
+            writer = writer or parquet.ParquetWriter(folder / DATA, table.schema)
+            writer.write_table(table)
+        if writer is None:
+            raise ValueError(f"{source.name} has no frames: there is nothing to write to {path}")
+        writer.close()
+        features[POINTS]["names"] = ["dx", "dy", "dz", "Fx", "Fy", "Fz"]
+        _write_meta(folder, len(times), _find_rate(times), features)
+        _write_json(folder / "meta" / "stats.json", statistics.content())
+        layout = {name: value.tolist() for name, value in flatten_layout(source.layout).items()}
+        about = {"unit": source.unit, "convention": source.convention, "layout": layout}
+        _write_json(folder / ABOUT, {"format_version": FORMAT_VERSION} | about)
+
+
+def open_lerobot(path: Path) -> RowFile:
+    """Open a data set that `write_lerobot` has written.
+
+    Raises:
+        ImportError: the extra `lerobot` is not installed.
+        ValueError: it is another's, of several episodes, or damaged.
+        OSError: it cannot be read.
+    """
+    require_extra("lerobot", f"reading {path}")
+    if not (path / ABOUT).is_file():
+        raise ValueError(
+            f"{path} is a LeRobot data set of another program, without {ABOUT}: run over its "
+            "videos (videos/…/file-000.mp4), or write its markers as an archive (write_archive)"
+        )
+    with naming(path, "no data set of ours, or damaged"):
+        try:
+            about = json.loads((path / ABOUT).read_text(encoding="utf-8"))
+            if about["format_version"] != FORMAT_VERSION:
+                raise ValueError(f"its format is {about['format_version']}, not {FORMAT_VERSION}")
+            dimensions = len(about["layout"]["reference"][0])
+            layout = restore_layout(about["layout"], dimensions)
+            return RowFile(layout, str(about["unit"]), str(about["convention"]), _read(path))
+        except (LookupError, TypeError, AttributeError, RecursionError) as error:
+            raise ValueError(f"{ABOUT} lacks {error}") from error
+
+
+def _read(path: Path) -> Iterator[Columns]:
+    """The exact columns of the frames, some rows at a time."""
+    from pyarrow import ArrowException, parquet
+
+    names = [OWN + name for name in FRAME_FIELDS]
+    try:
+        with parquet.ParquetFile(path / DATA) as file:
+            for batch in file.iter_batches(columns=names, batch_size=256):
+                yield {name: _from_arrow(batch.column(OWN + name)) for name in FRAME_FIELDS}
+    except (ArrowException, LookupError, OSError) as error:
+        why = " ".join(str(error).split())
+        raise ValueError(f"{path / DATA} is damaged ({why}): copy it again") from error
+
+
+def _name_columns(columns: Columns, reference: np.ndarray, times: list[float]) -> dict[str, Any]:
+    """The features of some rows; their times are added to those of the rows before."""
+    first, rows = len(times), len(columns["time"])
+    times += columns["time"].tolist()
+    points = np.zeros((rows, len(reference), 6), np.float32)
+    points[..., : reference.shape[1]] = columns["positions"] - reference
+    points[..., 3 : 3 + reference.shape[1]] = columns["forces"]
+    since = np.array(times[first:]) - next((one for one in times if np.isfinite(one)), 0.0)
+    named: dict[str, Any] = {POINTS: points}
+    for name, values in columns.items():
+        if not name.startswith(ANSWER):
+            named[OWN + name] = values
+        elif isinstance(values, list) or values.dtype.kind != "f":
+            named[FOUND + name.removeprefix(ANSWER)] = values
+        else:
+            named[FOUND + name.removeprefix(ANSWER)] = values.astype(np.float32)
+    index = np.arange(first, first + rows)
+    zero = np.zeros(rows, dtype=np.int64)
+    return named | {
+        "timestamp": np.nan_to_num(since).astype(np.float32),
+        "frame_index": index,
+        "episode_index": zero,
+        "index": index,
+        "task_index": zero,
+    }
+
+
+def _describe(values: Any) -> dict[str, Any]:
+    """What `info.json` says of a feature."""
+    if isinstance(values, list):
+        return {"dtype": "string", "shape": [1], "names": None}
+    return {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": None}
+
+
+def _to_arrow(values: Any) -> Any:
+    """A column: texts, numbers, or lists of them as deep as the feature's shape."""
+    import pyarrow
+
+    if isinstance(values, list):
+        return pyarrow.array(values, pyarrow.string())
+    column = pyarrow.array(values.ravel())
+    for axis in range(values.ndim - 1, 0, -1):
+        count = int(np.prod(values.shape[:axis]))
+        ends = np.arange(count + 1, dtype=np.int32) * values.shape[axis]
+        column = pyarrow.ListArray.from_arrays(ends, column)
+    return column
+
+
+def _from_arrow(column: Any) -> Any:
+    """The values of a column of lists, flat in each row."""
+    import pyarrow
+
+    if pyarrow.types.is_string(column.type):
+        return column.to_pylist()
+    shape = (len(column), -1) if pyarrow.types.is_list(column.type) else -1
+    while pyarrow.types.is_list(column.type):
+        column = column.flatten()
+    return column.to_numpy(zero_copy_only=False).reshape(shape)
+
+
+def _find_rate(times: list[float]) -> int:
+    """Frames per second, a whole number as LeRobot has it."""
+    steps = np.diff(times)
+    steps = steps[np.isfinite(steps) & (steps > 0.0)]
+    return max(round(1.0 / float(np.median(steps))), 1) if len(steps) else 30
+
+
+def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) -> None:
+    """What LeRobot reads first: the features, the one episode and its task."""
+    import pyarrow
+    from pyarrow import parquet
+
+    info = {
+        "codebase_version": "v3.0",
+        "robot_type": "contactmodel",
+        "total_episodes": 1,
+        "total_frames": frames,
+        "total_tasks": 1,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": rate,
+        "splits": {"train": "0:1"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None,
+        "features": features,
+    }
+    _write_json(folder / "meta" / "info.json", info)
+    episode = {
+        "episode_index": [0],
+        "tasks": [[TASK]],
+        "length": [frames],
+        "data/chunk_index": [0],
+        "data/file_index": [0],
+        "dataset_from_index": [0],
+        "dataset_to_index": [frames],
+        "meta/episodes/chunk_index": [0],
+        "meta/episodes/file_index": [0],
+    }
+    parquet.write_table(pyarrow.table(episode), folder / EPISODES)
+    tasks = pyarrow.table({"task_index": [0], "task": [TASK]})
+    kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
+    columns = [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored}
+        for name, (kind, stored) in kinds.items()
+    ]
+    index = {"index_columns": ["task"], "columns": columns, "column_indexes": []}
+    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})  # its rows' names
+    parquet.write_table(tasks, folder / "meta" / "tasks.parquet")
+
+
+def _write_json(path: Path, content: Any) -> None:
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False), encoding="utf-8")
+
+
+class _Statistics:
+    """Least, largest, mean and spread of each feature of numbers, gathered row by row."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, list[np.ndarray]] = {}
+
+    def update(self, named: Mapping[str, Any]) -> None:
+        for name, values in named.items():
+            if name.startswith(OWN) or isinstance(values, list):
+                continue
+            known, exact = np.isfinite(values), np.asarray(values, dtype=float)
+            zero = np.where(known, exact, 0.0)
+            parts = [
+                np.where(known, exact, np.inf).min(axis=0),
+                np.where(known, exact, -np.inf).max(axis=0),
+                *(sums.sum(axis=0) for sums in (zero, zero**2, known.astype(float))),
+            ]
+            if name in self._parts:
+                least, most, *sums = self._parts[name]
+                parts[:2] = [np.minimum(least, parts[0]), np.maximum(most, parts[1])]
+                parts[2:] = [one + other for one, other in zip(sums, parts[2:], strict=True)]
+            self._parts[name] = parts
+
+    def content(self) -> dict[str, dict[str, Any]]:
+        found = {}
+        for name, (least, most, total, squares, count) in self._parts.items():
+            many = np.maximum(count, 1.0)
+            mean = total / many
+            spread = np.sqrt(np.maximum(squares / many - mean**2, 0.0))
+            values = {"min": least, "max": most, "mean": mean, "std": spread}
+            some = {key: np.where(count > 0, value, 0.0) for key, value in values.items()}
+            found[name] = {key: np.atleast_1d(value).tolist() for key, value in some.items()}
+            found[name]["count"] = [int(count.max())]
+        return found

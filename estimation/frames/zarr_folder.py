@@ -1,0 +1,102 @@
+"""Frames as a Zarr group: an array a column, the first axis that of the frames.
+
+The layout, `unit`, `convention` and `format_version` are attributes of the group.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.frames.extras import require_extra
+from estimation.frames.files import write_folder
+from estimation.frames.flat import FRAME_FIELDS, flatten_layout, restore_layout
+from estimation.frames.rows import Columns, RowFile, batch_rows
+from estimation.frames.source import Source
+
+FORMAT_VERSION = 1
+SUFFIX = ".zarr"
+ROWS = 256
+"""Of a chunk."""
+
+
+def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] = ()) -> None:
+    """Write the frames of a source as a Zarr group; it appears whole or not at all.
+
+    Args:
+        path: of the folder.
+        source: of the frames.
+        answers: what was found in each frame, by name; there may be none.
+
+    Raises:
+        ImportError: the extra `zarr` is not installed.
+        OSError: it cannot be written.
+    """
+    require_extra("zarr", f"writing {path}")
+    import zarr
+
+    with write_folder(path) as folder:
+        group, arrays = zarr.create_group(folder), dict[str, Any]()
+        for columns in batch_rows(source, answers, ROWS):
+            for name, values in columns.items():
+                if isinstance(values, list):
+                    values = np.array(values, dtype=np.dtypes.StringDType())
+                if name not in arrays:
+                    kind = "string" if values.dtype.kind == "T" else values.dtype
+                    arrays[name] = group.create_array(
+                        name,
+                        shape=(0, *values.shape[1:]),
+                        chunks=(ROWS, *values.shape[1:]),
+                        dtype=kind,
+                    )
+                arrays[name].append(values)
+        layout = {name: value.tolist() for name, value in flatten_layout(source.layout).items()}
+        about = {"unit": source.unit, "convention": source.convention, "layout": layout}
+        group.attrs.update({"format_version": FORMAT_VERSION, **about})
+
+
+def is_zarr(path: Path) -> bool:
+    """Whether there is a Zarr group at the path."""
+    return path.suffix == SUFFIX and path.is_dir()
+
+
+def open_zarr(path: Path) -> RowFile:
+    """Open a group that `write_zarr` has written.
+
+    Raises:
+        ImportError: the extra `zarr` is not installed.
+        ValueError: it is no such group, or damaged.
+        OSError: it cannot be read.
+    """
+    require_extra("zarr", f"reading {path}")
+    import zarr
+
+    try:
+        # zarr cuts the root off inner paths
+        group: Any = zarr.open_group(path.resolve(), mode="r")
+        about: dict[str, Any] = dict(group.attrs)
+        if about.get("format_version") != FORMAT_VERSION:
+            raise ValueError(f"its format is {about.get('format_version')}, not {FORMAT_VERSION}")
+        arrays = {name: group[name] for name in FRAME_FIELDS}
+        lengths = {name: array.shape[0] for name, array in arrays.items()}
+        if len(set(lengths.values())) != 1:
+            raise ValueError(f"its arrays have different lengths: {lengths}")
+        layout = restore_layout(about["layout"], arrays["positions"].shape[2])
+        columns = _read_columns(path, arrays)
+        return RowFile(layout, str(about["unit"]), str(about["convention"]), columns)
+    except (ValueError, LookupError, TypeError, AttributeError, RuntimeError) as error:
+        raise _damaged(path, error) from error
+
+
+def _read_columns(path: Path, arrays: dict[str, Any]) -> Iterator[Columns]:
+    for start in range(0, arrays["time"].shape[0], ROWS):
+        try:
+            columns = {name: array[start : start + ROWS] for name, array in arrays.items()}
+        except (ValueError, LookupError, TypeError, RuntimeError) as error:
+            raise _damaged(path, error) from error
+        yield columns
+
+
+def _damaged(path: Path, error: Exception) -> ValueError:
+    return ValueError(f"{path} is no Zarr group of frames, or damaged: {error or type(error)}")
