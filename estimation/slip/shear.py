@@ -3,8 +3,9 @@
 While the object holds, the gel's shear follows the load: it rises to a plateau. Once all of the
 contact slips, friction can carry no more: the shear falls where friction falls with the slip, and
 stays where it does not. What the object prints goes over the gel then (`estimation.pictures.hold`),
-unless the object is the same along the way it slips. Either sign is enough, and neither is certain:
-the probability is that at least one of them is right.
+unless the object is the same along the way it slips; and where the print is followed, it is beyond
+all of the gel under it (`estimation.slip.slide`). Each of these signs is enough, and none is
+certain: the probability is that at least one of them is right.
 
 Shear that falls may also be a load that is taken off: where the print has stayed on the gel, it is,
 and where no print can be compared nothing is said.
@@ -29,7 +30,7 @@ from estimation.slip.slide import Slide
 class ShearSettings:
     """How a slip in shear is recognised.
 
-    The four numbers that make probabilities are rounded from fits to 36 labelled lifts of four
+    The numbers of `fallen` and `kept` are rounded from fits to 36 labelled lifts of four
     objects ([Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual
     information", ICRA 2018); `python -m papers run slip_lifts` fits them anew without each object.
 
@@ -41,6 +42,8 @@ class ShearSettings:
         fallen_spread: change of that for odds of e [-].
         kept: correlation with the earlier print in an even bet [-].
         kept_spread: change of that for odds of e [-].
+        slid: slip over the half-width of its 95 % interval in an even bet [-].
+        slid_spread: change of that for odds of e [-].
         unloaded: correlation from which a fall is a load taken off [-].
         resting: correlation with the print of some frames before from which the object does not
             slide [-].
@@ -54,6 +57,8 @@ class ShearSettings:
     fallen_spread: float = 0.04
     kept: float = 0.55
     kept_spread: float = 0.06
+    slid: float = 1.25
+    slid_spread: float = 0.08
     unloaded: float = 0.96
     resting: float = 0.95
     sticking: float = 0.9
@@ -66,6 +71,8 @@ class Shear(NamedTuple):
         shear: how far the gel under the object has gone along since the object touched [mm].
         fallen: share of its peak that it has lost again [-].
         hold: correlation of the print on the gel with an earlier one [-]; NaN where unknown.
+        slid: how far the object has slid within memory, over the half-width of the interval [-];
+            NaN where unknown.
         slipped: probability that all of the contact has slipped lately [-]; NaN without contact,
             and where no print can be compared.
         slides: whether the print says that the object slides.
@@ -79,6 +86,7 @@ class Shear(NamedTuple):
     shear: float = float("nan")
     fallen: float = float("nan")
     hold: float = float("nan")
+    slid: float = float("nan")
     slipped: float = float("nan")
     slides: bool = False
     holds: bool = False
@@ -152,6 +160,7 @@ class ShearWatch:
         self._moved: deque[np.ndarray] = deque(maxlen=settings.memory)
         self._shears: deque[float] = deque(maxlen=settings.memory)
         self._raw: deque[tuple[float, float]] = deque(maxlen=3)
+        self._beyond: deque[float] = deque(maxlen=settings.memory)
 
     def update(
         self,
@@ -183,7 +192,11 @@ class ShearWatch:
         # one frame may be wrong: the middle of three
         shear, since = (_middle(values) for values in zip(*self._raw, strict=True))
         self._shears.append(shear)
-        return self._judge(shear, since, *now)._replace(**slide._asdict())
+        if np.isfinite(slide.beyond):
+            self._beyond.append(slide.beyond)
+        slid = slide.beyond - min(self._beyond, default=0.0)
+        slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
+        return self._judge((shear, since, slid), *now)._replace(**slips)
 
     def _measure(self, moved: Float[np.ndarray, "n 2"]) -> float:
         """How far the markers that went furthest within memory have gone, as one [mm]."""
@@ -193,34 +206,35 @@ class ShearWatch:
         top = np.argsort(-furthest)[: self._settings.markers]
         return float(np.linalg.norm(np.nanmedian(moved[top], axis=0)))
 
-    def _judge(self, shear: float, since: float, lately: float, weakest: float) -> Shear:
-        settings, peak = self._settings, max(self._shears)
+    def _judge(self, signs: tuple[float, float, float], lately: float, weakest: float) -> Shear:
+        settings, peak, (shear, since, slid) = self._settings, max(self._shears), signs
         fallen = (peak - shear) / max(peak, self._least)
         if not np.isfinite(since):
-            return Shear(shear, fallen)
-        slipped = float(find_slip_probability(np.array([fallen]), np.array([since]), settings)[0])
+            return Shear(shear, fallen, slid=slid)
+        slipped = float(find_slip_probability(np.array([fallen, since, slid]), settings))
         slides = slipped > 0.5 and not lately > settings.resting
         holds = slipped < 0.5
         sticks = holds and weakest > settings.sticking
-        return Shear(shear, fallen, since, slipped, slides, holds, sticks)
+        return Shear(shear, fallen, since, slid, slipped, slides, holds, sticks)
 
 
 def find_slip_probability(
-    fallen: Float[np.ndarray, "*frames"],
-    hold: Float[np.ndarray, "*frames"],
-    settings: ShearSettings,
-) -> Float[np.ndarray, "*frames"]:
-    """Probability that all of the contact has slipped lately, by the fall or by the print [-].
+    signs: Float[np.ndarray, "3 ..."], settings: ShearSettings
+) -> Float[np.ndarray, "..."]:
+    """Probability that all of the contact has slipped lately, by each of three signs [-].
 
     Args:
-        fallen: share of its peak that the shear has lost again [-].
-        hold: correlation of the print on the gel with an earlier one [-].
+        signs: share of its peak that the shear has lost again; correlation of the print on the gel
+            with an earlier one; how far the object has slid lately, over the half-width of the
+            interval [-]. NaN where unknown, and for all without the second.
         settings: how a slip is recognised.
     """
+    fallen, hold, slid = signs
     by_print = expit((settings.kept - hold) / settings.kept_spread)
     by_fall = expit((fallen - settings.fallen) / settings.fallen_spread)
     by_fall = np.where(hold > settings.unloaded, 0.0, by_fall)
-    return 1.0 - (1.0 - by_fall) * (1.0 - by_print)
+    by_slip = np.nan_to_num(expit((slid - settings.slid) / settings.slid_spread))
+    return np.asarray(1.0 - (1.0 - by_fall) * (1.0 - by_print) * (1.0 - by_slip))
 
 
 def conclude(slipped: Float[np.ndarray, " frames"], track: Track) -> Outcome:

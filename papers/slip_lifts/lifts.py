@@ -84,6 +84,12 @@ class Lift:
         """Probability of a slip in each frame [-]."""
         return np.array([shear.slipped for shear in self.shears])
 
+    @property
+    def signs(self) -> Float[np.ndarray, "3 frames"]:
+        """What the probability is made from: fall of the shear, hold and slip of the print [-]."""
+        names = ("fallen", "hold", "slid")
+        return np.array([[getattr(shear, name) for shear in self.shears] for name in names])
+
 
 @dataclass(frozen=True, eq=False)
 class Study:
@@ -110,15 +116,11 @@ class Study:
     @cached_property
     def fits(self) -> dict[str, ShearSettings]:
         """The numbers that make probabilities, fitted without each object."""
-        fallen, hold = (
-            np.array([[getattr(shear, name) for shear in lift.shears] for lift in self.lifts])
-            for name in ("fallen", "hold")
-        )
+        signs = np.stack([lift.signs for lift in self.lifts], axis=1)
         names = np.unique(self.objects) if len(np.unique(self.objects)) > 1 else []
         return {
             str(name): fit_probability(
-                fallen[self.objects != name],
-                hold[self.objects != name],
+                signs[:, self.objects != name],
                 self.slipped[self.objects != name],
                 settings.FitSettings(),
             )
@@ -204,8 +206,7 @@ def _share_of_macro_slip(track: Result) -> float:
 
 
 def _refit(lift: Lift, fits: Mapping[str, ShearSettings]) -> float:
-    fallen, hold = (np.array([getattr(s, n) for s in lift.shears]) for n in ("fallen", "hold"))
-    return float(np.nanmax(find_slip_probability(fallen, hold, fits[lift.label.object_])))
+    return float(np.nanmax(find_slip_probability(lift.signs, fits[lift.label.object_])))
 
 
 def tables(result: Study) -> dict[str, list[dict[str, object]]]:

@@ -90,16 +90,14 @@ def apply_rule(moved: Float[np.ndarray, "frames n 2"], settings: RuleSettings) -
 
 
 def fit_probability(
-    fallen: Float[np.ndarray, "lifts frames"],
-    hold: Float[np.ndarray, "lifts frames"],
+    signs: Float[np.ndarray, "3 lifts frames"],
     slipped: Bool[np.ndarray, " lifts"],
     settings: FitSettings,
 ) -> ShearSettings:
     """The settings that make the outcomes most probable; only the numbers of probabilities change.
 
     Args:
-        fallen: share of its peak that the shear has lost [-].
-        hold: correlation of the print with an earlier one [-]; NaN where unknown.
+        signs: as for `find_slip_probability` [-].
         slipped: what became of each lift.
         settings: of the fit.
     """
@@ -112,7 +110,7 @@ def fit_probability(
         )
 
     def cost(x: np.ndarray) -> float:
-        p = np.nan_to_num(find_slip_probability(fallen, hold, unpack(x))).max(axis=1)
+        p = np.nan_to_num(find_slip_probability(signs, unpack(x))).max(axis=1)
         right = np.where(slipped, p, 1.0 - p)
         prior = 0.5 * np.sum((x[2:] / settings.width) ** 2)
         return float(prior - np.sum(np.log(np.maximum(right, 1e-12))))

@@ -17,6 +17,7 @@ from contactmodel.elasticity.bodies import Rigid
 from contactmodel.pose import Pose, make_path
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import State
+from estimation.slip.shear import Shear
 from estimation.virtual.clip import Scene, VirtualClip
 from papers.items import Track
 from papers.marker_images.answers import answer_clip
@@ -32,6 +33,16 @@ UNSEEN = 9
 SOON = 2
 """Frames after the onset of macro slip within which it should be called."""
 
+NEAR_SHARE, NEAR_MM = 0.05, 0.02
+"""Error of the slip that is asked for: a share of it [-], or a length."""
+SLIP_FIGURES = (
+    "median error [µm]",
+    "90 % [µm]",
+    "within 5 % or 20 µm [%]",
+    "median half-width [µm]",
+    "in the interval [%]",
+)
+
 
 class VirtualLift(NamedTuple):
     """A lift, as it was and as it is answered.
@@ -43,6 +54,9 @@ class VirtualLift(NamedTuple):
         onset: first frame in which nothing sticks; None if it is held.
         slipped: probability of a slip in each frame [-].
         states: of the contact in each frame, as answered.
+        slid: slip of the object over the gel in each frame, as it was since the frame that the
+            answer counts from, the answer, and the half-width of its interval [mm]; NaN where it is
+            not answered.
     """
 
     shape: str
@@ -51,6 +65,7 @@ class VirtualLift(NamedTuple):
     onset: int | None
     slipped: Float[np.ndarray, " frames"]
     states: tuple[State, ...]
+    slid: Float[np.ndarray, "3 frames"]
 
     @property
     def called(self) -> int | None:
@@ -102,7 +117,24 @@ def answer_lift(slips: bool, draw: int) -> VirtualLift:
         clip.truth.onset,
         np.array([answer.shear.slipped for answer in answers]),
         tuple(answer.estimates[DEFAULT_METHOD].state for answer in answers),
+        compare_slips(clip, [answer.shear for answer in answers]),
     )
+
+
+def compare_slips(clip: VirtualClip, shears: list[Shear]) -> Float[np.ndarray, "3 frames"]:
+    """The slip of the object in each frame, the answer and its half-width, as `VirtualLift` has it.
+
+    Args:
+        clip: whose pictures were answered, without a scale.
+        shears: the answers.
+    """
+    truth, scale = clip.truth, clip.scene.camera.mm_per_px
+    found = np.array([(one.slip, one.slip_error, one.slip_since) for one in shears]).T
+    since = np.rint(np.nan_to_num(found[2]) * clip.scene.rate).astype(int)
+    way = truth.shift - truth.gel_shift
+    # counted from a frame before any slip it is that over the gel that has slipped least
+    slip = np.where(truth.slip[since] > 0.0, np.linalg.norm(way - way[since], axis=1), truth.slip)
+    return np.stack([slip, *(scale * found[:2])])
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[VirtualLift]:
@@ -112,11 +144,39 @@ def compute(quick: bool = False, track: Track = iter) -> list[VirtualLift]:
 
 
 def tables(result: list[VirtualLift]) -> dict[str, list[dict[str, object]]]:
-    """A row for each shape, and for each thing printed."""
+    """A row for each shape and for each thing printed; how far the slips found are off."""
     shapes = {name: [one for one in result if one.shape == name] for name in SHAPES}
     reliefs = {name: [one for one in result if one.relief == name] for name in RELIEFS}
     groups = shapes | reliefs | {"all": result}
-    return {"": [_row(name, some) for name, some in groups.items() if some]}
+    slips = {
+        f"{relief}, {'slipped' if slipped else 'held'}": [
+            one for one in reliefs[relief] if one.slips == slipped
+        ]
+        for relief in RELIEFS
+        for slipped in (False, True)
+    }
+    return {
+        "": [_row(name, some) for name, some in groups.items() if some],
+        "_slips": [_slip_row(name, some) for name, some in slips.items() if some],
+    }
+
+
+def _slip_row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:
+    slid = np.concatenate([one.slid for one in lifts], axis=1)
+    slip, found, half = slid[:, np.isfinite(slid[1])]
+    off = np.abs(found - slip)
+    row: dict[str, object] = {"lifts": name, "frames": slid.shape[1], "answered": len(slip)}
+    if not len(slip):
+        return row | dict.fromkeys(SLIP_FIGURES)
+    near = off <= np.maximum(NEAR_SHARE * slip, NEAR_MM)
+    figures = (
+        1e3 * np.median(off),
+        1e3 * np.quantile(off, 0.9),
+        100.0 * near.mean(),
+        1e3 * np.median(half),
+        100.0 * (off <= half).mean(),
+    )
+    return row | {name: round(float(one)) for name, one in zip(SLIP_FIGURES, figures, strict=True)}
 
 
 def _row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:

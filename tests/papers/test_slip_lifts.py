@@ -64,8 +64,9 @@ def test_the_prior_alone_sets_the_spreads_of_outcomes_far_apart():
     fallen = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.8], [0.0, 0.0]])
     hold = np.array([[0.95, 0.95], [0.95, 0.95], [0.95, 0.95], [0.95, 0.05]])
     slipped = np.array([False, False, True, True])
-    fit = scores.fit_probability(fallen, hold, slipped, FitSettings())
-    p = find_slip_probability(fallen, hold, fit).max(axis=1)
+    signs = np.stack([fallen, hold, np.full_like(hold, np.nan)])
+    fit = scores.fit_probability(signs, slipped, FitSettings())
+    p = find_slip_probability(signs, fit).max(axis=1)
     np.testing.assert_array_equal(p > 0.5, slipped)
     # the data want narrower spreads by the little that the tails still cost
     assert 0.6 * 0.05 < fit.fallen_spread < 0.05
@@ -76,7 +77,8 @@ def test_a_fit_finds_the_numbers_that_drew_the_outcomes():
     rng = np.random.default_rng(0)
     hold = rng.uniform(0.2, 0.9, (1000, 1))
     slipped = rng.random(1000) < 1.0 / (1.0 + np.exp((hold[:, 0] - 0.6) / 0.08))
-    fit = scores.fit_probability(np.zeros((1000, 1)), hold, slipped, FitSettings())
+    signs = np.stack([np.zeros_like(hold), hold, np.zeros_like(hold)])
+    fit = scores.fit_probability(signs, slipped, FitSettings())
     # 1000 draws know the middle to 0.008 and the spread to 0.006
     assert fit.kept == pytest.approx(0.6, abs=0.02)
     assert fit.kept_spread == pytest.approx(0.08, abs=0.015)
@@ -117,9 +119,10 @@ def test_motion_against_the_gripper_is_measured_in_mm():
 
 
 def make_lift(object_, name, slipped, hold, folder):
-    odds = find_slip_probability(np.zeros(len(hold)), np.array(hold), ShearSettings())
+    signs = np.array([np.zeros(len(hold)), hold, np.zeros(len(hold))])
+    odds = find_slip_probability(signs, ShearSettings())
     shears = tuple(
-        Shear(float(i), 0.0, one, float(p))
+        Shear(float(i), 0.0, one, slipped=float(p))
         for i, (one, p) in enumerate(zip(hold, odds, strict=True))
     )
     outcome = Outcome("slipped" if odds.max() > 0.5 else "held", float(odds.max()), np.nan)
@@ -211,12 +214,16 @@ def test_a_published_lift_is_answered_as_labelled(name, slipped):
 def test_virtual_lifts_are_counted_by_shape_and_print():
     stick, slip = (State.STICK,) * 5, (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
     low, high = np.full(5, 0.01), np.array([0.0, 0.1, 0.2, 0.9, 1.0])
+    none = np.full((3, 5), np.nan)
+    slid = np.array(
+        [[0.0, 0.0, 0.5, 1.0, 2.0], [0.01, 0.03, 0.55, 1.04, np.nan], [0.1, 0.02, 0.1, 0.1, 0.3]]
+    )
     result = [
-        virtual.VirtualLift("cube", "edges", False, None, low, stick),
-        virtual.VirtualLift("cube", "smooth", False, None, high, slip),
-        virtual.VirtualLift("sphere", "edges", True, 1, high, slip),
-        virtual.VirtualLift("sphere", "edges", True, 0, high, slip),
-        virtual.VirtualLift("sphere", "smooth", True, 2, low, stick),
+        virtual.VirtualLift("cube", "edges", False, None, low, stick, none),
+        virtual.VirtualLift("cube", "smooth", False, None, high, slip, none),
+        virtual.VirtualLift("sphere", "edges", True, 1, high, slip, slid),
+        virtual.VirtualLift("sphere", "edges", True, 0, high, slip, none),
+        virtual.VirtualLift("sphere", "smooth", True, 2, low, stick, none),
     ]
     rows = {row["lifts"]: row for row in virtual.tables(result)[""]}
     assert "cylinder" not in rows
@@ -224,6 +231,13 @@ def test_virtual_lifts_are_counted_by_shape_and_print():
     sphere = rows["sphere"]
     assert (sphere["slipped"], sphere["called"], sphere["within 2 frames"]) == (3, 2, 1)
     assert (sphere["median delay [frames]"], sphere["longest"]) == (2.5, 3)
+    slips = {row["lifts"]: row for row in virtual.tables(result)["_slips"]}
+    edges = slips["edges, slipped"]
+    assert (edges["frames"], edges["answered"]) == (10, 4)
+    assert (edges["within 5 % or 20 µm [%]"], edges["in the interval [%]"]) == (50, 75)
+    assert edges["median error [µm]"] == 35
+    assert slips["edges, held"]["answered"] == 0
+    assert slips["edges, held"]["median error [µm]"] is None
     plt.close(virtual.plot(result))
 
 

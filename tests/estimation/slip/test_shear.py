@@ -57,6 +57,20 @@ def test_slipped_where_the_print_goes_over_gel_at_its_limit():
     assert found[-1].slipped > 0.95
 
 
+def test_slipped_where_the_print_is_beyond_all_of_the_gel():
+    """Ten frames at rest, then it slides by twice its error; what slid long ago is forgotten."""
+    watched = ShearWatch(LAYOUT)
+    held = [
+        watched.update(REST, TOUCHED, (0.9, 0.9, 0.9), Slide(0.1 * far, 0.1, 0.0, far))
+        for far in [0.0] * 10 + [2.0] * 40
+    ]
+    assert held[9].slipped < 0.05
+    assert held[10].slipped > 0.95
+    assert held[10].slides
+    assert held[-1].slipped < 0.05
+    assert (held[-1].slip, held[-1].slip_error, held[-1].slip_since) == (0.2, 0.1, 0.0)
+
+
 def test_a_load_that_is_taken_off_is_no_slip():
     assert watch(FALL, 0.99)[-1].slipped < 0.05
 

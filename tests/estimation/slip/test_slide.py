@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.recording import layout_markers
-from estimation.slip.slide import TILTED, SlideWatch
+from estimation.slip.slide import MARKER_ERROR, TILTED, SlideWatch
 
 REST = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).reshape(-1, 2)
 LAYOUT = layout_markers(REST)
@@ -67,19 +67,26 @@ def test_the_interval_has_the_errors_of_place_turn_and_shear():
     place, sheared = (
         watch([0.0, far], [0.0, 0.0], [REST, REST + gel], spread)[-1] for gel in (0.0, far / 2.0)
     )
-    assert place.slip_error == pytest.approx(RADIUS * 0.02)
-    assert sheared.slip_error == pytest.approx(RADIUS * np.hypot(0.02, TILTED * 0.5))
+    sheared_error = np.hypot(0.02, TILTED * 0.5)
+    assert place.slip_error == pytest.approx(RADIUS * np.hypot(0.02, MARKER_ERROR))
+    assert sheared.slip_error == pytest.approx(RADIUS * np.hypot(sheared_error, MARKER_ERROR))
     one = np.zeros_like(TOUCHED)
     one[np.flatnonzero(AWAY == 3.0)[0]] = True
     watched = SlideWatch(LAYOUT)
     turned_about = watched.update(REST, one, (0.0, 0.01), (*MIDDLE, *MIDDLE, 0.0, 0.0, 0.0), 0.0)
-    assert turned_about.slip_error == pytest.approx(RADIUS * 0.03)
+    assert turned_about.slip_error == pytest.approx(RADIUS * np.hypot(0.03, MARKER_ERROR))
 
 
-def test_a_print_that_is_alike_along_a_line_does_not_show_slip():
-    slide = watch([0.0, 0.0], [0.0, 0.0], [REST, REST], (1e-4, 9.0, 0.0))[-1]
-    assert np.isnan(slide.slip)
-    assert slide.slip_error == pytest.approx(RADIUS * 3.0)
+def test_a_print_that_is_alike_along_a_line_does_not_show_slip_that_way():
+    along, across = (
+        watch([0.0, np.array(way)], [0.0, 0.0], [REST, REST], (1e-4, 9.0, 0.0))[-1]
+        for way in ((0.0, 0.5), (0.5, 0.0))
+    )
+    assert np.isnan(along.slip)
+    assert np.isnan(across.slip)
+    assert along.slip_error == pytest.approx(RADIUS * 3.0, rel=1e-4)
+    assert along.beyond < 0.1
+    assert across.beyond > 15.0
 
 
 def test_slip_counts_anew_where_the_print_does():
