@@ -166,18 +166,23 @@ def annotate(
     angle, turned = np.degrees(result.angle[row]), np.degrees(run.imprint[row])
     values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
     known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
-    slipped = run.shears.slipped[row]
-    odds = f"  slip {slipped:.0%}" if np.isfinite(slipped) else ""
-    alert = (
-        f"  alert {level}" if (level := run.grips.level[row]) in (Level.WATCH, Level.ACT) else ""
-    )
-    state = f"frame {result.source_index[row]}  {result.state[row]}{odds}{alert}"
-    texts = (
-        f"{state}  {result.reason[row]}",
-        f"{'  '.join(known)} deg" if known else "no angle",
-    )
-    for line, text in enumerate(texts):
+    for line, text in enumerate(
+        (_describe(run, row), f"{'  '.join(known)} deg" if known else "no angle")
+    ):
         place = (8, image.shape[0] - 2 * thickness + (line + 1) * thickness - 8)
         font = cv2.FONT_HERSHEY_SIMPLEX
         cv2.putText(image, text, place, font, thickness / 43, (255, 255, 255), 1, cv2.LINE_AA)
     return image
+
+
+def _describe(run: Run, row: int) -> str:
+    """State of a frame, what is known of a slip and of its danger, and the reason, in one line."""
+    result, shears, level = run.main, run.shears, run.grips.level[row]
+    words = [f"frame {result.source_index[row]}", str(result.state[row])]
+    if np.isfinite(slipped := shears.slipped[row]):
+        words.append(f"slip {slipped:.0%}")
+    if np.isfinite(slip := shears.slip[row]):
+        words.append(f"slid {slip:.2g} +- {shears.slip_error[row]:.1g} {run.unit}")
+    if level in (Level.WATCH, Level.ACT):
+        words.append(f"alert {level}")
+    return "  ".join([*words, result.reason[row]])
