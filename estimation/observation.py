@@ -85,7 +85,7 @@ class Observer:
         told = frame.contact
         cut = told is not None and reaches_edge(self.stencils.neighbours, told)
         if told is not None and cut and told.sum() < least_in_view:
-            return Observation(frame, None, "too little of the contact is in view")
+            return Observation(frame, None, "too little of the contact is in view", cut)
         if frame.valid.sum() < MIN_STICK_MARKERS:
             return Observation(frame, None, f"{frame.valid.sum()} usable markers")
         frame, as_seen = self._lift(frame)

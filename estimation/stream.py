@@ -297,6 +297,7 @@ class Stream:
         self.follower = Follower(source.layout, settings, noise, notes)
 
     def _look_ahead(self) -> tuple[Noise | None, tuple[str, ...]]:
+        layout = self.source.layout
         try:
             for frame in islice(self._frames, AHEAD_LIVE if self.source.live else AHEAD):
                 self._ahead.append(frame)
@@ -304,6 +305,8 @@ class Stream:
             self.interrupted = True
         if not self._ahead:
             raise ValueError(f"{self.source.name} has no frames")
+        if self.source.layout is not layout:
+            self._ahead = self._judge_again(self._ahead)
         return find_noise(record_frames(self.source.layout, self._ahead))
 
     def answers(self, *sinks: Sink) -> Iterator[Answer]:
@@ -359,7 +362,11 @@ class Stream:
         self.follower.relay(self.source.layout)
         for sink in sinks:
             sink.restart()
-        return held
+        return self._judge_again(held)
+
+    def _judge_again(self, frames: list[Frame]) -> list[Frame]:
+        """Frames that came before a reference was found, judged by it where the source can."""
+        return self.source.judge_again(frames) if isinstance(self.source, PictureSource) else frames
 
     def _hold(self, frame: Frame) -> None:
         """Keep a frame while a better reference may be found, unless there are too many."""

@@ -27,7 +27,7 @@ from estimation.observation import RIGID_OBJECT, Observation, Observer
 from estimation.slip.friction import FrictionWatch
 from estimation.slip.motion import Count, gel_ends
 from estimation.slip.shear import Shear, ShearWatch
-from estimation.slip.slide import SlideWatch
+from estimation.slip.slide import Slide, SlideWatch
 from estimation.softness import Contact, Softness
 
 
@@ -114,7 +114,15 @@ class Trackers:
         seen = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(seen)
         if seen.fields is None:
-            return {name: _label(frame, seen.flaw, since) for name, since in self._since.items()}
+            told = (
+                bool(frame.flaw) or seen.cut
+            )  # the contact by the source, the flaw is the angle's
+            state = _state_by_print(self.shear) if told else State.UNKNOWN
+            if frame.flaw:  # what the object prints here says nothing of a grasp yet
+                self.shear = Shear()
+            return {
+                name: _label(frame, seen.flaw, since, state) for name, since in self._since.items()
+            }
         points = seen.fields.positions[seen.fields.contact, :2]
         self.friction.update(frame.wrench, points)
         estimates = dict[str, Estimate]()
@@ -130,11 +138,13 @@ class Trackers:
         """The gel's shear, also where too little of the contact is in view for an angle."""
         frame = seen.frame
         contact = frame.contact if seen.fields is None else seen.fields.contact
-        if frame.flaw or contact is None:
+        if contact is None or (frame.flaw and not contact.any()):
             return Shear()
-        slide = self._slide.update(
-            frame.positions[:, :2], contact, frame.imprint, frame.print_point, frame.time
-        )
+        slide = Slide()
+        if not frame.flaw:
+            slide = self._slide.update(
+                frame.positions[:, :2], contact, frame.imprint, frame.print_point, frame.time
+            )
         return self._shear.update(frame.positions, contact, frame.hold, slide)
 
     def _answer(self, seen: Observation, fields: Fields, gel: Measurement, method: str) -> Estimate:
@@ -248,13 +258,23 @@ class Tracker:
         return self._trackers.update(frame)[self._method]
 
 
-def _label(frame: Frame, reason: str, since: _Since) -> Estimate:
-    """An estimate that only says why there is none."""
+def _state_by_print(shear: Shear) -> State:
+    """State of a contact of which nothing is known but what the object prints on the gel."""
+    if shear.slides:
+        return State.MACRO_SLIP
+    if shear.sticks:
+        return State.STICK
+    return State.INCIPIENT if np.isfinite(shear.slipped) else State.UNKNOWN
+
+
+def _label(frame: Frame, reason: str, since: _Since, state: State = State.UNKNOWN) -> Estimate:
+    """An estimate without an angle that says why there is none."""
     none = np.zeros(len(frame.positions), dtype=bool)
+    known = none if state == State.UNKNOWN or frame.contact is None else frame.contact
     return Estimate(
         time=frame.time,
         source_index=frame.source_index,
-        state=State.UNKNOWN,
+        state=state,
         reason=reason,
         angle=np.nan,
         low=np.nan,
@@ -263,10 +283,10 @@ def _label(frame: Frame, reason: str, since: _Since) -> Estimate:
         anew=since.anew,
         moment=frame.moment,
         rotation=np.full(len(none), np.nan),
-        contact=none,
+        contact=known,
         stick=none,
         stick_markers=0,
-        contact_markers=0,
+        contact_markers=int(known.sum()),
         gel_low=np.nan,
         gel_high=np.nan,
         stiffness_ratio=0.0,

@@ -161,8 +161,25 @@ def _terms(index: Int[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 6"]:
     return np.stack([np.ones_like(i), i, j, i * i, i * j, j * j], axis=1)
 
 
-def is_regular(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> bool:
-    """Whether dots, at least 30, lie on a lattice that only a lens bends: the gel is unloaded then.
+class Irregularity(NamedTuple):
+    """How far dots are from rows that only a lens bends.
+
+    Attributes:
+        largest: distance of a dot [pitches]; infinite where fewer than 30 are seen.
+        mean: root mean square of all distances [pitches].
+    """
+
+    largest: float
+    mean: float
+
+    @property
+    def rests(self) -> bool:
+        """Whether the gel is unloaded then."""
+        return self.largest < 0.065 and self.mean < 0.02
+
+
+def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irregularity:
+    """How far dots, at least 30, are from a lattice that only a lens bends.
 
     A cubic has a lens's distortion to its first order, and what there is of print and mounting.
 
@@ -170,18 +187,16 @@ def is_regular(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> bool:
         lattice: of the dots at rest, or about so.
         place: where its dots are [px], NaN where not seen.
     """
-    # largest and root mean square distance of dots at rest from rows bent by a lens [pitches]
-    regular, smooth = 0.065, 0.02
     seen = np.isfinite(place[:, 0])
     if seen.sum() < 30:
-        return False
+        return Irregularity(np.inf, np.inf)
     index = lattice.coordinates[seen] / np.abs(lattice.coordinates).max()
     i, j = (index - index.mean(axis=0)).T
     terms = np.stack([i**a * j**b for a in range(4) for b in range(4 - a)], axis=1)
     off = place[seen] - terms @ np.linalg.lstsq(terms, place[seen], rcond=None)[0]
     squared = (off**2).sum(axis=1) / lattice.pitch**2
     mean = squared.sum() / (len(squared) - terms.shape[1])
-    return bool(squared.max() < regular**2 and mean < smooth**2)
+    return Irregularity(float(np.sqrt(squared.max())), float(np.sqrt(mean)))
 
 
 class Reference(NamedTuple):

@@ -5,6 +5,7 @@ markers are listed in `READERS` of `estimation.pictures.reading`.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -163,6 +164,14 @@ class MarkerReader(ABC):
             rotation=row.rotation,
             hold=row.hold,
         )
+
+    def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Frames that were read before the reference was found, judged by it.
+
+        Args:
+            frames: in order of time.
+        """
+        return list(frames)
 
     @abstractmethod
     def notes(self) -> tuple[str, ...]:

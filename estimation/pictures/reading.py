@@ -1,6 +1,6 @@
 """Recordings from pictures of markers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from itertools import chain, islice
 from pathlib import Path
@@ -184,6 +184,14 @@ class PictureSource:
         """What has been learnt from the pictures so far."""
         return PictureState(self.reader, self._inspector)
 
+    def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Frames that came before the reference was found, judged by it.
+
+        Args:
+            frames: in order of time.
+        """
+        return self.reader.judge_again(frames)
+
     def __len__(self) -> int:
         """How many pictures there are, as far as is known before they are read; 0 for a camera."""
         return self._count
@@ -216,12 +224,15 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
         OSError: the source cannot be opened.
     """
     source, frames = PictureSource(path, settings), list[Frame]()
+    layout = source.layout
     try:
         for frame in source:
             frames.append(frame)
     except KeyboardInterrupt:
         if not (frames and source.live):
             raise
+    if source.layout is not layout:
+        frames = source.judge_again(frames)
     return record_source(source, frames)
 
 

@@ -17,16 +17,22 @@ from estimation.pictures.lattice import Reference
 
 SHARE = 0.35
 """Share of the largest dispersion that bounds the region [-]."""
+ONSET = 0.04
+"""Displacement from which there is contact [pitches]; 0.1 mm would be a tenth on most pads."""
 LIGHT_ONSET = 6.0
 """Change of grey level, of 255, from which there is contact."""
 MIDDLE = 9
 """Markers that are a contact's middle; around it a jump of a pivot tears others out of sight."""
+NOT_SETTLED = "a contact at the edge of the view has not settled"
+"""Why the angle of a contact that comes into view is not judged."""
 SETTLED, ALIKE = 8, 0.7
 """Frames over which a contact must have kept this share of its markers to be all in view."""
 
 
 def region_of_dispersion(
-    reference: Reference, displacement: Float[np.ndarray, "m 2"]
+    reference: Reference,
+    displacement: Float[np.ndarray, "m 2"],
+    whole: Bool[np.ndarray, " m"] | None = None,
 ) -> Bool[np.ndarray, " m"]:
     """The contact region by the dispersion of the translation field.
 
@@ -38,20 +44,22 @@ def region_of_dispersion(
         reference: the dots at rest.
         displacement: from there [px]; NaN where not seen. Of dots whose place at rest is in doubt
             only what goes beyond the doubt counts.
+        whole: dots that the picture's side does not cut; those that it cuts jump, and do not count.
+            All by default.
     """
-    # displacement from which there is contact [pitches]; 0.1 mm would be a tenth on most pads
-    onset = 0.04
     seen = np.isfinite(displacement[:, 0])
+    counts = seen if whole is None else seen & whole
     far = np.linalg.norm(np.nan_to_num(displacement), axis=1)
     far = far if reference.doubt is None else np.maximum(far - reference.doubt, 0.0)
-    squared = np.where(seen, far**2, 0.0)
+    squared = np.where(counts, far**2, 0.0)
     with_self = np.concatenate([np.arange(len(seen))[:, None], reference.neighbours], axis=1)
-    known = (with_self >= 0) & seen[with_self]
+    known = (with_self >= 0) & counts[with_self]
     count = np.maximum(known.sum(axis=1), 1)
     dispersion = np.sqrt(np.where(known, squared[with_self], 0.0).sum(axis=1) / count)
-    if not seen.any() or dispersion[seen].max() < onset * reference.pitch:
+    most = dispersion[counts].max(initial=0.0)
+    if most < ONSET * reference.pitch:
         return np.zeros_like(seen)
-    return seen & _hull(reference.position, seen & (dispersion >= SHARE * dispersion[seen].max()))
+    return seen & _hull(reference.position, seen & (dispersion >= SHARE * most))
 
 
 def region_of_light(
@@ -213,7 +221,7 @@ class Arrival:
         if len(self._before) == SETTLED:
             kept = min((c & contact).sum() / (c | contact).sum() for c in self._before)
             self._arriving &= bool(kept < ALIKE)
-        return "a contact at the edge of the view has not settled" if self._arriving else ""
+        return NOT_SETTLED if self._arriving else ""
 
 
 def _smooth(image: Shaped[np.ndarray, "h w *colour"], pitch: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from estimation.estimators import METHODS
 from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
-from estimation.tracker import Tracker, estimate_angles
+from estimation.tracker import Tracker, Trackers, estimate_angles
 from tests.cases import domed_pad, lift
 
 MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
@@ -198,3 +198,24 @@ def test_a_contact_that_is_mostly_out_of_view_is_not_answered():
     corner[np.argsort(x)[:40]] = True
     seen = Tracker(recording.layout, noise=MICRON).update(replace(frame, contact=corner))
     assert "edge of the view" in seen.reason
+
+
+@pytest.mark.parametrize(
+    ("hold", "state"),
+    [
+        ((0.99, 0.99, 0.95), State.STICK),
+        ((0.99, 0.97, 0.3), State.INCIPIENT),
+        ((0.1, 0.1, 0.0), State.MACRO_SLIP),
+        ((np.nan,) * 3, State.UNKNOWN),
+    ],
+)
+def test_a_contact_that_has_not_settled_has_the_state_that_its_print_tells(hold, state):
+    recording = lift(ANGLES)
+    contact = np.zeros(len(recording.layout.reference), dtype=bool)
+    contact[:40] = True
+    unsettled = {"contact": contact, "hold": hold, "flaw": "it has not settled"}
+    trackers = Trackers(recording.layout, {"tracked": {}}, noise=MICRON)
+    found = trackers.update(replace(list(recording)[10], **unsettled))["tracked"]
+    assert (found.state, found.reason) == (state, "it has not settled")
+    assert np.isnan(found.angle)
+    assert np.isnan(trackers.shear.slipped)  # it may come in sliding, and is no slip of a grasp

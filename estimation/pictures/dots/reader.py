@@ -1,9 +1,14 @@
 """Recordings from pictures of printed dots."""
 
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from scipy.spatial import KDTree
 
+from estimation.frames.recording import Frame
 from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
@@ -12,8 +17,8 @@ from estimation.pictures.imprint.follower import LOST, ImprintFollower
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import (
     Reference,
+    find_irregularity,
     index_lattice,
-    is_regular,
     lay_reference,
     make_reference,
     nearest,
@@ -21,6 +26,7 @@ from estimation.pictures.lattice import (
 from estimation.pictures.light import to_grey
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.region import (
+    NOT_SETTLED,
     Arrival,
     find_unseen_flaw,
     region_of_dispersion,
@@ -32,6 +38,8 @@ from estimation.pictures.stream import Picture
 
 RESTING = 5
 """Frames in a row in which the dots must lie regularly, and still, to be at rest."""
+MOST_JUDGED = 2000
+"""Frames whose contact is judged again once they have been seen at rest."""
 
 
 class DotReader(MarkerReader):
@@ -58,7 +66,10 @@ class DotReader(MarkerReader):
         self.hold = HoldFollower(self.reference)
         self.light = self.printed = self.prints = False
         self.lattice = index_lattice(self.reference.position)
-        self.provisional = self.reference.doubt is not None
+        self.provisional = not given and self.sensor.reference is None
+        self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
+        self.size = first.size
+        self.by_dots: deque[int] = deque(maxlen=MOST_JUDGED)
         self.resting, self.before = 0, self.reference.position
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
@@ -81,14 +92,17 @@ class DotReader(MarkerReader):
         in_picture = np.where(seen[:, None], dots.centre[match], np.nan)
         painted = paint_out(picture.image, dots.centre, self.style.radius, self.part.seen)
         level = painted.level(in_picture, self.reference.pitch)
-        contact = self._contact(picture.image, level, position, in_picture)
+        contact = self._contact(picture, level, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
-        if flaw or not contact.any():
-            self.imprint, turned, hold = ImprintFollower(), LOST, UNKNOWN
+        turned, hold = LOST, UNKNOWN
+        if contact.any():
+            hold = self.hold.update(painted, in_picture)
+        else:
             self.hold.restart()
+        if flaw or not contact.any():
+            self.imprint = ImprintFollower()
         else:
             turned = self.imprint.update(painted, in_picture[contact])
-            hold = self.hold.update(painted, in_picture)
         return Row(
             position=position,
             contact=contact,
@@ -141,18 +155,20 @@ class DotReader(MarkerReader):
         self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
     ) -> None:
         """Take the dots as the reference once they have been regular and still for long enough."""
-        recognised = 0.9  # share of a picture's dots that must be among them
+        # share of a picture's dots, or of the reference's where those are fewer, to be among them
+        recognised = 0.9
         most_motion = 0.02  # distance by which dots at rest may move from frame to frame [pitches]
-        seen = np.isfinite(position[:, 0]).sum() >= recognised * len(dots)
-        rests = seen and is_regular(self.lattice, position[self.lattice.dot])
+        needed = recognised * min(len(dots), len(self.lattice.dot))
+        found = find_irregularity(self.lattice, position[self.lattice.dot])
+        rests = found.rests and np.isfinite(position[:, 0]).sum() >= needed
         if not rests:  # a lattice guessed beside a contact may have mistaken dots for others
             position = self._recognise(dots)
-            rests = np.isfinite(position[:, 0]).sum() >= recognised * len(dots)
+            rests = np.isfinite(position[:, 0]).sum() >= needed
         moved = np.linalg.norm(position - self.before, axis=1)
         still = np.nanmax(moved, initial=0.0) < most_motion * self.reference.pitch
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
         self.before = position
-        if self.resting < RESTING:
+        if self.resting < RESTING or not self._is_better(position):
             return
         self.provisional, doubt = False, self.reference.doubt
         known = np.isfinite(position[:, 0])
@@ -165,6 +181,43 @@ class DotReader(MarkerReader):
         self.tracker = DotTracker(self.reference)
         self.layout = self.reference.layout(self.scale, self.origin)
 
+    def _is_better(self, position: Float[np.ndarray, "m 2"]) -> bool:
+        """Whether dots that rest are a better reference than the one there is.
+
+        They are where that is guessed beside a contact, or an object has gone since. A first frame
+        that looked unloaded is given up where dots lie elsewhere, and more regularly.
+        """
+        more_regular = 0.9  # share of the first frame's irregularity that they may have [-]
+        if self.reference.doubt is not None or self.assumed is None:
+            return True
+        if not self._touched(position).any():
+            return False
+        found = find_irregularity(self.lattice, position[self.lattice.dot])
+        return found.mean < more_regular * self.assumed.mean
+
+    def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Frames that were read before the reference was found, their contact judged by it.
+
+        Where an object is printed it touches, whatever the reference is.
+
+        Args:
+            frames: in order of time.
+        """
+        arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
+        for frame in frames:
+            unusable = frame.flaw and frame.flaw != NOT_SETTLED
+            if frame.contact is None or unusable:
+                judged.append(frame)
+                continue
+            contact, imprint, hold = frame.contact, frame.imprint, frame.hold
+            if frame.source_index in by_dots:
+                contact = self._touched(frame.positions / self.scale - self.origin)
+            if not contact.any():
+                imprint, hold = (np.nan, np.nan), UNKNOWN
+            flaw = arrival.find_flaw(contact)
+            judged.append(replace(frame, contact=contact, flaw=flaw, imprint=imprint, hold=hold))
+        return judged
+
     def _recognise(self, dots: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
         """The places of the reference's dots among dots that lie regularly, by their rows.
 
@@ -176,7 +229,7 @@ class DotReader(MarkerReader):
         """
         nowhere = np.full_like(self.reference.position, np.nan)
         found = index_lattice(dots)
-        if not is_regular(found, dots[found.dot]):
+        if not find_irregularity(found, dots[found.dot]).rests:
             return nowhere
         near = nearest(KDTree(dots[found.dot]), self.reference.position[self.lattice.dot])[1]
         begins = found.coordinates[near] - self.lattice.coordinates
@@ -189,7 +242,7 @@ class DotReader(MarkerReader):
 
     def _contact(
         self,
-        image: Shaped[np.ndarray, "h w *colour"],
+        picture: Picture,
         level: Float[np.ndarray, " m"],
         position: Float[np.ndarray, "m 2"],
         in_picture: Float[np.ndarray, "m 2"],
@@ -200,18 +253,26 @@ class DotReader(MarkerReader):
         goes the object has gone: the dots will come to rest where they belong.
         """
         if self.rest is not None:
-            region = region_of_light(self.reference, self.rest, image, in_picture)
+            assert picture.image is not None
+            region = region_of_light(self.reference, self.rest, picture.image, in_picture)
             if region.sum() >= 3:
                 self.light = True
                 return region
         region = region_of_print(self.reference, level, self.printed)
         if self.printed and not region.any() and self.rest is None:
-            self.provisional, self.resting = True, 0
+            self.provisional, self.resting, self.assumed = True, 0, None
         self.printed = bool(region.any())
         self.prints |= self.printed
         if self.printed:
             return region
-        return region_of_dispersion(self.reference, position - self.reference.position)
+        self.by_dots.append(picture.number)
+        return self._touched(position)
+
+    def _touched(self, position: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
+        """The contact region by the dots; those that the picture's side cuts jump."""
+        place = self.reference.position
+        room = np.minimum(place, np.array(self.size) - 1 - place).min(axis=1)
+        return region_of_dispersion(self.reference, position - place, room >= self.style.radius)
 
 
 def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:

@@ -30,6 +30,18 @@ def lit(image, change):
     return np.clip(image + change * cv2.GaussianBlur(spot, (0, 0), 6.0), 0, 255).astype(np.uint8)
 
 
+def test_a_first_frame_that_only_looks_unloaded_is_given_up(tmp_path):
+    rng = np.random.default_rng(7)
+    arm = REST - MIDDLE
+    bump = 0.055 * PITCH * arm / 40.0 * np.exp(0.5 - 0.5 * (arm**2).sum(axis=1) / 40.0**2)[:, None]
+    images = [picture(REST + share * bump, rng) for share in (1.0,) * 4 + (0.0,) * 7]
+    recording = read_recording(write_folder(tmp_path / "clip", images))
+    assert "the reference is frame 9" in " ".join(recording.notes)
+    assert recording.contact.any(axis=1).tolist() == [True] * 4 + [False] * 7
+    near = np.abs(recording.layout.reference[:, None] - REST).max(axis=2).min(axis=1)
+    assert near.max() < 0.1  # px
+
+
 @pytest.mark.parametrize("change", [25.0, -25.0])
 def test_light_tells_where_the_object_touches(change):
     rng = np.random.default_rng(0)
@@ -66,6 +78,14 @@ def test_dispersion_holds_the_middle_of_a_twist():
     assert region[from_middle < 50.0].all()
     assert not region[from_middle > 118.0 + PITCH].any()
     assert not region_of_dispersion(REFERENCE, np.zeros_like(points)).any()
+
+
+def test_a_dot_that_the_side_cuts_tells_no_contact():
+    moved = np.zeros_like(REFERENCE.position)
+    cut = REFERENCE.position[:, 0] < 30.0
+    moved[np.flatnonzero(cut)[0]] = 0.3 * PITCH
+    assert region_of_dispersion(REFERENCE, moved).any()
+    assert not region_of_dispersion(REFERENCE, moved, ~cut).any()
 
 
 def test_the_way_is_chosen_and_told(tmp_path):
