@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int
 
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
@@ -107,13 +107,80 @@ def register(
         return None
     if quality <= (settings.least_correlation if least is None else least):
         return None
-    loss = _find_loss(before, texture, np.asarray(warp))
-    if loss[0, 0] < settings.least_loss:
+    fit = _compare(before, texture, np.asarray(warp))
+    if fit is None or fit.loss[0, 0] < settings.least_loss:
         return None
+    error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, settings)))
     lacking = (1.0 - quality) / settings.independent
-    error = np.hypot(np.radians(settings.reading_deg), np.sqrt(lacking / loss[0, 0]))
-    spread = _spread_shift(loss[1:, 1:], lacking, before.value.size, settings)
-    return Match(keyframe, np.asarray(warp), float(quality), float(error), spread)
+    spread = _spread_shift(fit.loss[1:, 1:], lacking, before.value.size, settings)
+    return Match(keyframe, np.asarray(warp), float(quality), error, spread)
+
+
+class _Fit(NamedTuple):
+    """Two textures where they fit.
+
+    Attributes:
+        place: row and column of the pixels that both show.
+        slopes: change of the level at each by a turn about the middle and by shifts along x and y.
+        misfit: difference of the levels at each, which are of length 1.
+        loss: what these motions would cost of the correlation, over half their squares [-, 1/px²].
+    """
+
+    place: Int[np.ndarray, "2 n"]
+    slopes: Float[np.ndarray, "3 n"]
+    misfit: Float[np.ndarray, " n"]
+    loss: Float[np.ndarray, "3 3"]
+
+
+def _compare(before: Texture, now: Texture, warp: Float32[np.ndarray, "2 3"]) -> _Fit | None:
+    """The textures where they fit; None where they have nothing in common.
+
+    The loss comes from the product of both slopes: noise, which they do not share, is left out.
+    """
+    size, back = before.value.shape[::-1], cv2.WARP_INVERSE_MAP
+    value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
+    shown = cv2.warpAffine(now.mask, warp, size, flags=cv2.INTER_NEAREST | back)
+    both = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8)) > 0
+    rows, columns = np.nonzero(both)
+    if not len(rows):
+        return None
+    x, y = columns - columns.mean(), rows - rows.mean()
+    slopes, levels = [], []
+    for one in (before.value, value):
+        right = cv2.Sobel(one, cv2.CV_32F, 1, 0, scale=0.125)[both]
+        down = cv2.Sobel(one, cv2.CV_32F, 0, 1, scale=0.125)[both]
+        level = one[both] - one[both].mean()
+        spread = max(float(np.linalg.norm(level)), 1e-6)
+        slopes.append(np.stack([x * down - y * right, right, down]) / spread)
+        levels.append(level / spread)
+    loss = slopes[0] @ slopes[1].T / max(float(levels[0] @ levels[1]), 1e-6)
+    return _Fit(
+        place=np.stack([rows, columns]),
+        slopes=0.5 * (slopes[0] + slopes[1]),
+        misfit=levels[1] - levels[0],
+        loss=0.5 * (loss + loss.T),
+    )
+
+
+def _spread_turn(fit: _Fit, settings: ImprintSettings) -> float:
+    """Standard error of a turn [rad].
+
+    What the print is not the same in pulls the turn to and fro. How far each patch of the picture
+    pulls it by itself is the sandwich estimate of the error ([White1982] H. White, "Maximum
+    likelihood estimation of misspecified models").
+    """
+    rows, columns = fit.place // settings.patch
+    _, patch = np.unique(rows * (columns.max() + 1) + columns, return_inverse=True)
+    count, motions = int(patch.max()) + 1, len(fit.slopes)
+    if count <= motions:
+        return np.inf
+    pulls = np.stack([np.bincount(patch, pull, count) for pull in fit.slopes * fit.misfit])
+    arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # turns in px, as shifts are
+    scale = np.array([1.0 / arm, 1.0, 1.0])
+    inverse = np.linalg.pinv(fit.loss * np.outer(scale, scale), settings.alike, hermitian=True)
+    alike = 1.0 - 0.5 * float(fit.misfit @ fit.misfit)  # correlation, which the loss is a share of
+    turned = scale[0] / alike * inverse[0] @ (scale[:, None] * pulls)
+    return float(np.linalg.norm(turned) * np.sqrt(count / (count - motions)))
 
 
 def _spread_shift(
@@ -124,31 +191,6 @@ def _spread_shift(
     seen = along > settings.alike * along[1]
     variance = settings.reading_px**2 + lacking / np.where(seen, along, 1.0)
     return (ways * np.where(seen, variance, area)) @ ways.T
-
-
-def _find_loss(before: Texture, now: Texture, warp: np.ndarray) -> Float[np.ndarray, "3 3"]:
-    """What motions from where they fit would cost of the correlation, over half their squares.
-
-    They are a turn about the middle and shifts along x and y [-, 1/px²]. The loss comes from the
-    product of both slopes: noise, which they do not share, is left out.
-    """
-    size, back = before.value.shape[::-1], cv2.WARP_INVERSE_MAP
-    value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
-    shown = cv2.warpAffine(now.mask, warp, size, flags=cv2.INTER_NEAREST | back)
-    both = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8)) > 0
-    rows, columns = np.nonzero(both)
-    if not len(rows):
-        return np.zeros((3, 3))
-    x, y = columns - columns.mean(), rows - rows.mean()
-    products = []
-    for one in (before.value, value):
-        right = cv2.Sobel(one, cv2.CV_32F, 1, 0, scale=0.125)[both]
-        down = cv2.Sobel(one, cv2.CV_32F, 0, 1, scale=0.125)[both]
-        slopes = np.stack([x * down - y * right, right, down])
-        products.append((slopes, one[both] - one[both].mean()))
-    (slopes, level), (slopes_now, level_now) = products
-    loss = slopes @ slopes_now.T / max(np.sum(level * level_now), 1e-9)
-    return 0.5 * (loss + loss.T)
 
 
 def search_motion(

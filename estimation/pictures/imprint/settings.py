@@ -12,8 +12,10 @@ class ImprintSettings:
             keyframes [deg].
         reading_px: the same of the shift [px of the picture as it is registered].
         independent: parts of a texture that differ from the keyframe by themselves: what the
-            correlation lacks, over these and over its loss by a turn, is the square of the error;
-            96 % of 195 registrations in published clips are in their interval [-].
+            correlation lacks, over these and over its loss by a shift, is the square of the shift's
+            error [-].
+        patch: side of the squares, of the picture scaled down, in which what the print is not the
+            same in belongs together: how far they pull the turn to and fro is its error [px].
         shaded: share of the rotation by which light holds it back, the median of 72 published turns
             [-].
         least_correlation: with the keyframe, below which the imprint has lost its place [-].
@@ -44,6 +46,7 @@ class ImprintSettings:
     reading_deg: float = 0.05
     reading_px: float = 0.05
     independent: float = 30.0
+    patch: int = 12
     shaded: float = 0.01
     least_correlation: float = 0.65
     found_again: float = 0.8

@@ -1,10 +1,13 @@
 """The imprint under lamps that do not turn with the object."""
 
+import cv2
 import numpy as np
 import pytest
 
 from estimation.pictures.imprint.follower import ImprintFollower
-from estimation.pictures.imprint.painted import paint_out
+from estimation.pictures.imprint.painted import Texture, paint_out
+from estimation.pictures.imprint.registration import Keyframe, register
+from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.render import Camera, cover_with_dots, digitise
 from estimation.virtual.relief import Lamps, make_relief
 
@@ -82,3 +85,25 @@ def test_repeated_ridges_do_not_show_how_far_they_go_along_themselves():
     assert np.sqrt(xx) < 0.1  # px
     assert np.sqrt(yy) > 100.0
     assert abs(xy) < 0.05 * yy
+
+
+def test_the_error_of_a_registration_is_that_of_many():
+    rng = np.random.default_rng(11)
+    relief = make_relief("texture", 0.15, 20.0, 0.02, rng).at(CAMERA, np.zeros(2), 0.0)
+    before = cv2.GaussianBlur(relief, (0, 0), 1.0)
+    before *= 20.0 / before.std()
+    mask = np.where(AWAY < 62.0, 255, 0).astype(np.uint8)
+    still, errors, told = np.eye(2, 3, dtype=np.float32), [], []
+    for _ in range(25):
+        # a print that differs in places of its own, as where more of the object touches
+        changed = cv2.GaussianBlur(rng.normal(size=before.shape), (0, 0), 3.0)
+        now = before + 8.0 * changed / changed.std()
+        first, second = (Texture(one.astype(np.float32), mask) for one in (before, now))
+        keyframe = Keyframe(first, np.eye(3), 0.0, np.zeros((2, 2)))
+        found = register(keyframe, second, still, ImprintSettings())
+        assert found is not None
+        errors.append(found.turned)
+        told.append(found.own_error)
+    scatter = np.sqrt(np.mean(np.square(errors)))
+    # 25 draws know their scatter to a seventh; the floor of a reading is in what is told
+    assert 0.7 < np.median(told) / scatter < 1.7
