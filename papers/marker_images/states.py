@@ -214,6 +214,12 @@ def _runs_of_ours(result: Scored, clip: str) -> list[Run]:
     return find_runs([Run(result.ours[Place(clip, t)].state, t, t) for t in range(last + 1)])
 
 
+def _find_begun(run: Run, before: Run, others: Sequence[Run]) -> Run | None:
+    """The alike run, or none where it began before `before` did: that state was never left."""
+    found = find_alike(run, others)
+    return None if found is None or found.first < before.first - before.unsure else found
+
+
 def _changes(result: Scored) -> list[dict[str, object]]:
     """When the state changes, by the readers and by us: a row for each change of the first reader.
 
@@ -225,10 +231,8 @@ def _changes(result: Scored) -> list[dict[str, object]]:
         first, *others = _runs_of_readers(result, clip)
         ours = _runs_of_ours(result, clip)
         for before, run in pairwise(first):
-            seen = [run, *(one for other in others if (one := find_alike(run, other)))]
-            found = find_alike(run, ours)
-            if found is not None and found.first < before.first - before.unsure:
-                found = None  # ours was in that state before, and has not left it
+            seen = [run, *(one for other in others if (one := _find_begun(run, before, other)))]
+            found = _find_begun(run, before, ours)
             low, high = (
                 min(one.first - one.unsure for one in seen),
                 max(one.first + one.unsure for one in seen),

@@ -1,6 +1,7 @@
 """The tables of states read by eye, the sheets they are read from, and how ours are scored."""
 
 import csv
+from importlib import resources
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -115,6 +116,9 @@ def test_whole_clips_are_read_without_gaps_by_two_readers():
         assert {"stick", "macro_slip", "unclear"} <= states_seen
     # no clip of the single frames, so that neither table leans on the other
     assert not set(found["first"]) & set(read.read_frames())
+    again = resources.files("papers.marker_images") / "readings/whole_clips/again/first.csv"
+    with resources.as_file(again) as path:
+        assert read.spread(read.read_spans(path)).keys() == read.spread(found["first"]).keys()
 
 
 @pytest.mark.parametrize(
@@ -180,6 +184,16 @@ def test_changes_are_late_beyond_what_the_readers_leave_open():
     assert state["the same [%]"] == 96.7
     assert [axes.get_title() for axes in states.plot(result).axes] == ["", "a/b/c"]
     plt.close("all")
+
+
+def test_a_reader_who_saw_one_run_in_place_of_two_does_not_date_the_second():
+    first = [("incipient", 0, 4, 0), ("stick", 5, 9, 1), ("incipient", 10, 14, 1)]
+    other = [("incipient", 0, 14, 0)]
+    ours = answers(*["incipient"] * 5, *["stick"] * 3, *["incipient"] * 7)
+    result = Scored({"first": reading()}, ours, {"first": whole(*first), "second": whole(*other)})
+    _, begin = states.tables(result)["_changes"]
+    assert (begin["to"], begin["frame"], begin["other reader"]) == ("incipient", 10, "")
+    assert (begin["ours"], begin["late"]) == (8, -1)  # 9 is the earliest that the first allows
 
 
 def draw_clip(frames=17, still=9):
