@@ -10,6 +10,8 @@ from estimation.estimators.result import State as State
 from estimation.estimators.result import Track as Track
 from estimation.fields.outline import follow_outline as follow_outline
 from estimation.frames.archive import write_archive as write_archive
+from estimation.frames.bags.messages import read_points as read_points
+from estimation.frames.bags.messages import stamp_message as stamp_message
 from estimation.frames.bags.source import BagSource as BagSource
 from estimation.frames.datasets import fetch as fetch
 from estimation.frames.lerobot import write_lerobot as write_lerobot
@@ -47,6 +49,7 @@ from estimation.sources import read_recording as read_recording
 from estimation.stream import Answer as Answer
 from estimation.stream import Sink as Sink
 from estimation.stream import Stream as Stream
+from estimation.tracker import ImageTracker as ImageTracker
 from estimation.tracker import Tracker as Tracker
 from estimation.tracker import Trackers as Trackers
 from estimation.tracker import estimate_angles as estimate_angles

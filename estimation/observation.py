@@ -56,6 +56,11 @@ class Observer:
         Raises:
             ValueError: too few markers.
         """
+        if not isinstance(layout, MarkerLayout):
+            raise ValueError(
+                f"a layout is expected, got {type(layout).__name__}: make one of the unloaded "
+                "positions, `layout_markers(reference)`"
+            )
         if len(layout.reference) < MIN_STICK_MARKERS:
             raise ValueError(
                 f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
@@ -75,6 +80,11 @@ class Observer:
         # markers of a contact that is cut by the edge of the view below which too little of it is
         # seen
         least_in_view = 12
+        if not isinstance(frame, Frame):
+            raise ValueError(
+                f"a frame is expected, got {type(frame).__name__}: make one with `Frame`, or give "
+                "the positions to `Tracker.update_positions`"
+            )
         if frame.positions.shape[0] != len(self.stencils.reference):
             raise ValueError(
                 f"the frame has {frame.positions.shape[0]} markers, the layout "

@@ -1,52 +1,34 @@
 """Run estimators over frames, one at a time or a whole recording."""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from inspect import signature
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Shaped
 
 from estimation.choices import DEFAULT_CONTACT, ContactSettings
 from estimation.estimators import (
     DEFAULT_METHOD,
-    METHODS,
-    RIVALS,
-    Estimator,
     Measurement,
+    make_estimator,
     method_constants,
-    method_settings,
     share_fits,
 )
 from estimation.estimators.result import TOO_FEW_STICK, UNTOLD_TURN, Estimate, Result, State
 from estimation.fields.measure import Fields
-from estimation.fields.stencils import Stencils
+from estimation.frames.inspection import LiveInspector
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
 from estimation.observation import RIGID_OBJECT, Observation, Observer
+from estimation.pictures.reader import MarkerReader
+from estimation.pictures.reading import make_reader
+from estimation.pictures.stream import Picture, fit_picture
+from estimation.settings import Settings
 from estimation.slip.friction import FrictionWatch
-from estimation.slip.motion import Count, gel_ends
+from estimation.slip.motion import NO_COUNT, Count, Since, gel_ends
 from estimation.slip.shear import Shear, ShearWatch
 from estimation.slip.slide import Slide, SlideWatch
 from estimation.softness import Contact, Softness
-
-
-class _Since(NamedTuple):
-    """What the angle of a method counts from.
-
-    Attributes:
-        anew: how often it was counted anew since the object touched.
-        since: time stamp of the frame that it counts from [s].
-    """
-
-    anew: int = 0
-    since: float = float("nan")
-
-    def update(self, gel: Measurement, fields: Fields, time: float) -> "_Since":
-        """The count after the next frame."""
-        if not fields.contact.any():
-            return _Since(0, time)
-        return self if gel.anew == self.anew else _Since(gel.anew, time)
 
 
 class Trackers:
@@ -90,11 +72,11 @@ class Trackers:
         self._observer = Observer(layout, softness, contact)
         gain = 1.0 + softness.stiffness_ratio
         self.estimators = {
-            name: _make_estimator(name, self._observer.stencils, noise, gain, own)
+            name: make_estimator(name, self._observer.stencils, noise, gain, own)
             for name, own in methods.items()
         }
         share_fits(self.estimators.values())
-        self._since = dict.fromkeys(methods, _Since())
+        self._since = dict.fromkeys(methods, Since())
         self.counts = {name: Count() for name in methods}
         self.observation: Observation | None = None
         self.shear = Shear()
@@ -117,7 +99,7 @@ class Trackers:
             told = (
                 bool(frame.flaw) or seen.cut
             )  # the contact by the source, the flaw is the angle's
-            state = _state_by_print(self.shear) if told else State.UNKNOWN
+            state = self.shear.state if told else State.UNKNOWN
             if frame.flaw:  # what the object prints here says nothing of a grasp yet
                 self.shear = Shear()
             return {
@@ -215,6 +197,7 @@ class Tracker:
     same noise.
 
     Attributes:
+        layout: the markers of the sensor.
         estimator: of the method.
         constants: of the method.
     """
@@ -245,7 +228,7 @@ class Tracker:
         self._trackers = Trackers(
             layout, {method: constants}, noise=noise, softness=softness, contact=contact
         )
-        self._method = method
+        self.layout, self._method, self._given = layout, method, 0
         self.estimator = self._trackers.estimators[method]
         self.constants = self._trackers.constants[method]
 
@@ -257,17 +240,99 @@ class Tracker:
         """
         return self._trackers.update(frame)[self._method]
 
+    def update_positions(self, positions: Float[np.ndarray, "n d"], time: float) -> Estimate:
+        """What is known after the next frame, of which only the markers' positions are known.
 
-def _state_by_print(shear: Shear) -> State:
-    """State of a contact of which nothing is known but what the object prints on the gel."""
-    if shear.slides:
-        return State.MACRO_SLIP
-    if shear.sticks:
-        return State.STICK
-    return State.INCIPIENT if np.isfinite(shear.slipped) else State.UNKNOWN
+        Args:
+            positions: of the layout's markers, in its order and unit; NaN where not seen.
+            time: time stamp [s].
+
+        Raises:
+            ValueError: the positions are not of this layout.
+        """
+        seen = np.asarray(np.isfinite(positions).all(axis=-1))
+        number, self._given = self._given, self._given + 1
+        return self.update(Frame(np.asarray(positions, dtype=float), seen, time, number))
 
 
-def _label(frame: Frame, reason: str, since: _Since, state: State = State.UNKNOWN) -> Estimate:
+class ImageTracker:
+    """Follows the object's angle picture by picture, knowing only the past.
+
+    Markers and reference are learnt from the first usable picture, unless an unloaded one is given
+    in the settings. Where a better reference is found later, the pictures so far are answered anew
+    within, and the next answer counts from it.
+
+    Attributes:
+        settings: of method, noise, softness and pictures.
+        reader: of the markers; None before the first usable picture.
+        tracker: of the angle; None before the first usable picture.
+    """
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        """Make a tracker.
+
+        Args:
+            settings: as of a run; the defaults unless given.
+
+        Raises:
+            ValueError: a wrong setting, or an unloaded picture without markers.
+        """
+        self.settings = Settings() if settings is None else settings
+        self.reader: MarkerReader | None = None
+        self.tracker: Tracker | None = None
+        self._inspector, self._held = LiveInspector(), list[Frame]()
+        self._size: tuple[int, int] | None = None
+        self._given = 0
+        images = self.settings.images
+        if isinstance(images.unloaded, int):
+            raise ValueError(
+                "pictures that are given one by one have no unloaded frame to look up: give the "
+                "unloaded picture itself, ImageSettings(unloaded=read_still(path, …))"
+            )
+        if images.unloaded is not None:
+            rest = fit_picture(Picture(images.unloaded.image, np.nan, -1), images.part, None)
+            self.reader, self._size = make_reader(rest, images), rest.whole
+
+    def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:
+        """What is known after the next picture; one that cannot be used is labelled.
+
+        Args:
+            image: grey or BGR, of 8 or 16 bit.
+            time: time stamp [s].
+
+        Raises:
+            ValueError: that is no picture, or the first usable one shows no markers.
+        """
+        if not isinstance(image, np.ndarray) or image.ndim not in (2, 3):
+            got = image.shape if isinstance(image, np.ndarray) else type(image).__name__
+            raise ValueError(f"a picture is expected, an array (h, w) or (h, w, 3), got {got}")
+        images, number, self._given = self.settings.images, self._given, self._given + 1
+        picture = fit_picture(Picture(image, time, number), images.part, self._size)
+        self._size = self._size or picture.whole
+        if self.reader is None and picture.flaw:
+            return _label(Frame(np.zeros((0, 2)), np.zeros(0, bool), time, number), picture.flaw)
+        self.reader = self.reader or make_reader(picture, images)
+        frame = self.reader.frame(self.reader.read(picture))
+        frame = self._inspector.inspect(frame, self.reader.layout.reference)
+        tracker = self._follow(self.reader.layout)
+        most = 2000  # frames that a better reference answers anew
+        self._held = [*self._held, frame][-most:] if self.reader.provisional else []
+        return tracker.update(frame)
+
+    def _follow(self, layout: MarkerLayout) -> Tracker:
+        """The tracker of a layout; if it is new, after the frames that it may answer."""
+        if self.tracker is None or layout is not self.tracker.layout:
+            told = self.settings
+            about = {"noise": told.noise, "softness": told.softness, "contact": told.contact}
+            self.tracker = Tracker(layout, told.method, **about, **told.constants)
+            for frame in self._held:
+                self.tracker.update(frame)
+        return self.tracker
+
+
+def _label(
+    frame: Frame, reason: str, since: Since = NO_COUNT, state: State = State.UNKNOWN
+) -> Estimate:
     """An estimate without an angle that says why there is none."""
     none = np.zeros(len(frame.positions), dtype=bool)
     known = none if state == State.UNKNOWN or frame.contact is None else frame.contact
@@ -293,25 +358,6 @@ def _label(frame: Frame, reason: str, since: _Since, state: State = State.UNKNOW
         load_term=0.0,
         covered=True,
     )
-
-
-def _make_estimator(
-    method: str,
-    stencils: Stencils,
-    noise: Noise | None,
-    gain: float,
-    constants: Mapping[str, Any],
-) -> Estimator:
-    make, own = (METHODS | RIVALS)[method], method_constants(method)
-    for name in constants:
-        if name not in own:
-            raise ValueError(
-                f"{method} has no constant {name!r}; it has {', '.join(sorted(own)) or 'none'}"
-            )
-    settings = method_settings(method)
-    given = {} if settings is None else {"settings": replace(settings, **constants)}
-    takes_gain = "gain" in signature(make).parameters
-    return make(stencils, noise, **given, **({"gain": gain} if takes_gain else {}))
 
 
 def estimate_angles(

@@ -1,7 +1,7 @@
 """Estimators: from the fields of one frame to the rotation of the elastomer where it sticks."""
 
-from collections.abc import Callable, Hashable, Iterable
-from dataclasses import asdict
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import asdict, replace
 from functools import partial
 from inspect import signature
 from typing import Any, Protocol, runtime_checkable
@@ -13,6 +13,8 @@ from estimation.estimators.rigid import Rigid
 from estimation.estimators.rivals import Castano, Dong, DongSettings, Kabsch, Kolamuri
 from estimation.estimators.tracked import Tracked
 from estimation.fields.measure import Fields
+from estimation.fields.stencils import Stencils
+from estimation.frames.noise import Noise
 
 __all__ = [
     "DEFAULT_METHOD",
@@ -24,6 +26,7 @@ __all__ = [
     "Paper",
     "Rigid",
     "Tracked",
+    "make_estimator",
     "method_constants",
     "method_settings",
     "share_fits",
@@ -99,3 +102,34 @@ def method_constants(method: str) -> dict[str, Any]:
     """
     settings = method_settings(method)
     return {} if settings is None else asdict(settings)
+
+
+def make_estimator(
+    method: str,
+    stencils: Stencils,
+    noise: Noise | None,
+    gain: float,
+    constants: Mapping[str, Any],
+) -> Estimator:
+    """An estimator.
+
+    Args:
+        method: one of `METHODS` or `RIVALS`.
+        stencils: of the layout.
+        noise: of the markers.
+        gain: 1 + k.
+        constants: of the method, where they are not its own.
+
+    Raises:
+        ValueError: no such method or constant, or a value out of range.
+    """
+    make, own = (METHODS | RIVALS)[method], method_constants(method)
+    for name in constants:
+        if name not in own:
+            raise ValueError(
+                f"{method} has no constant {name!r}; it has {', '.join(sorted(own)) or 'none'}"
+            )
+    settings = method_settings(method)
+    given = {} if settings is None else {"settings": replace(settings, **constants)}
+    takes_gain = "gain" in signature(make).parameters
+    return make(stencils, noise, **given, **({"gain": gain} if takes_gain else {}))

@@ -113,7 +113,7 @@ class PictureSource:
         for picture in self._taken or _read(self.path, settings):
             self._waiting.append(picture)
             if picture.image is not None and not picture.flaw:
-                return _make_reader(picture, settings)
+                return make_reader(picture, settings)
         raise self._unusable()
 
     def _unusable(self) -> ValueError:
@@ -140,7 +140,7 @@ class PictureSource:
                 if rest.flaw:
                     raise ValueError(f"the unloaded picture {still.path}: {rest.flaw}")
                 with naming(still.path):
-                    reader = _make_reader(rest, settings)
+                    reader = make_reader(rest, settings)
             row = deepcopy(reader).read(picture)
             if np.isfinite(row.position).any():
                 self.warnings += _doubt_reference(reader, row, still)
@@ -244,8 +244,16 @@ def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
         yield picture
 
 
-def _make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
-    """The reader for the kind of markers that was given, or is found."""
+def make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
+    """The reader for the kind of markers that was given, or is found.
+
+    Args:
+        first: a picture that can be used.
+        settings: what is known of the sensor.
+
+    Raises:
+        ValueError: the picture shows no such markers, or a setting does not fit.
+    """
     assert first.image is not None
     settings.sensor.expect_size(*first.size)
     if settings.rig is not None:
@@ -306,7 +314,7 @@ def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
         if picture.number == settings.unloaded:
             if picture.flaw:
                 raise ValueError(f"the unloaded frame {picture.number}: {picture.flaw}")
-            return _make_reader(picture, settings)
+            return make_reader(picture, settings)
     known = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
     raise ValueError(
         f"{path} has no frame {settings.unloaded}, which should be the unloaded one: its frames "

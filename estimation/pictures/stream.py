@@ -158,20 +158,31 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> 
     size = None
     for picture in source:
         if picture.image is not None and not picture.flaw:
-            shape = picture.image.shape[:2]
-            if min(shape) < SMALLEST:
-                flaw = f"the picture is {shape[1]}×{shape[0]}, too small to show markers"
-                yield picture._replace(flaw=flaw)
-                continue
-            if size is None:
-                part.expect(shape[1], shape[0])
-            size = size or shape
-            if shape != size:
-                flaw = f"the picture is {shape[1]}×{shape[0]}, the first was {size[1]}×{size[0]}"
-                yield picture._replace(flaw=flaw)
-                continue
-            picture = take_part(picture, part)
+            picture = fit_picture(picture, part, size)
+            size = size or picture.whole
         yield picture
+
+
+def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> Picture:
+    """The part of a picture that is read, or why the picture cannot be used.
+
+    Args:
+        picture: that has an image.
+        part: that is read.
+        size: width and height of the pictures before [px]; None of the first one.
+
+    Raises:
+        ValueError: the first picture does not have that part.
+    """
+    width, height = picture.size
+    if min(width, height) < SMALLEST:
+        return picture._replace(flaw=f"the picture is {width}×{height}, too small to show markers")
+    if size is None:
+        part.expect(width, height)
+    elif size != (width, height):
+        flaw = f"the picture is {width}×{height}, the first was {size[0]}×{size[1]}"
+        return picture._replace(flaw=flaw)
+    return take_part(picture, part)
 
 
 def take_part(picture: Picture, part: Part) -> Picture:

@@ -4,11 +4,37 @@
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (9).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float
 
 from contactmodel.equations import object_rotation, slip_curl_of_rotation
+from estimation.estimators.measurement import Measurement
 from estimation.estimators.result import Result, State, Track
+from estimation.fields.measure import Fields
+
+
+class Since(NamedTuple):
+    """What the angle of a method counts from.
+
+    Attributes:
+        anew: how often it was counted anew since the object touched.
+        since: time stamp of the frame that it counts from [s].
+    """
+
+    anew: int = 0
+    since: float = float("nan")
+
+    def update(self, gel: Measurement, fields: Fields, time: float) -> "Since":
+        """The count after the next frame."""
+        if not fields.contact.any():
+            return Since(0, time)
+        return self if gel.anew == self.anew else Since(gel.anew, time)
+
+
+NO_COUNT = Since()
+"""Before the first frame."""
 
 
 class Count:

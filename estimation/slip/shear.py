@@ -95,6 +95,15 @@ class Shear(NamedTuple):
     slip_error: float = float("nan")
     slip_since: float = float("nan")
 
+    @property
+    def state(self) -> State:
+        """State of a contact of which nothing is known but what the object prints on the gel."""
+        if self.slides:
+            return State.MACRO_SLIP
+        if self.sticks:
+            return State.STICK
+        return State.INCIPIENT if np.isfinite(self.slipped) else State.UNKNOWN
+
 
 class ShearPath(NamedTuple):
     """What is kept of the shear over a recording; as in `Shear`, an array each."""

@@ -39,6 +39,12 @@ class Seen(NamedTuple):
     wrench: tuple[float, ...] = (UNKNOWN,) * 6
 
 
+def stamp_message(content: Any, number: int = 0) -> Stamped:
+    """A message that has just come, as from a subscription; its time is that of its header."""
+    stamp = content.header.stamp
+    return Stamped(content, stamp.sec + 1e-9 * stamp.nanosec, number)
+
+
 def read_tac3d(message: Stamped) -> Seen:
     """What a `Frame` of the Tac3D nodes says; mm, N and N·mm, on the sensor's own clock.
 

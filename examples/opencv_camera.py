@@ -1,0 +1,26 @@
+"""The angle from a camera's pictures, in your own loop: `python examples/opencv_camera.py 0`."""
+
+import sys
+import time
+
+import cv2
+import numpy as np
+
+from estimation import ImageTracker
+
+
+def main(device: str) -> None:
+    """Print the angle of each picture until the camera has gone."""
+    tracker = ImageTracker()
+    camera = cv2.VideoCapture(int(device) if device.isdigit() else device)
+    while True:
+        there, image = camera.read()
+        if not there:
+            return
+        answer = tracker.update(image, time.monotonic())
+        low, angle, high = np.degrees([answer.low, answer.angle, answer.high])
+        print(f"{answer.state}: {angle:.2f}° ({low:.2f} to {high:.2f}) {answer.reason}", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

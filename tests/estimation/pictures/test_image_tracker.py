@@ -1,0 +1,91 @@
+"""Pictures given one by one are answered as a folder of them is, and errors help."""
+
+import cv2
+import jaxtyping
+import numpy as np
+import pytest
+
+from estimation.frames.noise import Noise
+from estimation.frames.recording import layout_markers
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.reading import PictureSource
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.still import Still
+from estimation.settings import Settings
+from estimation.tracker import ImageTracker, Tracker
+from tests.fuzz.inputs import GRID, RADIUS, dots
+
+NOISE = Noise.given(0.02, "px")
+SENSOR = Sensor(marker="dots", radius=RADIUS, dark=True)
+
+
+def settings(**images):
+    return Settings(noise=NOISE, images=ImageSettings(SENSOR, **images))
+
+
+@pytest.fixture
+def unchecked():
+    """As users run it: without the shape checks of the tests, which would speak up first."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def test_pictures_one_by_one_are_a_folder_of_them(tmp_path):
+    for i, image in enumerate(dots()):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), image)
+    source = PictureSource(tmp_path, ImageSettings(SENSOR))
+    tracker = ImageTracker(settings())
+    found = [tracker.update(image, i / 30.0) for i, image in enumerate(dots())]
+    other = Tracker(source.layout, noise=NOISE)
+    expected = [other.update(frame) for frame in source]
+    assert [one.angle for one in found] == pytest.approx(
+        [one.angle for one in expected], abs=0.0, nan_ok=True
+    )
+    assert [one.source_index for one in found] == list(range(len(found)))
+    assert [one.state for one in found] == [one.state for one in expected]
+
+
+def test_an_unloaded_picture_is_the_reference(tmp_path):
+    first, *others = dots()
+    tracker = ImageTracker(settings(unloaded=Still(tmp_path / "rest.png", first)))
+    rest = tracker.reader.layout.reference
+    assert len(rest) == len(GRID)
+    for i, image in enumerate(others):
+        tracker.update(image, i / 30.0)
+    np.testing.assert_array_equal(tracker.tracker.layout.reference, rest)
+    with pytest.raises(ValueError, match=r"give the unloaded picture itself"):
+        ImageTracker(settings(unloaded=3))
+
+
+def test_a_better_reference_takes_the_frames_so_far_with_it():
+    tracker = ImageTracker(settings())
+    first, second, third, *_ = dots()
+    tracker.update(first, 0.0)
+    before, reader = tracker.tracker, tracker.reader
+    reader.provisional = True
+    tracker.update(second, 0.1)
+    reader.provisional, reader.layout = False, layout_markers(reader.layout.reference + 0.5)
+    answer = tracker.update(third, 0.2)
+    assert tracker.tracker is not before
+    assert tracker.tracker.layout is reader.layout
+    assert answer.source_index == 2
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_is_no_picture_frame_or_layout_is_named():
+    tracker = ImageTracker(settings())
+    dark = tracker.update(np.zeros((108, 128), np.uint8), 0.0)
+    assert (dark.state, dark.reason) == ("unknown", "the picture is black")
+    for wrong, got in ((3.0, "float"), ("clip.avi", "str"), (np.zeros(4), r"\(4,\)")):
+        with pytest.raises(ValueError, match=rf"a picture is expected, .* got {got}"):
+            tracker.update(wrong, 0.0)
+    assert tracker.update(dots()[0], 0.1).reason
+    smaller = tracker.update(dots()[0][:-8], 0.2)
+    assert smaller.reason == "the picture is 128×100, the first was 128×108"
+    with pytest.raises(ValueError, match=r"a layout is expected, got ndarray: .*layout_markers"):
+        Tracker(GRID)
+    with pytest.raises(ValueError, match=r"a frame is expected, got ndarray: .*update_positions"):
+        Tracker(layout_markers(GRID)).update(GRID)
+    with pytest.raises(ValueError, match=r"has 3 markers, the layout 30"):
+        Tracker(layout_markers(GRID)).update_positions(GRID[:3], 0.0)
