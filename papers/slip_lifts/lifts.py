@@ -117,6 +117,7 @@ class Study:
     def fits(self) -> dict[str, ShearSettings]:
         """The numbers that make probabilities, fitted without each object."""
         signs = np.stack([lift.signs for lift in self.lifts], axis=1)
+        signs[2] = np.nan  # else those of lifts in which the print is followed would not be fitted
         names = np.unique(self.objects) if len(np.unique(self.objects)) > 1 else []
         return {
             str(name): fit_probability(
