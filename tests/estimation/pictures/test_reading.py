@@ -354,7 +354,7 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
         assert "2 frame numbers are missing" in text
     frames = list(read_pictures(out / "preview.mp4"))
     assert [one.flaw for one in frames] == [""] * len(pictures)
-    assert frames[0].image.shape == (3 * 239 + 52 + 1, 3 * 319 + 1, 3)
+    assert frames[0].image.shape == (3 * 239 + 2 * 29 + 1, 3 * 319 + 1, 3)  # two lines of text
     assert [one.time for one in frames] == pytest.approx(times - times[0], abs=1e-4)
     content = (out / "preview.mp4").read_bytes()
     assert content.index(b"moov") < content.index(b"mdat")  # plays before it is whole
