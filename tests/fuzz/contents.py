@@ -50,7 +50,9 @@ def _npz(entries: Mapping[str, Any]) -> bytes:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, entry in entries.items():
-            archive.writestr(f"{name}.npy", entry if isinstance(entry, bytes) else _npy(entry))
+            file = zipfile.ZipInfo(f"{name}.npy")  # without the time of day
+            content = entry if isinstance(entry, bytes) else _npy(entry)
+            archive.writestr(file, content, zipfile.ZIP_DEFLATED)
     return buffer.getvalue()
 
 
