@@ -48,6 +48,7 @@ class BagWriter:
         require_extra("bags", f"writing {path}")
         self._path, self._method, self._unit = path, method, unit
         self._convention, self._types = convention, ros_types()
+        self._definitions: dict[str, str] = {}
         earlier = path.with_name(f".{path.name}")
         if rows and not earlier.is_file():
             path.rename(earlier)
@@ -75,10 +76,12 @@ class BagWriter:
         if math.isfinite(time) and 0.0 <= time < 2.0**31:
             self._stamp = round(1e9 * time)
         for topic, kind, values in self._messages(answer):
-            definition, _ = self._types.generate_msgdef(kind, ros_version=2)
+            if kind not in self._definitions:
+                self._definitions[kind], _ = self._types.generate_msgdef(kind, ros_version=2)
             data = bytes(self._types.serialize_cdr(self._types.types[kind](**values), kind))
             at = (self._stamp, answer.row)
-            self._send(_Sent(f"/contactmodel/{topic}", kind, definition, *at, data))
+            name, definition = f"/contactmodel/{topic}", self._definitions[kind]
+            self._send(_Sent(name, kind, definition, *at, data))
         self._file.flush()
 
     def close(self) -> None:
