@@ -142,11 +142,12 @@ class Outcome(NamedTuple):
 
     def describe(self, start: float) -> str:
         """A few words, times since a start [s]."""
-        odds = f"probability of a slip {self.probability:.2f}"
-        if self.word == "slipped":
-            when = f"slipped, first seen at {self.onset - start:.2f} s"
-            return f"{when} ({odds})" if np.isfinite(self.probability) else when
-        return f"{self.word} ({odds})" if np.isfinite(self.probability) else self.word
+        word = self.word
+        if word == "slipped":
+            word = f"slipped, first seen at {self.onset - start:.2f} s"
+        if np.isfinite(self.probability):
+            return f"{word} (probability of a slip {self.probability:.2f})"
+        return f"{word}, by the markers alone"
 
 
 class ShearWatch:
