@@ -18,7 +18,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from estimation.estimators.measurement import Z95, Measurement
+from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
+from estimation.estimators.unseen_slide import UnseenSlide
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import check_count
@@ -151,8 +153,32 @@ class Incremental:
             maxlen=settings.mature_age
         )  # whether many stuck, frame by frame
         self._hidden = 0  # frames passed over just now
+        self._slide = UnseenSlide(settings.firm_markers)
 
     def update(self, fields: Fields) -> Measurement:
+        """Rotation of the elastomer where it sticks, and how far the object may have slid on.
+
+        See `follow`.
+        """
+        return self.widen(self.follow(fields), np.inf)
+
+    def widen(self, gel: Measurement, most: float) -> Measurement:
+        """The interval with how far the object may have slid over gel that rests.
+
+        Args:
+            gel: the frame's measurement.
+            most: that it can have slid unseen [rad].
+        """
+        behind, ahead = (min(one, most) for one in self._slide.extent)
+        reason = gel.reason or (RESTS_OR_SLIDES if self.doubtful and most == np.inf else "")
+        return gel._replace(low=gel.low - behind, high=gel.high + ahead, reason=reason)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the object may slide over gel that rests, and have slid far."""
+        return self._slide.doubtful
+
+    def follow(self, fields: Fields) -> Measurement:
         """Rotation of the elastomer where it sticks, from the fields of the next frame.
 
         A contact that has already slipped when it is first seen is counted from that frame. Once
@@ -194,21 +220,25 @@ class Incremental:
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
+        self._slide.update(now.angle, int(stick.sum()), int(fields.contact.sum()))
         return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
 
     def lose(self, fields: Fields) -> None:
         """Give up the angle: from this frame on only increments are known."""
+        self._slide.restart()
         unknown = Keyframe(fields, self.number, angle=np.nan)
         self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
         self._remember(unknown)
 
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Count on from this frame, at an angle that was found otherwise [rad]."""
+        self._slide.restart()
         number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
+        self._slide.restart()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
         self.anew = 0
 

@@ -17,7 +17,7 @@ from jaxtyping import Bool
 from estimation.estimators.imprinted import ImprintedTurn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.estimators.result import UNSEEN_TURN
+from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN
 from estimation.fields.measure import Fields
 from estimation.fields.outline import Axis, measure_axis, turn_error, unwrap
 from estimation.fields.stencils import Stencils
@@ -106,7 +106,7 @@ class Tracked:
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the object since it touched, from the fields of the next frame."""
-        gel = self.incremental.update(fields)
+        gel = self.incremental.follow(fields)
         if not fields.contact.any():
             self._forget()
             self._anew = 0
@@ -124,10 +124,16 @@ class Tracked:
             self.incremental.lose(fields)
             gel = Measurement.none(np.zeros_like(gel.stick))
         self._sights.append(_Sight(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95))
-        found = gel if np.isfinite(gel.angle) else self._hand_over(fields, axis, gel)
+        if np.isfinite(gel.angle):
+            # an outline in sight shows a slide beyond this
+            seen = max(self.slip, 3.0 * axis.standard_error) if np.isfinite(axis.angle) else np.inf
+            found = self.incremental.widen(gel, seen)
+        else:
+            found = self._hand_over(fields, axis, gel)
         if found.high - found.low > 2.0 * self.widest:
             if gel.reason:
                 return gel
+            self._may_slide = self.incremental.doubtful
             self.incremental.lose(fields)
             self._sights.clear()
             return Measurement.none(found.stick, self._too_wide)
@@ -216,6 +222,7 @@ class Tracked:
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_anew, self._resumed = 0, False
+        self._may_slide = False  # over gel that rests, for so long that its angle is lost
         self._sights: deque[_Sight] = deque(maxlen=self.settings.memory)
         self._last = np.nan
         self._curvature = np.nan
@@ -265,6 +272,8 @@ class Tracked:
     def _at_a_loss(self, gel: Measurement) -> Measurement:
         """No angle; macro slip unless the markers turn as one: gel at rest may be slid over."""
         increment = self.incremental.increment
+        if self._may_slide and not gel.reason:
+            gel = gel._replace(reason=RESTS_OR_SLIDES)
         if increment is None or increment.age < self.mature_age or not increment.stick.any():
             return gel
         if abs(increment.angle) < 0.5 * self.slip:

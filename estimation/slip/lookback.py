@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from estimation.estimators.result import (
+    RESTS_OR_SLIDES,
     TOO_FEW_STICK,
     UNSEEN_TURN,
     Kept,
@@ -31,8 +32,6 @@ from estimation.slip.onset import MacroSlip, Sight, SlipWatch, date_slips
 
 FOLLOWING = ("tracked", "incremental")
 """Methods that follow the object, whose angles are withdrawn where they may have lost it."""
-
-RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
 
 
 def find_slips(

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import expit
 
-from estimation.estimators.result import State, Track
+from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
 from estimation.fields.stencils import marker_pitch
 from estimation.frames.recording import MarkerLayout
 from estimation.slip.slide import Slide
@@ -129,7 +129,8 @@ class Outcome(NamedTuple):
     """What became of a grasp.
 
     Attributes:
-        word: `held` or `slipped`; `unknown` without contact.
+        word: `held` or `slipped`; `unknown` without contact, and where the object may have slid
+            over gel at rest.
         probability: that it slipped [-]: a half where nothing is known, and NaN where only the
             states of the contact tell.
         onset: when that became more likely than not, or macro slip was first seen [s]; NaN if it
@@ -259,8 +260,8 @@ def conclude(slipped: Float[np.ndarray, " frames"], track: Track) -> Outcome:
     else:
         probability = np.nan
         over = np.array([state == State.MACRO_SLIP for state in track.state])
-        touched = over.any() or bool(track.contact_markers.any())
-        if not touched:
+        known = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
+        if not (over.any() or known):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         return Outcome("held", probability, np.nan)

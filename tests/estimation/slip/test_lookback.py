@@ -34,15 +34,16 @@ def look_back(friction, outline=np.nan):
 def test_gel_that_rests_under_a_sliding_object():
     truth, live, slips, back = look_back(friction=0.02)
     first = int(np.argmax(truth.macro_slip))
-    assert live.answered[first:].all()  # what makes it necessary: the live tracker sees no slip
+    assert live.answered[first : first + 3].all()  # live, the slip is not seen at once
+    ahead = np.maximum(live.low - truth.angle, truth.angle - live.high)[first:]
+    assert np.nanmax(np.degrees(ahead)) < 1.0  # but reckoned with, until the angle is given up
     assert slips
     assert back.answered[: first - 2].sum() == live.answered[: first - 2].sum()
     assert not back.answered[first + 1 :].any()
     reasons = {back.reason[i] for i in range(first + 1, len(back.time))}
     assert {RESTS_OR_SLIDES, UNSEEN_TURN} <= reasons
     assert np.isnan(back.low[~back.answered]).all()
-    # what the answers of frame by frame were is not touched, and kept
-    assert live.answered[first:].all()
+    # what the answers of frame by frame were is kept
     gone = live.answered & ~back.answered
     np.testing.assert_array_equal(back.withdrawn.rows, gone)
     for name in ("angle", "low", "high", "stick_markers"):
@@ -65,7 +66,7 @@ def test_frames_without_an_angle_are_counted_by_their_reason():
     _, live, _, back = look_back(friction=0.02)
     counts = count_missing(back)
     assert sum(counts.values()) == (~back.answered).sum()
-    assert counts["before contact"] == (~live.answered).sum()
+    assert counts["before contact"] == live.state.count(State.NO_CONTACT)
     assert counts["withdrawn after a pause"] > 0
     text = describe_answers(back)
     assert text.startswith(f"{back.answered.sum()} of {len(live.time)} frames answered (")

@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from estimation.estimators.unseen_slide import UnseenSlide, UnseenSlideSettings
+
+RATE = np.radians(0.8)
+CONTACT, MANY, FEW = 79, 40, 4
+
+
+def follow(slide, angles, stick):
+    """The extents after each of some frames."""
+    extents = []
+    for angle in angles:
+        slide.update(float(angle), stick, CONTACT)
+        extents.append(slide.extent)
+    return np.array(extents)
+
+
+def turned(stick, frames=12):
+    """A slide that has seen an object turn steadily, and where it is."""
+    slide, angles = UnseenSlide(9), RATE * np.arange(frames)
+    follow(slide, angles[: frames // 2], MANY)
+    follow(slide, angles[frames // 2 :], stick)
+    return slide, angles[-1]
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_object_that_few_markers_held_may_go_on(way):
+    slide, frames = UnseenSlide(9), 20
+    follow(slide, way * RATE * np.arange(8), MANY)
+    follow(slide, way * RATE * np.arange(8, 10), FEW)
+    extents = follow(slide, np.full(frames, way * RATE * 9), FEW)
+    truth = RATE * np.arange(1, frames + 1)  # it goes on as it went
+    behind, ahead = extents.T[:: int(way)]
+    assert (ahead[2:] >= truth[2:]).all()
+    assert ahead[-1] < 1.3 * truth[-1]
+    assert not behind.any()
+    assert slide.doubtful
+
+
+def test_object_that_many_markers_hold_rests_with_the_gel():
+    slide, last = turned(MANY)
+    assert not follow(slide, np.full(30, last), MANY).any()
+    assert not slide.doubtful
+
+
+def test_few_markers_that_turn_on_are_no_doubt():
+    rng = np.random.default_rng(0)
+    slide, last = turned(FEW)
+    angles = last + RATE * np.arange(1, 30) + 0.1 * RATE * rng.standard_normal(29)
+    assert not follow(slide, angles, FEW).any()
+
+
+def test_all_that_rests_seems_to_stick_and_shows_nothing():
+    slide, last = turned(FEW)
+    extents = follow(slide, np.full(10, last), CONTACT)
+    assert extents[-1, 1] > 8 * RATE
+
+
+def test_keyframe_that_jumps_is_no_grip():
+    slide, last = turned(FEW)
+    extents = follow(slide, np.full(10, last - np.radians(1.5)), CONTACT)
+    assert extents[-1, 1] > 8 * RATE
+
+
+def test_reversal_is_a_grip():
+    slide, last = turned(FEW)
+    extents = follow(slide, last - RATE * np.arange(1, 10), MANY)
+    np.testing.assert_allclose(extents[-1], 0.0, atol=1e-12)
+
+
+def test_what_may_have_slid_before_a_grip_stays_in_doubt():
+    slide, last = turned(FEW)
+    before = follow(slide, np.full(10, last), CONTACT)[-1]
+    extents = follow(slide, last - RATE * np.arange(1, 10), MANY)
+    np.testing.assert_allclose(extents[-1], before, atol=1.5 * RATE)
+    assert not slide.doubtful  # it holds now
+    slide.restart()
+    assert not np.any(slide.extent)
+
+
+def test_few_is_a_share_of_small_contacts():
+    slide = UnseenSlide(9, UnseenSlideSettings())
+    for angle in [*RATE * np.arange(8), *np.full(10, 7 * RATE)]:
+        slide.update(float(angle), 5, 12)
+    assert not np.any(slide.extent)
