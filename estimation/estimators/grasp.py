@@ -79,7 +79,7 @@ class Grasp(NamedTuple):
         low: lower end of its 95 % interval [rad], which holds both fingers, with the fitted angle
             offset as well as counted from their common start.
         high: upper end of its 95 % interval [rad].
-        holds: frames in which neither finger is in macro slip.
+        holds: frames in which markers stick on both fingers.
         fixed: the fit with slope 1.
         free: the fit with the slope free.
         own_clocks: the clock offset is 0 because the angles give no reason for another one.
@@ -296,7 +296,7 @@ def _clustered(
 
 def _sticks(result: Track) -> Bool[np.ndarray, " frames"]:
     held = [state in (State.STICK, State.INCIPIENT) for state in result.state]
-    return np.array(held) & result.answered
+    return np.array(held) & result.answered & (result.stick_markers > 0)
 
 
 def _half_width(result: Track) -> Float[np.ndarray, " frames"]:

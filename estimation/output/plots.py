@@ -223,7 +223,7 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     top.set_ylabel("object's angle [°]")
     top.legend(fontsize=8, frameon=False)
     difference = np.degrees(grasp.second - grasp.first)
-    bottom.plot(grasp.time, difference, color="0.7", lw=1, label="macro slip on a finger")
+    bottom.plot(grasp.time, difference, color="0.7", lw=1, label="nothing sticks on a finger")
     bottom.plot(grasp.time, np.where(grasp.holds, difference, np.nan), "k", lw=1.3, label="holds")
     bottom.axhline(0.0, color="0.7", lw=0.6)
     bottom.set_ylabel("difference [°]")
