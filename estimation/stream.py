@@ -194,7 +194,8 @@ class Follower:
         ).digest()
         sight = Sight(None, False)
         if self._watch is not None:
-            sight = self._watch.update(frame.positions, main.contact, frame.time)
+            printed = bool(np.isfinite(frame.imprint[0]))
+            sight = self._watch.update(frame.positions, main.contact, frame.time, printed)
         margin = self._margin.follow(main.state, main.angle, main.moment, main.contact_markers)
         friction = self.trackers.friction.tell(self._margin.branch)
         shear = self.trackers.shear

@@ -24,7 +24,7 @@ ITEMS = {
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
-    "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered"),
+    "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered", "slides"),
 }
 """Items of each paper, modules of its package."""
 

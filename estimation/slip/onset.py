@@ -144,6 +144,7 @@ class SlipWatch:
         positions: Float[np.ndarray, "n d"],
         contact: Bool[np.ndarray, " n"],
         time: float,
+        printed: bool = False,
     ) -> Sight:
         """What is seen after the next frame.
 
@@ -151,6 +152,7 @@ class SlipWatch:
             positions: of the markers [mm]; NaN where not seen.
             contact: markers of the contact region.
             time: time stamp [s].
+            printed: whether the object's print shows what slips, and no disc is needed.
         """
         z = (positions[:, 0] + 1j * positions[:, 1]) / self._pitch
         self._window.append(_Seen(z, contact, time))
@@ -161,6 +163,9 @@ class SlipWatch:
         moved = np.abs((last.points - first.points)[held])
         enough = len(moved) >= self._settings.least_markers
         rests = enough and is_still(moved, self._scale, self._settings.at_rest)
+        if printed:
+            self._lose()
+            return Sight(None, rests)
         return Sight(self._find_disc(first, last, held), rests)
 
     def _find_disc(self, first: _Seen, last: _Seen, held: Bool[np.ndarray, " n"]) -> Disc | None:

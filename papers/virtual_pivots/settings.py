@@ -14,11 +14,25 @@ NOISES_UM = (1.0, 10.0)
 FIRM_MARKERS = 10
 """Frames count in which at least this many markers truly stick."""
 
-DRAWS = {"accuracy": 80, "reversal": 1000, "rendered": 25, "elongated": 50, "margin": 100}
+DRAWS = {
+    "accuracy": 80,
+    "reversal": 1000,
+    "rendered": 25,
+    "elongated": 50,
+    "margin": 100,
+    "slides": 60,
+}
 """Draws per angle, ratio and noise (over 1000 for each ratio and noise); recordings; draws per
 angle; recordings per friction."""
 
-QUICK_DRAWS = {"accuracy": 2, "reversal": 4, "rendered": 1, "elongated": 1, "margin": 1}
+QUICK_DRAWS = {
+    "accuracy": 2,
+    "reversal": 4,
+    "rendered": 1,
+    "elongated": 1,
+    "margin": 1,
+    "slides": 3,
+}
 
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
 """μp0/2G* of the reversals [-]: at 10° some 5 to 25 markers are left that have always stuck."""

@@ -68,6 +68,9 @@ def test_command(monkeypatch, tmp_path):
         "elongated.csv",
         "reversal.png",
         "reversal.csv",
+        "slides.png",
+        "slides.csv",
+        "slides_recordings.csv",
     }
 
 

@@ -121,6 +121,7 @@ def turns(fingers):
             if name in Track.columns()
         }
         values |= {"time": time, "state": (State.STICK,) * count}
+        values |= {"stick_markers": np.full(count, 40)}
         values |= {"angle": angle, "low": angle - half, "high": angle + half}
         return Track(method="tracked", **values)
 

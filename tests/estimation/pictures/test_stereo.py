@@ -259,6 +259,6 @@ def test_run_shows_both_views(pictures, tmp_path):
     assert done.exit_code == 0, done.output
     shown = [one.image for one in read_pictures(out / "preview.mp4")]
     assert len(shown) == len(pictures)
-    assert shown[3].shape == (3 * 240 + 52, 3 * 640, 3)
+    assert shown[3].shape == (3 * 240 + 2 * 30, 3 * 640, 3)  # two lines of text
     for half in np.split(shown[3], 2, axis=1):
         assert (half[..., 1].astype(int) - half[..., 2] > 60).any()  # green rings: what sticks
