@@ -82,7 +82,8 @@ class UnseenSlide:
         if self._rate == 0.0:
             rate = float(np.mean(self._steps))
             fastest = max(self._rates, key=abs, default=step)
-            if not any(self._few) or rate * np.sign(fastest) > self._settings.slow * abs(fastest):
+            along = rate * np.sign(fastest)
+            if not any(self._few) or along >= self._settings.slow * abs(fastest):
                 self._rates.append(rate)
                 return
             self._rate = self._settings.faster * fastest

@@ -84,3 +84,8 @@ def test_few_is_a_share_of_small_contacts():
     for angle in [*RATE * np.arange(8), *np.full(10, 7 * RATE)]:
         slide.update(float(angle), 5, 12)
     assert not np.any(slide.extent)
+
+
+def test_few_markers_at_rest_from_the_start_are_no_doubt():
+    slide = UnseenSlide(9)
+    assert not follow(slide, np.zeros(20), FEW).any()
