@@ -25,7 +25,7 @@ from estimation.output.table import TableWriter
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
 from estimation.sources import UNFINISHED, Input, identity_of, name_folders
-from estimation.stream import Sink, Stream, expect_unit, make_trackers
+from estimation.tracking.stream import Sink, Stream, expect_unit, make_trackers
 
 CHECKPOINT_S = 5.0
 """Longest work that is done again after a run was killed [s]."""

@@ -7,13 +7,12 @@ from typing import Any
 from estimation.choices import Choices, Known
 from estimation.estimators import METHODS
 from estimation.frames.noise import Noise
-from estimation.observation import RIGID_OBJECT
 from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.rig import read_rig
 from estimation.pictures.sensor import Sensor, read_sensor
 from estimation.pictures.still import read_still
-from estimation.softness import Softness, read_softness
+from estimation.softness import RIGID_OBJECT, Softness, read_softness
 
 
 @dataclass(frozen=True)

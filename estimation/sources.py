@@ -28,7 +28,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.stream import ignored_rate, is_camera, is_pictures
 from estimation.settings import Settings
-from estimation.stream import Checkpoint
+from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
 EXPECTED = (

@@ -13,10 +13,9 @@ from estimation.estimators.measurement import Z95
 from estimation.estimators.result import Result, State
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import MarkerLayout, Recording
-from estimation.observation import RIGID_OBJECT
-from estimation.softness import LayeredSoftness, disc_radius
+from estimation.softness import RIGID_OBJECT, LayeredSoftness, disc_radius
 from estimation.softness.lifting import Seen, displacement_as_seen
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 
 FEWEST_POINTS = 6
 """Readings of one trial: slope, zero and clock leave three to tell the scatter."""

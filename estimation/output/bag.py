@@ -13,7 +13,7 @@ from estimation.frames.extras import require_extra
 from estimation.frames.flat import flatten_frame, flatten_layout
 from estimation.frames.recording import MarkerLayout
 from estimation.output.table import read_cells, tabulate_answer
-from estimation.stream import Answer
+from estimation.tracking.stream import Answer
 
 ANSWER = "contactmodel_msgs/msg/Answer"
 POINTS = "sensor_msgs/msg/PointCloud2"

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from estimation.output.table import read_cells, tabulate_answer
-from estimation.stream import Answer
+from estimation.tracking.stream import Answer
 
 HEADER = "time_s,source_index,state,angle_deg,angle_low_deg,angle_high_deg,reason"
 

@@ -32,7 +32,7 @@ from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin
 from estimation.slip.onset import Sight
 from estimation.slip.shear import ShearPath
-from estimation.stream import Answer
+from estimation.tracking.stream import Answer
 
 NAME = "record.sqlite"
 FORMAT_VERSION = 1

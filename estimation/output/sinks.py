@@ -12,7 +12,7 @@ from estimation.frames.zarr_folder import write_zarr
 from estimation.output.bag import BagWriter, read_answers
 from estimation.output.lines import JsonWriter
 from estimation.output.outlet import Outlet, open_stdout, open_udp
-from estimation.stream import Sink
+from estimation.tracking.stream import Sink
 
 FILES = {"mcap": "frames.mcap", "zarr": "frames.zarr", "lerobot": "lerobot"}
 """What each sink that writes a file calls it, beside `angles.csv`.

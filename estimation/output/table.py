@@ -23,7 +23,7 @@ from estimation.slip.alert import GripPath
 from estimation.slip.margin import Margin
 from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.shear import ShearPath
-from estimation.stream import Answer
+from estimation.tracking.stream import Answer
 
 MARGIN_COLUMNS = (
     "stick_ratio",

@@ -3,9 +3,10 @@
 from estimation.softness.contact import Contact, Lifting, Validity, disc_radius
 from estimation.softness.files import Softness, read_softness, write_softness
 from estimation.softness.layered import LayeredSoftness
-from estimation.softness.scalar import ScalarSoftness
+from estimation.softness.scalar import RIGID_OBJECT, ScalarSoftness
 
 __all__ = [
+    "RIGID_OBJECT",
     "Contact",
     "LayeredSoftness",
     "Lifting",

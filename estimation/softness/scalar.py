@@ -89,3 +89,7 @@ class ScalarSoftness:
     def content(self) -> dict[str, Any]:
         """What stands in its file."""
         return {"kind": "scalar", **to_table(self)}
+
+
+RIGID_OBJECT = ScalarSoftness()
+"""Nothing is added to the turn of the gel."""

@@ -19,7 +19,8 @@ from estimation.estimators import METHODS, RIVALS
 from estimation.frames.archive import write_archive
 from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise, find_noise
-from estimation.tracker import RIGID_OBJECT, Tracker
+from estimation.softness import RIGID_OBJECT
+from estimation.tracking.tracker import Tracker
 from papers.items import Track
 from papers.leaderboard import settings
 from papers.leaderboard.cases import Case

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid, make_path, solve_path
 from estimation.estimators import DEFAULT_METHOD
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, lay_out_markers
 from papers.items import Track

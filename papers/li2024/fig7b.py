@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
 from estimation.frames.noise import Noise
-from estimation.tracker import Tracker
+from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.li2024 import settings

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import Result, State
 from estimation.frames.recording import Recording
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, Truth, simulate_pivot
 from papers.items import Track
 from papers.li2024 import settings

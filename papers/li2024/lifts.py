@@ -19,7 +19,7 @@ from contactmodel import (
     solve_path,
 )
 from estimation.estimators import DEFAULT_METHOD
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, lay_out_markers
 from papers.li2024 import settings

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from estimation.frames.noise import Noise
 from estimation.pictures.reading import PictureSource
 from estimation.settings import Settings
-from estimation.stream import Answer, Stream
+from estimation.tracking.stream import Answer, Stream
 from estimation.virtual.clip import VirtualClip, write_pictures
 
 

@@ -21,7 +21,7 @@ from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.estimators.result import State
 from estimation.frames import datasets
 from estimation.pictures.stream import read_pictures
-from estimation.stream import Answer
+from estimation.tracking.stream import Answer
 from papers.items import Track
 from papers.marker_images import settings
 from papers.marker_images.answers import answer_pictures

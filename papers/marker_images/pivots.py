@@ -23,7 +23,7 @@ from estimation.pictures.rig import Rig, View
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stereo import StereoReader
 from estimation.pictures.stream import Picture
-from estimation.tracker import Tracker
+from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import Motion, simulate_surface
 from papers.items import Track

@@ -26,7 +26,7 @@ from estimation.frames.recording import Recording
 from estimation.slip.branch import Branch, MarginSettings
 from estimation.softness import disc_radius
 from estimation.sources import find_recordings, read_recording
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from papers.items import Track
 
 _LIMIT = 3.0 * np.pi / 16.0

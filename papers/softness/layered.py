@@ -21,7 +21,7 @@ from calibration.softness.references import Reference
 from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout, Recording, grid_neighbours
 from estimation.softness import ScalarSoftness, Softness
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from papers.items import Track
 from papers.softness import contacts
 from papers.sweeps import run_study

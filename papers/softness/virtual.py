@@ -17,7 +17,7 @@ from calibration.softness.trials import make_trials
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 
 RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from estimation.estimators import METHODS
 from estimation.frames.noise import Noise
-from estimation.tracker import Tracker
+from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit

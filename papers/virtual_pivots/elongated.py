@@ -20,7 +20,7 @@ from contactmodel.solution import ContactSolution
 from estimation.estimators import DEFAULT_METHOD
 from estimation.estimators.result import State
 from estimation.frames.recording import Recording
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Truth, lay_out_markers
 from papers.items import Track

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.slip.margin import follow_margin
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
 from papers.items import Track
 from papers.virtual_pivots import settings

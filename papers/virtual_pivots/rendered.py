@@ -22,7 +22,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import Camera, project_discs, render_dots
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
-from estimation.tracker import Tracker
+from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel, deform, lay_out_markers
 from papers.items import Track
 from papers.virtual_pivots import settings

@@ -18,7 +18,7 @@ from estimation.estimators.result import Result, State
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Recording
 from estimation.slip.lookback import find_slips, withdraw
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit

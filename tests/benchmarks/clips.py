@@ -29,7 +29,6 @@ import estimation.pictures.dots.reader as dots
 import estimation.pictures.reading as reading
 from estimation.fields.outline import OutlineFollower
 from estimation.frames.noise import Noise
-from estimation.observation import Observer
 from estimation.output.record import RecordWriter
 from estimation.output.table import TableWriter
 from estimation.pictures.imprint.follower import ImprintFollower
@@ -39,8 +38,9 @@ from estimation.pictures.stream import count_pictures, read_pictures
 from estimation.settings import Settings
 from estimation.slip.margin import MarginTracker
 from estimation.slip.onset import SlipWatch
-from estimation.stream import Stream
-from estimation.tracker import Trackers
+from estimation.tracking.observation import Observer
+from estimation.tracking.stream import Stream
+from estimation.tracking.tracker import Trackers
 from tests.benchmarks.arguments import make_parser
 
 STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (

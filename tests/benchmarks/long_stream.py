@@ -22,7 +22,7 @@ from estimation.output.record import NAME
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import Input
-from estimation.stream import Answer, Follower, Stream
+from estimation.tracking.stream import Answer, Follower, Stream
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser
 

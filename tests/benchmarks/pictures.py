@@ -41,7 +41,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import Camera, project_discs, render_dots, scatter_speckle
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture, read_pictures
-from estimation.tracker import Tracker
+from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import Motion, simulate_surface
 from tests.benchmarks.arguments import make_parser

@@ -24,7 +24,7 @@ from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import grow_stick_region
 from estimation.frames.noise import Noise
 from estimation.frames.recording import ONSET_MM, Frame, Recording
-from estimation.tracker import Tracker
+from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser
 

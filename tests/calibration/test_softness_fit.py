@@ -10,7 +10,7 @@ from calibration.softness.references import Reference, outline_reference, read_r
 from calibration.softness.trials import Trial, make_trials, stands_still
 from calibration.softness.two_fingers import fit_two_fingers
 from estimation.frames.noise import Noise
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import lift, recording_of
 

@@ -9,7 +9,7 @@ from estimation.estimators.result import State
 from estimation.frames.noise import Noise
 from estimation.slip.lookback import find_slips
 from estimation.slip.margin import follow_margin
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 MICRON = Noise.given(1e-3)

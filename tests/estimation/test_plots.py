@@ -9,7 +9,7 @@ import pytest
 from estimation.frames.noise import Noise
 from estimation.output.plots import plot_angles, plot_maps
 from estimation.pictures.reading import CONVENTION
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from tests.cases import lift
 
 

@@ -14,7 +14,7 @@ from estimation.frames.noise import Noise
 from estimation.output.table import GRIP_COLUMNS, MARGIN_COLUMNS
 from estimation.run import UNFINISHED, Input, run_all
 from estimation.settings import Settings
-from estimation.tracker import Trackers, estimate_angles
+from estimation.tracking.tracker import Trackers, estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from tests.cases import domed_pad, lift
 

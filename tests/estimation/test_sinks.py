@@ -38,7 +38,7 @@ from estimation.output.table import TableWriter
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import open_inputs, open_source, read_recording
-from estimation.stream import Stream
+from estimation.tracking.stream import Stream
 from tests.cases import lift
 from tests.estimation.frames.test_archive import assert_same
 

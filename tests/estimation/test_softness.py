@@ -18,7 +18,7 @@ from estimation.softness import (
     read_softness,
     write_softness,
 )
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from tests.cases import domed_pad, frame_of, lift
 
 ANGLES = np.radians(np.linspace(0.0, 10.0, 11))

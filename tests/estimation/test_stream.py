@@ -22,8 +22,8 @@ from estimation.output.table import TableWriter
 from estimation.run import report_all, run_all
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, open_inputs
-from estimation.stream import AHEAD, AHEAD_LIVE, Checkpoint, Stream
-from estimation.tracker import Trackers, estimate_angles
+from estimation.tracking.stream import AHEAD, AHEAD_LIVE, Checkpoint, Stream
+from estimation.tracking.tracker import Trackers, estimate_angles
 from tests.cases import lift
 
 SETTINGS = Settings(noise=Noise.given(1e-3))
@@ -96,7 +96,7 @@ def test_a_better_reference_answers_the_frames_before_anew(recording, monkeypatc
     assert taken.restarts == 1
     assert [answer.row for answer in taken.answers] == list(range(len(recording)))
     assert len(answers) == len(recording) + 6
-    monkeypatch.setattr("estimation.stream.MOST_HELD", 4)
+    monkeypatch.setattr("estimation.tracking.stream.MOST_HELD", 4)
     taken, stream = Taken(), Stream(Moved(recording, 6), SETTINGS)
     assert len(list(stream.answers(taken))) == len(recording)
     assert taken.restarts == 0

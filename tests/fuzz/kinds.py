@@ -20,7 +20,7 @@ from estimation.pictures.rig import read_rig, triangulate
 from estimation.pictures.sensor import Sensor, read_sensor
 from estimation.softness import read_softness
 from estimation.sources import read_recording
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from papers.leaderboard.board import read_answers, tabulate
 from papers.leaderboard.cases import Case
 from tests.fuzz import inputs

@@ -12,7 +12,7 @@ from estimation.estimators.result import State, Track
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import Input
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
 PATH = (0.0, 8.0, 8.0, -6.0)

@@ -8,7 +8,7 @@ import pytest
 from estimation.estimators.imprinted import MOST_CREEP, ImprintedTurn
 from estimation.estimators.measurement import Z95
 from estimation.slip.motion import accumulate_slip, describe_counts
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from tests.estimation.estimators.test_incremental import MICRON, ellipsoid_slips
 
 ERROR = np.radians(0.2)

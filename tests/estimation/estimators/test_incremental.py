@@ -12,7 +12,7 @@ from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Recording
 from estimation.slip.motion import accumulate_slip
 from estimation.softness import ScalarSoftness
-from estimation.tracker import Tracker, estimate_angles
+from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import domed_pad, recording_of, turn_about_z
 from tests.estimation.fields.test_outline import pressed_by_an_ellipsoid

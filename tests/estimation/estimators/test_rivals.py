@@ -19,7 +19,7 @@ from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
 from estimation.frames.recording import layout_markers
-from estimation.tracker import Tracker, estimate_angles
+from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, deform, lay_out_markers, simulate_frame
 from tests.cases import (
     domed_pad,

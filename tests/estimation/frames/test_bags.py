@@ -15,7 +15,7 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import read_pictures
 from estimation.settings import Settings
 from estimation.sources import find_paths, find_recordings, read_recording
-from estimation.stream import Stream
+from estimation.tracking.stream import Stream
 from tests import bags
 from tests.bags import Sent
 from tests.cases import domed_pad, lift

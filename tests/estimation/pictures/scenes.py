@@ -11,7 +11,7 @@ from estimation.frames.archive import write_archive
 from estimation.frames.noise import Noise
 from estimation.pictures.render import Camera, render_dots
 from estimation.sources import read_recording
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 
 CAMERA = Camera(width=320, height=240, noise=2.0)
 PITCH, RADIUS = 24.0, 4.3

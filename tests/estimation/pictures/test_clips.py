@@ -9,7 +9,7 @@ from estimation.pictures.lattice import lay_reference
 from estimation.pictures.reading import PictureSource
 from estimation.slip.motion import accumulate_slip
 from estimation.sources import read_recording
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from tests.estimation.pictures.scenes import real
 
 REGISTERED = {

@@ -12,7 +12,8 @@ from estimation.pictures.reading import PictureSource
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.still import Still
 from estimation.settings import Settings
-from estimation.tracker import ImageTracker, Tracker
+from estimation.tracking.image_tracker import ImageTracker
+from estimation.tracking.tracker import Tracker
 from tests.fuzz.inputs import GRID, RADIUS, dots
 
 NOISE = Noise.given(0.02, "px")

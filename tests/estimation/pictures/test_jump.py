@@ -10,7 +10,7 @@ from estimation.pictures.reading import READERS
 from estimation.pictures.render import project_discs, render_dots
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
-from estimation.tracker import Tracker
+from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import simulate_surface
 from tests.estimation.pictures.speckles import CAMERA, PRINT, RADIUS

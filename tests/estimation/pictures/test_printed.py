@@ -10,7 +10,7 @@ from estimation.pictures.lattice import lay_reference
 from estimation.pictures.region import region_of_print
 from estimation.slip.motion import accumulate_slip
 from estimation.sources import read_recording
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST, picture, twisted
 
 MIDDLE = np.array([160.0, 120.0])

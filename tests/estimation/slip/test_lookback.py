@@ -11,7 +11,7 @@ from estimation.frames.noise import Noise, estimate_noise
 from estimation.output.missing import count_missing, describe_answers
 from estimation.slip.disc import SlipSettings
 from estimation.slip.lookback import RESTS_OR_SLIDES, find_slips, withdraw
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 MICRON = Noise.given(1e-3)

@@ -8,7 +8,7 @@ from estimation.frames.noise import Noise, estimate_noise
 from estimation.slip.disc import _share, _share_slope
 from estimation.slip.lookback import find_slips
 from estimation.slip.onset import describe_slips
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
 MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)

@@ -9,8 +9,8 @@ from estimation.settings import Settings
 from estimation.slip.shear import Shear, ShearSettings, ShearWatch, conclude
 from estimation.slip.slide import Slide
 from estimation.sources import read_recording
-from estimation.stream import Stream
-from estimation.tracker import estimate_angles
+from estimation.tracking.stream import Stream
+from estimation.tracking.tracker import estimate_angles
 from tests.estimation.pictures.scenes import real
 
 REST = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0)), -1).reshape(-1, 2)

@@ -6,7 +6,7 @@ import pytest
 from estimation.frames.noise import Noise
 from estimation.slip.motion import accumulate_slip, find_slip_curl, follow_gel
 from estimation.softness import ScalarSoftness
-from estimation.tracker import estimate_angles
+from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
 
 MICRON = Noise.given(1e-3)

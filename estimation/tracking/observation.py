@@ -12,10 +12,8 @@ from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import Frame, MarkerLayout
-from estimation.softness import ScalarSoftness, Softness
+from estimation.softness import RIGID_OBJECT, Softness
 from estimation.softness.lifting import displacement_as_seen
-
-RIGID_OBJECT = ScalarSoftness()
 
 
 class Observation(NamedTuple):

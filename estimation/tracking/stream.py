@@ -28,7 +28,7 @@ from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin, MarginTracker
 from estimation.slip.onset import Sight, SlipWatch
 from estimation.slip.shear import Shear
-from estimation.tracker import Trackers
+from estimation.tracking.tracker import Trackers
 
 AHEAD = 96
 """Frames that are read before the first is answered, for the noise that they show."""

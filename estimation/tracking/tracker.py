@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 
 from estimation.choices import DEFAULT_CONTACT, ContactSettings
 from estimation.estimators import (
@@ -16,19 +16,14 @@ from estimation.estimators import (
 )
 from estimation.estimators.result import TOO_FEW_STICK, UNTOLD_TURN, Estimate, Result, State
 from estimation.fields.measure import Fields
-from estimation.frames.inspection import LiveInspector
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
-from estimation.observation import RIGID_OBJECT, Observation, Observer
-from estimation.pictures.reader import MarkerReader
-from estimation.pictures.reading import make_reader
-from estimation.pictures.stream import Picture, fit_picture
-from estimation.settings import Settings
 from estimation.slip.friction import FrictionWatch
 from estimation.slip.motion import NO_COUNT, Count, Since, gel_ends
 from estimation.slip.shear import Shear, ShearWatch
 from estimation.slip.slide import Slide, SlideWatch
-from estimation.softness import Contact, Softness
+from estimation.softness import RIGID_OBJECT, Contact, Softness
+from estimation.tracking.observation import Observation, Observer
 
 
 class Trackers:
@@ -96,14 +91,14 @@ class Trackers:
         seen = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(seen)
         if seen.fields is None:
-            told = (
-                bool(frame.flaw) or seen.cut
-            )  # the contact by the source, the flaw is the angle's
+            # the source knows the contact; the flaw is the angle's
+            told = bool(frame.flaw) or seen.cut
             state = self.shear.state if told else State.UNKNOWN
             if frame.flaw:  # what the object prints here says nothing of a grasp yet
                 self.shear = Shear()
             return {
-                name: _label(frame, seen.flaw, since, state) for name, since in self._since.items()
+                name: label_frame(frame, seen.flaw, since, state)
+                for name, since in self._since.items()
             }
         points = seen.fields.positions[seen.fields.contact, :2]
         self.friction.update(frame.wrench, points)
@@ -139,7 +134,7 @@ class Trackers:
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
         except ValueError as error:
-            return _label(frame, str(error), since)
+            return label_frame(frame, str(error), since)
         angle, low, high = softness.correct(gel)
         turned = self.counts[method].turned(state, since.anew, fields.rotation)
         gel_low, gel_high = gel_ends(turned, fields.contact)
@@ -255,85 +250,17 @@ class Tracker:
         return self.update(Frame(np.asarray(positions, dtype=float), seen, time, number))
 
 
-class ImageTracker:
-    """Follows the object's angle picture by picture, knowing only the past.
-
-    Markers and reference are learnt from the first usable picture, unless an unloaded one is given
-    in the settings. Where a better reference is found later, the pictures so far are answered anew
-    within, and the next answer counts from it.
-
-    Attributes:
-        settings: of method, noise, softness and pictures.
-        reader: of the markers; None before the first usable picture.
-        tracker: of the angle; None before the first usable picture.
-    """
-
-    def __init__(self, settings: Settings | None = None) -> None:
-        """Make a tracker.
-
-        Args:
-            settings: as of a run; the defaults unless given.
-
-        Raises:
-            ValueError: a wrong setting, or an unloaded picture without markers.
-        """
-        self.settings = Settings() if settings is None else settings
-        self.reader: MarkerReader | None = None
-        self.tracker: Tracker | None = None
-        self._inspector, self._held = LiveInspector(), list[Frame]()
-        self._size: tuple[int, int] | None = None
-        self._given = 0
-        images = self.settings.images
-        if isinstance(images.unloaded, int):
-            raise ValueError(
-                "pictures that are given one by one have no unloaded frame to look up: give the "
-                "unloaded picture itself, ImageSettings(unloaded=read_still(path, …))"
-            )
-        if images.unloaded is not None:
-            rest = fit_picture(Picture(images.unloaded.image, np.nan, -1), images.part, None)
-            self.reader, self._size = make_reader(rest, images), rest.whole
-
-    def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:
-        """What is known after the next picture; one that cannot be used is labelled.
-
-        Args:
-            image: grey or BGR, of 8 or 16 bit.
-            time: time stamp [s].
-
-        Raises:
-            ValueError: that is no picture, or the first usable one shows no markers.
-        """
-        if not isinstance(image, np.ndarray) or image.ndim not in (2, 3):
-            got = image.shape if isinstance(image, np.ndarray) else type(image).__name__
-            raise ValueError(f"a picture is expected, an array (h, w) or (h, w, 3), got {got}")
-        images, number, self._given = self.settings.images, self._given, self._given + 1
-        picture = fit_picture(Picture(image, time, number), images.part, self._size)
-        self._size = self._size or picture.whole
-        if self.reader is None and picture.flaw:
-            return _label(Frame(np.zeros((0, 2)), np.zeros(0, bool), time, number), picture.flaw)
-        self.reader = self.reader or make_reader(picture, images)
-        frame = self.reader.frame(self.reader.read(picture))
-        frame = self._inspector.inspect(frame, self.reader.layout.reference)
-        tracker = self._follow(self.reader.layout)
-        most = 2000  # frames that a better reference answers anew
-        self._held = [*self._held, frame][-most:] if self.reader.provisional else []
-        return tracker.update(frame)
-
-    def _follow(self, layout: MarkerLayout) -> Tracker:
-        """The tracker of a layout; if it is new, after the frames that it may answer."""
-        if self.tracker is None or layout is not self.tracker.layout:
-            told = self.settings
-            about = {"noise": told.noise, "softness": told.softness, "contact": told.contact}
-            self.tracker = Tracker(layout, told.method, **about, **told.constants)
-            for frame in self._held:
-                self.tracker.update(frame)
-        return self.tracker
-
-
-def _label(
+def label_frame(
     frame: Frame, reason: str, since: Since = NO_COUNT, state: State = State.UNKNOWN
 ) -> Estimate:
-    """An estimate without an angle that says why there is none."""
+    """An estimate without an angle that says why there is none.
+
+    Args:
+        frame: that it is of.
+        reason: why.
+        since: what angles of the method count from.
+        state: of the contact, where the source knows it.
+    """
     none = np.zeros(len(frame.positions), dtype=bool)
     known = none if state == State.UNKNOWN or frame.contact is None else frame.contact
     return Estimate(

@@ -1,0 +1,1 @@
+"""Follows the angle frame by frame."""
