@@ -21,10 +21,13 @@ FRAME_FIELDS = {
     "wrench": "f8",
     "forces": "f8",
     "imprint": "f8",
+    "print_point": "f8",
     "rotation": "f8",
     "hold": "f8",
 }
 """What a flat frame has, and the kind of its values."""
+PLAIN_FIELDS = ("time", "source_index", "flaw")
+"""Those that are one value, and no array."""
 LAYOUT_FIELDS = {"reference": "f8", "neighbours": "i4", "grid_shape": "i4"}
 """What a flat layout has."""
 
@@ -39,9 +42,8 @@ def flatten_frame(frame: Frame) -> dict[str, Any]:
         "forces": unknown if frame.forces is None else frame.forces,
         "rotation": unknown[:, 0] if frame.rotation is None else frame.rotation,
     }
-    plain = ("time", "source_index", "flaw")
     return {
-        name: value if name in plain else np.asarray(value, FRAME_FIELDS[name])
+        name: value if name in PLAIN_FIELDS else np.asarray(value, FRAME_FIELDS[name])
         for name, value in values.items()
     }
 
@@ -73,6 +75,7 @@ def restore_frame(flat: Mapping[str, Any]) -> Frame:
         flaw=str(flat["flaw"]),
         contact=None if (contact < 0).any() else contact.astype(bool),
         imprint=tuple(np.ravel(flat["imprint"]).tolist()),
+        print_point=tuple(np.ravel(flat["print_point"]).tolist()),
         rotation=None if rotation is None else rotation[:, 0],
         hold=tuple(np.ravel(flat["hold"]).tolist()),
     )

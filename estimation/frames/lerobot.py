@@ -16,11 +16,10 @@ import numpy as np
 from contactmodel.common.inputs import naming
 from estimation.frames.extras import require_extra
 from estimation.frames.files import write_folder
-from estimation.frames.flat import FRAME_FIELDS, flatten_layout, restore_layout
-from estimation.frames.rows import ANSWER, Columns, RowFile, batch_rows
+from estimation.frames.flat import FRAME_FIELDS
+from estimation.frames.rows import ANSWER, Columns, RowFile, batch_rows, describe_rows, open_rows
 from estimation.frames.source import Source
 
-FORMAT_VERSION = 1
 DATA = "data/chunk-000/file-000.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 OWN = "contactmodel."
@@ -71,9 +70,7 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
         features[POINTS]["names"] = ["dx", "dy", "dz", "Fx", "Fy", "Fz"]
         _write_meta(folder, len(times), _find_rate(times), features)
         _write_json(folder / "meta" / "stats.json", statistics.content())
-        layout = {name: value.tolist() for name, value in flatten_layout(source.layout).items()}
-        about = {"unit": source.unit, "convention": source.convention, "layout": layout}
-        _write_json(folder / ABOUT, {"format_version": FORMAT_VERSION} | about)
+        _write_json(folder / ABOUT, describe_rows(source))
 
 
 def open_lerobot(path: Path) -> RowFile:
@@ -93,11 +90,7 @@ def open_lerobot(path: Path) -> RowFile:
     with naming(path, "no data set of ours, or damaged"):
         try:
             about = json.loads((path / ABOUT).read_text(encoding="utf-8"))
-            if about["format_version"] != FORMAT_VERSION:
-                raise ValueError(f"its format is {about['format_version']}, not {FORMAT_VERSION}")
-            dimensions = len(about["layout"]["reference"][0])
-            layout = restore_layout(about["layout"], dimensions)
-            return RowFile(layout, str(about["unit"]), str(about["convention"]), _read(path))
+            return open_rows(about, _read(path))
         except (LookupError, TypeError, AttributeError, RecursionError) as error:
             raise ValueError(f"{ABOUT} lacks {error}") from error
 

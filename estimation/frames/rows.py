@@ -6,13 +6,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimation.frames.flat import flatten_frame, restore_frame
+from estimation.frames.flat import (
+    flatten_frame,
+    flatten_layout,
+    restore_frame,
+    restore_layout,
+)
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.frames.source import FrameStream, Source
 
 Columns = Mapping[str, Any]
 """Values of some rows by the name of their column: arrays, texts as lists."""
+FORMAT_VERSION = 1
 ANSWER = "answer."
 """What the names of columns begin with that are not of the frame, but of what was found in it."""
 
@@ -31,6 +37,35 @@ class RowFile(NamedTuple):
     unit: str
     convention: str
     columns: Iterator[Columns]
+
+
+def describe_rows(source: Source) -> dict[str, Any]:
+    """What a file of the rows of a source says of them beside the columns, ready for JSON."""
+    layout = {name: value.tolist() for name, value in flatten_layout(source.layout).items()}
+    return {
+        "format_version": FORMAT_VERSION,
+        "unit": source.unit,
+        "convention": source.convention,
+        "layout": layout,
+    }
+
+
+def open_rows(about: Mapping[str, Any], columns: Iterator[Columns]) -> RowFile:
+    """The file of rows that `describe_rows` has described.
+
+    Args:
+        about: its description.
+        columns: of its rows.
+
+    Raises:
+        ValueError: its format is of another version, or the layout's arrays do not fit each other.
+        LookupError: the description lacks something.
+        TypeError: something in it is of another kind.
+    """
+    if about.get("format_version") != FORMAT_VERSION:
+        raise ValueError(f"its format is {about.get('format_version')}, not {FORMAT_VERSION}")
+    layout = restore_layout(about["layout"], len(about["layout"]["reference"][0]))
+    return RowFile(layout, str(about["unit"]), str(about["convention"]), columns)
 
 
 def batch_rows(

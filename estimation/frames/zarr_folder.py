@@ -11,11 +11,10 @@ import numpy as np
 
 from estimation.frames.extras import require_extra
 from estimation.frames.files import write_folder
-from estimation.frames.flat import FRAME_FIELDS, flatten_layout, restore_layout
-from estimation.frames.rows import Columns, RowFile, batch_rows
+from estimation.frames.flat import FRAME_FIELDS
+from estimation.frames.rows import Columns, RowFile, batch_rows, describe_rows, open_rows
 from estimation.frames.source import Source
 
-FORMAT_VERSION = 1
 SUFFIX = ".zarr"
 ROWS = 256
 """Of a chunk."""
@@ -51,9 +50,7 @@ def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] 
                         dtype=kind,
                     )
                 arrays[name].append(values)
-        layout = {name: value.tolist() for name, value in flatten_layout(source.layout).items()}
-        about = {"unit": source.unit, "convention": source.convention, "layout": layout}
-        group.attrs.update({"format_version": FORMAT_VERSION, **about})
+        group.attrs.update(describe_rows(source))
 
 
 def is_zarr(path: Path) -> bool:
@@ -75,16 +72,11 @@ def open_zarr(path: Path) -> RowFile:
     try:
         # zarr cuts the root off inner paths
         group: Any = zarr.open_group(path.resolve(), mode="r")
-        about: dict[str, Any] = dict(group.attrs)
-        if about.get("format_version") != FORMAT_VERSION:
-            raise ValueError(f"its format is {about.get('format_version')}, not {FORMAT_VERSION}")
         arrays = {name: group[name] for name in FRAME_FIELDS}
         lengths = {name: array.shape[0] for name, array in arrays.items()}
         if len(set(lengths.values())) != 1:
             raise ValueError(f"its arrays have different lengths: {lengths}")
-        layout = restore_layout(about["layout"], arrays["positions"].shape[2])
-        columns = _read_columns(path, arrays)
-        return RowFile(layout, str(about["unit"]), str(about["convention"]), columns)
+        return open_rows(dict(group.attrs), _read_columns(path, arrays))
     except (ValueError, LookupError, TypeError, AttributeError, RuntimeError) as error:
         raise _damaged(path, error) from error
 

@@ -7,10 +7,11 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
+from estimation.estimators.measurement import Z95
 from estimation.frames.bags.bag import describe_bag, read_messages
 from estimation.frames.bags.types import FRAME, add_type, ros_types
 from estimation.frames.extras import require_extra
-from estimation.frames.flat import flatten_frame, flatten_layout
+from estimation.frames.flat import LAYOUT_FIELDS, flatten_frame, flatten_layout
 from estimation.frames.recording import MarkerLayout
 from estimation.output.table import read_cells, tabulate_answer
 from estimation.tracking.stream import Answer
@@ -101,8 +102,10 @@ class BagWriter:
 
     def _messages(self, answer: Answer) -> Iterator[tuple[str, str, dict[str, Any]]]:
         """Topic, type and fields of the messages of an answer."""
-        new, self._layout = answer.layout is not self._layout, answer.layout
-        layout = flatten_layout(answer.layout)
+        layout = {name: np.empty(0, kind) for name, kind in LAYOUT_FIELDS.items()}
+        if answer.layout is not self._layout:
+            self._layout = answer.layout
+            layout = {name: one.ravel() for name, one in flatten_layout(self._layout).items()}
         frame = flatten_frame(answer.frame)
         for name, value in frame.items():
             if isinstance(value, np.ndarray):
@@ -116,10 +119,7 @@ class BagWriter:
                 "dimensions": answer.frame.positions.shape[1],
                 "unit": self._unit,
                 "convention": self._convention,
-                **{
-                    name: value.ravel() if new else value.ravel()[:0]
-                    for name, value in layout.items()
-                },
+                **layout,
             },
         )
         header = self._header()
@@ -141,7 +141,7 @@ class BagWriter:
         """The fields of an answer; they define its type."""
         row = read_cells(tabulate_answer(answer, self._method, self._unit))
         row = {name.lower(): value for name, value in row.items()}
-        spread = (float(row["angle_high_deg"]) - float(row["angle_low_deg"])) / (2.0 * 1.96)
+        spread = (float(row["angle_high_deg"]) - float(row["angle_low_deg"])) / (2.0 * Z95)
         row["angle_variance_deg2"] = spread**2  # of a normal distribution with this 95 % interval
         if ANSWER not in self._types.types:
             kinds = {str: "string", int: "int64", float: "float64"}

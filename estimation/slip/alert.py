@@ -100,7 +100,7 @@ class AlertWatch:
 
         Args:
             of: which of the numbers that are kept goes there.
-            left: what is left of it, and the ends of its 95 % interval.
+            left: how much of it is still there, and the ends of its 95 % interval.
         """
         known = np.array([(one[0], one[of]) for one in self._past if np.isfinite(one[of])])
         fewest = 5

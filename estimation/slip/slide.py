@@ -81,7 +81,8 @@ class SlideWatch:
         if not contact.any():
             self._before = None
             return Slide()
-        if not np.isfinite([*imprint, *point]).all():
+        xx, yy, xy = point[4:]
+        if not np.isfinite([*imprint, *point]).all() or xx < 0.0 or xx * yy < xy**2:
             return Slide()
         first, now = np.array(point[:2]), np.array(point[2:4])
         if self._before is None or (imprint[0] == 0.0 and np.array_equal(first, now)):
@@ -95,7 +96,6 @@ class SlideWatch:
         seen = contact & np.isfinite(slips[:, 0])
         if not seen.any():
             return Slide()
-        xx, yy, xy = point[4:]
         across = turn_error * arms[seen][:, ::-1] * [-1.0, 1.0]
         sheared = TILTED * np.linalg.norm((positions - self._before)[seen], axis=1)
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]

@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -19,9 +19,10 @@ from rich.progress import Progress
 from rosbags.highlevel import AnyReader
 
 from estimation.frames.archive import write_archive
+from estimation.frames.flat import FRAME_FIELDS
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
-from estimation.frames.recording import Recording, layout_markers
+from estimation.frames.recording import Frame, Recording, layout_markers
 from estimation.frames.source import record_source
 from estimation.frames.zarr_folder import write_zarr
 from estimation.output.outlet import Outlet
@@ -70,6 +71,8 @@ def pressed(flat: bool = False) -> Recording:
         return found
     rotation = rng.normal(size=valid.shape)
     rotation[2] = np.nan
+    points = rng.normal(size=(frames, 7))
+    points[:, 4:] = 1.0, 1.0, 0.2  # a covariance
     return replace(
         found,
         layout=layout_markers(found.layout.reference[:, :2]),
@@ -79,6 +82,7 @@ def pressed(flat: bool = False) -> Recording:
         moment=None,
         contact=rng.random(valid.shape) < 0.5,
         imprint=rng.normal(size=(frames, 2)),
+        print_point=points,
         rotation=rotation,
         hold=rng.normal(size=(frames, 3)),
         unit="px",
@@ -121,6 +125,10 @@ def test_a_recording_comes_back_equal(tmp_path, name, flat):
     recording = pressed(flat)
     assert_alike(read(write(recording, tmp_path, name)), recording)
     assert [one.name for one in tmp_path.iterdir()] == [FILES[name]]
+
+
+def test_files_of_frames_have_every_field_of_a_frame():
+    assert {*FRAME_FIELDS} == {one.name for one in fields(Frame)}
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from estimation.frames.flat import FRAME_FIELDS, LAYOUT_FIELDS, PLAIN_FIELDS
+
 TAC3D = "tactile_msgs/msg/Frame"
 """The message of the Tac3D ROS nodes; ports of them may have it in another package."""
 FRAME = "contactmodel_msgs/msg/Frame"
@@ -9,26 +11,22 @@ FRAME = "contactmodel_msgs/msg/Frame"
 PAIR = "tactile_msgs/msg/TactileMsg"
 """The one of their node for two fingers."""
 
+
+def _define_frame() -> str:
+    """The fields of a flat frame, what its lengths and axes are, and those of its layout."""
+    kinds = {"U": "string", "f8": "float64", "i8": "int64", "i4": "int32", "i1": "int8"}
+    kinds["u1"] = "uint8"
+    fields = [
+        f"{kinds[kind]}{'' if name in PLAIN_FIELDS else '[]'} {name}"
+        for name, kind in FRAME_FIELDS.items()
+    ]
+    fields += ["uint8 dimensions", "string unit", "string convention"]
+    fields += [f"{kinds[kind]}[] {name}" for name, kind in LAYOUT_FIELDS.items()]
+    return "\n".join([*fields, ""])
+
+
 DEFINITIONS = {
-    FRAME: """\
-float64 time
-int64 source_index
-string flaw
-float64[] positions
-uint8[] valid
-int8[] contact
-float64[] wrench
-float64[] forces
-float64[] imprint
-float64[] rotation
-float64[] hold
-uint8 dimensions
-string unit
-string convention
-float64[] reference
-int32[] neighbours
-int32[] grid_shape
-""",
+    FRAME: _define_frame(),
     TAC3D: """\
 string SN
 uint32 index
