@@ -16,15 +16,8 @@ from estimation.estimators.grasp import Grasp
 from estimation.estimators.result import Result, State, Track
 from estimation.frames.recording import Recording
 from estimation.output.record import KeptMarkers
+from estimation.output.scene import MARKER_COLOURS, STATE_COLOURS, marker_signs
 from estimation.slip.motion import slip_curl, turned_since_counted
-
-STATE_COLOURS = {
-    State.NO_CONTACT: "#e6e6e6",
-    State.STICK: "#d4ecd0",
-    State.INCIPIENT: "#fbeebf",
-    State.MACRO_SLIP: "#f6cfc9",
-    State.UNKNOWN: "#c9c9e8",
-}
 
 
 def plot_angles(
@@ -146,8 +139,9 @@ def plot_markers(
         top, middle, bottom = axes[:, column]
         since = track.time[one.row] - track.time[0]
         top.set_title(f"{since:.2f} s\n{track.state[one.row]}", fontsize=9)
-        colours = np.where(one.stick, "#1b7837", np.where(one.contact, "#d6604d", "0.85"))
-        middle.scatter(x, y, c=colours, s=14)
+        for kind, sign in zip(MARKER_COLOURS, "ox.", strict=True):
+            which = marker_signs(one.stick, one.contact) == sign
+            middle.scatter(x[which], y[which], c=MARKER_COLOURS[kind], marker=sign, s=14)
         _scatter(top, x, y, rotation[column], rotation_scale)
         _scatter(bottom, x, y, curl[column], curl_scale)
     for axis, scale, label in (
@@ -156,8 +150,8 @@ def plot_markers(
     ):
         figure.colorbar(scale, cax=axis.inset_axes((1.08, 0.0, 0.07, 1.0)), label=label)
     handles = [
-        Line2D([], [], marker="o", ls="", color=colour, label=label)
-        for colour, label in (("#1b7837", "sticks"), ("#d6604d", "slips"), ("0.85", "no contact"))
+        Line2D([], [], marker=sign, ls="", color=MARKER_COLOURS[kind], label=kind)
+        for kind, sign in zip(MARKER_COLOURS, "ox.", strict=True)
     ]
     figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8, frameon=False)
     axes[2, 0].set_xlabel(f"x [{unit}]")

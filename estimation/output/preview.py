@@ -14,6 +14,7 @@ from estimation.frames.extras import require_extra
 from estimation.frames.inspection import disordered_times
 from estimation.output.found import Run
 from estimation.output.record import KeptMarkers
+from estimation.output.scene import MARKER_COLOURS, marker_signs
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import RATE, is_camera, read_pictures
 from estimation.slip.alert import Level
@@ -147,7 +148,6 @@ def annotate(
         spots: where its markers are in it, in each view [px].
         gel_deg: rotation of the gel [deg].
     """
-    green, red, grey = (60, 220, 60), (60, 60, 240), (200, 200, 200)
     tall = 960  # height up to which pictures are enlarged, and at most threefold [px]
     enlarged = int(np.clip(tall // picture.shape[0], 1, 3))
     image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
@@ -159,10 +159,10 @@ def annotate(
     image = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_CONSTANT, value=(0, 0, 0))
     result, row = run.main, markers.row
     sticks = markers.stick & bool(result.stick_markers[row])  # unless the answer was withdrawn
+    signs = marker_signs(sticks, markers.contact)
     for i in np.flatnonzero(markers.valid):
-        colour = green if sticks[i] else red if markers.contact[i] else grey
-        for x, y in np.rint(enlarged * spots[:, i] + 0.5 * (enlarged - 1)).astype(int).tolist():
-            cv2.circle(image, (x, y), 7, colour, 2, cv2.LINE_AA)
+        for spot in enlarged * spots[:, i] + 0.5 * (enlarged - 1):
+            mark_spot(image, spot, signs[i])
     angle, turned = np.degrees(result.angle[row]), np.degrees(run.imprint[row])
     values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
     known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
@@ -173,6 +173,25 @@ def annotate(
         font = cv2.FONT_HERSHEY_SIMPLEX
         cv2.putText(image, text, place, font, thickness / 43, (255, 255, 255), 1, cv2.LINE_AA)
     return image
+
+
+def mark_spot(image: np.ndarray, spot: Float[np.ndarray, " 2"], sign: str, radius: int = 7) -> None:
+    """Draw a marker into a picture: a ring, or a cross where it slips.
+
+    Args:
+        image: BGR, drawn into.
+        spot: where [px].
+        sign: of the marker, one of `marker_signs`.
+        radius: of the ring [px].
+    """
+    colour = dict(zip("ox.", MARKER_COLOURS.values(), strict=True))[sign]
+    shade = tuple(int(colour[i : i + 2], 16) for i in (5, 3, 1))  # of #rrggbb
+    x, y = np.rint(spot).astype(int).tolist()
+    if sign == "x":
+        across = cv2.MARKER_TILTED_CROSS
+        cv2.drawMarker(image, (x, y), shade, across, 2 * radius, 2, cv2.LINE_AA)
+    else:
+        cv2.circle(image, (x, y), radius, shade, 2, cv2.LINE_AA)
 
 
 def _describe(run: Run, row: int) -> str:

@@ -20,6 +20,8 @@ from matplotlib.figure import Figure
 from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.estimators.result import State
 from estimation.frames import datasets
+from estimation.output.preview import mark_spot
+from estimation.output.scene import marker_signs
 from estimation.pictures.stream import read_pictures
 from estimation.tracking.stream import Answer
 from papers.items import Track
@@ -292,16 +294,14 @@ def plot(result: Clips) -> Figure:
 
 
 def _picture(result: Clips, clip: str, frame: int) -> np.ndarray:
-    """A frame in colour; markers that stick are green, others of the contact red."""
+    """A frame in colour; markers that stick are rings, others of the contact crosses."""
     (picture,) = islice(read_pictures(result.root / f"{clip}.avi"), frame, frame + 1)
     assert picture.image is not None
     answer = result.answers[clip][frame]
     found = answer.estimates["tracked"]
     image = cv2.resize(picture.image, None, fx=2.0, fy=2.0)
-    for place, touched, sticks in zip(
-        answer.frame.positions, found.contact, found.stick, strict=True
-    ):
+    signs = marker_signs(found.stick, found.contact)
+    for place, touched, sign in zip(answer.frame.positions, found.contact, signs, strict=True):
         if touched and np.isfinite(place[0]):
-            colour = (60, 220, 60) if sticks else (60, 60, 240)
-            cv2.circle(image, np.rint(2.0 * place[:2]).astype(int).tolist(), 13, colour, 2)
+            mark_spot(image, 2.0 * place[:2], sign, 13)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)

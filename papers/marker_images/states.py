@@ -20,7 +20,7 @@ from matplotlib.patches import Patch
 
 from estimation.estimators.result import State
 from estimation.frames import datasets
-from estimation.output.plots import STATE_COLOURS
+from estimation.output.scene import STATE_COLOURS
 from papers.items import Track
 from papers.marker_images.answers import answer_pictures
 from papers.marker_images.reading import (
