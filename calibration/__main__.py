@@ -88,7 +88,7 @@ def softness(
     known, search = _describe(sensor), choices.clock_search
     noise = known.noise if choices.noise_um is None else Noise.given(choices.noise_um * 1e-3)
     pad = Pad(thickness=choices.thickness_mm, marker_depth=choices.depth_mm)
-    layer = layer_of(complete_pad(pad, known.pad))
+    layer = layer_of(complete_pad(pad, known.pad), choices.radius_mm)
     found, files = _read(recordings, known), ["softness.toml"]
     with _results(out, "softness") as folder:
         if choices.second_ratio is not None:

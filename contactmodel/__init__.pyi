@@ -10,6 +10,7 @@ from contactmodel.elasticity.pad import Material as Material
 from contactmodel.elasticity.pad import Pad as Pad
 from contactmodel.elasticity.pad import read_pad as read_pad
 from contactmodel.elasticity.transfer import ScalarTransfer as ScalarTransfer
+from contactmodel.elasticity.transfer import ball_gain as ball_gain
 from contactmodel.elasticity.transfer import fit_scalar_transfer as fit_scalar_transfer
 from contactmodel.elasticity.transfer import layer_gain as layer_gain
 from contactmodel.friction import AbstractFriction as AbstractFriction

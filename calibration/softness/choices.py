@@ -34,9 +34,11 @@ class SoftnessChoices:
         thickness_mm: of an elastomer that is not thick beside the contact [mm], inf of one that is;
             a finite one needs CSVs with --zeroed and --same-clock.
         depth_mm: of its markers below the surface [mm].
+        radius_mm: of a ball, which gives way more where it is held by a larger part [mm]; inf of an
+            object with a flat surface. Needs what a finite thickness needs.
 
     Raises:
-        ValueError: the search is below 0.
+        ValueError: the search is below 0, or the radius not above it.
     """
 
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
@@ -50,12 +52,18 @@ class SoftnessChoices:
     second_ratio: float | None = field(default=None, metadata=option("none"))
     thickness_mm: float | None = field(default=None, metadata=option("of --sensor, or inf"))
     depth_mm: float | None = field(default=None, metadata=option("of --sensor, or 0"))
+    radius_mm: float = float("inf")
 
     def __post_init__(self) -> None:
         """Check the search; the pad checks what is its own."""
         if not self.clock_search >= 0.0:
             raise ValueError(
                 f"clocks are searched for {self.clock_search:g} s (--clock-search): 0 or more"
+            )
+        if not self.radius_mm > 0.0:
+            raise ValueError(
+                f"the ball has a radius of {self.radius_mm:g} mm (--radius-mm): give one above 0, "
+                "or inf for a flat surface"
             )
 
 

@@ -308,6 +308,7 @@ def _layered(
         depth=pad.depth,
         covariance=tuple(map(tuple, (0.5 * (covariance + covariance.T)).tolist())),
         validity=validity,
+        object_radius=pad.object_radius,
         provenance=provenance,
     )
 

@@ -61,15 +61,18 @@ def fit_layered_softness(
     """
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")
-    lifts = np.isfinite(layer.thickness) or layer.depth > 0.0  # else frames are the same for all k
-    guesses = [LayeredSoftness(k, layer.thickness, layer.depth) for k in _GUESSES]
+    finite = np.isfinite([layer.thickness, layer.object_radius]).any()
+    lifts = finite or layer.depth > 0.0  # else frames are the same for all k
+    rigid = LayeredSoftness(0.0, layer.thickness, layer.depth, object_radius=layer.object_radius)
+    guesses = [replace(rigid, stiffness_ratio=k) for k in _GUESSES]
     found = [_gather(grasps, guess) for guess in (guesses if lifts else guesses[:1])]
     trials = max(found, key=lambda each: sum(trial.held for trial in each))
     fit = _fit(trials, layer, clock_search)
     if lifts:
         made = fit.softness
         assert isinstance(made, LayeredSoftness)
-        again = _gather(grasps, LayeredSoftness(made.stiffness_ratio, made.thickness, made.depth))
+        sizes = {name: getattr(made, name) for name in ("stiffness_ratio", "thickness", "depth")}
+        again = _gather(grasps, replace(rigid, **sizes))
         fit = _fit(again, layer, clock_search)
     return fit
 

@@ -21,19 +21,21 @@ LIFT_SHARE = 0.05
 
 
 class Layer(NamedTuple):
-    """What is known beforehand of the elastomer.
+    """What is known beforehand of the elastomer, and of the object's shape.
 
     Attributes:
         thickness: h; infinite for a half-space [mm].
         depth: z of the markers [mm].
         thickness_error: standard deviation of h; 0 where it is exact [mm].
         depth_error: the same of z [mm].
+        object_radius: R of a ball; infinite for an object with a flat surface [mm].
     """
 
     thickness: float = float("inf")
     depth: float = 0.0
     thickness_error: float = 0.0
     depth_error: float = 0.0
+    object_radius: float = float("inf")
 
     @property
     def values(self) -> Float[np.ndarray, "2"]:
@@ -43,7 +45,7 @@ class Layer(NamedTuple):
     @property
     def errors(self) -> Float[np.ndarray, "2"]:
         """Their standard deviations [mm]."""
-        return np.array(self[2:])
+        return np.array(self[2:4])
 
     def at(self, values: Float[np.ndarray, "2"]) -> "Layer":
         """With other values, as far as a layer can have them."""
@@ -55,11 +57,11 @@ class Layer(NamedTuple):
 HALF_SPACE = Layer()
 
 
-def layer_of(pad: Pad) -> Layer | None:
-    """The elastomer of a pad that has a thickness; None for a thick one."""
-    if pad.thickness is None or pad.thickness == float("inf"):
-        return None
-    return Layer(pad.thickness, pad.marker_depth or 0.0)
+def layer_of(pad: Pad, object_radius: float = float("inf")) -> Layer | None:
+    """The elastomer of a pad under an object; None for a thick one under a flat object."""
+    layer = Layer(pad.thickness or float("inf"), pad.marker_depth or 0.0)
+    layer = layer._replace(object_radius=object_radius)
+    return None if layer.thickness == layer.object_radius == float("inf") else layer
 
 
 class Series(NamedTuple):
@@ -105,14 +107,14 @@ class Lifts:
 
     def turns(self, layer: Layer) -> Float[np.ndarray, "3 frames"]:
         """`below`, `thin` and `along` in each frame [rad]."""
-        return self._turns(layer.thickness, layer.depth)
+        return self._turns(layer.thickness, layer.depth, layer.object_radius)
 
     def as_seen(self) -> Float[np.ndarray, " frames"]:
         """Rotation that the markers show before they are lifted [rad]."""
         made = self.trial.lifted_for
         if made is None:
             return self.trial.rotation
-        below, thin, _ = self._turns(made.thickness, made.depth)
+        below, thin, _ = self._turns(made.thickness, made.depth, made.object_radius)
         return (
             self.trial.rotation - below - made.stiffness_ratio * thin / (1.0 + made.stiffness_ratio)
         )

@@ -100,13 +100,14 @@ def fit_objects(
     if layer is not None:
         if not all(one.reference.zeroed and one.reference.same_clock for one in grasps):
             raise ValueError(
-                "on an elastomer of finite thickness the references must be CSVs that count from "
-                "the onset of contact on the recording's clock (--zeroed --same-clock); "
-                "--thickness-mm inf takes the elastomer as thick"
+                "for an elastomer of finite thickness, or a ball, the references must be CSVs that "
+                "count from the onset of contact on the recording's clock (--zeroed --same-clock); "
+                "--thickness-mm inf --radius-mm inf takes elastomer and object as half-spaces"
             )
         if model not in (None, "none"):
             raise ValueError(
-                f"an elastomer of finite thickness has no load term {model!r}: leave out --load"
+                f"an elastomer of finite thickness, or a ball, has no load term {model!r}: "
+                "leave out --load"
             )
         return {
             name: fit_layered_softness(group, layer, clock_search=clock_search)
@@ -225,7 +226,9 @@ def _state(fit: SoftnessFit) -> str:
     """The result in a line."""
     made, more = fit.softness, ""
     if isinstance(made, LayeredSoftness):
-        more = f" on {made.thickness:.4g} mm, markers {made.depth:.4g} mm deep,"
+        radius = made.object_radius
+        ball = "" if radius == float("inf") else f" of a ball of {radius:.4g} mm"
+        more = f"{ball} on {made.thickness:.4g} mm, markers {made.depth:.4g} mm deep,"
     elif fit.model != "none":
         error = made.covariance[1][1] ** 0.5
         unit = "rad/N" if made.load_by_force else "rad"

@@ -128,6 +128,22 @@ def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -
     )
 
 
+def ball_gain(x: Float[AnyArray, "*waves"]) -> AnyArray:
+    """By how much more a ball's surface turns than a half-space's, wave by wave, less 1 [-].
+
+    A traction on a sphere that turns its surface by the harmonic n, u = r̂ × ∇Y_n, moves it by
+    R/(G(n − 1)): inside, u grows like r^n, and the traction is G r d(u/r)/dr. Seen from near its
+    pole the wave is that of number q = (n + ½)/R on a half-space, which moves by 1/(Gq). So the
+    ball's compliance is qR/(qR − 3/2) of that; n = 1 is a rigid turn, which is the grip's, and
+    waves as long as the ball, n < 2, count like n = 2.
+
+    Args:
+        x: qR, radius times wave number; infinite for a flat object [-].
+    """
+    xp, x = as_arrays(x)
+    return 1.5 / (xp.maximum(x, 2.5) - 1.5)
+
+
 class ScalarTransfer(NamedTuple):
     """The numbers that stand for a transfer function in Eq. (2) and (13) of [Li2024].
 

@@ -48,12 +48,13 @@ Matrix = tuple[tuple[float, ...], ...]
 class LayeredSoftness:
     """Stiffness ratio of an object, and the elastomer that it is held against.
 
-    The object is a half-space.
+    The object is a half-space, or a ball, whose surface gives way more (`contactmodel.ball_gain`).
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
         thickness: h of the elastomer, bonded to its base; infinite for a half-space [mm].
         depth: z of the markers below the surface [mm].
+        object_radius: R of a ball; infinite for an object with a flat surface [mm].
         covariance: of (k, h, z), row by row.
         validity: the contacts that it was found on.
         provenance: where it came from, for readers.
@@ -67,6 +68,7 @@ class LayeredSoftness:
     depth: float = field(default=0.0, metadata=unit("mm", least=0.0))
     covariance: Matrix = ((0.0, 0.0, 0.0),) * 3
     validity: Validity = field(default_factory=Validity)
+    object_radius: float = field(default=np.inf, metadata=unit("mm", above=0.0, most=np.inf))
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -85,10 +87,11 @@ class LayeredSoftness:
         Args:
             points: the markers in the unloaded elastomer [mm].
         """
-        if np.isinf(self.thickness) and self.depth == 0.0:
+        if np.isinf(self.thickness) and self.depth == 0.0 and np.isinf(self.object_radius):
             return None
         share = self.stiffness_ratio / (1.0 + self.stiffness_ratio)
-        kernels = lifting_kernels(points, points, self.thickness, self.depth)
+        sizes = self.thickness, self.depth, self.object_radius
+        kernels = lifting_kernels(points, points, *sizes)
         parts = zip(kernels.below, kernels.thin, strict=True)
         return Lifting(*(below + share * thin for below, thin in parts))
 
@@ -101,7 +104,7 @@ class LayeredSoftness:
                 self.stiffness_ratio, 0.0, ((spread, 0.0), (0.0, 0.0)), validity=self.validity
             )
         k = self.stiffness_ratio
-        turns = seen.turns(self.thickness, self.depth)
+        turns = seen.turns(self.thickness, self.depth, self.object_radius)
         # θ = (1 + k)(φ + below) + k (thin + along), and (1 + k) times the lifted φ lacks `along`
         slopes = [turns.thin / (1.0 + k) + turns.along, *self._slopes(seen)]
         to = np.array([[1.0, 0.0, 0.0], [-2.0 * slope for slope in slopes]])
@@ -121,7 +124,8 @@ class LayeredSoftness:
             step = rise * self.thickness
             least = 0.0 if name == "depth" else 0.5 * self.thickness
             start = max(getattr(self, name) - step, least)
-            here = {"thickness": self.thickness, "depth": self.depth}
+            names = "thickness", "depth", "object_radius"
+            here = {one: getattr(self, one) for one in names}
             ends = [seen.turns(**(here | {name: value})) for value in (start, start + 2.0 * step)]
             below, thin, along = np.subtract(ends[1], ends[0]) / (2.0 * step)
             found.append(float((1.0 + k) * below + k * (thin + along)))

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from jaxtyping import Bool, Float
 
-from contactmodel.elasticity.transfer import layer_gain
+from contactmodel.elasticity.transfer import ball_gain, layer_gain
 from estimation.frames.recording import MarkerLayout
 from estimation.softness.contact import Lifting
 
@@ -21,7 +21,8 @@ class Kernels(NamedTuple):
 
     Attributes:
         below: 1/D − 1, what markers below the surface do not show.
-        thin: (coth qh − 1)/D of the waves that turn, to be multiplied by k/(1 + k).
+        thin: (b coth qh − 1)/D of the waves that turn, to be multiplied by k/(1 + k); b is 1, or
+            that of a ball (`ball_gain`).
         along: (k̂_L/k − 1)/D of the longitudinal ones, likewise; their D is that of the others, as
             it is for waves longer than the elastomer is thick.
     """
@@ -32,7 +33,11 @@ class Kernels(NamedTuple):
 
 
 def lifting_kernels(
-    at: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "n 2"], thickness: float, depth: float
+    at: Float[np.ndarray, "m 2"],
+    points: Float[np.ndarray, "n 2"],
+    thickness: float,
+    depth: float,
+    object_radius: float = np.inf,
 ) -> Kernels:
     """What is lacking at some of the markers.
 
@@ -41,15 +46,15 @@ def lifting_kernels(
         points: all markers in the unloaded elastomer [mm].
         thickness: h [mm].
         depth: z [mm].
+        object_radius: R of a ball, infinite of a flat object [mm].
     """
     pitch = _pitch(points)
     away = (at[:, None] - points) / pitch
-    thin, along = (
-        _Kernel.of(thickness / pitch, depth / pitch, name).at(away) for name in ("thin", "along")
-    )
+    sizes = thickness / pitch, depth / pitch, object_radius / pitch
+    thin, along = (_Kernel.of(*sizes, name).at(away) for name in ("thin", "along"))
     if depth == 0.0:
         return Kernels(Lifting(*(np.zeros_like(part) for part in thin)), thin, along)
-    return Kernels(_Kernel.of(thickness / pitch, depth / pitch, "below").at(away), thin, along)
+    return Kernels(_Kernel.of(*sizes, "below").at(away), thin, along)
 
 
 class Added(NamedTuple):
@@ -73,14 +78,15 @@ class Seen(NamedTuple):
     points: Float[np.ndarray, "n 2"]
     moved: Float[np.ndarray, "n 2"]
 
-    def turns(self, thickness: float, depth: float) -> Added:
+    def turns(self, thickness: float, depth: float, object_radius: float = np.inf) -> Added:
         """Rotation of what turns as one body that is lacking in what the markers show.
 
         Args:
             thickness: h [mm].
             depth: z [mm].
+            object_radius: R of a ball, infinite of a flat object [mm].
         """
-        kernels = lifting_kernels(self.at, self.points, thickness, depth)
+        kernels = lifting_kernels(self.at, self.points, thickness, depth, object_radius)
         return Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
 
 
@@ -144,7 +150,12 @@ class _Kernel:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of(thickness: float, depth: float, name: Literal["below", "thin", "along"]) -> "_Kernel":
+    def of(
+        thickness: float,
+        depth: float,
+        object_radius: float,
+        name: Literal["below", "thin", "along"],
+    ) -> "_Kernel":
         """One of the `Kernels`, over the waves that markers resolve."""
         wave_range, node_count = 6.5, 600  # up to e^{-21} of the resolution
         beyond = 25  # pitches over which the lattice is added up
@@ -156,7 +167,8 @@ class _Kernel:
         gain = layer_gain(q * h, q * z)
         waves = {
             "below": gain.below * np.exp(-0.5 * (q * resolution) ** 2),
-            "thin": (1.0 + gain.below) * gain.transverse,
+            "thin": (1.0 + gain.below)
+            * ((1.0 + gain.transverse) * (1.0 + ball_gain(q * object_radius)) - 1.0),
             "along": (1.0 + gain.below) * gain.longitudinal,
         }
         wave = waves[name] * q * 0.5 * top * weights / (2.0 * np.pi)

@@ -105,6 +105,18 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
     assert "<img" in (tmp_path / "report.html").read_text()
 
 
+def test_softness_of_a_ball(grasps, tmp_path):
+    """The object gives way more than a half-space of the same k does, so that k is lower."""
+    result = CliRunner().invoke(
+        app, arguments(grasps, tmp_path, "--zeroed", "--object", "ball", "--radius-mm", "20")
+    )
+    assert result.exit_code == 0, result.output
+    softness = read_softness(tmp_path / "softness.toml")
+    assert isinstance(softness, LayeredSoftness)
+    assert (softness.object_radius, softness.thickness) == (20.0, np.inf)
+    assert 0.2 < softness.stiffness_ratio < 0.48  # the fixture's rigidly turning gel has 0.5
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [
@@ -112,6 +124,7 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
         (("--object", "a", "--object", "b", "--object", "c"), "3 objects for 2 recordings"),
         (("--reference", "outline"), "3 references for 2 recordings"),
         (("--second-ratio", "1"), "fingers alike"),
+        (("--radius-mm", "0"), "above 0, or inf for a flat surface"),
         (("--thickness-mm", "3"), "--zeroed --same-clock"),
     ],
 )

@@ -80,6 +80,20 @@ def test_markers_below_the_centre_of_a_disc_are_lifted_to_the_surface():
     assert lifted == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.parametrize(("share", "gain"), [(0.021, 1.017), (0.083, 1.079), (0.28, 1.33)])
+def test_a_ball_gives_way_more_than_a_half_space(share, gain):
+    """k_eff/k of two bodies of equal modulus, one of them a ball, by nonlinear finite elements.
+
+    1.5 %: modes of the whole sphere stand for waves of its pole, and lengths are along its chord.
+    """
+    points, radius = lattice(0.5), 4.0
+    moved, inside = disc_turn(points, radius), np.hypot(*points.T) < 0.9 * radius
+    lifting = LayeredSoftness(1.0, np.inf, object_radius=radius / share).lifting(points)
+    turned = small_turn(points[inside], (moved + lifting.of(moved))[inside])
+    seen = small_turn(points[inside], moved[inside])
+    assert 2.0 * turned / seen - 1.0 == pytest.approx(gain, rel=0.015)
+
+
 def test_lifting_leaves_a_squeeze_as_it_is():
     points = lattice(1.0, 9.5)
     square = np.sum(points**2, axis=1)
@@ -179,9 +193,11 @@ def test_a_number_k_is_what_a_layer_has_that_is_thick():
 def test_layered_files(tmp_path):
     path = tmp_path / "soft.toml"
     covariance = ((1e-4, 1e-5, 0.0), (1e-5, 0.01, 0.0), (0.0, 0.0, 0.0))
-    softness = LayeredSoftness(0.3, 4.0, 0.5, covariance, provenance={"object": "salmon"})
-    write_softness(softness, path)
-    assert read_softness(path) == softness
+    for radius in (np.inf, 20.0):
+        more = {"object_radius": radius, "provenance": {"object": "salmon"}}
+        softness = LayeredSoftness(0.3, 4.0, 0.5, covariance, **more)
+        write_softness(softness, path)
+        assert read_softness(path) == softness
     path.write_text("format_version = 1\nkind = 'layered'\nstiffness_ratio = 0.3\n")
     with pytest.raises(ValueError, match="the key 'thickness_mm' is missing"):
         read_softness(path)
