@@ -55,8 +55,19 @@ def data(model):
     )
 
 
-def test_five_numbers_are_found_to_one_percent(model, data):
-    fit = fit_fields(model, TRUTH | SOUGHT, data)
+@pytest.fixture(scope="module")
+def fit(model, data):
+    return fit_fields(model, TRUTH | SOUGHT, data)
+
+
+@pytest.fixture(scope="module")
+def blind(model, data):
+    """The fit of the displacements alone."""
+    unknown = data._replace(force=np.full((2, 3), np.nan), moment=np.full(2, np.nan))
+    return fit_fields(model, TRUTH | SOUGHT, unknown)
+
+
+def test_five_numbers_are_found_to_one_percent(fit):
     truth = np.array([TRUTH[name] for name in fit.names])
     assert fit.determined.all()
     assert fit.converged
@@ -68,15 +79,13 @@ def test_five_numbers_are_found_to_one_percent(model, data):
     assert abs(fit.misfit - 1.0) < 4 * 0.058
 
 
-def test_without_forces_the_modulus_is_flagged_and_the_rest_is_not(model, data):
-    blind = data._replace(force=np.full((2, 3), np.nan), moment=np.full(2, np.nan))
-    fit = fit_fields(model, TRUTH | SOUGHT, blind)
-    assert dict(zip(fit.names, fit.determined, strict=True)) == {
+def test_without_forces_the_modulus_is_flagged_and_the_rest_is_not(blind):
+    assert dict(zip(blind.names, blind.determined, strict=True)) == {
         name: name != "shear_modulus" for name in SOUGHT
     }
-    assert np.isnan(fit.values[0])
-    assert "shear_modulus" in fit.verdict[0]
-    np.testing.assert_allclose(fit.values[1:], [4.0, 0.6, 15.0, 0.5], rtol=1e-2)
+    assert np.isnan(blind.values[0])
+    assert "shear_modulus" in blind.verdict[0]
+    np.testing.assert_allclose(blind.values[1:], [4.0, 0.6, 15.0, 0.5], rtol=1e-2)
 
 
 @pytest.fixture(scope="module")
@@ -127,9 +136,8 @@ def test_two_wrong_moments_are_enough_to_reject_the_model(model, data):
     assert not fit.trusted
 
 
-def test_what_is_left_out_tells_what_a_number_hangs_on(model, data):
+def test_what_is_left_out_tells_what_a_number_hangs_on(fit, blind):
     """To first order the estimates without forces, or without a third of the markers."""
-    fit = fit_fields(model, TRUTH | SOUGHT, data)
     assert fit.hangs_on(0) == ["forces"]  # only they tell the modulus
     assert (fit.span[0] <= fit.values).all()
     assert (fit.values <= fit.span[1]).all()
@@ -138,10 +146,8 @@ def test_what_is_left_out_tells_what_a_number_hangs_on(model, data):
         "inner third of the markers",
         "frame 1 of 2",
     }
-    blind = data._replace(force=np.full((2, 3), np.nan), moment=np.full(2, np.nan))
-    without = fit_fields(model, TRUTH | SOUGHT, blind).values[1:]
     # the second order of shifts of 0.1 %, and where the fit stops: 0.1 standard errors of 0.2 %
-    np.testing.assert_allclose(fit.left_out["forces"][1:], without, rtol=5e-4)
+    np.testing.assert_allclose(fit.left_out["forces"][1:], blind.values[1:], rtol=5e-4)
 
 
 def test_what_does_not_fit_is_refused(model, data):
