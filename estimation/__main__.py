@@ -1,6 +1,5 @@
-"""Command line: `python -m estimation run|report|fetch`."""
+"""Command line: `python -m estimation run|live|report|fetch`."""
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,7 +7,7 @@ import typer
 
 from contactmodel.common.command_line import errors, make_app, run_app, say
 from contactmodel.common.options import spread
-from estimation.choices import Choices, Constants, Known
+from estimation.choices import Choices, Constants, Known, LiveChoices, RunChoices
 from estimation.frames import datasets
 
 app = make_app("From frames of a tactile sensor to the angle of the object it holds.")
@@ -17,7 +16,7 @@ app = make_app("From frames of a tactile sensor to the angle of the object it ho
 @app.command()
 @spread
 def run(
-    choices: Choices,
+    choices: RunChoices,
     known: Known,
     constants: Annotated[Any, Constants],
     recordings: Annotated[
@@ -25,7 +24,7 @@ def run(
         typer.Argument(
             metavar="[RECORDING|DATASET]...",
             help="Tac3D folders, .npz recordings, videos, folders of images, bags (MCAP, ROS 1, "
-            "ROS 2), cameras (camera:0) or data set names; the virtual pivot if none. Pictures "
+            "ROS 2) or data set names; the virtual pivot if none. Pictures "
             "take their times from a table with columns frame and time_s, if there is one: "
             "times.csv in the folder, CLIP.csv beside CLIP.avi.",
         ),
@@ -59,11 +58,46 @@ def run(
     inputs = open_inputs(recordings or [], settings, say, out if resume else None)
     as_json = "json" in settings.sink  # then there is nothing else on standard output
     with Progress(console=errors) as progress:
-        answer = None if as_json else partial(print, flush=True)
-        outcome = run_all(inputs, out, settings, progress, answer, resume)
+        outcome = run_all(inputs, out, settings, progress, resume=resume)
     for line in outcome.lines:
         (say if as_json else print)(line)
     raise typer.Exit(130 if outcome.interrupted else 0)
+
+
+@app.command()
+@spread
+def live(
+    choices: Choices,
+    live_choices: LiveChoices,
+    known: Known,
+    constants: Annotated[Any, Constants],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="[SOURCE]",
+            show_default="the virtual pivot",
+            help="A camera (camera:0), or a recording as for `run`, which is played.",
+        ),
+    ] = "",
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on with a camera where the same command was cut off."),
+    ] = False,
+) -> None:
+    """Follow a camera, or a recording that is played, and answer while it goes on.
+
+    Each frame is a line of comma-separated values on standard output. The source is read beside the
+    answers: who answers too slowly leaves out the oldest frames, and the end says how many. Ctrl-C
+    ends it; then tables, summary and report are made, as by `run`.
+    """
+    from estimation.live.command import follow
+    from estimation.settings import read_settings
+
+    settings = read_settings(choices, known, constants)
+    outcome = follow(source, out, settings, live_choices, say, resume)
+    for line in outcome.lines:
+        say(line)
 
 
 @app.command()

@@ -72,14 +72,12 @@ DEFAULT_ALERT = AlertSettings()
 
 @dataclass(frozen=True)
 class Choices:
-    """What a run is told beside what is known of sensor, object and method.
+    """What every run is told beside what is known of sensor, object and method.
 
     Attributes:
         method: method of angles.csv; the others stand beside it in angles_all.csv.
-        grasp: two recordings of fingers that hold one object.
         keep_withdrawn: keep the angles that were reported while the object may have been sliding
             unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
-        preview: write an annotated video, preview.mp4 (needs the extra `video`).
         topic: topic of a bag to run over; given twice, as for the fingers of a grasp, both are.
         sink: what else takes the answers, frame by frame; it may be given several times. mcap:
             frames.mcap, an MCAP file of ROS messages; zarr: frames.zarr; lerobot: a LeRobot data
@@ -96,9 +94,7 @@ class Choices:
     method: str = field(
         default=DEFAULT_METHOD, metadata=option(more=f" Of {', '.join(METHODS | RIVALS)}.")
     )
-    grasp: bool = False
     keep_withdrawn: bool = False
-    preview: bool = False
     topic: tuple[str, ...] = field(
         default=(), metadata=option("found, where only one can be meant")
     )
@@ -111,6 +107,45 @@ class Choices:
         """Check the seed."""
         if self.seed < 0:
             raise ValueError(f"the seed is {self.seed} (--seed): it must be 0 or more")
+
+
+@dataclass(frozen=True)
+class RunChoices(Choices):
+    """What a run over recordings is told beside.
+
+    Attributes:
+        grasp: two recordings of fingers that hold one object.
+        preview: write an annotated video, preview.mp4 (needs the extra `video`).
+    """
+
+    grasp: bool = False
+    preview: bool = False
+
+
+@dataclass(frozen=True)
+class LiveChoices:
+    """How a source is followed while it goes on.
+
+    Attributes:
+        fast: play a recording as fast as its frames are answered, and leave none out. By default
+            it is played at its own pace.
+        queue: frames that wait for their answer; when there are more, the oldest is left out and
+            counted. A larger number loses fewer frames, and answers may be later [frames].
+        silent_s: time without a frame from which the source is reported as silent [s].
+
+    Raises:
+        ValueError: a queue without room, or a time that is not above 0.
+    """
+
+    fast: bool = False
+    queue: int = 8
+    silent_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.queue < 1:
+            raise ValueError(f"the queue is {self.queue} frames (--queue): it takes 1 or more")
+        check_positive("silent_s", self.silent_s)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Sequence, Sized
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,6 @@ from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
 from estimation.output.found import Run, find_in_record
-from estimation.output.lines import LineWriter
 from estimation.output.missing import describe_answers
 from estimation.output.overview import write_overview
 from estimation.output.preview import find_encoder, write_preview
@@ -43,7 +42,7 @@ def run_all(
     out: Path,
     settings: Settings,
     progress: Progress,
-    answer: Callable[[str], None] | None = None,
+    sinks: Sequence[Sink] = (),
     resume: bool = False,
 ) -> Outcome:
     """Run every method over every recording and write what is found, frame by frame.
@@ -59,7 +58,7 @@ def run_all(
         out: folder to write to.
         settings: of the run.
         progress: that shows how far it is.
-        answer: told the answers of a camera as lines.
+        sinks: that take the answers beside those of the settings.
         resume: go on where an earlier run was cut off.
 
     Raises:
@@ -77,7 +76,7 @@ def run_all(
         _expect_finished(out, inner if resume else [])
         for one, name, folder in zip(inputs, names, inner, strict=True):
             job = _Job(one, name, folder, results, settings)
-            interrupted = job.follow(progress, answer)
+            interrupted = job.follow(progress, sinks)
             if job.record.is_file():
                 with RecordReader(job.record) as record:
                     found = find_in_record(record)
@@ -152,7 +151,7 @@ class _Job:
         """Of its frames."""
         return self.input.record or self.folder / NAME
 
-    def follow(self, progress: Progress, answer: Callable[[str], None] | None) -> bool:
+    def follow(self, progress: Progress, more: Sequence[Sink]) -> bool:
         """Answer the frames that are not answered yet; whether Ctrl-C came."""
         if self.input.record is not None:
             return False
@@ -170,8 +169,7 @@ class _Job:
             asked, told = settings.sink, self.told.append
             at = (self.folder, source, settings.method, rows)
             sinks += open_sinks(asked, *at, opened, told)
-            if answer is not None and source.live:
-                sinks.append(LineWriter(answer, settings.method))
+            sinks += more
             self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
             self._tell_state(writer, stream, complete=not interrupted)
@@ -234,7 +232,7 @@ class _Job:
             complete=complete,
             total=len(source) if isinstance(source, Sized) else 0,
             reference=follower.layout.reference.tolist(),
-            source_notes=source.notes,
+            source_notes=[*source.notes, *self.input.notes()],
             notes=notes,
             sha256=follower.sha256,
             branch=None if follower.branch is None else follower.branch.write(),

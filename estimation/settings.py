@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from estimation.choices import Choices, Known
+from estimation.choices import Choices, Known, RunChoices
 from estimation.estimators import METHODS
 from estimation.frames.noise import Noise
 from estimation.pictures.part import Part
@@ -16,8 +16,8 @@ from estimation.softness import RIGID_OBJECT, Softness, read_softness
 
 
 @dataclass(frozen=True)
-class Settings(Choices):
-    """What a run is told; see `Choices` for the rest.
+class Settings(RunChoices):
+    """What a run is told; see `Choices` and `RunChoices` for the rest.
 
     Attributes:
         softness: correction by Eq. (13), for every method.

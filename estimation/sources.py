@@ -1,7 +1,7 @@
 """Recordings opened by name, and what an earlier run has made of them."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -26,7 +26,7 @@ from estimation.frames.zarr_folder import is_zarr, open_zarr
 from estimation.output.record import NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
-from estimation.pictures.stream import ignored_rate, is_camera, is_pictures
+from estimation.pictures.stream import Picture, ignored_rate, is_camera, is_pictures
 from estimation.settings import Settings
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
@@ -102,7 +102,11 @@ def read_recordings(
 
 
 def open_source(
-    path: Path, images: ImageSettings, name: str, checkpoint: Checkpoint | None = None
+    path: Path,
+    images: ImageSettings,
+    name: str,
+    checkpoint: Checkpoint | None = None,
+    feed: Callable[[Iterator[Picture]], Iterator[Picture]] | None = None,
 ) -> Source:
     """Open the one recording at a path: pictures give their frames as they are read.
 
@@ -111,6 +115,7 @@ def open_source(
         images: what is known of pictures.
         name: of the recording.
         checkpoint: where an earlier run got to; the frames after it are given.
+        feed: passes pictures on while they come; see `PictureSource`.
 
     Raises:
         ValueError: no recording, or a damaged one.
@@ -119,11 +124,11 @@ def open_source(
     with naming(path):
         if is_camera(path):
             after = (0.0, 0) if checkpoint is None else checkpoint.clock_now()
-            return PictureSource(path, images, name=name, after=after)
+            return PictureSource(path, images, name=name, after=after, feed=feed)
         row = 0 if checkpoint is None else checkpoint.row
         if is_pictures(path):
             state = None if checkpoint is None else checkpoint.pictures
-            return PictureSource(path, images, name=name, state=state, skip=row)
+            return PictureSource(path, images, name=name, state=state, skip=row, feed=feed)
         if split_place(path):
             return BagSource(path, name=name, unloaded=_unloaded_number(images), skip=row)
         if is_rows(path):
@@ -205,6 +210,7 @@ class Input(NamedTuple):
         checkpoint: where an earlier run got to.
         record: of an earlier run that has finished this.
         place: path that the source was opened at; what the source calls it unless given.
+        notes: what else there is to note, in sentences, as known by now.
     """
 
     source: Source
@@ -212,6 +218,7 @@ class Input(NamedTuple):
     checkpoint: Checkpoint | None = None
     record: Path | None = None
     place: str = ""
+    notes: Callable[[], tuple[str, ...]] = tuple
 
 
 def find_paths(
@@ -264,6 +271,10 @@ def open_inputs(
         earlier = find_earlier(resume, "", recording.source, settings)
         return [Input(recording, truth, *earlier)]
     paths = find_paths(names, say, settings.topic)
+    if cameras := [str(path) for path in paths if is_camera(path)]:
+        raise ValueError(
+            f"{cameras[0]} is a camera: follow it with `python -m estimation live {cameras[0]}`"
+        )
     named = name_folders(name_recordings(paths))
     inputs = []
     for path, name in zip(paths, named, strict=True):

@@ -34,6 +34,22 @@ def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
 
 
 @contextmanager
+def growing(path: Path) -> Iterator[None]:
+    """Name the file that grows where it cannot, as on a full disc.
+
+    Raises:
+        OSError: it cannot be written to.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OSError(
+            f"{path} cannot be written to ({error.strerror or error}): the frames before are kept; "
+            "`python -m estimation report` makes a report of them"
+        ) from error
+
+
+@contextmanager
 def write_folder(path: Path) -> Iterator[Path]:
     """A folder under a temporary name, which gets its own, and replaces another, once it is whole.
 

@@ -11,6 +11,7 @@ from estimation.estimators.measurement import Z95
 from estimation.frames.bags.bag import describe_bag, read_messages
 from estimation.frames.bags.types import FRAME, add_type, ros_types
 from estimation.frames.extras import require_extra
+from estimation.frames.files import growing
 from estimation.frames.flat import LAYOUT_FIELDS, flatten_frame, flatten_layout
 from estimation.frames.recording import MarkerLayout
 from estimation.output.table import read_cells, tabulate_answer
@@ -76,20 +77,22 @@ class BagWriter:
         time = answer.frame.time
         if math.isfinite(time) and 0.0 <= time < 2.0**31:
             self._stamp = round(1e9 * time)
-        for topic, kind, values in self._messages(answer):
-            if kind not in self._definitions:
-                self._definitions[kind], _ = self._types.generate_msgdef(kind, ros_version=2)
-            data = bytes(self._types.serialize_cdr(self._types.types[kind](**values), kind))
-            at = (self._stamp, answer.row)
-            name, definition = f"/contactmodel/{topic}", self._definitions[kind]
-            self._send(_Sent(name, kind, definition, *at, data))
-        self._file.flush()
+        with growing(self._path):
+            for topic, kind, values in self._messages(answer):
+                if kind not in self._definitions:
+                    self._definitions[kind], _ = self._types.generate_msgdef(kind, ros_version=2)
+                data = bytes(self._types.serialize_cdr(self._types.types[kind](**values), kind))
+                at = (self._stamp, answer.row)
+                name, definition = f"/contactmodel/{topic}", self._definitions[kind]
+                self._send(_Sent(name, kind, definition, *at, data))
+            self._file.flush()
 
     def close(self) -> None:
         """Write the end of the file, by which messages are found fast, and close it."""
-        if self._writer is not None:
-            self._writer.finish()
-        self._file.close()
+        with growing(self._path):
+            if self._writer is not None:
+                self._writer.finish()
+            self._file.close()
 
     def _send(self, sent: "_Sent") -> None:
         if self._writer is None:

@@ -104,3 +104,16 @@ def open_udp(host: str, port: int) -> Outlet:
         sender.sendto(line, address)
 
     return Outlet(write, sender.close)
+
+
+def close_outlet(outlet: Outlet, name: str, tell: Callable[[str], None]) -> None:
+    """Close a way out.
+
+    Args:
+        outlet: passes on what waits, for a while.
+        name: of its reader.
+        tell: told what was dropped, in a sentence.
+    """
+    outlet.close()
+    if note := outlet.describe(name):
+        tell(note)

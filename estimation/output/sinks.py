@@ -11,7 +11,7 @@ from estimation.frames.source import Source
 from estimation.frames.zarr_folder import write_zarr
 from estimation.output.bag import BagWriter, read_answers
 from estimation.output.lines import JsonWriter
-from estimation.output.outlet import Outlet, open_stdout, open_udp
+from estimation.output.outlet import close_outlet, open_stdout, open_udp
 from estimation.tracking.stream import Sink
 
 FILES = {"mcap": "frames.mcap", "zarr": "frames.zarr", "lerobot": "lerobot"}
@@ -76,7 +76,7 @@ def open_sinks(
     for name in names:
         if name not in FILES:
             outlet = open_stdout() if name == "json" else open_udp(*read_address(name))
-            opened.callback(_close, outlet, name, tell)
+            opened.callback(close_outlet, outlet, name, tell)
             sinks.append(JsonWriter(outlet.send, method, source.unit))
     return sinks
 
@@ -115,9 +115,3 @@ def read_address(name: str) -> tuple[str, int]:
     if not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
         raise ValueError(f"the sink {name!r} (--sink) has no port: give udp:PORT or udp:HOST:PORT")
     return host.strip("[]") or "127.0.0.1", int(port)
-
-
-def _close(outlet: Outlet, name: str, tell: Callable[[str], None]) -> None:
-    outlet.close()
-    if note := outlet.describe(name):
-        tell(note)

@@ -18,7 +18,7 @@ from estimation.estimators.result import (
     show_degrees,
     show_numbers,
 )
-from estimation.frames.files import write_whole
+from estimation.frames.files import growing, write_whole
 from estimation.slip.alert import GripPath
 from estimation.slip.margin import Margin
 from estimation.slip.motion import accumulate_slip, follow_gel
@@ -69,7 +69,7 @@ class TableWriter:
         Raises:
             OSError: it cannot be written.
         """
-        self._method, self._unit = method, unit
+        self._path, self._method, self._unit = path, method, unit
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("r+" if rows else "w", encoding="utf-8", newline="")
         self._headed = bool(rows)
@@ -81,8 +81,9 @@ class TableWriter:
     def put(self, answer: Answer) -> None:
         """Write the next row; it is on the disc when this returns."""
         table = tabulate_answer(answer, self._method, self._unit)
-        self._file.write(csv_text(table, heading=not self._headed))
-        self._file.flush()
+        with growing(self._path):
+            self._file.write(csv_text(table, heading=not self._headed))
+            self._file.flush()
         self._headed = True
 
     def restart(self) -> None:
@@ -93,7 +94,8 @@ class TableWriter:
 
     def close(self) -> None:
         """Close the table."""
-        self._file.close()
+        with growing(self._path):
+            self._file.close()
 
 
 def write_table(

@@ -1,6 +1,6 @@
 """Recordings from pictures of markers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from itertools import chain, islice
 from pathlib import Path
@@ -73,6 +73,7 @@ class PictureSource:
         state: PictureState | None = None,
         skip: int = 0,
         after: tuple[float, int] = (0.0, 0),
+        feed: Callable[[Iterator[Picture]], Iterator[Picture]] | None = None,
     ) -> None:
         """Open it, and learn markers and reference from the first usable picture.
 
@@ -83,6 +84,8 @@ class PictureSource:
             state: of a source that has read the first pictures already.
             skip: so many.
             after: time stamp [s] and number of the first picture, of a camera that goes on.
+            feed: passes the pictures on while they come, from another thread perhaps; they are
+                live then.
 
         Raises:
             ValueError: no pictures, no markers in the first usable one, or a setting that does not
@@ -90,13 +93,16 @@ class PictureSource:
             OSError: the source cannot be opened.
         """
         settings = ImageSettings() if settings is None else settings
-        self.path, self.live = path, is_camera(path)
+        self.path, self.live = path, feed is not None or is_camera(path)
         self.name = name or name_recordings([path])[0]
         self.source, self.convention = str(path), CONVENTION
         self.warnings = describe_pictures(path, settings.rate)
         reader = None if state is None else state.reader
-        self._settings, self._skip, self._after = settings, skip, after
-        self._taken = _read(path, settings) if self.live else None
+        self._settings, self._skip = settings, skip
+        self._taken: Iterator[Picture] | None = None
+        if self.live:
+            pictures = _count_on(_read(path, settings), *after)
+            self._taken = pictures if feed is None else feed(pictures)
         self._waiting: list[Picture] = []
         if isinstance(settings.unloaded, Still) and reader is None:
             reader = self._reader_of(settings.unloaded, settings)
@@ -203,9 +209,7 @@ class PictureSource:
         else:
             pictures = islice(_read(self.path, self._settings), self._skip, None)
         self._waiting = []
-        since, first = self._after
-        for one in pictures:
-            picture = one._replace(time=one.time + since, number=one.number + first)
+        for picture in pictures:
             frame = self.reader.frame(self.reader.read(picture))
             yield self._inspector.inspect(frame, self.layout.reference)
 
@@ -242,6 +246,12 @@ def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
         if settings.rig is not None and picture.image is not None and not picture.flaw:
             picture = picture._replace(flaw=find_view_flaw(settings.rig, picture.image))
         yield picture
+
+
+def _count_on(pictures: Iterator[Picture], time: float, number: int) -> Iterator[Picture]:
+    """Pictures that count from a time stamp [s] and a number."""
+    for one in pictures:
+        yield one._replace(time=one.time + time, number=one.number + number)
 
 
 def make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:

@@ -16,7 +16,7 @@ from estimation.__main__ import app
 from estimation.frames.extras import EXTRAS
 from estimation.frames.noise import Noise
 from estimation.output import preview
-from estimation.output.lines import HEADER
+from estimation.output.lines import HEADER, LineWriter
 from estimation.output.record import RecordReader
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.dots.tracking import DotTracker
@@ -276,7 +276,8 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
     known = ImageSettings(Sensor(dark=True, radius=4.3))
     settings = Settings(images=known, noise=Noise.given(0.01, "px"))
     source = open_source(Path("camera:0"), known, "camera")
-    outcome = run_all([Input(source)], tmp_path, settings, Progress(disable=True), print)
+    lines = [LineWriter(print, "tracked")]
+    outcome = run_all([Input(source)], tmp_path, settings, Progress(disable=True), lines)
     assert not outcome.interrupted
     with RecordReader(tmp_path / "record.sqlite") as record:
         assert record.track("tracked").reason[4] == "the camera has gone"

@@ -1,0 +1,1 @@
+"""Sources that are followed while they go on, and the page that shows them."""

@@ -1,0 +1,78 @@
+"""What can be followed live: a camera, or a recording that is played."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from estimation.choices import LiveChoices
+from estimation.frames.names import name_recordings
+from estimation.frames.recording import Frame
+from estimation.frames.source import SOURCE_FACTS, FrameStream, Source
+from estimation.live.feed import Feed
+from estimation.pictures.stream import is_camera
+from estimation.settings import Settings
+from estimation.sources import Input, find_earlier, find_paths, open_source
+from estimation.tracking.stream import AHEAD_LIVE
+from estimation.virtual.recording import simulate_pivot
+
+
+def open_live(
+    name: str,
+    settings: Settings,
+    choices: LiveChoices,
+    say: Callable[[str], None],
+    resume: Path | None = None,
+) -> tuple[Input, Feed]:
+    """Open the one source that is followed, and what its frames or pictures go through.
+
+    Args:
+        name: of a camera or a recording; the virtual pivot where it is empty.
+        settings: of the run.
+        choices: how it is followed.
+        say: told what is assumed about the source, and what happens to it.
+        resume: the folder of a camera's run that is resumed.
+
+    Raises:
+        ValueError: what is there is no source, or several; or a recording is to be resumed.
+        OSError: it cannot be read.
+    """
+    paths = find_paths([name], say, settings.topic) if name else []
+    if len(paths) > 1:
+        names = ", ".join(name_recordings(paths))
+        raise ValueError(f"{name} holds {len(paths)} recordings ({names}): name one of them")
+    recorded = not (paths and is_camera(paths[0]))
+    if recorded and resume is not None:
+        raise ValueError(
+            "--resume goes on with a camera: play the recording again into another folder "
+            "(--out), or run over it with `python -m estimation run`"
+        )
+    title = name_recordings(paths)[0] if paths else "virtual pivot"
+    feed = Feed(title, choices, say, recorded=recorded, keep=AHEAD_LIVE + 1)
+    if not paths:
+        pivot, _ = simulate_pivot(seed=settings.seed)
+        return Input(play(pivot, feed), place="live", notes=feed.notes), feed
+    checkpoint, _ = find_earlier(resume, "", name, settings)
+    source = open_source(paths[0], settings.images, title, checkpoint, feed)
+    for warning in source.warnings:
+        say(f"{title}: {warning}")
+    place = f"{name}, live" if recorded else name
+    given = source if source.live else play(source, feed)
+    return Input(given, None, checkpoint, None, place, feed.notes), feed
+
+
+def play(source: Source, feed: Feed) -> FrameStream:
+    """A source whose frames are passed on as they come.
+
+    Args:
+        source: of the frames; its reference stays.
+        feed: that they go through.
+    """
+    about = {name: getattr(source, name) for name in SOURCE_FACTS}
+    played = FrameStream(source.layout, (), live=True, **about)
+
+    def follow() -> Iterator[Frame]:
+        for frame in feed(iter(source)):
+            played.notes = source.notes
+            yield frame
+
+    played.frames = follow()
+    return played

@@ -1,0 +1,263 @@
+"""Sources that are followed while they go on: what is lost, silent, gone or full is said."""
+
+import csv
+import json
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from rich.progress import Progress
+from typer.testing import CliRunner
+
+from estimation.__main__ import app
+from estimation.choices import LiveChoices
+from estimation.frames.archive import write_archive
+from estimation.frames.noise import Noise
+from estimation.live.command import follow
+from estimation.live.feed import Feed
+from estimation.live.source import open_live
+from estimation.output import report
+from estimation.output.table import TableWriter
+from estimation.pictures.reader import ImageSettings
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.stream import Picture
+from estimation.run import run_all
+from estimation.settings import Settings
+from estimation.sources import open_inputs
+from tests.cases import domed_pad, lift
+from tests.estimation.pictures.test_reading import write_folder
+from tests.test_examples import pictures as turned_pictures
+
+SETTINGS = Settings(noise=Noise.given(1e-3))
+FAST = LiveChoices(fast=True)
+
+
+def items(count, step=0.0, flaw=""):
+    for i in range(count):
+        yield Picture(None, i * step, i, flaw if i == count - 1 else "")
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Reports without figures, which take most of a short run's time."""
+    monkeypatch.setattr(report, "figure_png", lambda figure: plt.close(figure) or b"")
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    path = tmp_path_factory.mktemp("live") / "lift.npz"
+    angles = np.radians(np.linspace(0.0, 6.0, 9))
+    write_archive(lift(angles, unloaded=3, layout=domed_pad((12, 12))), path)
+    return path
+
+
+def test_who_is_slow_misses_the_oldest():
+    read, choices, said = threading.Event(), LiveChoices(queue=3), []
+
+    def source():
+        yield from items(10)
+        read.set()
+
+    feed = Feed("clip", choices, said.append, keep=2)
+    given = feed(source())
+    numbers = [next(given).number]
+    assert read.wait(10.0)
+    numbers += [one.number for one in given]
+    assert numbers[-3:] == [7, 8, 9]
+    assert feed.lost == 10 - len(numbers)
+    assert feed.notes()[0].startswith(f"{feed.lost} frames were lost between source and answer")
+    assert [one.number for one in feed.recent] == [8, 9]
+    assert not said
+
+
+def test_a_recording_played_fast_loses_nothing():
+    feed = Feed("clip", LiveChoices(fast=True, queue=1), print, recorded=True)
+    assert [one.number for one in feed(items(50, 3600.0))] == list(range(50))
+    assert feed.notes() == ()
+
+
+def test_a_recording_keeps_its_pace_but_waits_for_no_clock_that_jumps():
+    stamps = [0.0, 0.05, np.nan, 0.1, 5000.0, 5000.05, 3.0, 3.05]
+    feed = Feed("clip", LiveChoices(), print, recorded=True)
+    began, seen = time.monotonic(), []
+    for _ in feed(iter([Picture(None, one, 0) for one in stamps])):
+        seen.append(time.monotonic() - began)
+    assert len(seen) == len(stamps)
+    for row, least in ((1, 0.05), (3, 0.1), (5, 0.15), (7, 0.2)):
+        assert seen[row] >= least - 0.005
+    assert seen[-1] < 30.0
+
+
+def test_a_silent_source_is_reported_and_waited_for():
+    said, go_on = [], threading.Event()
+
+    def say(line):
+        said.append(line)
+        go_on.set()
+
+    def source():
+        yield from items(1)
+        go_on.wait(30.0)
+        yield from items(1)
+
+    feed = Feed("pad", LiveChoices(silent_s=0.02), say)
+    assert len(list(feed(source()))) == 2
+    assert said[0] == "pad: no frame for 0.02 s; waiting"
+    assert said[1].startswith("pad: there are frames again, after 0.")
+    assert feed.notes()[-1].startswith("The source was silent 1 times")
+
+
+def test_errors_come_through_flaws_at_the_end_are_said_and_nothing_is_left_open():
+    def broken():
+        yield from items(2)
+        raise OSError("camera:0 is on fire")
+
+    given = Feed("camera-0", LiveChoices(), print)(broken())
+    with pytest.raises(OSError, match="on fire"):
+        list(given)
+
+    said = []
+    list(Feed("camera-0", LiveChoices(), said.append)(items(3, flaw="the camera has gone")))
+    assert said == ["camera-0: the camera has gone"]
+
+    released = threading.Event()
+
+    def camera():
+        try:
+            while True:
+                yield from items(1)
+        finally:
+            released.set()
+
+    given = Feed("camera-0", LiveChoices(), print)(camera())
+    next(given)
+    given.close()
+    assert released.wait(10.0)
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def compare(tmp_path, name, settings):
+    """Rows of the same source, followed as fast as it is answered and run over."""
+    run_all(open_inputs([name], settings, print), tmp_path / "run", settings, hidden())
+    follow(name, tmp_path / "live", settings, FAST, print)
+    found, expected = (rows_of(tmp_path / one / "angles.csv") for one in ("live", "run"))
+    assert found == expected
+    return found
+
+
+def hidden():
+    return Progress(disable=True)
+
+
+def test_rows_are_those_of_run_and_on_standard_output(archive, tmp_path, plain, capfd):
+    rows = compare(tmp_path, str(archive), SETTINGS)
+    lines = [line for line in capfd.readouterr().out.splitlines() if not line.startswith("lift")]
+    assert len(lines) == 1 + len(rows)
+    assert [line.split(",")[2] for line in lines[1:]] == [row["state"] for row in rows]
+
+
+def test_rows_of_pictures_are_those_of_run(tmp_path, plain):
+    path = write_folder(tmp_path / "clip", list(turned_pictures()))
+    known = ImageSettings(Sensor(dark=True), rate=30.0)
+    rows = compare(tmp_path, str(path), Settings(noise=Noise.given(0.01, "px"), images=known))
+    assert rows[3]["angle_deg"] != "nan"
+
+
+def test_json_has_standard_output_for_itself_and_ctrl_c_makes_the_report(
+    archive, tmp_path, plain, capfd, monkeypatch
+):
+    put = TableWriter.put
+
+    def put_until(self, answer):
+        put(self, answer)
+        if answer.row == 5:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(TableWriter, "put", put_until)
+    told = replace(SETTINGS, sink=("json",))
+    outcome = follow(str(archive), tmp_path, told, FAST, print)
+    assert not outcome.interrupted
+    assert (tmp_path / "report.html").is_file()
+    lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("{")]
+    assert len(lines) == 5
+    assert json.loads(lines[-1])["frame"] == 4
+
+
+def test_what_was_lost_is_in_the_summary(archive, tmp_path, plain, monkeypatch):
+    monkeypatch.setattr(Feed, "notes", lambda self: ("7 frames were lost.",))
+    outcome = follow(str(archive), tmp_path, SETTINGS, FAST, print)
+    assert outcome.lines[-1] == "7 frames were lost."
+    assert "7 frames were lost." in json.loads((tmp_path / "summary.json").read_text())["notes"]
+
+
+def test_an_unplugged_camera_ends_with_its_report(tmp_path, plain, monkeypatch):
+    shown, released = list(turned_pictures()), []
+
+    class Camera:
+        def __init__(self, device):
+            self.left = [*shown]
+
+        def isOpened(self):
+            return True
+
+        def read(self):
+            return (True, self.left.pop(0)) if self.left else (False, None)
+
+        def release(self):
+            released.append(True)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Camera)
+    said = []
+    known = ImageSettings(Sensor(dark=True))
+    settings = Settings(noise=Noise.given(0.01, "px"), images=known)
+    follow("camera:0", tmp_path, settings, LiveChoices(), said.append)
+    assert said == ["camera-0: the camera has gone"]
+    assert released
+    rows = rows_of(tmp_path / "angles.csv")
+    assert rows[-1]["reason"] == "the camera has gone"
+    assert len(rows) == len(shown) + 1
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_a_full_disc_is_said_with_the_file(archive, tmp_path, monkeypatch):
+    begin = TableWriter.__init__
+    with Path("/dev/full").open("w") as full:
+
+        def begin_on_full_disc(self, *told):
+            begin(self, *told)
+            self._file.close()
+            self._file = full
+
+        monkeypatch.setattr(TableWriter, "__init__", begin_on_full_disc)
+        with pytest.raises(OSError, match=r"angles\.csv cannot be written to \(No space") as told:
+            follow(str(archive), tmp_path, SETTINGS, FAST, print)
+    assert "`python -m estimation report`" in str(told.value)
+
+
+def test_what_cannot_be_followed_is_refused(archive, tmp_path):
+    def opened(name, resume=None, **settings):
+        open_live(name, replace(SETTINGS, **settings), FAST, print, resume)
+
+    with pytest.raises(ValueError, match="--resume goes on with a camera"):
+        opened(str(archive), tmp_path)
+    write_archive(lift(np.zeros(3)), archive.with_name("other.npz"))
+    with pytest.raises(ValueError, match=r"holds 2 recordings \(lift, other\): name one"):
+        opened(str(archive.parent))
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        opened(str(tmp_path / "nothing"))
+    with pytest.raises(OSError, match="camera:99 cannot be opened"):
+        opened("camera:99")
+    with pytest.raises(ValueError, match="takes 1 or more"):
+        LiveChoices(queue=0)
+    refused = CliRunner().invoke(app, ["run", "camera:0", "--out", str(tmp_path / "out")])
+    assert "follow it with `python -m estimation live camera:0`" in str(refused.exception)
+    assert not Path(tmp_path / "out").exists()
