@@ -14,6 +14,7 @@ def test_a_fitted_k_mends_grasps_of_another_size():
     assert len(virtual.tables([case])[""]) == 1
 
 
+@pytest.mark.slow  # tests/calibration/test_layered_fit.py has its parts
 def test_a_thin_elastomer_is_corrected_by_its_field_and_not_by_a_number():
     """k = 0.5, 2 mm, sphere, 1 µm: fitted on two grasps, tested on a smaller and a larger one."""
     (cell,) = layered.compute(quick=True)
