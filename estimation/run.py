@@ -12,6 +12,7 @@ import numpy as np
 from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
+from estimation.output.answer import describe_run
 from estimation.output.found import Run, find_in_record
 from estimation.output.missing import describe_answers
 from estimation.output.overview import write_overview
@@ -21,6 +22,7 @@ from estimation.output.report import FIRM_MARKERS, summarise, write_run
 from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
 from estimation.output.sinks import check_sinks, finish_files, growing_files, open_sinks
 from estimation.output.table import TableWriter
+from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
 from estimation.sources import UNFINISHED, Input, identity_of, name_folders
@@ -205,7 +207,8 @@ class _Job:
 
     def _open_record(self, rows: int) -> RecordWriter:
         settings, source = self.settings, self.input.source
-        writer = RecordWriter(self.record, tuple(settings.methods), settings.preview)
+        pictures = source if isinstance(source, PictureSource) else None
+        writer = RecordWriter(self.record, tuple(settings.methods), settings.preview, pictures)
         writer.cut(rows)
         truth = self.input.truth
         writer.tell(
@@ -376,9 +379,8 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
 
 def _tell(run: Run, summary: dict[str, Any], folder: Path) -> list[str]:
     """Lines for the terminal."""
-    outcome = run.outcome.describe(run.main.time[0])
-    answers = describe_answers(run.main)
-    lines = [f"{run.name}: {outcome}; {answers}; see {folder / 'report.html'}"]
+    answers = f"{describe_run(run)}; {describe_answers(run.main)}"
+    lines = [f"{run.name}: {answers}; see {folder / 'report.html'}"]
     if not run.main.answered.any():
         lines += [f"  {note}" for note in run.notes]
     if run.truth is not None:

@@ -65,9 +65,6 @@ def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
     source = Path(run.source)
     if is_camera(source):
         raise ValueError("a camera's pictures are not kept: there is no preview of them")
-    rig = images.rig
-    if run.reference.shape[1] == 3 and rig is None:
-        raise ValueError("positions in space are drawn only with the views' calibration (--stereo)")
     gel = np.degrees(follow_gel(run.main))
     ticks = to_ticks(run.main.time)
 
@@ -75,8 +72,7 @@ def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
         for markers, picture in zip(run.markers(), read_pictures(source), strict=False):
             if picture.image is None:
                 continue
-            there = markers.positions
-            spots = images.sensor.to_pixels(there)[None] if rig is None else rig.locate(there)
+            spots = images.locate(markers.positions)
             shown, turned = images.part.darken(picture.image), float(gel[markers.row])
             yield int(ticks[markers.row]), annotate(shown, run, markers, spots, turned)
 

@@ -1,7 +1,8 @@
 """The record of a run: a database that grows with every frame, whole at any time.
 
 `record.sqlite` has a row for each frame in `frames`, with every quantity that a `Record` declares
-by method (`tracked.angle`, …; rad, mm, s); the markers of some frames in `markers`; what the run is
+by method (`tracked.angle`, …; rad, mm, s); the markers of some frames in `markers`, with small
+copies of their pictures; what the run is
 about in `about`, as JSON; and in `checkpoint` what is needed to go on. The tables, the summary and
 the report of a run are made from it.
 """
@@ -27,6 +28,7 @@ from estimation.estimators.result import (
     Track,
     Whole,
 )
+from estimation.pictures.reading import PictureSource
 from estimation.slip.alert import GripPath, Level
 from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin
@@ -35,7 +37,7 @@ from estimation.slip.shear import ShearPath
 from estimation.tracking.stream import Answer
 
 NAME = "record.sqlite"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 PATIENCE_S = 60.0
 """Longest time that the end of a run waits for a report that reads its record [s]."""
 MOST_KEPT = 256
@@ -64,6 +66,8 @@ class KeptMarkers(NamedTuple):
         valid: which can be used.
         stick: which stick.
         contact: which are of the contact region.
+        picture: a small copy of the frame's picture, a JPEG; None where none is kept.
+        spots: where the markers are in it, in each of its views [px].
     """
 
     row: int
@@ -72,24 +76,34 @@ class KeptMarkers(NamedTuple):
     valid: Bool[np.ndarray, " n"]
     stick: Bool[np.ndarray, " n"]
     contact: Bool[np.ndarray, " n"]
+    picture: bytes | None = None
+    spots: Float[np.ndarray, "views n 2"] | None = None
 
 
 class RecordWriter:
     """The sink that keeps what is found of each frame."""
 
-    def __init__(self, path: Path, methods: tuple[str, ...], every_marker: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        methods: tuple[str, ...],
+        every_marker: bool = False,
+        pictures: PictureSource | None = None,
+    ) -> None:
         """Open it, or make it.
 
         Args:
             path: of the database.
             methods: whose answers are kept, the chosen one first.
             every_marker: keep the markers of every frame.
+            pictures: that the frames come from; small copies of some are kept with their markers.
 
         Raises:
             OSError: it cannot be written.
             ValueError: it is no record of ours.
         """
         self._path, self._methods, self._every = path, methods, every_marker
+        self._pictures = pictures
         self._stride, self._written = 1, -np.inf
         columns = {"row": "INTEGER PRIMARY KEY"} | _columns(methods) | _OTHERS
         with _telling(path):
@@ -99,7 +113,7 @@ class RecordWriter:
             run("PRAGMA synchronous=NORMAL")
             named = ", ".join(f'"{name}" {kind}' for name, kind in columns.items())
             run(f"CREATE TABLE IF NOT EXISTS frames ({named})")
-            blobs = ", ".join(f"{name} BLOB" for name in _MARKERS)
+            blobs = ", ".join(f"{name} BLOB" for name in (*_MARKERS, "picture", "spots"))
             run(f"CREATE TABLE IF NOT EXISTS markers (row INTEGER PRIMARY KEY, {blobs})")
             run("CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, content TEXT)")
             run("CREATE TABLE IF NOT EXISTS checkpoint (row INTEGER, state BLOB)")
@@ -187,8 +201,13 @@ class RecordWriter:
             np.ascontiguousarray(values, dtype=kind).tobytes()
             for values, kind in zip(kept, _MARKERS.values(), strict=True)
         ]
-        marks = ", ".join("?" * (1 + len(blobs)))
-        self._database.execute(f"INSERT INTO markers VALUES ({marks})", [answer.row, *blobs])
+        picture = spots = None
+        if self._pictures is not None:
+            picture, spots = self._pictures.find_copy(frame)
+        spots = None if spots is None else spots.astype("f4").tobytes()
+        values = [answer.row, *blobs, picture, spots]
+        marks = ", ".join("?" * len(values))
+        self._database.execute(f"INSERT INTO markers VALUES ({marks})", values)
         if not self._every and answer.row // self._stride >= MOST_KEPT:
             self._stride *= 2
             self._database.execute("DELETE FROM markers WHERE row % ?", (self._stride,))
@@ -274,13 +293,17 @@ class RecordReader:
         """The markers of the frames that they are kept of."""
         with _telling(self.path):
             cursor = self._database.execute("SELECT * FROM markers ORDER BY row")
-            for row, *blobs in cursor:
+            for row, *blobs, picture, spots in cursor:
                 arrays = [
                     np.frombuffer(blob, dtype=kind)
                     for blob, kind in zip(blobs, _MARKERS.values(), strict=True)
                 ]
-                positions = arrays[0].reshape(len(arrays[1]), -1)
-                yield KeptMarkers(row, positions, *arrays[1:])
+                positions, turned, valid, stick, contact = arrays
+                count = len(turned)
+                if spots is not None:
+                    spots = np.frombuffer(spots, dtype="f4").reshape(-1, count, 2)
+                positions = positions.reshape(count, -1)
+                yield KeptMarkers(row, positions, turned, valid, stick, contact, picture, spots)
 
     def checkpoint(self) -> tuple[int, bytes]:
         """Rows that were done, and the state after them; none and nothing if there is none."""

@@ -17,15 +17,19 @@ from matplotlib.figure import Figure
 
 from estimation.estimators.result import State, Track
 from estimation.frames.files import write_whole
+from estimation.output.answer import describe_run
+from estimation.output.explain import explain_settings
 from estimation.output.found import Known, Run
 from estimation.output.load_plots import plot_friction, plot_moment
 from estimation.output.missing import count_missing
+from estimation.output.player import describe_play
 from estimation.output.plots import (
     choose_frames,
     plot_angles,
     plot_markers,
     points_down,
 )
+from estimation.output.scene import page_colours
 from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
 from estimation.slip.alert import Level
 from estimation.slip.branch import Branch
@@ -33,6 +37,20 @@ from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.onset import MacroSlip
 
 FIRM_MARKERS = 10
+FIGURES = (
+    ("frames with an angle", "answered", 0),
+    ("smallest angle [°]", "angle_min_deg", 2),
+    ("largest angle [°]", "angle_max_deg", 2),
+    ("median half-width [°]", "half_width_median_deg", 4),
+    ("largest slip [°]", "slip_largest_deg", 2),
+    ("slip at the end [°]", "slip_last_deg", 2),
+)
+"""Of a method in the report: what it is, its name in the summary, and its digits."""
+TRUTH_FIGURES = (
+    ("mean absolute error [°]", "mean_absolute_error_deg", 4),
+    (f"the same, {FIRM_MARKERS} or more markers stuck", "mean_absolute_error_firm_deg", 4),
+    ("share of intervals that hold the truth, so many stuck", "interval_holds_truth_firm", 3),
+)
 
 
 def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
@@ -58,18 +76,12 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     write_tables(folder / "angles_all.csv", run.results.values(), run.imprint)
     summary = summarise(run)
     write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
-    references = {}
-    if np.isfinite(run.outline).any():
-        references[f"{run.turns} (from the first angle)"] = _outline_from(run.outline, main)
-        references["gel that has followed furthest"] = follow_gel(main)
-    if run.truth is not None:
-        references["truth"] = run.truth.angle
+    references = find_references(run)
     shown = choose_frames(main, run.markers, len(run.reference))
+    down = points_down(run.convention)
     pictures = {
         "angles.png": plot_angles(run.results, run.method, references),
-        "maps.png": plot_markers(
-            run.reference, run.unit, main, shown, down=points_down(run.convention)
-        ),
+        "maps.png": plot_markers(run.reference, run.unit, main, shown, down=down),
     }
     if np.isfinite(main.moment).any():
         pictures["moment.png"] = plot_moment({run.name: (main, run.margin.last)})
@@ -78,9 +90,47 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     images = {name: figure_png(figure) for name, figure in pictures.items()}
     for name, image in images.items():
         write_whole(folder / name, image)
-    page = render_page("report.html", images, run=run, summary=summary)
-    write_whole(folder / "report.html", page)
+    write_whole(folder / "report.html", render_report(run, summary, images))
     return summary
+
+
+def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """The page of a run.
+
+    Args:
+        run: over a recording.
+        summary: the content of `summary.json`.
+        images: its pictures by the names of their files.
+    """
+    references, down = find_references(run), points_down(run.convention)
+    lie = "x is to the right, y up, seen from the object."
+    if down:
+        lie = "x is to the right and y down, as in the pictures."
+    return render_page(
+        "report.html",
+        images,
+        run=run,
+        summary=summary,
+        answer=describe_run(run),
+        outlined=bool(np.isfinite(run.outline).any()),
+        down=down,
+        lie=lie,
+        colours=page_colours(),
+        figures=FIGURES + (TRUTH_FIGURES if run.truth is not None else ()),
+        settings=explain_settings(run.settings, run.method),
+        play=describe_play(run, references),
+    )
+
+
+def find_references(run: Run) -> dict[str, Float[np.ndarray, " frames"]]:
+    """Other angles to draw beside those of the methods, by label [rad]."""
+    main, references = run.main, {}
+    if np.isfinite(run.outline).any():
+        references[run.turns] = _outline_from(run.outline, main)
+        references["gel"] = follow_gel(main)
+    if run.truth is not None:
+        references["truth"] = run.truth.angle
+    return references
 
 
 def describe_branch(branch: Branch | None) -> dict[str, Any] | None:

@@ -5,7 +5,7 @@ does. Colours are those of Okabe and Ito, which colour-blind readers can tell ap
 slip are crosses, too.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -109,7 +109,7 @@ def show_markers(
     }
 
 
-def show_numbers(values: Sequence[float], digits: int = 3) -> list[float | None]:
+def show_numbers(values: Iterable[float], digits: int = 3) -> list[float | None]:
     """Numbers as JSON knows them: rounded, and nothing where there is none.
 
     Args:

@@ -60,6 +60,23 @@ class ImageSettings:
         """The sensor as the part of the pictures shows it."""
         return self.sensor.of_part(self.part)
 
+    def locate(self, positions: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "views n 2"]:
+        """Where markers are in the whole picture, in each view of it [px].
+
+        Args:
+            positions: of the markers.
+
+        Raises:
+            ValueError: positions in space, and no calibration of the views.
+        """
+        if self.rig is not None:
+            return self.rig.locate(positions)
+        if positions.shape[1] == 3:
+            raise ValueError(
+                "positions in space are drawn only with the views' calibration (--stereo)"
+            )
+        return self.sensor.to_pixels(positions)[None]
+
     def content(self) -> dict[str, Any]:
         """What is told of reference and part, for a summary."""
         part, unloaded = self.part, self.unloaded

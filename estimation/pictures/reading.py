@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from contactmodel.common.inputs import naming
@@ -20,7 +21,7 @@ from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.speckle.reader import SpeckleReader
 from estimation.pictures.stereo import StereoReader, find_view_flaw
-from estimation.pictures.still import Still
+from estimation.pictures.still import Album, Still
 from estimation.pictures.stream import (
     Picture,
     count_pictures,
@@ -99,6 +100,7 @@ class PictureSource:
         self.warnings = describe_pictures(path, settings.rate)
         reader = None if state is None else state.reader
         self._settings, self._skip = settings, skip
+        self._album = Album()
         self._taken: Iterator[Picture] | None = None
         if self.live:
             pictures = _count_on(_read(path, settings), *after)
@@ -198,6 +200,19 @@ class PictureSource:
         """
         return self.reader.judge_again(frames)
 
+    def find_copy(
+        self, frame: Frame
+    ) -> tuple[bytes, Float[np.ndarray, "views n 2"]] | tuple[None, None]:
+        """A small copy of a frame's picture, a JPEG, and where its markers are in it [px].
+
+        Copies are kept of 256 frames at most, evenly spread over those that were read.
+        """
+        copy = self._album.find(frame.source_index)
+        if copy is None:
+            return None, None
+        spots = self._settings.locate(frame.positions) - self._settings.part.origin
+        return copy.jpeg, copy.scale * (spots + 0.5) - 0.5
+
     def __len__(self) -> int:
         """How many pictures there are, as far as is known before they are read; 0 for a camera."""
         return self._count
@@ -209,7 +224,9 @@ class PictureSource:
         else:
             pictures = islice(_read(self.path, self._settings), self._skip, None)
         self._waiting = []
-        for picture in pictures:
+        for row, picture in enumerate(pictures, self._skip):
+            if picture.image is not None:
+                self._album.take(row, picture.number, picture.image)
             frame = self.reader.frame(self.reader.read(picture))
             yield self._inspector.inspect(frame, self.layout.reference)
 

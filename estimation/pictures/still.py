@@ -1,10 +1,10 @@
-"""One picture: from a file, of a folder or by itself, or from a message of a bag."""
+"""One picture: from a file, of a folder or by itself, or from a message of a bag; small copies."""
 
 import hashlib
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -144,3 +144,61 @@ def check_size(width: int, height: int, what: Path) -> None:
         )
     if width * height == 0:
         raise ValueError(f"{what} declares no size: it is damaged")
+
+
+class Copy(NamedTuple):
+    """A small copy of a picture.
+
+    Attributes:
+        jpeg: its content.
+        scale: its pixels per pixel of the picture.
+    """
+
+    jpeg: bytes
+    scale: float
+
+
+class Album:
+    """Small copies of the pictures of a source, evenly spread over those that were taken."""
+
+    def __init__(self, most: int = 256, width: int = 320) -> None:
+        """Make it empty.
+
+        Args:
+            most: copies that are kept.
+            width: of a copy [px].
+        """
+        self._most, self._width, self._stride = most, width, 1
+        self._copies: dict[int, tuple[int, Copy]] = {}
+
+    def take(self, row: int, number: int, image: Shaped[np.ndarray, "h w *colour"]) -> None:
+        """Keep a copy of a picture, if its turn has come.
+
+        Args:
+            row: of its frame.
+            number: of the picture.
+            image: grey or BGR, 8 or 16 bit.
+        """
+        if row % self._stride:
+            return
+        self._copies[number] = row, _shrink(image, self._width)
+        if row // self._stride >= self._most:
+            self._stride *= 2
+            copies = self._copies.items()
+            self._copies = {number: one for number, one in copies if not one[0] % self._stride}
+
+    def find(self, number: int) -> Copy | None:
+        """The copy of a picture; None where none is kept."""
+        return self._copies[number][1] if number in self._copies else None
+
+
+def _shrink(image: Shaped[np.ndarray, "h w *colour"], width: int) -> Copy:
+    quality = 70
+    scale = min(width / image.shape[1], 1.0)
+    if scale < 1.0:
+        size = (width, max(round(scale * image.shape[0]), 1))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    if image.dtype == np.uint16:
+        image = (image // 257).astype(np.uint8)
+    _, jpeg = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    return Copy(jpeg.tobytes(), scale)

@@ -141,15 +141,6 @@ class Outcome(NamedTuple):
     probability: float
     onset: float
 
-    def describe(self, start: float) -> str:
-        """A few words, times since a start [s]."""
-        word = self.word
-        if word == "slipped":
-            word = f"slipped, first seen at {self.onset - start:.2f} s"
-        if np.isfinite(self.probability):
-            return f"{word} (probability of a slip {self.probability:.2f})"
-        return f"{word}, by the markers alone"
-
 
 class ShearWatch:
     """Follows the gel's shear from frame to frame."""

@@ -11,6 +11,7 @@ from rich.progress import Progress
 from estimation.estimators import METHODS
 from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
+from estimation.output.explain import explain_settings
 from estimation.output.table import GRIP_COLUMNS, MARGIN_COLUMNS
 from estimation.run import UNFINISHED, Input, run_all
 from estimation.settings import Settings
@@ -109,6 +110,8 @@ def test_summary_says_what_was_done(tmp_path, progress):
     assert summary["settings"]["threshold"] == 0.3
     assert summary["settings"]["noise_in_plane_um"] == 2.0
     assert summary["settings"]["noise_from"] == "given"
+    explained = explain_settings(summary["settings"], "paper")
+    assert all(one.meaning for one in explained), explained
     assert re.fullmatch(r"[0-9a-f]{64}", summary["sha256"])
     assert sum(summary["methods"]["rigid"]["states"].values()) == len(recording)
     assert any("unloaded reference shape" in note for note in summary["notes"])
@@ -139,8 +142,9 @@ def test_the_report_needs_nothing_else(tmp_path, progress):
     sources = re.findall(r"(?:src|href)\s*=\s*\"([^\"]*)\"", page)
     assert len(sources) == 3
     assert all(source.startswith("data:image/png;base64,") for source in sources)
-    assert "<script" not in page
     assert "http" not in re.sub(r"base64,[^\"]*", "", page)
+    without_scripts = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert without_scripts.count("<img") == 3
 
 
 def test_names_from_outside_are_escaped(tmp_path, progress):

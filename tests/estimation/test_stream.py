@@ -17,7 +17,7 @@ from estimation.frames.source import FrameStream
 from estimation.frames.state import load_state, save_state
 from estimation.output import report
 from estimation.output.lines import HEADER, LineWriter
-from estimation.output.record import MOST_KEPT, RecordReader, RecordWriter
+from estimation.output.record import FORMAT_VERSION, MOST_KEPT, RecordReader, RecordWriter
 from estimation.output.table import TableWriter
 from estimation.run import report_all, run_all
 from estimation.settings import Settings
@@ -242,7 +242,7 @@ def test_the_noise_of_what_is_live_is_told_sooner(recording):
 
 def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
     writer = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
-    writer.tell(format_version=1)
+    writer.tell(format_version=FORMAT_VERSION)
     writer.commit()
     with RecordReader(tmp_path / "record.sqlite") as record:
         monkeypatch.setattr("estimation.output.record.PATIENCE_S", 0.0)
@@ -253,7 +253,7 @@ def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
 def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
     path = tmp_path / "record.sqlite"
     writer = RecordWriter(path, ("tracked", "rigid"))
-    writer.tell(format_version=1)
+    writer.tell(format_version=FORMAT_VERSION)
     answers = list(Stream(streamed(recording), SETTINGS).answers())
     for row in range(2 * MOST_KEPT):
         writer.put(answers[row % len(answers)]._replace(row=row))

@@ -2,7 +2,9 @@
 //
 // A scene has `size` [width, height], `spots` [x, y, x, y, ...] in its pixels, y down, and `kinds`, a
 // letter for each spot: "o" sticks, "x" slips, "." is elsewhere. A curve has arrays of one length:
-// `time` [s], `angle`, `low`, `high` [degrees, null where unknown] and `state` (words).
+// `time` [s], `angle`, `low`, `high` [degrees, null where unknown; the last two may be left out] and
+// `state` (words). It may have a `name`, and `lines` beside it: `name`, `values`, `colour`, `dash`, and `fit`, whether
+// the axis holds them.
 // `colours` is `page_colours()` of estimation/output/scene.py.
 
 // A canvas's context in CSS pixels, cleared, and its width and height.
@@ -59,11 +61,13 @@ function spacing(scene) {
   return Math.sqrt(scene.size[0] * scene.size[1] / count);
 }
 
-// Draws an angle with its interval over time, the state as background.
-// `options`: `span` [from, to] in seconds, `cursor` a time that is marked, `label` of the axis.
+// Draws an angle, or any number, with its interval over time, the state as background.
+// `options`: `span` [from, to] in seconds, `cursor` a time that is marked, `label` of the axis, `foot`
+// false for no times below.
 function drawCurve(canvas, curve, colours, options = {}) {
   const [context, width, height] = clearCanvas(canvas);
-  const box = {left: 56, top: 8, right: width - 10, bottom: height - 34}, count = curve.time.length;
+  const foot = options.foot === false ? 6 : 34, count = curve.time.length;
+  const box = {left: 56, top: 8, right: width - 10, bottom: height - foot};
   if (!count || box.right <= box.left || box.bottom <= box.top) return null;
   const [from, to] = options.span || [curve.time[0], curve.time[count - 1]];
   const [low, high] = findRange(curve, from, to);
@@ -81,19 +85,34 @@ function drawCurve(canvas, curve, colours, options = {}) {
     context.fillRect(acrossTo(curve.time[i]), box.top, acrossTo(end) - acrossTo(curve.time[i]) + 0.5, box.bottom - box.top);
     i = next - 1;
   }
-  for (const [start, stop] of findRuns(curve.angle)) {
+  const at = (values, i) => [acrossTo(curve.time[i]), upTo(values[i] ?? curve.angle[i])];
+  const stroke = (values) => {
+    for (const [start, stop] of findRuns(values)) {
+      context.beginPath();
+      for (let i = start; i < stop; i++) context.lineTo(...at(values, i));
+      if (stop - start === 1) context.arc(...at(values, start), 1, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  };
+  for (const line of curve.lines || []) {
+    context.strokeStyle = line.colour;
+    context.lineWidth = 1.2;
+    context.setLineDash(line.dash || []);
+    stroke(line.values);
+  }
+  context.setLineDash([]);
+  for (const [start, stop] of curve.low ? findRuns(curve.angle) : []) {
     context.fillStyle = "rgba(8, 48, 107, 0.3)";
     context.beginPath();
-    for (let i = start; i < stop; i++) context.lineTo(acrossTo(curve.time[i]), upTo(curve.high[i] ?? curve.angle[i]));
-    for (let i = stop - 1; i >= start; i--) context.lineTo(acrossTo(curve.time[i]), upTo(curve.low[i] ?? curve.angle[i]));
+    for (let i = start; i < stop; i++) context.lineTo(...at(curve.high, i));
+    for (let i = stop - 1; i >= start; i--) context.lineTo(...at(curve.low, i));
     context.fill();
-    context.strokeStyle = "#08306b";
-    context.lineWidth = 1.8;
-    context.beginPath();
-    for (let i = start; i < stop; i++) context.lineTo(acrossTo(curve.time[i]), upTo(curve.angle[i]));
-    if (stop - start === 1) context.arc(acrossTo(curve.time[start]), upTo(curve.angle[start]), 1, 0, 2 * Math.PI);
-    context.stroke();
   }
+  context.strokeStyle = "#08306b";
+  context.lineWidth = 1.8;
+  stroke(curve.angle);
+  drawNames(context, [...(curve.name ? [{name: curve.name, colour: "#08306b"}] : []), ...(curve.lines || [])],
+            box.left + 8, box.top + 4);
   if (options.cursor !== undefined) {
     context.strokeStyle = "#000";
     context.lineWidth = 1;
@@ -102,8 +121,22 @@ function drawCurve(canvas, curve, colours, options = {}) {
     context.stroke();
   }
   context.restore();
-  drawAxes(context, box, [from, to], [low, high], options.label || "angle [°]");
+  drawAxes(context, box, options.foot === false ? null : [from, to], [low, high], options.label || "angle [°]");
   return {timeAt: (x) => from + (to - from) * (x - box.left) / (box.right - box.left)};
+}
+
+// The names of lines in their colours, beside one another.
+function drawNames(context, lines, left, top) {
+  context.font = "12px system-ui, sans-serif";
+  context.textAlign = "left"; context.textBaseline = "top";
+  for (const line of lines) {
+    context.strokeStyle = "rgba(255, 255, 255, 0.8)";
+    context.lineWidth = 3;
+    context.strokeText(line.name, left, top);
+    context.fillStyle = line.colour;
+    context.fillText(line.name, left, top);
+    left += context.measureText(line.name).width + 14;
+  }
 }
 
 // The range of angles in a span of time, in which the interval may be cut off.
@@ -112,7 +145,14 @@ function findRange(curve, from, to) {
   for (let i = 0; i < curve.time.length; i++) {
     if (curve.angle[i] === null || curve.time[i] < from || curve.time[i] > to) continue;
     low = Math.min(low, curve.angle[i]); high = Math.max(high, curve.angle[i]);
-    lowest = Math.min(lowest, curve.low[i] ?? low); highest = Math.max(highest, curve.high[i] ?? high);
+    lowest = Math.min(lowest, curve.low?.[i] ?? low); highest = Math.max(highest, curve.high?.[i] ?? high);
+  }
+  for (const line of curve.lines || []) {
+    for (const value of line.fit ? line.values : []) {
+      if (value === null) continue;
+      low = Math.min(low, value); high = Math.max(high, value);
+      lowest = Math.min(lowest, value); highest = Math.max(highest, value);
+    }
   }
   if (low > high) return [-1, 1];
   const room = Math.max(1, high - low);
@@ -146,12 +186,12 @@ function drawAxes(context, box, times, values, label) {
     context.fillRect(box.left - 3, y, 3, 1);
   }
   context.textAlign = "center"; context.textBaseline = "top";
-  for (const [time, text] of chooseTicks(times, (box.right - box.left) / 80)) {
+  for (const [time, text] of times ? chooseTicks(times, (box.right - box.left) / 80) : []) {
     const x = box.left + (box.right - box.left) * (time - times[0]) / Math.max(times[1] - times[0], 1e-9);
     context.fillText(text, x, box.bottom + 5);
     context.fillRect(x, box.bottom, 1, 3);
   }
-  context.fillText("time [s]", (box.left + box.right) / 2, box.bottom + 19);
+  if (times) context.fillText("time [s]", (box.left + box.right) / 2, box.bottom + 19);
   context.save();
   context.translate(12, (box.top + box.bottom) / 2);
   context.rotate(-Math.PI / 2);

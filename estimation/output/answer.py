@@ -1,0 +1,141 @@
+"""The answer of a run in words: how far the object turned, and whether it was held."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.estimators.result import RESTS_OR_SLIDES, State
+from estimation.output.found import Run
+from estimation.output.missing import count_missing
+
+Angles = Float[np.ndarray, " frames"]
+
+
+def describe_run(run: Run) -> str:
+    """How far the object turned and whether it was held, in a sentence."""
+    return f"{_describe_turns_of(run)}; {describe_outcome(run)}"
+
+
+def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> str:
+    """Where the object turned to and back, each turning point with its 95 % interval.
+
+    Motions are turns if they are beyond a fifth of the whole range and three half-widths.
+
+    Args:
+        angle: of the object [rad]; NaN where unknown.
+        low: lower end of its 95 % interval [rad].
+        high: upper end [rad].
+        most: turning points that are named; of more only the ends of the path are.
+    """
+    known = np.flatnonzero(np.isfinite(angle))
+    if not len(known):
+        return "no angle"
+    angles, lows, highs = (np.degrees(values[known]) for values in (angle, low, high))
+    half_width = float(np.nanmedian(highs - lows)) / 2.0 if np.isfinite(lows).any() else 0.0
+    least = 0.2  # of what is called a turn [deg]
+    turns = find_turns(angles, max(0.2 * float(np.ptp(angles)), 3.0 * half_width, least))
+
+    def show(row: int) -> str:
+        return show_angle(angles[row], lows[row], highs[row])
+
+    if not any(lows[row] > 0.0 or highs[row] < 0.0 or np.isnan(lows[row]) for row in turns):
+        return f"no clear turn (at most {show(int(np.abs(angles).argmax()))})"
+    if len(turns) > most:
+        ends = (int(angles.argmin()), int(angles.argmax()))
+        swings = f"turned to and fro {len(turns) - 1} times, from {show(ends[0])}"
+        return f"{swings} to {show(ends[1])}; last {show(len(angles) - 1)}"
+    first, *others = map(show, turns)
+    back = [f"{'then' if number else 'back'} to {one}" for number, one in enumerate(others)]
+    return ", ".join([f"turned to {first}", *back])
+
+
+def find_turns(values: Sequence[float] | np.ndarray, least: float) -> list[int]:
+    """Rows of the turning points of a path, its end among them; none if it goes nowhere.
+
+    Args:
+        values: of the path; all known.
+        least: by which it must come back from a turning point.
+    """
+    turns: list[int] = []
+    start = low = high = extreme = 0
+    sign = 0.0
+    for row, value in enumerate(values):
+        if not sign:
+            low, high = (
+                min(low, row, key=values.__getitem__),
+                max(high, row, key=values.__getitem__),
+            )
+            if values[high] - values[low] > least:
+                start, extreme = sorted((low, high))
+                sign = float(np.sign(values[extreme] - values[start]))
+        elif sign * (value - values[extreme]) > 0.0:
+            extreme = row
+        elif sign * (values[extreme] - value) > least:
+            turns.append(extreme)
+            extreme, sign = row, -sign
+    return [*turns, extreme] if sign else []
+
+
+def show_angle(angle: float, low: float, high: float) -> str:
+    """An angle with its 95 % interval, to the digit that this leaves [deg]."""
+    below, above = angle - low, high - angle
+    if not np.isfinite(below + above):
+        return f"{_signed(angle, 1)}°"
+    half = max(below, above)
+    digits = int(np.clip(np.ceil(-np.log10(max(half, 1e-9)) - 1e-6), 1, 3))
+    if half > 1.5 * min(below, above) + 10.0**-digits:
+        return f"{_signed(angle, digits)}° ({_signed(low, digits)}° to {_signed(high, digits)}°)"
+    return f"{_signed(angle, digits)}° ± {half:.{digits}f}°"
+
+
+def describe_outcome(run: Run) -> str:
+    """Whether the object was held, or when it slipped, in a few words."""
+    outcome, start = run.outcome, run.main.time[0]
+    if outcome.word == "unknown":
+        return _describe_unknown(run)
+    likely = ""
+    if np.isfinite(outcome.probability):
+        likely = f" (probability of a slip {outcome.probability:.2f})"
+    if outcome.word == "held":
+        return f"held to the end{likely}"
+    dated = [slip for slip in run.slips if slip.certain and slip.onset <= outcome.onset]
+    if np.isnan(outcome.probability) and dated:
+        # the one that was going on when macro slip was first seen
+        slip = dated[-1]
+        words = f"slipped at {slip.onset - start:.2f} s"
+        return words + (f", held again from {slip.regained - start:.2f} s" if slip.ended else "")
+    first = "" if likely else ", first seen"
+    return f"slipped{first} at {outcome.onset - start:.2f} s{likely}"
+
+
+def _describe_turns_of(run: Run) -> str:
+    """The turns of the chosen method's angle, in each stretch that is counted from its own zero."""
+    track = run.main
+    if not track.answered.any():
+        missing = ", ".join(f"{n} frames {why}" for why, n in count_missing(track).items())
+        return f"No angle in any of {len(track.time)} frames ({missing})"
+    words = []
+    for anew in np.unique(track.anew[track.answered]):
+        rows = track.anew == anew
+        turns = describe_turns(track.angle[rows], track.low[rows], track.high[rows])
+        since = track.since[rows & track.answered][0] - track.time[0]
+        words.append(f"counted anew from {since:.2f} s: {turns}" if words else turns)
+    text = "; ".join(words[:3]) + ("; …" if len(words) > 3 else "")
+    return text[0].upper() + text[1:]
+
+
+def _describe_unknown(run: Run) -> str:
+    """Why it is unknown whether the object was held."""
+    track = run.main
+    if RESTS_OR_SLIDES in track.reason:
+        return "held or slipped is unknown: it may have slid over gel at rest"
+    if all(state in (State.NO_CONTACT, State.UNKNOWN) for state in track.state):
+        return "nothing touched" if State.NO_CONTACT in track.state else "no frame could be used"
+    return "held or slipped is unknown"
+
+
+def _signed(value: float, digits: int) -> str:
+    """A number with its sign, and a minus that is as wide as a plus; 0 has none."""
+    text = f"{value:+.{digits}f}"
+    return text.lstrip("+-") if not float(text) else text.replace("-", "−")

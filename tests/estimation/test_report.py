@@ -1,0 +1,283 @@
+"""The report: its answer in words, what it plays, and that it needs nothing and lets nothing in."""
+
+import json
+import re
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
+from estimation.output.answer import describe_run, describe_turns, find_turns
+from estimation.output.explain import explain_settings
+from estimation.output.found import Run
+from estimation.output.record import KeptMarkers
+from estimation.output.report import render_report, summarise
+from estimation.pictures.still import Album
+from estimation.slip.alert import GripPath, Level
+from estimation.slip.onset import MacroSlip
+from estimation.slip.shear import Shear, ShearPath
+from estimation.tracking.tracker import estimate_angles
+from tests.browser import Browser
+from tests.cases import lift
+
+NAME = "</script><script>alert(1)</script><b>&"
+
+
+@pytest.fixture(scope="module")
+def answered():
+    recording = lift(np.radians(np.linspace(0.0, 10.0, 4)))
+    return recording, estimate_angles(recording)
+
+
+def make_run(answered, angles, half=0.1, states=State.STICK, slipped=np.nan, **others):
+    """A run of frames 0.1 s apart, with these angles of the object [deg]."""
+    _, result = answered
+    count, angle = len(angles), np.radians(np.asarray(angles, dtype=float))
+    last = {name: getattr(result, name)[-1:] for name in Track.columns()}
+    columns = {
+        name: values * count if isinstance(values, tuple) else np.repeat(values, count)
+        for name, values in last.items()
+    }
+    columns |= {
+        "time": 5.0 + 0.1 * np.arange(count),
+        "source_index": np.arange(count),
+        "angle": angle,
+        "low": angle - np.radians(half),
+        "high": angle + np.radians(half),
+        "state": (states,) * count if isinstance(states, str) else tuple(states),
+        "reason": (others.pop("reason", ""),) * count,
+        "since": np.full(count, 5.0),
+        "anew": np.asarray(others.pop("anew", np.zeros(count, dtype=int))),
+        "contact_markers": np.full(count, others.pop("contact", 20)),
+    }
+    track = Track(method="tracked", **columns)
+    reference = np.random.default_rng(0).uniform(0.0, 20.0, (400, 3))
+    shears = [Shear(slipped=one) for one in np.broadcast_to(slipped, count).tolist()]
+    return Run(
+        name="pivot",
+        source="a test",
+        convention="z out of the elastomer",
+        unit="mm",
+        reference=reference,
+        settings={"onset_mm": 0.1, "softness": {"kind": "scalar", "load_term_rad": 0.0}},
+        sha256="0" * 64,
+        notes=others.pop("notes", ()),
+        results={"tracked": track},
+        method="tracked",
+        outline=np.full(count, np.nan),
+        imprint=np.full(count, np.nan),
+        shears=ShearPath.of(*shears),
+        grips=GripPath(*np.full((7, count), np.nan), level=(Level.WATCH,) * count),
+        **{"markers": keep_markers(reference, range(count)), **others},
+    )
+
+
+def keep_markers(reference, rows, picture=None):
+    """Kept markers that move to the right, with a picture if there is one."""
+    spots = None if picture is None else 10.0 * reference[None, :, :2]
+
+    def markers():
+        for row in rows:
+            seen = np.arange(len(reference)) > 3
+            positions = reference + 1e-2 * row
+            turned = np.zeros(len(reference))
+            sticks = seen & (np.arange(len(reference)) < 300 - row % 200)
+            yield KeptMarkers(row, positions, turned, seen, sticks, seen, picture, spots)
+
+    return markers
+
+
+def paint(width, height):
+    """A noisy picture as JPEG, and as PNG."""
+    image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    image = cv2.GaussianBlur(image, (0, 0), 2.0)
+    return cv2.imencode(".jpg", image)[1].tobytes(), cv2.imencode(".png", image)[1].tobytes()
+
+
+def render(run, size=(1170, 40)):
+    """The page of a run, its figures being pictures of a size."""
+    figures = dict.fromkeys(("angles.png", "maps.png", "moment.png"), paint(*size)[1])
+    return render_report(run, summarise(run), figures)
+
+
+UP_AND_BACK = [0, 4, 10, 5, -18.4]
+SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
+
+
+@pytest.mark.parametrize(
+    ("angles", "others", "words"),
+    [
+        (
+            UP_AND_BACK,
+            {"states": SLIPS, "slips": (MacroSlip(5.25, 5.2, 5.3),)},
+            "Turned to +10.0° ± 0.1°, back to −18.4° ± 0.1°; slipped at 0.25 s",
+        ),
+        (
+            UP_AND_BACK,
+            {"states": SLIPS, "slips": (MacroSlip(5.25, 5.2, 5.3, 5.4),), "half": 0.023},
+            "Turned to +10.00° ± 0.02°, back to −18.40° ± 0.02°; slipped at 0.25 s, held again "
+            "from 0.40 s",
+        ),
+        (
+            UP_AND_BACK,
+            {"states": SLIPS},
+            "Turned to +10.0° ± 0.1°, back to −18.4° ± 0.1°; slipped, first seen at 0.30 s",
+        ),
+        (
+            [0, 12.34],
+            {"half": 0.012, "slipped": 0.02},
+            "Turned to +12.34° ± 0.01°; held to the end (probability of a slip 0.02)",
+        ),
+        (
+            [0, 9, 0, 9],
+            {"slipped": [0, 0, 0.9, 0]},
+            "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; slipped at 0.20 s "
+            "(probability of a slip 0.90)",
+        ),
+        (
+            [0, 9, 0, 9, 0, 9, -1],
+            {},
+            "Turned to and fro 5 times, from −1.0° ± 0.1° to +9.0° ± 0.1°; last −1.0° ± 0.1°; held "
+            "to the end",
+        ),
+        ([0, 0.1, -0.3], {"half": 0.5}, "No clear turn (at most −0.3° ± 0.5°); held to the end"),
+        (
+            [0, 5, np.nan, 0, -7],
+            {"anew": [0, 0, 0, 1, 1]},
+            "Turned to +5.0° ± 0.1°; counted anew from 0.00 s: turned to −7.0° ± 0.1°; held to the "
+            "end",
+        ),
+        (
+            [np.nan] * 3,
+            {"states": State.NO_CONTACT, "contact": 0},
+            "No angle in any of 3 frames (3 frames before contact); nothing touched",
+        ),
+        (
+            [np.nan] * 2,
+            {"states": State.UNKNOWN, "contact": 0, "reason": "the picture is black"},
+            "No angle in any of 2 frames (2 frames the picture is black); no frame could be used",
+        ),
+        (
+            [0, 3, 3],
+            {"reason": RESTS_OR_SLIDES},
+            "Turned to +3.0° ± 0.1°; held or slipped is unknown: it may have slid over gel at rest",
+        ),
+    ],
+)
+def test_the_answer_comes_first_in_words(answered, angles, others, words):
+    run = make_run(answered, angles, **others)
+    assert describe_run(run) == words
+    page = render(run)
+    assert page.index(words) < page.index("<canvas") < page.index("<img") < page.index("Glossary")
+
+
+def test_intervals_that_lie_askew_are_given_by_their_ends():
+    angle, low, high = np.radians([[0.0, -18.4], [0.0, -21.5], [0.0, -18.3]])
+    assert describe_turns(angle, low, high) == "turned to −18.4° (−21.5° to −18.3°)"
+    unknown = np.full(2, np.nan)
+    assert describe_turns(angle, unknown, unknown) == "turned to −18.4°"
+    assert find_turns([0.0, 1.0, 0.5, 2.0, -1.0, -0.5], 0.7) == [3, 4]
+    assert find_turns([0.0, 0.1], 0.7) == []
+
+
+def test_settings_have_units_and_meaning():
+    settings = {"noise_in_plane_um": 1.5, "onset_mm": 0.1, "crop_px": [1, 2, 3, 4], "new": None}
+    settings |= {"softness": {"kind": "layered", "thickness_mm": 3.0}, "keep_withdrawn": True}
+    shown = {one.name: one for one in explain_settings(settings, "tracked")}
+    assert shown["noise_in_plane_um"][1:3] == ("1.5", "µm")
+    assert shown["onset_mm"].unit == "mm"
+    assert "stick centre" in shown["onset_mm"].meaning
+    assert shown["crop_px"].value == "1, 2, 3, 4"
+    assert shown["softness.thickness_mm"].unit == "mm"
+    assert shown["softness.thickness_mm"].meaning
+    assert shown["keep_withdrawn"].value == "yes"
+    assert shown["new"][1:] == ("–", "", "")
+
+
+def played(page):
+    """What a page plays, as its script reads it."""
+    return json.loads(re.search(r'id="play">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def test_names_from_outside_let_nothing_in(answered):
+    run = make_run(answered, UP_AND_BACK, reason=NAME, notes=(NAME,))
+    page = render(replace(run, name=NAME, source=NAME, settings={NAME: NAME}))
+    assert page.count("</script>") == page.count("<script") == 2
+    assert "<b>&" not in page
+    assert played(page)["reasons"] == [[0, NAME]]
+    assert not re.search(r"https?:|url\(|@import|(?:src|href)=\"(?!data:)", page)
+
+
+@pytest.mark.parametrize("pictured", [False, True])
+def test_a_long_run_stays_below_5_mb(answered, pictured):
+    angles = 10.0 * np.sin(np.arange(2000) / 100.0) + 1e-3
+    run = make_run(answered, angles, states=State.MACRO_SLIP)
+    picture = paint(320, 240)[0] if pictured else None
+    kept = keep_markers(run.reference, range(0, 2000, 8), picture)
+    page = render(replace(run, markers=kept), (400, 300))
+    assert len(page.encode()) < 5e6
+    play = played(page)
+    assert len(play["time"]) == len(play["curves"][0]["angle"]) == 2000
+    rows = [scene["row"] for scene in play["scenes"]]
+    assert rows[0] == 0
+    assert rows[-1] == 1992
+    assert len(rows) > 50
+    assert all(bool(scene["picture"]) == pictured for scene in play["scenes"])
+    assert len(play["scenes"][0]["kinds"]) == 396
+
+
+def test_an_album_keeps_small_copies_evenly_spread():
+    album = Album(most=4, width=100)
+    for row in range(11):
+        album.take(row, 100 + row, np.zeros((60, 200), dtype=np.uint16))
+    found = {number: album.find(number) for number in range(100, 111)}
+    assert [number for number, one in found.items() if one] == [100, 104, 108]
+    assert cv2.imdecode(np.frombuffer(found[104].jpeg, np.uint8), -1).shape == (30, 100)
+    assert found[104].scale == 0.5
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    opened = Browser(tmp_path_factory.mktemp("profile"))
+    yield opened
+    opened.close()
+
+
+@pytest.mark.parametrize("pictured", [False, True])
+def test_one_moves_through_the_report(answered, browser, tmp_path, pictured):
+    run = replace(make_run(answered, np.arange(20.0)), name=NAME)
+    if pictured:
+        run = replace(run, markers=keep_markers(run.reference, range(20), paint(320, 240)[0]))
+    path = tmp_path / "report.html"
+    path.write_text(render(run, (1170, 900)))
+    browser.open(path.as_uri())
+    assert browser.run("document.querySelector('h1').textContent") == f"{NAME}: angle of the object"
+    draw = "[...document.querySelectorAll('canvas')].map((one) => one.toDataURL())"
+    now = "document.getElementById('now').textContent"
+    browser.run("Promise.all([...document.images].map((one) => one.decode()))")
+    browser.run("new Promise((done) => setTimeout(done, 100))")  # pictures are drawn when decoded
+    at_rest, words = browser.run(draw), browser.run(now)
+    assert words.startswith("0.00 s · frame 0 · stick")
+    browser.run(
+        "(() => { const s = document.querySelector('input'); s.value = 7; s.oninput(); })()"
+    )
+    moved = browser.run(draw)
+    assert all(one != other for one, other in zip(at_rest, moved, strict=True))
+    assert browser.run(now).startswith("0.70 s · frame 7 · stick · +7.0° ± 0.1°")
+    browser.press("ArrowRight")
+    assert browser.run(now).startswith("0.80 s · frame 8")
+    box = browser.run(
+        "(({left, top, width}) => [left, top, width])"
+        "(document.querySelector('.curves canvas').getBoundingClientRect())"
+    )
+    browser.click(box[0] + box[2] - 12, box[1] + 30)
+    assert browser.run(now).startswith("1.90 s · frame 19")
+    browser.run("document.querySelector('button').click()")  # plays from the start again
+    assert not browser.run(now).startswith("1.90 s")
+    wide = "document.documentElement.scrollWidth - window.innerWidth"
+    assert browser.run(wide) <= 0
+    browser.open(path.as_uri(), width=390)
+    assert browser.run(wide) <= 0
+    assert browser.complaints == []
