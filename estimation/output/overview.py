@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from estimation.estimators.grasp import Disagreement, Fit, Grasp
 from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
+from estimation.output.answer import describe_run, describe_turns
 from estimation.output.found import Run
 from estimation.output.load_plots import plot_moment
 from estimation.output.plots import plot_grasp, plot_overview
@@ -64,11 +66,29 @@ def write_overview(
         "overview.html",
         images,
         runs=[summary for _, summary in done],
+        answer=_count_outcomes([run for run, _ in done])
+        if grasp is None
+        else describe_grasp(grasp),
+        answers=[describe_run(run) for run, _ in done],
         grasp=figures,
         angles=[] if grasp is None else _sample(grasp),
         note=note,
     )
     write_whole(folder / "report.html", page)
+
+
+def describe_grasp(grasp: Grasp) -> str:
+    """How far the object turned by both fingers, in a sentence."""
+    turns = describe_turns(grasp.joint, grasp.low, grasp.high)
+    differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
+    return f"{turns[0].upper()}{turns[1:]} by both fingers; {differ}"
+
+
+def _count_outcomes(runs: Sequence[Run]) -> str:
+    """How many recordings were held, and how many slipped."""
+    words = Counter(run.outcome.word for run in runs)
+    counts = ", ".join(f"{n} {word}" for word, n in words.most_common())
+    return f"Of {len(runs)} recordings {counts}"
 
 
 def _describe_grasp(grasp: Grasp, runs: Mapping[str, Run]) -> dict[str, Any]:
