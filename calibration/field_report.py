@@ -1,13 +1,11 @@
 """What the fit of fields and the look at a design write: numbers, pictures, a page."""
 
-import base64
 import json
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +16,7 @@ from calibration.forward import UNITS
 from calibration.identifiability import Identifiability
 from contactmodel import Pad
 from estimation.frames.files import write_whole
-from estimation.output.report import figure_png
+from estimation.output.report import figure_png, render_page
 
 _MOST_FRAMES = 4
 _HELPS = 3
@@ -198,17 +196,5 @@ def _write(
     write_whole(folder / f"{kind}.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     for name, image in images.items():
         write_whole(folder / name, image)
-    inline = {
-        name: "data:image/png;base64," + base64.b64encode(image).decode()
-        for name, image in images.items()
-    }
-    loaders = [jinja2.PackageLoader(package) for package in ("calibration", "estimation.output")]
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(loaders),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template(f"{kind}.html").render(images=inline, summary=summary, **others)
+    page = render_page(f"{kind}.html", images, package="calibration", summary=summary, **others)
     write_whole(folder / "report.html", page)

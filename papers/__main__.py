@@ -45,12 +45,15 @@ def run(
 
     Items are left out if they need an extra that is not installed or data that cannot be fetched.
     Each is reported, the extras before anything is computed, and named at the end, exit status 2.
+    index.html shows what is in the folder, and is renewed after each item.
     """
     from estimation.output.report import figure_png
+    from papers.index import write_index
 
     chosen = choose_items(paper, item)
     check_writable(out)
     left_out = _without_their_extra(chosen)
+    write_index(out, left_out)
     found: dict[Callable, Any] = {}  # some items draw what another has computed
     for name, part in chosen:
         if (name, part) in left_out:
@@ -63,7 +66,8 @@ def run(
                     found[module.compute] = module.compute(quick=quick, track=track)
             except OSError as error:  # data that cannot be fetched
                 say_error(f"{name} {part}: {error}")
-                left_out.append((name, part))
+                left_out[name, part] = str(error)
+                write_index(out, left_out)
                 continue
         result = found[module.compute]
         write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
@@ -73,10 +77,11 @@ def run(
         for suffix, rows in shown.items():
             write_whole(out / name / f"{part}{suffix}.csv", _csv(rows))
             Console(width=200).print(_table(f"{name} {part}{suffix}", rows))
+        write_index(out, left_out)
     if left_out:
         names = ", ".join(f"{name} {part}" for name, part in left_out)
         raise OSError(f"{names} left out of what was written to {out}")
-    print(f"written to {out}")
+    print(f"written to {out}; see {out / 'index.html'}")
 
 
 @app.command()
@@ -213,16 +218,16 @@ def sweep(
         print(f"  case {row}: {reason}")
 
 
-def _without_their_extra(chosen: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Items that need an extra that is not installed; each is reported."""
-    left_out = []
+def _without_their_extra(chosen: list[tuple[str, str]]) -> dict[tuple[str, str], str]:
+    """Items that need an extra that is not installed, and why; each is reported."""
+    left_out = {}
     for name, part in chosen:
         try:
             if extra := EXTRAS.get((name, part)):
                 require_extra(extra, f"{name} {part}")
         except MissingExtraError as error:
             say_error(str(error))
-            left_out.append((name, part))
+            left_out[name, part] = str(error)
     return left_out
 
 

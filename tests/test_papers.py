@@ -1,6 +1,7 @@
 """Every item of every paper runs in its quick size, and every printed number has ours beside it."""
 
 import csv
+import re
 import sys
 from functools import cache
 from importlib import import_module
@@ -89,6 +90,11 @@ def test_run_draws_and_prints_ours_beside_theirs(tmp_path, monkeypatch, capsys):
     written = (tmp_path / "li2024" / "method_published.csv").read_text()
     rows = list(csv.DictReader(written.splitlines()))
     assert {row["verdict"] for row in rows} == {"reproduced"}
+    page = (tmp_path / "index.html").read_text()
+    for link in re.findall(r'(?:href|src)="([^"#]+)"', page):
+        assert (tmp_path / link).is_file(), link
+    assert "Constants of the method as printed" in page
+    assert page.count("<td>reproduced</td>") == len(rows)
 
 
 def test_an_item_without_its_data_does_not_stop_the_others(tmp_path, monkeypatch, capsys):
@@ -105,6 +111,9 @@ def test_an_item_without_its_data_does_not_stop_the_others(tmp_path, monkeypatch
     assert "marker_images clips: cannot be downloaded" in said
     assert f"marker_images clips left out of what was written to {tmp_path}" in said
     assert (tmp_path / "li2024" / "method.png").exists()
+    page = (tmp_path / "index.html").read_text()
+    assert "<b>marker_images clips</b>: cannot be downloaded" in page
+    assert '<h3 id="li2024-method">' in page
 
 
 @pytest.mark.parametrize(

@@ -306,10 +306,20 @@ def figure_png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def render_page(template: str, images: Mapping[str, bytes], **content: Any) -> str:
-    """A page from a template, with its pictures inside."""
+def render_page(
+    template: str, images: Mapping[str, bytes], *, package: str = "", **content: Any
+) -> str:
+    """A page from a template, with its pictures inside.
+
+    Args:
+        template: its name.
+        images: PNG pictures by the names of their files.
+        package: that has the template; those of reports are found beside it.
+        **content: what the template takes.
+    """
+    packages = (package, "estimation.output") if package else ("estimation.output",)
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("estimation.output"),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(one) for one in packages]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

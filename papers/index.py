@@ -1,0 +1,71 @@
+"""The page that leads to what `papers run` has made: `index.html` in its folder."""
+
+import ast
+import csv
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+from estimation.frames.files import write_whole
+from estimation.output.report import render_page
+from papers.items import ITEMS
+
+
+class Made(NamedTuple):
+    """An item that has been made.
+
+    Attributes:
+        name: of the item.
+        title: what it is, in a sentence.
+        picture: place in the folder.
+        tables: places in the folder.
+        compared: rows that set a printed number beside ours; none where nothing was printed.
+    """
+
+    name: str
+    title: str
+    picture: str
+    tables: list[str]
+    compared: list[dict[str, str]]
+
+
+def write_index(out: Path, left_out: Mapping[tuple[str, str], str]) -> None:
+    """Write `index.html`: every item whose picture is in the folder, and those that were left out.
+
+    Args:
+        out: folder that items are written to, by this run or earlier ones.
+        left_out: why items of this run are not there.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    made = {
+        paper: [
+            _describe(out, paper, item)
+            for item in items
+            if (out / paper / f"{item}.png").is_file() and (paper, item) not in left_out
+        ]
+        for paper, items in ITEMS.items()
+    }
+    reasons = {" ".join(item): reason for item, reason in left_out.items()}
+    page = render_page("index.html", {}, package="papers", made=made, left_out=reasons)
+    write_whole(out / "index.html", page)
+
+
+def describe_item(paper: str, item: str) -> str:
+    """What an item is: the first line of its module."""
+    source = resources.files(f"papers.{paper}") / f"{item}.py"
+    text = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or item
+    return text.splitlines()[0]
+
+
+def _describe(out: Path, paper: str, item: str) -> Made:
+    files = [*(out / paper).glob(f"{item}.csv"), *sorted((out / paper).glob(f"{item}_*.csv"))]
+    tables = [file.relative_to(out).as_posix() for file in files]
+    compared: list[dict[str, str]] = []
+    published = out / paper / f"{item}_published.csv"
+    if published.is_file():
+        with published.open(encoding="utf-8", newline="") as file:
+            compared = list(csv.DictReader(file))
+    return Made(item, describe_item(paper, item), f"{paper}/{item}.png", tables, compared)
