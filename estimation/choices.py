@@ -132,20 +132,30 @@ class LiveChoices:
         queue: frames that wait for their answer; when there are more, the oldest is left out and
             counted. A larger number loses fewer frames, and answers may be later [frames].
         silent_s: time without a frame from which the source is reported as silent [s].
+        window: show picture or markers, angle, state and alert on a page in the browser, whose
+            address is said at the start.
+        window_host: address that the page is served at. By default only this machine can see it;
+            with another, such as 0.0.0.0, everybody can who reaches it.
+        window_port: its port; 0 for any that is free.
 
     Raises:
-        ValueError: a queue without room, or a time that is not above 0.
+        ValueError: a queue without room, a time that is not above 0, or no port.
     """
 
     fast: bool = False
     queue: int = 8
     silent_s: float = 5.0
+    window: bool = False
+    window_host: str = "127.0.0.1"
+    window_port: int = 0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         if self.queue < 1:
             raise ValueError(f"the queue is {self.queue} frames (--queue): it takes 1 or more")
         check_positive("silent_s", self.silent_s)
+        if not 0 <= self.window_port < 65536:
+            raise ValueError(f"{self.window_port} is no port (--window-port): give 0 to 65535")
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class PaperSettings:
     Attributes:
         threshold: Δφ_th of Eq. (15) [-].
         angle_floor_deg: least denominator of Eq. (15) [deg].
-        window: of the trailing mean, begun anew with every contact and slip [frames].
+        window_frames: of the trailing mean, begun anew with every contact and slip [frames].
         zero_drift: whether to take off the mean φ that each marker had while unloaded.
         min_stick_markers: markers below which nothing sticks [-].
 
@@ -44,7 +44,7 @@ class PaperSettings:
 
     threshold: float = 0.4
     angle_floor_deg: float = ANGLE_FLOOR_DEG
-    window: int = 5
+    window_frames: int = 5
     zero_drift: bool = True
     min_stick_markers: int = MIN_STICK_MARKERS
 
@@ -52,7 +52,7 @@ class PaperSettings:
         """Check the ranges."""
         check_positive("threshold", self.threshold)
         check_positive("angle_floor_deg", self.angle_floor_deg)
-        check_count("window", self.window)
+        check_count("window_frames", self.window_frames)
         check_count("min_stick_markers", self.min_stick_markers, MIN_STICK_MARKERS)
 
 
@@ -76,7 +76,7 @@ class Paper:
         self.noise = noise
         self.settings = settings
         self.floor = float(np.radians(settings.angle_floor_deg))
-        self._recent: deque[tuple[float, float]] = deque(maxlen=settings.window)
+        self._recent: deque[tuple[float, float]] = deque(maxlen=settings.window_frames)
         self._drift = np.zeros(len(stencils.reference))
         self._unloaded = 0
 

@@ -154,7 +154,7 @@ class CastanoSettings:
     """How the axis is averaged, and when there is one.
 
     Attributes:
-        window: frames of the trailing mean [-]; 5 is ours, not checked against the paper.
+        window_frames: frames of the trailing mean [-]; 5 is ours, not checked against the paper.
         largest_error_deg: standard error of the axis, from the distance between the markers, beyond
             which the contact counts as round [deg]; ours.
 
@@ -162,13 +162,13 @@ class CastanoSettings:
         ValueError: a value out of range.
     """
 
-    window: int = 5
+    window_frames: int = 5
     largest_error_deg: float = 5.0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if self.window < 1:
-            raise ValueError(f"window is {self.window}; it must be at least one frame")
+        if self.window_frames < 1:
+            raise ValueError(f"window_frames is {self.window_frames}; give at least one frame")
         check_positive("largest_error_deg", self.largest_error_deg)
 
 
@@ -190,7 +190,7 @@ class Castano:
         """Make the estimator; the noise plays no part."""
         self.stencils = stencils
         self.largest_error = np.radians(settings.largest_error_deg)
-        self._recent: deque[float] = deque(maxlen=settings.window)
+        self._recent: deque[float] = deque(maxlen=settings.window_frames)
         self._first = np.nan
 
     def update(self, fields: Fields) -> Measurement:

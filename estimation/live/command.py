@@ -8,7 +8,9 @@ from pathlib import Path
 from rich.progress import Progress
 
 from estimation.choices import LiveChoices
+from estimation.live.server import WindowServer
 from estimation.live.source import open_live
+from estimation.live.window import Window
 from estimation.output.lines import LineWriter
 from estimation.output.outlet import close_outlet, open_stdout
 from estimation.run import Outcome, run_all
@@ -48,5 +50,18 @@ def follow(
             outlet = open_stdout()
             opened.callback(close_outlet, outlet, "standard output", say)
             sinks.append(LineWriter(outlet.send, settings.method))
+        if choices.window:
+            window = Window(one.source, feed, settings.images, settings.method)
+            server = WindowServer(window, feed.name, choices.window_host, choices.window_port)
+            opened.callback(_close_window, window, server, say)
+            say(f"window: {server.address}")
+            sinks.append(window)
         outcome = run_all([one], out, settings, Progress(disable=True), sinks, resume)
     return outcome._replace(lines=[*outcome.lines, *feed.notes()])
+
+
+def _close_window(window: Window, server: WindowServer, say: Callable[[str], None]) -> None:
+    window.end("the run has ended")
+    server.close()
+    if note := window.describe():
+        say(note)

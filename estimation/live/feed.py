@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from estimation.choices import LiveChoices
 from estimation.frames.recording import Frame
 from estimation.pictures.stream import Picture
+from estimation.tracking.stream import AHEAD_LIVE
 
 Item = TypeVar("Item", bound=Frame | Picture)
 
@@ -50,7 +51,7 @@ class Feed:
         self.recent: deque[Any] = deque(maxlen=keep)
         self._choices, self._say = choices, say
         self._paced = recorded and not choices.fast
-        self._waits = recorded and choices.fast
+        self._waits, self._given = recorded and choices.fast, 0
         self._queue: deque[Any] = deque()
         self._changed = threading.Condition()
         self._last: Frame | Picture | None = None
@@ -113,7 +114,7 @@ class Feed:
         """Add an item to the queue; whether more are wanted."""
         with self._changed:
             full = self._choices.queue
-            while self._waits and len(self._queue) >= full and not self._stopped.is_set():
+            while self._must_wait and len(self._queue) >= full and not self._stopped.is_set():
                 self._changed.wait()
             if len(self._queue) >= full:
                 self._queue.popleft()
@@ -122,13 +123,21 @@ class Feed:
             self._changed.notify_all()
         return not self._stopped.is_set()
 
+    @property
+    def _must_wait(self) -> bool:
+        """Whether nothing is left out, as when a recording waits for its first answer."""
+        return self._waits or (self._paced and self._given <= AHEAD_LIVE)
+
     def _pace(self, items: Iterator[Item]) -> Iterator[Item]:
-        """Items at their times; clocks that run backwards or jump far ahead are not waited for."""
+        """Items at their times; clocks that run backwards or jump far ahead are not waited for.
+
+        The first frames come as they are taken: the pace begins with the first answer.
+        """
         longest = 10.0  # step of the time stamps that is waited for [s]
         start = last = math.nan  # clock at time 0 of the recording; last time stamp
         for item in items:
             step = item.time - last
-            if not 0.0 <= step <= longest and math.isfinite(item.time):
+            if math.isfinite(item.time) and (self._must_wait or not 0.0 <= step <= longest):
                 start = time.monotonic() - item.time
             if math.isfinite(item.time):
                 last = item.time
@@ -144,6 +153,7 @@ class Feed:
                     self._say(f"{self.name}: no frame for {self._choices.silent_s:g} s; waiting")
                     reported = True
             item = self._queue.popleft() if self._queue else None
+            self._given += 1
             self._changed.notify_all()
         if reported:
             self.silences.append(time.monotonic() - began)

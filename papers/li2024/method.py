@@ -25,7 +25,7 @@ def compute(quick: bool = False, track: Track = iter) -> Method:
         "onset": ONSET_MM,
         "threshold": settings.threshold,
         "fewest_stick_markers": settings.min_stick_markers,
-        "window": settings.window,
+        "window": settings.window_frames,
     }
     return {name: float(value) for name, value in constants.items()}
 

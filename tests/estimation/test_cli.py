@@ -67,7 +67,7 @@ def test_lines_of_json_are_all_there_is_on_standard_output(tmp_path, monkeypatch
         (("{archive}", "--softness", "nowhere.toml"), "nowhere.toml"),
         (("{archive}", "--noise-um", "-1"), "must be a number above 0"),
         (("{archive}", "--threshold", "0"), "threshold is 0.0"),
-        (("{archive}", "--window", "3"), "tracked has no constant 'window'"),
+        (("{archive}", "--window-frames", "3"), "tracked has no constant 'window_frames'"),
         (("{archive}", "--onset-mm", "nan"), "onset_mm is nan"),
         (("{archive}", "--contact-share", "2"), "contact_share is 2.0"),
         (("{empty}",), "empty"),

@@ -29,6 +29,7 @@ from estimation.pictures.stream import Picture
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import open_inputs
+from estimation.tracking.stream import AHEAD_LIVE
 from tests.cases import domed_pad, lift
 from tests.estimation.pictures.test_reading import write_folder
 from tests.test_examples import pictures as turned_pictures
@@ -81,8 +82,9 @@ def test_a_recording_played_fast_loses_nothing():
     assert feed.notes() == ()
 
 
-def test_a_recording_keeps_its_pace_but_waits_for_no_clock_that_jumps():
+def test_a_recording_keeps_its_pace_but_waits_for_no_clock_that_jumps(monkeypatch):
     stamps = [0.0, 0.05, np.nan, 0.1, 5000.0, 5000.05, 3.0, 3.05]
+    monkeypatch.setattr("estimation.live.feed.AHEAD_LIVE", -1)
     feed = Feed("clip", LiveChoices(), print, recorded=True)
     began, seen = time.monotonic(), []
     for _ in feed(iter([Picture(None, one, 0) for one in stamps])):
@@ -91,6 +93,17 @@ def test_a_recording_keeps_its_pace_but_waits_for_no_clock_that_jumps():
     for row, least in ((1, 0.05), (3, 0.1), (5, 0.15), (7, 0.2)):
         assert seen[row] >= least - 0.005
     assert seen[-1] < 30.0
+
+
+def test_a_recording_begins_with_the_first_answer():
+    feed = Feed("clip", LiveChoices(queue=2), print, recorded=True)
+    given = feed(items(AHEAD_LIVE + 20, 1e-4))
+    first = [next(given).number for _ in range(AHEAD_LIVE + 1)]
+    time.sleep(0.05)  # the first answer takes long
+    assert first == list(range(AHEAD_LIVE + 1))
+    assert feed.lost == 0
+    assert list(given)
+    assert feed.lost
 
 
 def test_a_silent_source_is_reported_and_waited_for():

@@ -132,14 +132,15 @@ def test_wrong_settings_are_refused():
     layout = domed_pad()
     with pytest.raises(ValueError, match="no method 'magic'; there are tracked, incremental"):
         Tracker(layout, "magic")
-    with pytest.raises(ValueError, match="window is 0"):
-        Tracker(layout, "paper", window=0)
+    with pytest.raises(ValueError, match="window_frames is 0"):
+        Tracker(layout, "paper", window_frames=0)
     with pytest.raises(ValueError, match="min_stick_markers is 0"):
         Tracker(layout, "tracked", min_stick_markers=0)
     with pytest.raises(ValueError, match="threshold"):
         Tracker(layout, "rigid", threshold=0.0)
-    with pytest.raises(ValueError, match="rigid has no constant 'window'; it has angle_floor_deg"):
-        Tracker(layout, "rigid", window=3)
+    told = "rigid has no constant 'window_frames'; it has angle_floor_deg"
+    with pytest.raises(ValueError, match=told):
+        Tracker(layout, "rigid", window_frames=3)
     tracker = Tracker(layout)
     with pytest.raises(ValueError, match="196 markers, the layout 400"):
         tracker.update(next(iter(lift(ANGLES, layout=domed_pad((14, 14))))))
@@ -179,8 +180,8 @@ def test_fewer_markers_than_a_rigid_motion_needs_are_refused():
 
 
 def test_constants_left_alone_are_known():
-    tracker = Tracker(domed_pad(), "paper", window=7)
-    assert tracker.constants["window"] == 7
+    tracker = Tracker(domed_pad(), "paper", window_frames=7)
+    assert tracker.constants["window_frames"] == 7
     assert tracker.constants["min_stick_markers"] == 3
     assert "gain" not in Tracker(domed_pad(), "tracked").constants
 

@@ -135,7 +135,7 @@ def test_paper_takes_the_mean_and_its_interval_comes_from_the_noise():
     for seed in range(300):
         positions, _ = noisy(layout, 0.1, seed, stick_radius=9.0, contact_radius=4.0)
         readings.append(
-            Paper(stencils, MICRON, PaperSettings(window=1)).update(
+            Paper(stencils, MICRON, PaperSettings(window_frames=1)).update(
                 measure_fields(stencils, frame_of(positions))
             )
         )
@@ -147,14 +147,14 @@ def test_paper_takes_the_mean_and_its_interval_comes_from_the_noise():
 
 def test_paper_averages_over_a_trailing_window_and_starts_anew():
     layout, stencils = pad_stencils()
-    estimator = Paper(stencils, MICRON, PaperSettings(window=3))
+    estimator = Paper(stencils, MICRON, PaperSettings(window_frames=3))
 
     def reading(angle):
         positions, _ = twisted_pad(layout, angle, stick_radius=9.0, contact_radius=4.0)
         return estimator.update(measure_fields(stencils, frame_of(positions))).angle
 
     first = [reading(angle) for angle in (0.10, 0.12, 0.14, 0.16)]
-    single = Paper(stencils, MICRON, PaperSettings(window=1))
+    single = Paper(stencils, MICRON, PaperSettings(window_frames=1))
     alone = [
         single.update(
             measure_fields(

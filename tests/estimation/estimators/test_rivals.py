@@ -111,7 +111,7 @@ def ellipse(layout, direction):
 
 def test_castano_follows_the_mask_past_half_a_turn():
     layout, stencils = pad_stencils()
-    castano = Castano(stencils, MICRON, CastanoSettings(window=1))
+    castano = Castano(stencils, MICRON, CastanoSettings(window_frames=1))
     directions = np.radians(np.arange(10.0, 221.0, 10.0))
     read = [
         castano.update(measure_fields(stencils, frame_of(ellipse(layout, d)))).angle
@@ -156,13 +156,13 @@ def test_castano_averages_over_its_window_and_begins_anew_with_each_contact():
     layout, stencils = pad_stencils()
     pressed = [measure_fields(stencils, frame_of(ellipse(layout, a))) for a in (0.3, 0.5, 0.7)]
     free = measure_fields(stencils, frame_of(layout.reference))
-    sharp, smooth = (Castano(stencils, None, CastanoSettings(window=n)) for n in (1, 3))
+    sharp, smooth = (Castano(stencils, None, CastanoSettings(window_frames=n)) for n in (1, 3))
     single = [sharp.update(fields).angle for fields in pressed]
     assert [smooth.update(fields).angle for fields in pressed][-1] == pytest.approx(np.mean(single))
     assert np.isnan(smooth.update(free).angle)
     assert smooth.update(pressed[2]).angle == 0.0
     with pytest.raises(ValueError, match="at least one frame"):
-        CastanoSettings(window=0)
+        CastanoSettings(window_frames=0)
 
 
 def test_what_cannot_be_answered_is_not():

@@ -1,0 +1,158 @@
+"""Serves the page of a live run: two fixed paths, nothing of the disc, and no input."""
+
+import ipaddress
+import socket
+import socketserver
+import sys
+import threading
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from typing import Any
+from urllib.parse import urlsplit
+
+from estimation.live.window import Window
+from estimation.output.report import render_page
+from estimation.output.scene import page_colours
+
+MOST_BROWSERS = 8
+"""Browsers that are shown a run at a time."""
+
+
+class WindowServer(socketserver.ThreadingTCPServer):
+    """Serves a window in threads of its own.
+
+    Attributes:
+        window: that is shown.
+        page: its content, the same for all.
+        host: address that it was told to serve at.
+        seats: one for each browser.
+    """
+
+    allow_reuse_address, daemon_threads = True, True
+
+    def __init__(self, window: Window, title: str, host: str, port: int) -> None:
+        """Begin to serve.
+
+        Args:
+            window: that is shown.
+            title: of the page.
+            host: address to serve at.
+            port: of it; 0 for any that is free.
+
+        Raises:
+            OSError: that address and port cannot be had.
+        """
+        self.window, self.host = window, host
+        self.page = render_page("window.html", {}, title=title, colours=page_colours()).encode()
+        self.seats = threading.BoundedSemaphore(MOST_BROWSERS)
+        try:
+            told = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self.address_family = told[0]
+            super().__init__((str(told[4][0]), port), _Handler)
+        except (OSError, OverflowError) as error:
+            raise OSError(
+                f"the window cannot be served at {host}, port {port} ({error}): give another "
+                "--window-host or --window-port"
+            ) from error
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+    @property
+    def address(self) -> str:
+        """Where a browser finds the page."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.server_address[1]}/"
+
+    def close(self) -> None:
+        """Serve no longer; browsers have a moment for what comes last."""
+        patience = 1.0  # for all of them [s]
+        for _ in range(MOST_BROWSERS):
+            self.seats.acquire(timeout=patience / MOST_BROWSERS)
+        self.shutdown()
+        self.server_close()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Report what went wrong, unless a browser is gone."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one request."""
+
+    timeout = 10.0  # of a browser that takes nothing, or asks for nothing [s]
+    server_version, sys_version = "contactmodel", ""
+
+    @property
+    def _window(self) -> WindowServer:
+        assert isinstance(self.server, WindowServer)
+        return self.server
+
+    def do_GET(self) -> None:
+        """Give the page or its events."""
+        if not is_own(self.headers.get("Host", ""), self._window.host):
+            self.send_error(HTTPStatus.FORBIDDEN, "this page is served under another name")
+        elif self.path == "/":
+            self._begin("text/html; charset=utf-8")
+            self.wfile.write(self._window.page)
+        elif self.path == "/events":
+            self._send_events()
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Refuse; every method but GET in one way."""
+        if code == HTTPStatus.NOT_IMPLEMENTED:
+            code, message = HTTPStatus.METHOD_NOT_ALLOWED, "only GET is served"
+        super().send_error(code, message, explain)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing on the terminal."""
+
+    def _send_events(self) -> None:
+        if not self._window.seats.acquire(blocking=False):
+            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "too many browsers look at this run")
+            return
+        try:
+            self._begin("text/event-stream")
+            for line in self._window.window.follow():
+                self.wfile.write(f"data: {line}\n\n".encode() if line else b":\n\n")
+        finally:
+            self._window.seats.release()
+
+    def _begin(self, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        own = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
+        policy = f"{own}; img-src data:; connect-src 'self'; frame-ancestors 'none'"
+        for name, value in {
+            "Content-Type": kind,
+            "Content-Security-Policy": policy,
+            "Cache-Control": "no-store",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+
+def is_own(host: str, served: str) -> bool:
+    """Whether a request names this server by its address, and not by a name that leads here.
+
+    A page of somebody else may have its own name lead to this machine, and would then be given what
+    is meant for this page alone. It cannot do so with an address.
+
+    Args:
+        host: of the request.
+        served: address or name that the server was told to serve at.
+    """
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return False
+    if name in ("localhost", served.lower()):
+        return True
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
