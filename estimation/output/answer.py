@@ -83,7 +83,7 @@ def show_angle(angle: float, low: float, high: float) -> str:
     if not np.isfinite(below + above):
         return f"{_signed(angle, 1)}°"
     half = max(below, above)
-    digits = int(np.clip(np.ceil(-np.log10(max(half, 1e-9)) - 1e-6), 1, 3))
+    digits = _count_digits(half, 1)
     if half > 1.5 * min(below, above) + 10.0**-digits:
         return f"{_signed(angle, digits)}° ({_signed(low, digits)}° to {_signed(high, digits)}°)"
     return f"{_signed(angle, digits)}° ± {half:.{digits}f}°"
@@ -106,7 +106,19 @@ def describe_outcome(run: Run) -> str:
         words = f"slipped at {slip.onset - start:.2f} s"
         return words + (f", held again from {slip.regained - start:.2f} s" if slip.ended else "")
     first = "" if likely else ", first seen"
-    return f"slipped{first} at {outcome.onset - start:.2f} s{likely}"
+    return f"slipped{first} at {outcome.onset - start:.2f} s{_describe_slide(run)}{likely}"
+
+
+def _describe_slide(run: Run) -> str:
+    """How far the object slid over the gel, as last known, where that is clearly not 0."""
+    known = np.flatnonzero(np.isfinite(run.shears.slip + run.shears.slip_error))
+    if not len(known):
+        return ""
+    slip, error = (float(one[known[-1]]) for one in (run.shears.slip, run.shears.slip_error))
+    if slip < 1.5 * error:
+        return ""
+    digits = _count_digits(error, 0)
+    return f", slid by {slip:.{digits}f} ± {error:.{digits}f} {run.unit}"
 
 
 def _describe_turns_of(run: Run) -> str:
@@ -133,6 +145,11 @@ def _describe_unknown(run: Run) -> str:
     if all(state in (State.NO_CONTACT, State.UNKNOWN) for state in track.state):
         return "nothing touched" if State.NO_CONTACT in track.state else "no frame could be used"
     return "held or slipped is unknown"
+
+
+def _count_digits(half: float, least: int) -> int:
+    """Digits behind the point that a half-width leaves: its first one, three at most."""
+    return int(np.clip(np.ceil(-np.log10(max(half, 1e-9)) - 1e-6), least, 3))
 
 
 def _signed(value: float, digits: int) -> str:

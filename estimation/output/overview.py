@@ -81,7 +81,8 @@ def describe_grasp(grasp: Grasp) -> str:
     """How far the object turned by both fingers, in a sentence."""
     turns = describe_turns(grasp.joint, grasp.low, grasp.high)
     differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
-    return f"{turns[0].upper()}{turns[1:]} by both fingers; {differ}"
+    aligned = "" if grasp.own_clocks else ", their clocks aligned"
+    return f"{turns[0].upper()}{turns[1:]} by both fingers; {differ}{aligned}"
 
 
 def _count_outcomes(runs: Sequence[Run]) -> str:

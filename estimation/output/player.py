@@ -65,11 +65,11 @@ def _describe_curves(
         {
             "name": name,
             "values": show_numbers(np.degrees(values[rows])),
-            "colour": "#222222",
-            "dash": [2, 2 + 2 * number],
+            "colour": "#8c510a" if name == "gel" else "#222222",
+            "dash": [2, 2] if name == "gel" else [6, 3],
             "fit": name == "truth",
         }
-        for number, (name, values) in enumerate(references.items())
+        for name, values in references.items()
     ]
     if main.withdrawn is not None and main.withdrawn.rows.any():
         gone = show_numbers(np.degrees(main.withdrawn.angle[rows]))
@@ -89,6 +89,10 @@ def _describe_curves(
     if np.isfinite(slipped := run.shears.slipped).any():
         shown = show_numbers(slipped[rows])
         curves.append({"label": "probability", "name": "of a slip", "angle": shown})
+    if np.isfinite(run.shears.slip).any():
+        slip, error = run.shears.slip[rows], run.shears.slip_error[rows]
+        ends = {"low": show_numbers(slip - error), "high": show_numbers(slip + error)}
+        curves.append({"label": f"slid [{run.unit}]", "angle": show_numbers(slip), **ends})
     return curves
 
 

@@ -113,6 +113,7 @@ def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, byt
         summary=summary,
         answer=describe_run(run),
         outlined=bool(np.isfinite(run.outline).any()),
+        slid=bool(np.isfinite(run.shears.slip).any()),
         down=down,
         lie=lie,
         colours=page_colours(),

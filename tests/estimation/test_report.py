@@ -54,7 +54,8 @@ def make_run(answered, angles, half=0.1, states=State.STICK, slipped=np.nan, **o
     }
     track = Track(method="tracked", **columns)
     reference = np.random.default_rng(0).uniform(0.0, 20.0, (400, 3))
-    shears = [Shear(slipped=one) for one in np.broadcast_to(slipped, count).tolist()]
+    slide = others.pop("slide", {})
+    shears = [Shear(slipped=one, **slide) for one in np.broadcast_to(slipped, count).tolist()]
     return Run(
         name="pivot",
         source="a test",
@@ -135,6 +136,12 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             {"slipped": [0, 0, 0.9, 0]},
             "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; slipped at 0.20 s "
             "(probability of a slip 0.90)",
+        ),
+        (
+            [0, 9],
+            {"slipped": 0.9, "slide": {"slip": 0.734, "slip_error": 0.06}},
+            "Turned to +9.0° ± 0.1°; slipped at 0.00 s, slid by 0.73 ± 0.06 mm (probability of a "
+            "slip 0.90)",
         ),
         (
             [0, 9, 0, 9, 0, 9, -1],
@@ -281,3 +288,8 @@ def test_one_moves_through_the_report(answered, browser, tmp_path, pictured):
     browser.open(path.as_uri(), width=390)
     assert browser.run(wide) <= 0
     assert browser.complaints == []
+    browser.ask("Emulation.setScriptExecutionDisabled", value=True)
+    browser.open(path.as_uri())
+    shown = "[...document.images].every((one) => one.clientHeight > 100)"
+    assert browser.run(f"document.getElementById('player').hidden && {shown}")
+    browser.ask("Emulation.setScriptExecutionDisabled", value=False)

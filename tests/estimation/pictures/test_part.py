@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from estimation.__main__ import app
+from estimation.output.record import RecordReader
 from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
@@ -178,6 +179,15 @@ def test_run_takes_crop_mask_and_unloaded_picture_and_shows_them(tmp_path):
     frame = next(iter(read_pictures(out / "preview.mp4"))).image
     bright = frame[100:500:40, 3 * 200].mean(), frame[100:500:40, 3 * 600].mean()
     assert bright[0] > 1.5 * bright[1]  # the mirror is left out
+    with RecordReader(out / "record.sqlite") as record:
+        kept = list(record.markers())
+    assert len(kept) == len(images)
+    for one in kept:  # small copies of the part, whose dots lie where the markers are
+        copy = cv2.imdecode(np.frombuffer(one.picture, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert copy.shape == (224, 320)
+        column, row = np.rint(one.spots[0][one.valid]).astype(int).T
+        dots, beside = copy[row, column], copy[row, np.clip(column + 11, 0, 319)]
+        assert np.median(dots) < 0.6 * np.median(beside)
 
 
 def test_another_part_or_unloaded_picture_is_another_command(tmp_path):
