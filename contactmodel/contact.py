@@ -21,9 +21,9 @@ class Contact(eqx.Module):
     (`solve_path`). Derivatives go to all of its numbers.
 
     Attributes:
-        elastomer: S.
-        object_: B, made of this.
-        indenter: and of this shape.
+        elastomer: the body S.
+        object_: the body B, what it is made of.
+        indenter: the shape of B.
         grid: cells, more than cover the contact.
         friction_coefficient: μ, a number or a map of the grid [-], or a law of friction; it is kept
             as a law.

@@ -31,27 +31,25 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     Format version 2 has these entries; lengths are in mm or px (see `unit`), forces in N, moments
     in N·mm, angles in rad, times in s:
 
-    | entry | shape | meaning |
-    |---|---|---|
-    | `format_version` | () | 2 |
-    | `positions` | (frames, markers, 2 or 3) | marker positions; NaN where not seen |
-    | `valid` | (frames, markers) | which of them can be used |
-    | `time` | (frames,) | time stamps |
-    | `source_index` | (frames,) | frame numbers of the source |
-    | `reference` | (markers, 2 or 3) | unloaded positions |
-    | `neighbours` | (markers, k) | indices of neighbours, −1 where there is none |
-    | `grid_shape` | (2,) | rows and columns; only where the markers form a grid |
-    | `force`, `moment` | (frames, 3) | resultants; only where known |
-    | `forces` | like `positions` | force at each marker; only where known |
-    | `flaws` | (frames,) text | why a frame cannot be used; (0,) if not inspected |
-    | `contact` | (frames, markers) | the contact region; only where the source knows it |
-    | `imprint` | (frames, 2) | the imprint's rotation and its standard error; only where known |
-    | `print_point` | (frames, 7) | a point of the imprint, at first and now; only where known |
-    | `rotation` | (frames, markers) | rotation of each marker's line features; only where known |
-    | `hold` | (frames, 3) | agreement of the print on the gel with earlier ones; where known |
-    | `unit` | () text | of lengths, `mm` or `px` |
-    | `name`, `source`, `convention` | () text | as in `Recording` |
-    | `notes`, `warnings` | (sentences,) text | as in `Recording` |
+    - `format_version`, shape (): 2.
+    - `positions`, shape (frames, markers, 2 or 3): marker positions; NaN where not seen.
+    - `valid`, shape (frames, markers): which of them can be used.
+    - `time`, shape (frames,): time stamps.
+    - `source_index`, shape (frames,): frame numbers of the source.
+    - `reference`, shape (markers, 2 or 3): unloaded positions.
+    - `neighbours`, shape (markers, k): indices of neighbours, −1 where there is none.
+    - `grid_shape`, shape (2,): rows and columns; only where the markers form a grid.
+    - `force`, `moment`, shape (frames, 3): resultants; only where known.
+    - `forces`, shape like `positions`: force at each marker; only where known.
+    - `flaws`, shape (frames,) text: why a frame cannot be used; (0,) if not inspected.
+    - `contact`, shape (frames, markers): the contact region; only where the source knows it.
+    - `imprint`, shape (frames, 2): the imprint's rotation and its standard error; where known.
+    - `print_point`, shape (frames, 7): a point of the imprint, at first and now; where known.
+    - `rotation`, shape (frames, markers): turn of each marker's line features; where known.
+    - `hold`, shape (frames, 3): agreement of the print on the gel with earlier ones; where known.
+    - `unit`, shape () text: of lengths, `mm` or `px`.
+    - `name`, `source`, `convention`, shape () text: as in `Recording`.
+    - `notes`, `warnings`, shape (sentences,) text: as in `Recording`.
 
     Texts are NumPy's own `U` arrays. Version 1 had no `rotation` and no `warnings`, and its first
     archives no `unit` (mm). A reader refuses versions that are newer than it is, and entries that

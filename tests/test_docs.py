@@ -1,0 +1,110 @@
+"""The site's pages name what there is, link to what there is, and its tutorials read easily."""
+
+import ast
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from contactmodel import equations
+
+ROOT = Path(__file__).parents[1]
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.py"))
+PAGES = sorted(
+    page
+    for page in (*ROOT.glob("*.md"), *ROOT.rglob("*/README.md"), *ROOT.glob("docs/**/*.md"))
+    if not {".venv", "build", "made"} & set(page.relative_to(ROOT).parts)
+)
+
+
+def read(*path):
+    return ROOT.joinpath(*path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("package", ["contactmodel", "estimation", "calibration"])
+def test_every_public_name_is_in_the_reference_once(package):
+    listed = re.findall(
+        r"^\.\. (?:auto|py:)\w+:: (\w+)$", read("docs/reference", f"{package}.md"), re.M
+    )
+    assert sorted(listed) == sorted(import_module(package).__all__)
+
+
+def anchors(page):
+    """The headings of a page, as its links name them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not link.startswith(("http://", "https://")):
+            path, _, anchor = link.partition("#")
+            target = (page.parent / path) if path else page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target), link
+
+
+def test_pages_are_listed():
+    contents, readme = read("docs/contents.md"), read("README.md")
+    assert all(f"docs/tutorials/{path.name}" in readme for path in TUTORIALS)
+    for page in PAGES:
+        name = page.relative_to(ROOT).with_suffix("").as_posix()
+        inner = name.startswith(("docs/theory/", "docs/reference/")) and page.stem != "index"
+        assert inner or name in ("README", "docs/contents") or f"\n{name}\n" in contents
+
+
+def test_commands_of_the_readme_are_those_that_are_checked():
+    first, _, test = re.findall(r"```bash\n(.*?)\n```", read("README.md"))
+    assert first.endswith("pip install -q . && .venv/bin/python -m estimation run --out pivot")
+    assert test in read(".ci/run").splitlines()
+    assert test in read("CONTRIBUTING.md").splitlines()
+    build = "python -m sphinx -W -c docs . build/docs"
+    for place in ("README.md", "CONTRIBUTING.md", "docs/conf.py"):
+        assert build in read(place), place
+
+
+def test_the_equation_index_names_what_there_is():
+    rows = [
+        line.split("|")[3:5] for line in read("docs/equations.md").splitlines() if "| `" in line
+    ]
+    functions = {name for row in rows for name in re.findall(r"`(\w+)`", row[0])}
+    assert functions - {"grow_stick_region"} <= set(dir(equations))
+    assert len(rows) == 12
+    text = read("tests/contactmodel/test_equations.py") + read(
+        "tests/contactmodel/test_kinematics.py"
+    )
+    for name in {name for row in rows for name in re.findall(r"`(test_\w+)`", row[1])}:
+        assert f"def {name}(" in text
+
+
+def prose(script):
+    """The sentences of a tutorial: its docstring and the text between its pieces of code."""
+    blocks = re.findall(r"^# %%\n((?:#.*\n)+)", script, re.M)
+    text = "\n\n".join([ast.get_docstring(ast.parse(script)) or "", *blocks])
+    lines = [re.sub(r"^# ?", "", line) for line in text.splitlines()]
+    kept = [line for line in lines if not re.match(r"( {3}|\.\. |[-=]{3})", line)]
+    return re.sub(r"``.*?``", "it", "\n".join(kept)).replace("\n- ", "\n\n").replace("*", "")
+
+
+def reading_ease(text):
+    """Flesch's number: 60 and more is plain English, below 50 is hard."""
+    sentences = [part for part in re.split(r"[.?!]\s|\n\n", text) if re.search(r"[a-z]", part)]
+    words = re.findall(r"[A-Za-z']+", text)
+    syllables = sum(
+        max(1, len(re.findall(r"[aeiouy]+", word.lower().removesuffix("e")))) for word in words
+    )
+    return 206.835 - 1.015 * len(words) / len(sentences) - 84.6 * syllables / len(words)
+
+
+def test_reading_ease_tells_plain_from_hard():
+    assert reading_ease("The cat sat on the mat. It was warm.") > 100.0
+    hard = "Incompressible elastomeric configurations necessitate simultaneous determination"
+    assert reading_ease(hard) < 0.0
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_tutorials_read_easily(path):
+    assert reading_ease(prose(path.read_text(encoding="utf-8"))) >= 50.0
