@@ -17,23 +17,26 @@ from estimation.frames.files import check_writable
 from estimation.frames.recording import Recording
 from estimation.output.result_folder import renew_results
 
-app = make_app("What must be found out about sensor and object before angles can be trusted.")
+app = make_app("Measure the properties of sensor and object that angles depend on.")
 _Out = Annotated[Path, typer.Option(help="Folder to write to.")]
 _Sensor = Annotated[
     Path | None,
     typer.Option(
-        help="TOML file that describes the sensor; options override it.", show_default="none"
+        help="TOML file that describes the sensor; options override its values.",
+        show_default="none",
     ),
 ]
 
 
 @app.command()
 def noise(
-    recording: Annotated[str, typer.Argument(help="Ten seconds of the sensor at rest.")],
+    recording: Annotated[
+        str, typer.Argument(help="Recording of the sensor at rest, ten seconds or more.")
+    ],
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
-    """Find the noise of a sensor at rest: sensor.toml, for --sensor, noise.json and a report."""
+    """Estimate the noise of a sensor at rest; write sensor.toml, noise.json and a report."""
     from calibration.noise import assess_noise, write_noise
 
     check_writable(out)
@@ -51,13 +54,15 @@ def softness(
     choices: SoftnessChoices,
     recordings: Annotated[
         list[str],
-        typer.Argument(metavar="RECORDING|DATASET...", help="Grasps of objects that turn."),
+        typer.Argument(
+            metavar="RECORDING|DATASET...", help="Recordings of grasps in which the object turns."
+        ),
     ],
     out: _Out = Path("out"),
     reference: Annotated[
         list[str] | None,
         typer.Option(
-            help="CSV (time_s, angle_deg) for each recording, or `outline` once.",
+            help="Reference angles: a CSV (time_s, angle_deg) for each recording, or `outline`.",
             show_default="none",
         ),
     ] = None,
@@ -65,13 +70,13 @@ def softness(
         list[str] | None,
         typer.Option(
             "--object",
-            help="Name of the object, one for each recording or for all.",
+            help="Name of the object: once for all recordings, or once for each.",
             show_default="object",
         ),
     ] = None,
     sensor: _Sensor = None,
 ) -> None:
-    """Fit k and L of objects to references: softness.toml for --softness, and a report."""
+    """Fit k and L of objects to reference angles; write softness.toml and a report."""
     from rich.progress import Progress
 
     from calibration.softness.readings import layer_of
@@ -111,13 +116,13 @@ def squeeze(
         str,
         typer.Argument(
             metavar="CSV|RECORDING",
-            help="CSV (travel_mm, indentation_mm), or a recording of a sphere pressed on.",
+            help="CSV (travel_mm, indentation_mm), or a recording of a sphere that is pressed on.",
         ),
     ],
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
-    """Find k by pressing, from the gripper's travel or the contact's curvature."""
+    """Fit k from pressing: the gripper's travel, or the curvature of the contact."""
     from calibration.softness.squeeze import (
         Bodies,
         read_travel,
@@ -137,7 +142,9 @@ def squeeze(
         readings = read_travel(Path(source))
         found = squeeze_by_travel(*readings, bodies, choices.pressing, source=source)
     elif choices.radius_mm is None:
-        raise ValueError("a recording takes --radius-mm, the radius of the sphere pressed on")
+        raise ValueError(
+            "a recording requires --radius-mm, the radius of the sphere that is pressed on"
+        )
     else:
         (one,) = _read([source], known)
         dome = inf if pad.dome_radius is None else pad.dome_radius
@@ -179,18 +186,18 @@ def _read(names: list[str], sensor: Any) -> list[Recording]:
 
 @app.command()
 def stereo(
-    pictures: Annotated[Path, typer.Argument(help="Pictures of a plane checkerboard in poses.")],
-    rows: Annotated[int, typer.Option(help="Rows of its inner corners.")],
-    columns: Annotated[int, typer.Option(help="Columns of its inner corners.")],
-    pitch_mm: Annotated[float, typer.Option(help="Side of its cells [mm].")],
+    pictures: Annotated[
+        Path, typer.Argument(help="Folder of pictures of a flat checkerboard in several poses.")
+    ],
+    rows: Annotated[int, typer.Option(help="Rows of inner corners of the checkerboard.")],
+    columns: Annotated[int, typer.Option(help="Columns of inner corners of the checkerboard.")],
+    pitch_mm: Annotated[float, typer.Option(help="Side of a cell of the checkerboard [mm].")],
     orthographic: Annotated[
-        bool, typer.Option("--orthographic/--perspective", help="The left view.")
+        bool, typer.Option("--orthographic/--perspective", help="Model of the left view.")
     ] = True,
     mirrored: Annotated[
         list[str] | None,
-        typer.Option(
-            help="View, left or right, that is shown the wrong way round.", show_default="none"
-        ),
+        typer.Option(help="Mirrored view: left or right.", show_default="none"),
     ] = None,
     out: _Out = Path("out"),
 ) -> None:
@@ -217,10 +224,16 @@ def field(
     recording: Annotated[str, typer.Argument(help="Recording, or name of a data set.")],
     experiment: Annotated[str, _EXPERIMENT],
     out: _Out = Path("out"),
-    starts: Annotated[int, typer.Option(min=1, help="Beginnings of the fit.")] = 1,
+    starts: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="Number of starting points of the fit; more find a global minimum more surely.",
+        ),
+    ] = 1,
     sensor: _Sensor = None,
 ) -> None:
-    """Fit numbers of a contact to fields and forces; those of the pad go to sensor.toml."""
+    """Fit properties of pad and contact to measured fields and forces; write sensor.toml."""
     from calibration.experiment import read_experiment
     from calibration.field_fit import fit_fields
     from calibration.field_report import find_pad, tell_numbers, write_fit
@@ -250,7 +263,7 @@ def design(
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
-    """Tell which numbers a planned experiment would determine, and what would help."""
+    """Predict which numbers a planned experiment determines, and what would help."""
     from calibration.experiment import read_experiment
     from calibration.field_report import write_design
     from calibration.identifiability import identify
@@ -269,23 +282,28 @@ def design(
 
 @app.command("sensor")
 def calibrate(
-    unloaded: Annotated[Path, typer.Argument(help="Pictures of the pad that nothing touches.")],
+    unloaded: Annotated[
+        Path, typer.Argument(help="Folder of pictures of the pad with nothing on it.")
+    ],
     pitch_mm: Annotated[
         float | None,
-        typer.Option(help="Distance of neighbouring dots [mm].", show_default="all is in px"),
+        typer.Option(
+            help="Distance between neighbouring dots [mm].", show_default="lengths stay in px"
+        ),
     ] = None,
     boards: Annotated[
         Path | None,
         typer.Option(
-            help="Pictures of a checkerboard in several poses: the lens.", show_default="no lens"
+            help="Folder of pictures of a checkerboard in several poses, to calibrate the lens.",
+            show_default="no lens is calibrated",
         ),
     ] = None,
-    rows: Annotated[int, typer.Option(help="Rows of its inner corners.")] = 6,
-    columns: Annotated[int, typer.Option(help="Columns of its inner corners.")] = 9,
+    rows: Annotated[int, typer.Option(help="Rows of inner corners of the checkerboard.")] = 6,
+    columns: Annotated[int, typer.Option(help="Columns of inner corners of the checkerboard.")] = 9,
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
-    """Find lens, scale, marker layout and noise: sensor.toml, for --sensor, and a report."""
+    """Calibrate lens, scale, marker layout and noise; write sensor.toml and a report."""
     from calibration.sensor import calibrate_sensor, fit_lens, write_calibration
 
     check_writable(out)

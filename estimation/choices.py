@@ -1,4 +1,4 @@
-"""What a run is told, as the command line takes it: plain values with units, and files."""
+"""Options of a run, as the command line takes them: plain values with units, and files."""
 
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
@@ -13,12 +13,15 @@ from estimation.frames.recording import ONSET_MM
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """How the contact and its state are told.
+    """Thresholds of contact and state.
 
     Attributes:
-        onset_mm: displacement of the stick centre from which there is contact [mm].
-        contact_share: share of the largest normal displacement that bounds the contact [-].
-        stick_share: share of the contact's markers from which the state is `stick` [-].
+        onset_mm: displacement of the stick centre from which a contact is reported. Larger values
+            ignore light touches and noise [mm].
+        contact_share: share of the largest indentation above which a marker is in contact. Larger
+            values make the contact smaller [-].
+        stick_share: share of the contact's markers that must stick for the state `stick`. Larger
+            values report `incipient` earlier [-].
 
     Raises:
         ValueError: a value out of range.
@@ -37,15 +40,18 @@ class ContactSettings:
 
 @dataclass(frozen=True)
 class AlertSettings:
-    """When a gripper is warned; see `estimation.slip.alert.Level`.
+    """Thresholds of the alerts to a gripper; see `estimation.slip.alert.Level`.
 
     Attributes:
-        watch_s: time to slip below which the alert is `watch` [s].
-        act_s: time to slip below which the alert is `act` [s].
-        watch_used: share of the friction limit from which the alert is `watch` [-].
-        act_used: share of the friction limit from which the alert is `act` [-].
-        act_probability: probability of a slip from which the alert is `act` [-].
-        rate_frames: frames over which the rate of turn and load is taken, 5 or more [frames].
+        watch_s: predicted time to slip below which the alert is `watch`. Larger values warn earlier
+            [s].
+        act_s: predicted time to slip below which the alert is `act`. Larger values warn earlier
+            [s].
+        watch_used: share of the friction limit in use above which the alert is `watch` [-].
+        act_used: share of the friction limit in use above which the alert is `act` [-].
+        act_probability: probability of a slip above which the alert is `act` [-].
+        rate_frames: frames over which the rates of angle and load are computed, 5 or more. More
+            frames give smoother, later alerts [frames].
 
     Raises:
         ValueError: a threshold below 0, or a rate over fewer than 5 frames.
@@ -72,32 +78,30 @@ DEFAULT_ALERT = AlertSettings()
 
 @dataclass(frozen=True)
 class Choices:
-    """What every run is told beside what is known of sensor, object and method.
+    """Choices of every run, apart from sensor, object and method.
 
     Attributes:
-        method: method of angles.csv; the others stand beside it in angles_all.csv.
+        method: method that fills angles.csv; angles_all.csv has the angles of all methods.
         keep_withdrawn: keep the angles that were reported while the object may have been sliding
             unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
-        topic: topic of a bag to run over; given twice, as for the fingers of a grasp, both are.
-        sink: what else takes the answers, frame by frame; it may be given several times. mcap:
-            frames.mcap, an MCAP file of ROS messages; zarr: frames.zarr; lerobot: a LeRobot data
-            set. All of them can be run over again. json: a line of
-            JSON for each frame on standard output. udp:PORT, udp:HOST:PORT: the same as packets.
-        seed: seed of the virtual pivot.
-        contact: how the contact and its state are told.
-        alert: when a gripper is warned.
+        topic: topic of a bag to read. Give it twice for two topics, such as the fingers of a grasp.
+        sink: further output for each frame; can be given several times. mcap writes frames.mcap, an
+            MCAP file of ROS messages; zarr writes frames.zarr; lerobot writes a LeRobot data set.
+            All three can be run again. json prints a line of JSON for each frame; udp:PORT or
+            udp:HOST:PORT sends the same lines as packets.
+        seed: random seed of the virtual pivot.
+        contact: thresholds of contact and state.
+        alert: thresholds of the alerts.
 
     Raises:
         ValueError: the seed is below 0.
     """
 
     method: str = field(
-        default=DEFAULT_METHOD, metadata=option(more=f" Of {', '.join(METHODS | RIVALS)}.")
+        default=DEFAULT_METHOD, metadata=option(more=f" One of {', '.join(METHODS | RIVALS)}.")
     )
     keep_withdrawn: bool = False
-    topic: tuple[str, ...] = field(
-        default=(), metadata=option("found, where only one can be meant")
-    )
+    topic: tuple[str, ...] = field(default=(), metadata=option("the only topic that can be read"))
     sink: tuple[str, ...] = field(default=(), metadata=option("none"))
     seed: int = 0
     contact: ContactSettings = field(default_factory=ContactSettings)
@@ -111,10 +115,10 @@ class Choices:
 
 @dataclass(frozen=True)
 class RunChoices(Choices):
-    """What a run over recordings is told beside.
+    """Further choices of a run over recordings.
 
     Attributes:
-        grasp: two recordings of fingers that hold one object.
+        grasp: join two recordings of fingers that hold one object.
         preview: write an annotated video, preview.mp4 (needs the extra `video`).
     """
 
@@ -124,19 +128,19 @@ class RunChoices(Choices):
 
 @dataclass(frozen=True)
 class LiveChoices:
-    """How a source is followed while it goes on.
+    """Choices for a source that is followed live.
 
     Attributes:
-        fast: play a recording as fast as its frames are answered, and leave none out. By default
-            it is played at its own pace.
-        queue: frames that wait for their answer; when there are more, the oldest is left out and
-            counted. A larger number loses fewer frames, and answers may be later [frames].
-        silent_s: time without a frame from which the source is reported as silent [s].
-        window: show picture or markers, angle, state and alert on a page in the browser, whose
-            address is said at the start.
-        window_host: address that the page is served at. By default only this machine can see it;
-            with another, such as 0.0.0.0, everybody can who reaches it.
-        window_port: its port; 0 for any that is free.
+        fast: play a recording as fast as its frames are answered, without dropping any. By default
+            it plays at its own pace.
+        queue: frames that may wait for their answer. Above, the oldest is dropped and counted.
+            Larger values drop fewer frames and may answer later [frames].
+        silent_s: time without a frame after which the source is reported as silent [s].
+        window: show picture or markers, angle, state and alert on a page in the browser; its
+            address is printed at the start.
+        window_host: network address that serves the page. By default only this machine can open it;
+            with 0.0.0.0, everybody on the network can.
+        window_port: port of the page; 0 chooses a free one.
 
     Raises:
         ValueError: a queue without room, a time that is not above 0, or no port.
@@ -160,26 +164,28 @@ class LiveChoices:
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of object and sensor.
+    """What the user knows of object and sensor.
 
     Attributes:
-        softness: TOML file with the softness correction k, L.
-        sensor: TOML file that describes the sensor; options override it.
-        mm_per_px: scale [mm/px].
-        dot_radius_px: radius of the dots [px].
-        dark_dots: dots that are darker or brighter than the pad.
-        unloaded_frame: number of an unloaded frame: the number in the picture's name, or counted
-            from 0 (angles.csv: source_index).
-        unloaded: picture of the same sensor with nothing on it, of the size of the recording's.
-            Markers, light and contact count from it.
-        crop: part of the pictures that is read, as left column, upper row, width and height [px].
-            Positions stay those in the whole picture.
-        mask: picture of the size of the recording's, black where nothing is read: mirrors, frames.
-        fps: rate of the pictures of a folder without times.csv [1/s].
-        marker: kind of markers: corners, dots, speckle.
-        stereo: TOML file of a stereo calibration, where mirrors split the picture.
-        noise_um: marker noise per in-plane coordinate [µm].
-        noise_px: the same of pictures without a scale [px].
+        softness: TOML file with the object's softness, from `calibration softness`.
+        sensor: TOML file that describes the sensor; options override its values.
+        mm_per_px: scale of the pictures [mm/px].
+        dot_radius_px: radius of the printed dots [px].
+        dark_dots: whether the dots are darker or brighter than the pad.
+        unloaded_frame: number of a frame with nothing on the pad: the number in the picture's name,
+            or its count from 0 (source_index in angles.csv).
+        unloaded: picture of the same sensor with nothing on it, as large as the recording's
+            pictures. It is the reference of markers, light and contact.
+        crop: part of the pictures to read: left column, upper row, width and height. Positions stay
+            those of the whole picture [px].
+        mask: picture as large as the recording's, black where nothing is read: mirrors, frames,
+            covers.
+        fps: frame rate of a folder of pictures without times.csv [1/s].
+        marker: kind of markers: corners, dots or speckle.
+        stereo: TOML file of a stereo calibration, for pictures that mirrors split into two views.
+        noise_um: standard deviation of a marker's in-plane coordinates. Larger values widen the
+            intervals [µm].
+        noise_px: the same for pictures without a scale [px].
     """
 
     softness: Path | None = field(default=None, metadata=option("a rigid object"))

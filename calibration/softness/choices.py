@@ -1,4 +1,4 @@
-"""What the fits of softness are told, as the command line takes it: plain values with units."""
+"""Options of the fits of softness, as the command line takes them: plain values with units."""
 
 from dataclasses import dataclass, field
 
@@ -11,9 +11,9 @@ class ReferenceSettings:
     """How references are read.
 
     Attributes:
-        flip: turn the references' sign.
-        zeroed: the references count from the onset of contact: fit L.
-        same_clock: CSV and recording have one clock.
+        flip: change the sign of the reference angles.
+        zeroed: the reference angles count from the onset of contact; L is fitted too.
+        same_clock: reference and recording share a clock; no offset is fitted.
     """
 
     flip: bool = False
@@ -23,19 +23,21 @@ class ReferenceSettings:
 
 @dataclass(frozen=True)
 class SoftnessChoices:
-    """How k and L are fitted, and what is known of the elastomer.
+    """Choices of a fit of k and L, and what is known of the elastomer and the object.
 
     Attributes:
         references: how references are read.
-        clock_search: how far clocks may be apart at most [s].
-        load: how L is taken.
-        noise_um: marker noise per in-plane coordinate [µm].
-        second_ratio: two fingers of one grasp, no reference: k on the first over second.
-        thickness_mm: of an elastomer that is not thick beside the contact [mm], inf of one that is;
-            a finite one needs CSVs with --zeroed and --same-clock.
-        depth_mm: of its markers below the surface [mm].
-        radius_mm: of a ball, which gives way more where it is held by a larger part [mm]; inf of an
-            object with a flat surface. Needs what a finite thickness needs.
+        clock_search: largest offset between the clocks of reference and recording. Larger values
+            search longer [s].
+        load: model of the load term L.
+        noise_um: standard deviation of a marker's in-plane coordinates [µm].
+        second_ratio: ratio of the k of the first finger to that of the second. Fits both from one
+            grasp, without a reference [-].
+        thickness_mm: thickness of the elastomer; inf if it is much thicker than the contact is
+            wide. A finite thickness requires CSVs with --zeroed and --same-clock [mm].
+        depth_mm: depth of the markers below the surface [mm].
+        radius_mm: radius of an object that is a ball; inf for a flat surface. A finite radius
+            requires what a finite thickness requires [mm].
 
     Raises:
         ValueError: the search is below 0, or the radius not above it.
@@ -44,14 +46,14 @@ class SoftnessChoices:
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
     clock_search: float = 1.0
     load: str | None = field(
-        default=None, metadata=option("by BIC", more=f" Of {', '.join(LOAD_MODELS)}.")
+        default=None, metadata=option("by BIC", more=f" One of {', '.join(LOAD_MODELS)}.")
     )
     noise_um: float | None = field(
-        default=None, metadata=option("of --sensor, or from each recording")
+        default=None, metadata=option("from --sensor, or from each recording")
     )
     second_ratio: float | None = field(default=None, metadata=option("none"))
-    thickness_mm: float | None = field(default=None, metadata=option("of --sensor, or inf"))
-    depth_mm: float | None = field(default=None, metadata=option("of --sensor, or 0"))
+    thickness_mm: float | None = field(default=None, metadata=option("from --sensor, or inf"))
+    depth_mm: float | None = field(default=None, metadata=option("from --sensor, or 0"))
     radius_mm: float = float("inf")
 
     def __post_init__(self) -> None:
@@ -72,9 +74,9 @@ class Pressing:
     """What presses, and how a gripper closes.
 
     Attributes:
-        pads: elastomers between the jaws, each pressed alike [-].
-        rigid_slope: travel over indentation and pad of a rigid object; more than 1 is the gripper's
-            own give and the pad's backing [-].
+        pads: number of elastomers between the jaws, all pressed alike [-].
+        rigid_slope: travel over indentation, per pad, for a rigid object. Values above 1 account
+            for a gripper or a backing that gives way [-].
 
     Raises:
         ValueError: fewer than one pad.
@@ -94,15 +96,15 @@ class SqueezeChoices:
     """What is known of gripper and bodies.
 
     Attributes:
-        radius_mm: radius of the sphere [mm], for a recording.
+        radius_mm: radius of the sphere, required with a recording [mm].
         pad_radius_mm: radius of a domed pad [mm].
         pressing: how a gripper closes.
-        poisson_ratio: of the elastomer [-].
-        object_poisson: least and greatest of the object [-].
+        poisson_ratio: Poisson's ratio of the elastomer [-].
+        object_poisson: smallest and largest Poisson's ratio of the object [-].
     """
 
     radius_mm: float | None = field(default=None, metadata=option("none"))
-    pad_radius_mm: float | None = field(default=None, metadata=option("of --sensor, or flat"))
+    pad_radius_mm: float | None = field(default=None, metadata=option("from --sensor, or flat"))
     pressing: Pressing = field(default_factory=Pressing)
-    poisson_ratio: float | None = field(default=None, metadata=option("of --sensor, or 0.48"))
+    poisson_ratio: float | None = field(default=None, metadata=option("from --sensor, or 0.48"))
     object_poisson: tuple[float, float] = (0.3, 0.5)

@@ -37,15 +37,16 @@ class IncrementalSettings(RigidSettings):
     sliding object seems to stick all of a sudden.
 
     Attributes:
-        keyframe_interval: interval between keyframes [frames].
-        mature_age: how long markers must have moved as one to count as sticking, and over which gel
-            and outline are compared [frames].
-        most_keyframes: keyframes that are kept [-].
-        firm_markers: markers that hold on to a keyframe from which on no newer one is tried [-].
-        many_markers: markers that stick from which on noise is believed to hide them all at once
-            [-].
-        patience: frames in a row in which nothing may seem to stick before the angle is given up,
-            where many markers stuck [frames].
+        keyframe_interval: frames between two keyframes [frames].
+        mature_age: frames over which markers must move together to count as sticking, and over
+            which gel and outline are compared. More frames report slip later [frames].
+        most_keyframes: number of keyframes to keep [-].
+        firm_markers: number of markers still sticking since a keyframe, from which newer keyframes
+            are not tried [-].
+        many_markers: number of markers that stuck before, from which a frame without any is first
+            taken for noise and not for slip [-].
+        patience: frames without a sticking marker after which the angle is given up, if many
+            markers stuck before [frames].
     """
 
     keyframe_interval: int = 5

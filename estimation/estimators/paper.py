@@ -32,11 +32,13 @@ class PaperSettings:
     """How the region is grown and averaged.
 
     Attributes:
-        threshold: Δφ_th of Eq. (15) [-].
-        angle_floor_deg: least denominator of Eq. (15) [deg].
-        window_frames: of the trailing mean, begun anew with every contact and slip [frames].
-        zero_drift: whether to take off the mean φ that each marker had while unloaded.
-        min_stick_markers: markers below which nothing sticks [-].
+        threshold: largest relative difference of rotation, Δφ_th of Eq. (15), at which a neighbour
+            joins the region that sticks. Larger values let slipping markers in [-].
+        angle_floor_deg: smallest denominator of Eq. (15) [deg].
+        window_frames: frames of the trailing mean, which restarts with every contact and slip
+            [frames].
+        zero_drift: subtract the mean φ that each marker had while unloaded.
+        min_stick_markers: number of markers below which nothing is taken to stick [-].
 
     Raises:
         ValueError: a value out of range.

@@ -40,19 +40,20 @@ BIWEIGHT_ERROR = 0.950
 
 @dataclass(frozen=True)
 class RigidSettings:
-    """How the markers that stick are found.
+    """Thresholds for markers that stick.
 
     At a threshold of 0.2 the segment stays inside the stick region; at the paper's 0.4 it takes in
     markers whose slip hides in the noise. Slip within a few markers shows as strain; those that
     stick to an object strain with the gel by some tenths of a percent.
 
     Attributes:
-        threshold: Δφ_th of Eq. (15) [-].
-        angle_floor_deg: least denominator of Eq. (15) [deg]; raised until the threshold is three
-            standard errors of φ where the noise asks for more.
-        max_strain: misfit over size of the region beyond which its markers do not move as one body
-            [-].
-        min_stick_markers: markers below which nothing sticks [-].
+        threshold: largest relative difference of rotation, Δφ_th of Eq. (15), at which a neighbour
+            joins the region that sticks. Larger values let slipping markers in [-].
+        angle_floor_deg: smallest denominator of Eq. (15). It is raised until the threshold equals
+            three standard errors of φ, where the noise requires it [deg].
+        max_strain: misfit of the rigid fit over the size of the region, above which the markers do
+            not move as one body [-].
+        min_stick_markers: number of markers below which nothing is taken to stick [-].
 
     Raises:
         ValueError: a value out of range.

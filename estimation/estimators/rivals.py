@@ -154,9 +154,10 @@ class CastanoSettings:
     """How the axis is averaged, and when there is one.
 
     Attributes:
-        window_frames: frames of the trailing mean [-]; 5 is ours, not checked against the paper.
-        largest_error_deg: standard error of the axis, from the distance between the markers, beyond
-            which the contact counts as round [deg]; ours.
+        window_frames: frames of the trailing mean; 5 is our choice, not checked against the paper
+            [frames].
+        largest_error_deg: standard error of the long axis above which the contact counts as round;
+            our choice [deg].
 
     Raises:
         ValueError: a value out of range.

@@ -49,16 +49,16 @@ class TrackedSettings(IncrementalSettings):
     together part by four errors of reading the imprint twice.
 
     Attributes:
-        slip_deg: how far the outline turns away from the gel over the mature age in macro slip
-            [deg].
-        shape_change: share by which the contact's curvature may differ from what it was when the
-            outline was first seen; beyond, it is not that of the same face [-].
-        memory: how long outline and imprint are remembered [frames].
-        widest_deg: half-width of the interval beyond which an angle is none [deg].
-        held_back_deg: how far gel that sticks must have turned beyond an imprint for that to be
-            none [deg].
-        together_deg: how far imprint and gel may part over three frames and count as sticking
-            [deg].
+        slip_deg: difference between the turns of outline and gel over the mature age, from which
+            the contact is in macro slip [deg].
+        shape_change: relative change of the contact's curvature since the outline was first seen,
+            above which the outline belongs to another face and is not used [-].
+        memory: frames for which outline and imprint are remembered [frames].
+        widest_deg: half-width of the interval above which no angle is reported [deg].
+        held_back_deg: turn of the sticking gel beyond the imprint's, from which the imprint is
+            rejected [deg].
+        together_deg: difference between the turns of imprint and gel over three frames, up to which
+            they count as sticking together [deg].
     """
 
     slip_deg: float = 2.0
