@@ -81,7 +81,7 @@ class Choices:
     """Choices of every run, apart from sensor, object and method.
 
     Attributes:
-        method: method that fills angles.csv; angles_all.csv has the angles of all methods.
+        method: method that fills angles.csv; angles_all.csv has those of the other estimators too.
         keep_withdrawn: keep the angles that were reported while the object may have been sliding
             unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
         topic: topic of a bag to read. Give it twice for two topics, such as the fingers of a grasp.

@@ -87,7 +87,7 @@ print(f"true macro slip from {times[clip.truth.onset]:.2f} s on")
 # - *Marker positions of your own.*
 #   ``Tracker(layout_markers(reference)).update_positions(positions, time)`` takes them.
 # - *A camera from the terminal.* ``python -m estimation live camera:0`` prints a line for each
-#   picture. With ``--sink udp:9000`` it sends the lines as packets, for a controller in another
-#   language.
+#   picture. ``--window`` shows it on a page in your browser. ``--sink udp:9000`` sends the lines as
+#   packets, for a controller in another language.
 # - *ROS 2, PyTac3D, two fingers.* The folder ``examples`` has a script of at most 30 lines for
 #   each.
