@@ -44,6 +44,19 @@ class Dots(NamedTuple):
         """Some of the dots."""
         return Dots(*(value[which] for value in self))
 
+    @property
+    def radius(self) -> Float[np.ndarray, " n"]:
+        """Of the circle of each dot's area [px]."""
+        xx, xy, yx, yy = self.axes.reshape(-1, 4).T
+        return np.sqrt(np.abs(xx * yy - xy * yx))
+
+    @property
+    def elongation(self) -> Float[np.ndarray, " n"]:
+        """Ratio of the longer axis to the shorter one [-]."""
+        xx, xy, _, yy = self.axes.reshape(-1, 4).T
+        mean, apart = 0.5 * np.abs(xx + yy), np.hypot(0.5 * (xx - yy), xy)
+        return (mean + apart) / np.maximum(np.abs(mean - apart), 1e-6)
+
 
 def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarray, "n 2"]:
     """Pixels (x, y) at which a dot may be: maxima of a difference of Gaussians.
@@ -101,8 +114,8 @@ def fit_dots(
         seeds: pixels to start from, each within a radius of a dot's centre.
         style: typical radius, and whether the dots are dark.
     """
-    # dots fitted at a time: one size is compiled, and its arrays stay in the processor's cache
-    batch = 8
+    # dots fitted at a time: one size is compiled, and few dots of a frame need this fit
+    batch = 2
     from estimation.pictures.dots.fit import (
         fit_windows,  # imports JAX, which other markers do without
     )

@@ -30,8 +30,7 @@ def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
 
 def _keep_dots(dots: Dots, grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
     explained = 0.75  # share of the picture around a dot that its fit must explain [-]
-    xx, xy, yx, yy = dots.axes.reshape(-1, 4).T
-    size = np.sqrt(np.abs(xx * yy - xy * yx)) / style.radius
+    size = dots.radius / style.radius
     good = (dots.explained > explained) & (size > 0.5) & (size < 1.8) & (dots.contrast > 3.0)
     good &= np.isfinite(dots.covariance).all(axis=(1, 2))
     good &= (dots.centre > -1.0).all(axis=1)
@@ -65,10 +64,10 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
             grey = cv2.resize(original, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             tried = DotStyle(polarity, radii[0])
             dots = _keep_dots(fit_alike(grey, find_seeds(grey, tried), tried), grey, tried)
-            dots = dots.take(_elongation(dots) < DOT_ELONGATION[1])  # gaps between dots are longer
+            dots = dots.take(dots.elongation < DOT_ELONGATION[1])  # gaps between dots are longer
             lattice = index_lattice(dots.centre)
             count = len(lattice.dot)
-            found = float(np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))) if count else 0.0
+            found = float(np.median(dots.radius)) if count else 0.0
             score = count * float(np.mean(dots.explained)) if count else 0.0
             enough = count >= max(fewest, 0.5 * len(dots.centre))
             if enough and score > most and _covers(dots.centre[lattice.dot], grey) > covered:
@@ -83,19 +82,13 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
     return _refine(best, to_grey(picture, best.dark))
 
 
-def _elongation(dots: Dots) -> Float[np.ndarray, " n"]:
-    """Ratio of the dots' axes."""
-    longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
-    return longest / np.maximum(shortest, 1e-6)
-
-
 def _refine(style: DotStyle, grey: Float[np.ndarray, "h w"]) -> DotStyle:
     """Radius and blur of the typical dot, at the picture's own resolution."""
     dots = _keep_dots(fit_dots(grey, find_seeds(grey, style), style), grey, style)
     if not len(dots.blur):
         return style
-    radius = np.median(np.sqrt(np.abs(np.linalg.det(dots.axes))))
-    return DotStyle(style.dark, round(float(radius), 2), round(float(np.median(dots.blur)), 2))
+    radius = float(np.median(dots.radius))
+    return DotStyle(style.dark, round(radius, 2), round(float(np.median(dots.blur)), 2))
 
 
 def _covers(points: Float[np.ndarray, "n 2"], grey: Float[np.ndarray, "h w"]) -> float:

@@ -31,19 +31,35 @@ class Templates(NamedTuple):
     Attributes:
         dx: of the window's pixels, from its middle.
         dy: the same.
-        jacobian: derivatives of each entry by the ten parameters of `model_dots`, for a dot of
-            height 1; the entries are sorted by radius, then y, then x.
+        jacobian: derivatives of each entry by the first seven parameters of `model_dots`, for a dot
+            of height 1; the entries are sorted by radius, then y, then x.
+        background: derivatives by the other three, alike in all entries.
         gram: products of the derivatives.
         inverse: of the products, damped.
-        solver: takes the grey levels of a window, less their mean, to the linear fit.
     """
 
     dx: Int[np.ndarray, " pixels"]
     dy: Int[np.ndarray, " pixels"]
-    jacobian: Float[np.ndarray, "entries 10 pixels"]
+    jacobian: Float[np.ndarray, "entries 7 pixels"]
+    background: Float[np.ndarray, "3 pixels"]
     gram: Float[np.ndarray, "entries 10 10"]
     inverse: Float[np.ndarray, "entries 10 10"]
-    solver: Float[np.ndarray, "entries 10 pixels"]
+
+    def fit(
+        self, entry: Int[np.ndarray, " #n"], value: Float[np.ndarray, "n pixels"]
+    ) -> Float[np.ndarray, "n 10"]:
+        """The ten parameters, by linear least squares about an entry for each window.
+
+        Args:
+            entry: of each window; one for all where it is a single one.
+            value: grey levels of the windows, less their mean.
+        """
+        if len(entry) == 1 or (len(entry) and (entry == entry[0]).all()):  # as for seeds
+            own = value @ self.jacobian[entry[0]].T
+        else:
+            own = np.matmul(self.jacobian[entry], value[..., None])[..., 0]
+        products = np.concatenate([own, value @ self.background.T], axis=1).astype(float)
+        return np.matmul(self.inverse[entry], products[..., None])[..., 0]
 
 
 @lru_cache(maxsize=4)
@@ -65,17 +81,15 @@ def make_templates(radius: float, blur: float) -> Templates:
     single = (one.astype(np.float32) for one in (p, dx, dy))
     jacobian = np.asarray(jax.jit(model_dots)(*single)[1])
     gram = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
-    inverse = _invert(gram)
-    return Templates(
-        dx, dy, jacobian, gram, inverse, np.matmul(inverse, jacobian).astype(np.float32)
-    )
+    own, background = np.ascontiguousarray(jacobian[:, :7]), jacobian[0, 7:].copy()
+    return Templates(dx, dy, own, background, gram, np.linalg.inv(_damp(gram)))
 
 
-def _invert(gram: Float[np.ndarray, "n 10 10"]) -> Float[np.ndarray, "n 10 10"]:
+def _damp(gram: Float[np.ndarray, "n 10 10"]) -> Float[np.ndarray, "n 10 10"]:
     share = 1e-5  # share of each diagonal element that is added to it, as in the full fit
     diagonal = np.einsum("nii->ni", gram)
     damping = share * diagonal + 1e-6
-    return np.linalg.inv(gram + damping[:, :, None] * np.eye(10))
+    return gram + damping[:, :, None] * np.eye(10)
 
 
 def fit_alike(
@@ -99,8 +113,8 @@ def fit_alike(
     moved = rough.centre - centre
     far = np.hypot(*moved.T) / (0.5 * style.radius)
     centre = np.clip(centre + moved / np.maximum(far, 1.0)[:, None], -0.499, limit)
-    radius = np.sqrt(np.abs(np.linalg.det(rough.axes))) / style.radius
-    size = np.abs(np.log(np.maximum(radius, 1e-3))[:, None] - np.log(SIZES)).argmin(axis=1)
+    radius = np.maximum(rough.radius / style.radius, 1e-3)
+    size = np.abs(np.log(radius)[:, None] - np.log(SIZES)).argmin(axis=1)
     dots = _fit_linear(padded, margin, templates, centre, size, style)
     return _refit_elongated(grey, templates, dots, style)
 
@@ -113,8 +127,8 @@ def _refit_elongated(
     Dots that the picture's border cuts stay as they are.
     """
     least, most = DOT_ELONGATION
-    longest, shortest = np.linalg.svd(dots.axes, compute_uv=False).T
-    far = np.flatnonzero((longest > least * shortest) & (longest < most * shortest))
+    elongation = dots.elongation
+    far = np.flatnonzero((elongation > least) & (elongation < most))
     frame = dots.axes[far] / style.radius
     window = np.stack([templates.dx, templates.dy]).astype(float)
     place = dots.centre[far, :, None] + frame @ window
@@ -127,9 +141,9 @@ def _refit_elongated(
     value = cv2.remap(grey, x, y, cv2.INTER_LINEAR)
     value -= value.mean(axis=1, keepdims=True)
     entry = (SIZES.index(1.0) * (PARTS + 1) + PARTS // 2) * (PARTS + 1) + PARTS // 2
-    gram, inverse = templates.gram[[entry]], templates.inverse[[entry]]
-    found = (value @ templates.solver[entry].T).astype(float)
-    own = _to_dots(found, value, gram, inverse, 1.0 / style.radius, style, float(value.shape[1]))
+    found = templates.fit(np.array([entry]), value)
+    gram, spread = templates.gram[[entry]], templates.inverse[[entry], :2, :2]
+    own = _to_dots(found, value, gram, spread, 1.0 / style.radius, style, float(value.shape[1]))
     beside = place % 1.0  # what interpolation leaves of the noise; samples are not one a pixel
     left = ((1.0 - beside) ** 2 + beside**2).prod(axis=1).mean(axis=1) * np.linalg.det(frame)
     turned = frame.transpose(0, 2, 1)
@@ -144,9 +158,11 @@ def _refit_elongated(
 
 
 def _symmetric(axes: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 2 2"]:
-    """The symmetric matrices that take the unit circle to the same ellipses."""
-    turn, stretch, _ = np.linalg.svd(axes)
-    return turn * stretch[:, None] @ turn.transpose(0, 2, 1)
+    """The symmetric matrices that take the unit circle to the same ellipses: roots of A Aᵀ."""
+    square = axes @ axes.transpose(0, 2, 1)
+    area = np.abs(axes[:, 0, 0] * axes[:, 1, 1] - axes[:, 0, 1] * axes[:, 1, 0])
+    width = np.sqrt(square[:, 0, 0] + square[:, 1, 1] + 2.0 * area)  # Cayley and Hamilton
+    return (square + area[:, None, None] * np.eye(2)) / width[:, None, None]
 
 
 def _fit_linear(
@@ -163,27 +179,27 @@ def _fit_linear(
     entry = (size * (PARTS + 1) + part[:, 1]) * (PARTS + 1) + part[:, 0]
     start = (pixel[:, 1] + margin) * padded.shape[1] + pixel[:, 0] + margin
     value = padded.ravel()[start[:, None] + (templates.dy * padded.shape[1] + templates.dx)]
-    gram, inverse = templates.gram[entry], templates.inverse[entry]
-    count = np.full(len(value), float(value.shape[1]))
-    cut = np.flatnonzero(~np.isfinite(value.sum(axis=1)))  # by the picture's border
+    count, total = np.full(len(value), float(value.shape[1])), value.sum(axis=1)
+    cut = np.flatnonzero(~np.isfinite(total))  # by the picture's border
     there = np.isfinite(value[cut])
     if len(cut):
-        count[cut] = there.sum(axis=1)
-        value[cut] = np.where(there, value[cut], 0.0)
-    value -= (value.sum(axis=1) / count)[:, None]
-    if len(entry) and (entry == entry[0]).all():  # as for seeds: one matrix for all
-        found = (value @ templates.solver[entry[0]].T).astype(float)
-    else:
-        found = np.matmul(templates.solver[entry], value[..., None])[..., 0].astype(float)
+        count[cut], value[cut] = there.sum(axis=1), np.where(there, value[cut], 0.0)
+        total[cut] = value[cut].sum(axis=1)
+    value -= (total / count)[:, None]
+    gram, spread = templates.gram[entry], templates.inverse[entry, :2, :2]
+    found = templates.fit(entry, value)
     if len(cut):
         value[cut] *= there
-        jacobian = templates.jacobian[entry[cut]] * there[:, None]
+        own = templates.jacobian[entry[cut]]
+        background = np.broadcast_to(templates.background, (len(cut), *templates.background.shape))
+        jacobian = np.concatenate([own, background], axis=1) * there[:, None]
         gram[cut] = jacobian @ jacobian.transpose(0, 2, 1)
-        inverse[cut] = _invert(gram[cut])
         products = np.matmul(jacobian, value[cut][..., None])
-        found[cut] = np.matmul(inverse[cut], products)[..., 0]
+        sides = np.broadcast_to(np.eye(10, 2), (len(cut), 10, 2))
+        solved = np.linalg.solve(_damp(gram[cut]), np.concatenate([products, sides], axis=2))
+        found[cut], spread[cut] = solved[..., 0], solved[:, :2, 1:]
     start_inverse = 1.0 / (style.radius * np.asarray(SIZES)[size])
-    dots = _to_dots(found, value, gram, inverse, start_inverse, style, count)
+    dots = _to_dots(found, value, gram, spread, start_inverse, style, count)
     return dots._replace(centre=pixel + part / PARTS - 0.5 + dots.centre)
 
 
@@ -191,7 +207,7 @@ def _to_dots(
     found: Float[np.ndarray, "n 10"],
     value: Float[np.ndarray, "n pixels"],
     gram: Float[np.ndarray, "#n 10 10"],
-    inverse: Float[np.ndarray, "#n 10 10"],
+    spread: Float[np.ndarray, "#n 2 2"],
     start_inverse: Float[np.ndarray, " n"] | float,
     style: DotStyle,
     count: Float[np.ndarray, " n"] | float,
@@ -202,14 +218,14 @@ def _to_dots(
         found: the fits' parameters.
         value: grey levels of the windows, less their mean.
         gram: of the entries.
-        inverse: of the entries.
+        spread: covariance of the centres at unit noise, for dots of height 1 [px²].
         start_inverse: 1 / radius of the entries [1/px].
         style: typical blur, and whether the dots are dark.
         count: pixels of each window.
     """
     right = np.matmul(gram, found[..., None])[..., 0]
-    spread = np.einsum("np,np->n", value, value).astype(float)
-    misfit = np.maximum(spread - np.einsum("ni,ni->n", found, right), 0.0)
+    power = np.einsum("np,np->n", value, value).astype(float)
+    misfit = np.maximum(power - np.einsum("ni,ni->n", found, right), 0.0)
     height = np.where(np.abs(found[:, 6]) > 1e-3, found[:, 6], 1e-3)
     change = found[:, :6] / height[:, None]
     xx, yy, xy = change[:, 2] + start_inverse, change[:, 3] + start_inverse, change[:, 4]
@@ -219,9 +235,9 @@ def _to_dots(
     variance = misfit / np.maximum(count - 10.0, 1.0) / height**2
     return Dots(
         centre=change[:, :2],
-        covariance=inverse[:, :2, :2] * variance[:, None, None],
+        covariance=spread * variance[:, None, None],
         axes=axes,
         contrast=-height if style.dark else height,
         blur=style.blur + change[:, 5],
-        explained=1.0 - misfit / np.maximum(spread, 1e-6),
+        explained=1.0 - misfit / np.maximum(power, 1e-6),
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from estimation.pictures.dots.find import DotStyle, fit_dots
+from estimation.pictures.dots.find import Dots, DotStyle, fit_dots
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.light import to_grey
 from estimation.pictures.render import Camera, render_dots
@@ -121,3 +121,14 @@ def test_published_stills():
 
 def _rng():
     return np.random.default_rng(0)
+
+
+def test_radius_and_elongation_of_dots_are_those_of_their_axes():
+    rng = np.random.default_rng(0)
+    axes = rng.normal(size=(20, 2, 2)) + 4.0 * np.eye(2)
+    axes = 0.5 * (axes + axes.transpose(0, 2, 1))
+    none = np.zeros(20)
+    dots = Dots(np.zeros((20, 2)), axes, axes, none, none, none)
+    longest, shortest = np.linalg.svd(axes, compute_uv=False).T
+    assert dots.radius == pytest.approx(np.sqrt(longest * shortest))
+    assert dots.elongation == pytest.approx(longest / shortest)
