@@ -4,11 +4,14 @@ The lamps do not turn with the object: a slope that turns changes its colour. Wh
 how far all colours together depart from what is around: how steep the print is.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Shaped, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
 
 class Texture(NamedTuple):
@@ -23,27 +26,47 @@ class Texture(NamedTuple):
     mask: UInt8[np.ndarray, "h w"]
 
 
-class Painted(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Painted:
     """A picture without its dots and the slow change of its light, scaled down.
 
+    What is made of it is made when it is first asked for: many pictures show no contact.
+
     Attributes:
-        planes: its colours, grey levels of 255, smoothed.
-        texture: how far all together depart from what is around, worn dots left out; without
-            colours grey levels.
-        clear: 1 where there is no dot, nor one that the side may cut; else 0.
-        bare: the same, and 0 where there is a worn dot or dirt.
-        power: squares of all colours' departure and 1 where there is no dot, up to the sides.
+        colours: its colours, grey levels of 255.
+        shown: 1 where there is no dot, else 0.
+        clear: the same, and 0 where there may be dots that the side cuts.
+        dots: all dots in it [px].
         part: by how much it has been scaled down [-].
         radius: typical, of a dot in it [px].
     """
 
-    planes: list[Float32[np.ndarray, "h w"]]
-    texture: Float32[np.ndarray, "h w"]
+    colours: list[Float32[np.ndarray, "h w"]]
+    shown: Float32[np.ndarray, "h w"]
     clear: Float32[np.ndarray, "h w"]
-    bare: Float32[np.ndarray, "h w"]
-    power: Float32[np.ndarray, "2 h w"]
+    dots: Float[np.ndarray, "n 2"]
     part: int
     radius: float
+
+    @cached_property
+    def planes(self) -> list[Float32[np.ndarray, "h w"]]:
+        """How far each colour departs from what is around, smoothed."""
+        mean = self._mean_around(self.clear)
+        return _smooth([one - mean(one) for one in self.colours], self.clear)
+
+    @cached_property
+    def texture(self) -> Float32[np.ndarray, "h w"]:
+        """How far all together depart from what is around, worn dots left out; or grey levels."""
+        if len(self.colours) == 1:
+            return self.planes[0]
+        bare, mean = self.bare, self._mean_around(self.bare)
+        level = np.sqrt(_power(_smooth([one - mean(one) for one in self.colours], bare)))
+        return (level - mean(level)) * bare
+
+    @cached_property
+    def bare(self) -> Float32[np.ndarray, "h w"]:
+        """1 where it is clear and no worn dot or dirt is, which only colours show; else 0."""
+        return self.clear if len(self.colours) == 1 else self.clear * ~self._find_worn()
 
     def level(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, " n"]:
         """Root mean square of the texture around each of some points, over all colours.
@@ -53,11 +76,47 @@ class Painted(NamedTuple):
             reach: half the side of the square around each [px].
         """
         width = (2 * int(reach / self.part) + 1,) * 2
-        power, shown = (cv2.blur(one, width) for one in self.power)
-        level = np.sqrt(power / (shown + 1e-3))
-        place = np.rint(np.nan_to_num(points) / self.part).astype(int)
-        column, row = np.clip(place, 0, np.array(level.shape[::-1]) - 1).T
-        return np.where(np.isfinite(points[:, 0]), level[row, column], np.nan)
+        power = self.shown * _power(_smooth(self._departing, self.shown))
+        column, row = self._nearest(np.nan_to_num(points) / self.part)
+        power, shown = (cv2.blur(one, width)[row, column] for one in (power, self.shown))
+        return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
+
+    @cached_property
+    def _departing(self) -> list[Float32[np.ndarray, "h w"]]:
+        """How far each colour departs from what is around, up to the sides."""
+        mean = self._mean_around(self.shown)
+        return [one - mean(one) for one in self.colours]
+
+    def _mean_around(
+        self, clear: Float32[np.ndarray, "h w"]
+    ) -> Callable[[np.ndarray], Float32[np.ndarray, "h w"]]:
+        """What takes a plane to its mean, around each pixel, over where it is clear."""
+        width = (2 * int(4.0 * self.radius) + 1,) * 2
+        share = cv2.blur(clear, width) + np.float32(1e-3)
+        return lambda plane: cv2.blur(plane * clear, width) / share
+
+    def _nearest(self, points: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "2 n"]:
+        """Column and row of the pixels next to some points."""
+        limit = np.array(self.shown.shape[::-1]) - 1
+        return np.clip(np.rint(points).astype(int), 0, limit).T
+
+    def _find_worn(self) -> Bool[np.ndarray, "h w"]:
+        """Where worn dots and dirt are, which go with the gel: spots like dots, not found as such.
+
+        In every colour they are darker than what is around, if dots are, or brighter. A slope is
+        not: of lamps of different colours it faces one.
+        """
+        share = 0.25  # of what a dot takes of the light or adds, from which a spot is like it [-]
+        if not len(self.dots):
+            return np.zeros(self.shown.shape, dtype=bool)
+        column, row = self._nearest(self.dots)
+        sides = np.sign(np.median([one[row, column] for one in self._departing], axis=1))
+        alike = np.minimum.reduce(
+            [side * one for side, one in zip(sides, self._departing, strict=True)]
+        )
+        worn = (alike > share * np.median(alike[row, column])) & (self.shown > 0.0)
+        reach = np.ones((2 * round(0.5 * self.radius) + 1,) * 2, np.uint8)
+        return cv2.dilate(worn.astype(np.uint8), reach) > 0
 
 
 def paint_out(
@@ -91,45 +150,19 @@ def paint_out(
     clear = np.zeros_like(shown)
     clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
     colours = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
-
-    def without_around(plane: np.ndarray, clear: np.ndarray) -> np.ndarray:
-        width = (2 * int(4.0 * radius) + 1,) * 2
-        around = cv2.blur(plane * clear, width) / (cv2.blur(clear, width) + np.float32(1e-3))
-        return (plane - around) * clear
-
-    def smooth(clear: np.ndarray) -> list[np.ndarray]:
-        return [cv2.GaussianBlur(without_around(one, clear), (0, 0), 1.0) for one in colours]
-
-    planes, power = smooth(clear), shown * np.sum(np.square(smooth(shown)), axis=0)
-    texture, bare = planes[0], clear
-    if len(planes) > 1:
-        bare = clear * ~_find_worn(colours, shown, dots, radius)
-        texture = without_around(np.sqrt(np.sum(np.square(smooth(bare)), axis=0)), bare)
-    return Painted(planes, texture, clear, bare, np.stack([power, shown]), part, radius)
+    return Painted(colours, shown, clear, dots, part, radius)
 
 
-def _find_worn(
-    colours: list[Float32[np.ndarray, "h w"]],
-    shown: Float32[np.ndarray, "h w"],
-    dots: Float[np.ndarray, "n 2"],
-    radius: float,
-) -> Bool[np.ndarray, "h w"]:
-    """Where worn dots and dirt are, which go with the gel: spots like dots, which are not found.
+def _smooth(
+    departing: list[Float32[np.ndarray, "h w"]], clear: Float32[np.ndarray, "h w"]
+) -> list[Float32[np.ndarray, "h w"]]:
+    """What departs where it is clear, without its finest grain."""
+    return [cv2.GaussianBlur(one * clear, (0, 0), 1.0) for one in departing]
 
-    In every colour they are darker than what is around, if dots are, or brighter. A slope is not:
-    of lamps of different colours it faces one.
-    """
-    share = 0.25  # of what a dot takes of the light or adds, from which a spot is like it [-]
-    width = (2 * int(4.0 * radius) + 1,) * 2
-    around = cv2.blur(shown, width) + np.float32(1e-3)
-    departure = np.stack([one - cv2.blur(one * shown, width) / around for one in colours])
-    column, row = np.clip(np.rint(dots).astype(int), 0, np.array(shown.shape[::-1]) - 1).T
-    if not len(row):
-        return np.zeros(shown.shape, dtype=bool)
-    alike = np.min(departure * np.sign(np.median(departure[:, row, column])), axis=0)
-    worn = (alike > share * np.median(alike[row, column])) & (shown > 0.0)
-    reach = np.ones((2 * round(0.5 * radius) + 1,) * 2, np.uint8)
-    return cv2.dilate(worn.astype(np.uint8), reach) > 0
+
+def _power(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
+    """Sum of squares of all colours."""
+    return np.add.reduce([one * one for one in planes])
 
 
 def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
