@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Complex, Float, Float32, Int, UInt8
+from scipy.fft import irfft2, rfft2
 
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
@@ -98,22 +99,50 @@ def register(
     areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
     if cv2.countNonZero(both) < settings.overlap * min(areas):
         return None
-    pair = before.value, texture.value
+    here, there = _box(before.mask), _box(both)  # the rest of the pictures counts for nothing
+    here = slice(0, here[0].stop), slice(0, here[1].stop)  # steps turn about the first corner
     try:
         quality, warp = cv2.findTransformECC(
-            *pair, start.copy(), cv2.MOTION_EUCLIDEAN, STEPS, inputMask=both, gaussFiltSize=3
+            before.value[here],
+            texture.value[there],
+            _between(start, here, there).astype(np.float32),
+            cv2.MOTION_EUCLIDEAN,
+            STEPS,
+            inputMask=both[there],
+            gaussFiltSize=3,
         )
     except cv2.error:  # it has not converged
         return None
     if quality <= (settings.least_correlation if least is None else least):
         return None
-    fit = _compare(before, texture, np.asarray(warp))
+    warp = _between(np.asarray(warp), here, there, back=True).astype(np.float32)
+    fit = _compare(before, texture, warp)
     if fit is None or fit.loss[0, 0] < settings.least_loss:
         return None
     error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, settings)))
     lacking = (1.0 - quality) / settings.independent
     spread = _spread_shift(fit.loss[1:, 1:], lacking, before.value.size, settings)
-    return Match(keyframe, np.asarray(warp), float(quality), error, spread)
+    return Match(keyframe, warp, float(quality), error, spread)
+
+
+def _box(mask: UInt8[np.ndarray, "h w"]) -> tuple[slice, slice]:
+    """Rows and columns of the part of a picture that a mask shows, and a rim for slopes."""
+    rim = 6
+    x, y, width, height = cv2.boundingRect(mask)
+    return slice(max(y - rim, 0), y + height + rim), slice(max(x - rim, 0), x + width + rim)
+
+
+def _between(
+    warp: Float[np.ndarray, "2 3"],
+    here: tuple[slice, slice],
+    there: tuple[slice, slice],
+    *,
+    back: bool = False,
+) -> Float[np.ndarray, "2 3"]:
+    """A motion between pictures as one between parts of them, or the other way back."""
+    start, end = (np.array([box[1].start, box[0].start], float) for box in (here, there))
+    shift = warp[:, :2] @ start - end
+    return np.column_stack([warp[:, :2], warp[:, 2] + (-shift if back else shift)])
 
 
 class _Fit(NamedTuple):
@@ -137,25 +166,30 @@ def _compare(before: Texture, now: Texture, warp: Float32[np.ndarray, "2 3"]) ->
 
     The loss comes from the product of both slopes: noise, which they do not share, is left out.
     """
-    size, back = before.value.shape[::-1], cv2.WARP_INVERSE_MAP
+    box, whole = _box(before.mask), (slice(0, None), slice(0, None))
+    before = Texture(*(np.ascontiguousarray(one[box]) for one in before))
+    warp, size = _between(warp, box, whole), before.value.shape[::-1]
+    back = cv2.WARP_INVERSE_MAP
     value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
     shown = cv2.warpAffine(now.mask, warp, size, flags=cv2.INTER_NEAREST | back)
-    both = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8)) > 0
-    rows, columns = np.nonzero(both)
-    if not len(rows):
+    both = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8))
+    both = np.flatnonzero(both)  # many times faster than rows and columns at once
+    if not len(both):
         return None
+    rows, columns = np.unravel_index(both, before.mask.shape)
     x, y = columns - columns.mean(), rows - rows.mean()
     slopes, levels = [], []
     for one in (before.value, value):
-        right = cv2.Sobel(one, cv2.CV_32F, 1, 0, scale=0.125)[both]
-        down = cv2.Sobel(one, cv2.CV_32F, 0, 1, scale=0.125)[both]
-        level = one[both] - one[both].mean()
+        right = cv2.Sobel(one, cv2.CV_32F, 1, 0, scale=0.125).ravel()[both]
+        down = cv2.Sobel(one, cv2.CV_32F, 0, 1, scale=0.125).ravel()[both]
+        level = one.ravel()[both]
+        level -= level.mean()
         spread = max(float(np.linalg.norm(level)), 1e-6)
         slopes.append(np.stack([x * down - y * right, right, down]) / spread)
         levels.append(level / spread)
     loss = slopes[0] @ slopes[1].T / max(float(levels[0] @ levels[1]), 1e-6)
     return _Fit(
-        place=np.stack([rows, columns]),
+        place=np.stack([rows + box[0].start, columns + box[1].start]),
         slopes=0.5 * (slopes[0] + slopes[1]),
         misfit=levels[1] - levels[0],
         loss=0.5 * (loss + loss.T),
@@ -170,11 +204,11 @@ def _spread_turn(fit: _Fit, settings: ImprintSettings) -> float:
     likelihood estimation of misspecified models").
     """
     rows, columns = fit.place // settings.patch
-    _, patch = np.unique(rows * (columns.max() + 1) + columns, return_inverse=True)
-    count, motions = int(patch.max()) + 1, len(fit.slopes)
+    patch = rows * (columns.max() + 1) + columns
+    count, motions = np.count_nonzero(np.bincount(patch)), len(fit.slopes)
     if count <= motions:
         return np.inf
-    pulls = np.stack([np.bincount(patch, pull, count) for pull in fit.slopes * fit.misfit])
+    pulls = np.stack([np.bincount(patch, pull) for pull in fit.slopes * fit.misfit])
     arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # turns in px, as shifts are
     scale = np.array([1.0 / arm, 1.0, 1.0])
     inverse = np.linalg.pinv(fit.loss * np.outer(scale, scale), settings.alike, hermitian=True)
@@ -198,46 +232,67 @@ def search_motion(
 ) -> Float[np.ndarray, "2 3"] | None:
     """The rigid motion, of all within the range searched, under which two textures correlate best.
 
-    Fourier transforms give, for every rotation, the correlation under all shifts at once.
+    Fourier transforms give, for every rotation, the correlation under all shifts at once. Rotations
+    are tried in steps so coarse that pictures of half the size show as much.
     """
     step = 6.0  # between rotations that are tried [deg]
     most = settings.searched_deg + 0.5 * step
-    rows, columns = now.value.shape
-    shape = (cv2.getOptimalDFTSize(2 * rows), cv2.getOptimalDFTSize(2 * columns))
-    shown = (now.mask > 0).astype(np.float32)
-    planes = shown * now.value, shown, shown * now.value**2
-    spectra = [np.fft.rfft2(plane, shape) for plane in planes]
+    (earlier, mask), (value, shown) = _halve(before), _halve(now)
+    rows, columns = shown.shape
+    shape = cv2.getOptimalDFTSize(2 * rows), cv2.getOptimalDFTSize(2 * columns)
+    spectra = np.asarray(rfft2(np.stack([value, shown, value**2]), shape))
     middle = (0.5 * (columns - 1), 0.5 * (rows - 1))
     best, highest = None, 0.0
     for turn in np.arange(-settings.searched_deg, most, step):
         ahead = cv2.getRotationMatrix2D(middle, -turn, 1.0)
-        value = cv2.warpAffine(before.value, ahead, (columns, rows))
-        mask = cv2.warpAffine((before.mask > 0).astype(np.float32), ahead, (columns, rows))
-        mask = (mask > 0.5).astype(np.float32)
-        turned = [np.conj(np.fft.rfft2(p, shape)) for p in (mask * value, mask, mask * value**2)]
-        both, left, right, here, there = (
-            np.fft.irfft2(a * b, shape)
-            for a, b in (
-                (spectra[0], turned[0]),
-                (spectra[2], turned[1]),
-                (spectra[1], turned[2]),
-                (spectra[1], turned[1]),
-                (spectra[0], turned[1]),
-            )
-        )
-        other = np.fft.irfft2(spectra[1] * turned[0], shape)
-        count = np.maximum(here, 1.0)
-        size = (left - there**2 / count) * (right - other**2 / count)
-        score = np.where(
-            (here > settings.overlap * min(mask.sum(), shown.sum())) & (size > 0.0),
-            (both - there * other / count) / np.sqrt(np.maximum(size, 1e-6)),
-            0.0,
-        )
+        there = (cv2.warpAffine(mask, ahead, (columns, rows)) > 0.5).astype(np.float32)
+        turned = there * cv2.warpAffine(earlier, ahead, (columns, rows))
+        least = settings.overlap * float(min(there.sum(), shown.sum()))
+        others = np.conj(np.asarray(rfft2(np.stack([turned, there, turned**2]), shape)))
+        score = _correlate(spectra, others, shape, least)
         if score.max() > highest:
-            down, right_ = np.unravel_index(int(score.argmax()), score.shape)
-            shift = [right_ - shape[1] * (right_ > columns), down - shape[0] * (down > rows)]
-            highest, best = (
-                float(score.max()),
-                ahead + np.array([[0.0, 0.0, shift[0]], [0.0, 0.0, shift[1]]]),
-            )
-    return None if best is None else best.astype(np.float32)
+            down, right = np.unravel_index(int(score.argmax()), score.shape)
+            shift = [right - shape[1] * (right > columns), down - shape[0] * (down > rows)]
+            highest, best = float(score.max()), ahead + np.column_stack([np.zeros((2, 2)), shift])
+    if best is None:
+        return None
+    corner = np.full(2, 0.5)  # middle of the first pixel of half the size, in pixels of the whole
+    best[:, 2] = 2.0 * best[:, 2] + corner - best[:, :2] @ corner
+    return best.astype(np.float32)
+
+
+def _halve(texture: Texture) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
+    """A texture at half the size, 0 where it is not shown, and 1 where it is."""
+    rows, columns = (size // 2 for size in texture.value.shape)
+    shown = (texture.mask[: 2 * rows, : 2 * columns] > 0).astype(np.float32)
+    value = shown * texture.value[: 2 * rows, : 2 * columns]
+    value, shown = (
+        cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA) for one in (value, shown)
+    )
+    mask = (shown > 0.5).astype(np.float32)
+    return mask * value / np.maximum(shown, 0.5), mask
+
+
+def _correlate(
+    now: Complex[np.ndarray, "3 h k"],
+    before: Complex[np.ndarray, "3 h k"],
+    shape: tuple[int, int],
+    least: float,
+) -> Float32[np.ndarray, "h w"]:
+    """Correlation of two textures where both are shown, under every shift of the earlier one.
+
+    Args:
+        now: transforms of the texture, of 1 where it is shown, and of its square.
+        before: conjugate transforms of the same of the earlier one.
+        shape: of the shifts.
+        least: pixels that both must show, else it is 0.
+    """
+    value, shown, square = now
+    earlier, there, squared = before
+    products = [value * earlier, square * there, shown * squared]
+    sums = [value * there, shown * earlier, shown * there]
+    both, left, right, first, second, count = np.asarray(irfft2(np.stack(products + sums), shape))
+    count = np.maximum(count, 1.0)
+    size = (left - first**2 / count) * (right - second**2 / count)
+    score = (both - first * second / count) / np.sqrt(np.maximum(size, 1e-6))
+    return np.where((count > least) & (size > 0.0), score, 0.0)

@@ -6,7 +6,7 @@ import pytest
 
 from estimation.pictures.imprint.follower import ImprintFollower
 from estimation.pictures.imprint.painted import Texture, paint_out
-from estimation.pictures.imprint.registration import Keyframe, register
+from estimation.pictures.imprint.registration import Keyframe, register, search_motion
 from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.render import Camera, cover_with_dots, digitise
 from estimation.virtual.relief import Lamps, make_relief
@@ -107,3 +107,18 @@ def test_the_error_of_a_registration_is_that_of_many():
     scatter = np.sqrt(np.mean(np.square(errors)))
     # 25 draws know their scatter to a seventh; the floor of a reading is in what is told
     assert 0.7 < np.median(told) / scatter < 1.7
+
+
+def test_a_lost_print_is_looked_for_under_all_turns_and_shifts():
+    rng, size, middle = np.random.default_rng(3), (161, 121), np.array([80.0, 60.0, 1.0])
+    level = cv2.GaussianBlur(rng.normal(0.0, 60.0, size[::-1]).astype(np.float32), (0, 0), 3.0)
+    mask = np.zeros(level.shape, np.uint8)
+    mask[25:95, 40:120] = 255
+    motion = cv2.getRotationMatrix2D((80.0, 60.0), -19.0, 1.0)
+    motion[:, 2] += [14.0, -9.0]
+    now = (cv2.warpAffine(one, motion, size) for one in (level, mask))
+    found = search_motion(Texture(level, mask), Texture(*now), ImprintSettings())
+    assert found is not None
+    # turns are tried every 6°, in pictures of half the size
+    assert np.degrees(np.arctan2(found[1, 0], found[0, 0])) == pytest.approx(18.0, abs=0.01)
+    assert found @ middle == pytest.approx(motion @ middle, abs=2.0)
