@@ -39,9 +39,8 @@ def fit_motion(
     share = weights / weights.sum()
     origin, image = complex(share @ before), complex(share @ after)
     arm = before - origin
-    turn = complex(np.vdot(share * arm, after - image)) / max(
-        float(share @ np.abs(arm) ** 2), 1e-30
-    )
+    lever = share * arm
+    turn = complex(np.vdot(lever, after - image)) / max(float(np.vdot(lever, arm).real), 1e-30)
     return Motion(turn, origin, image)
 
 

@@ -45,7 +45,7 @@ def show_plain(values: Iterable[Any]) -> list[str]:
 
 def show_numbers(values: Iterable[float]) -> list[str]:
     """A table's cells of numbers; 0 has no sign."""
-    return [f"{value:.6f}" for value in (np.round(np.asarray(values), 6) + 0.0).tolist()]
+    return [f"{value:z.6f}" for value in np.asarray(values).tolist()]
 
 
 def show_degrees(values: Iterable[float]) -> list[str]:

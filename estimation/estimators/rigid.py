@@ -231,7 +231,7 @@ def fit_rigid_rotation(
     for _ in range(50):  # two to ten serve
         previous = weights
         residual = motion.residual(x, y)
-        weights = np.clip(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0, None) ** 2
+        weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
         motion = fit_motion(x, y, weights)
         if np.abs(weights - previous).max() < 1e-6:
             break

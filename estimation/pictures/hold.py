@@ -9,6 +9,7 @@ another part of the object is there now. That needs no rigid object and no axis 
 
 from collections import deque
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import cv2
@@ -74,7 +75,7 @@ class Print(NamedTuple):
         clear: 1 where the gel is seen and no dot is, else 0.
     """
 
-    planes: Float32[np.ndarray, "colours h w"]
+    planes: list[Float32[np.ndarray, "h w"]]
     power: Float32[np.ndarray, "h w"]
     clear: Float32[np.ndarray, "h w"]
 
@@ -155,9 +156,7 @@ class HoldFollower:
             cv2.remap(plane, column, row, cv2.INTER_LINEAR)
             for plane in (*painted.planes, painted.clear)
         )
-        planes = np.stack(planes)
-        power = np.einsum("chw,chw->hw", planes, planes)
-        return Print(planes, power, (clear > 0.9).astype(np.float32))
+        return Print(planes, _multiply(planes, planes), (clear > 0.9).astype(np.float32))
 
     def _compare(
         self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], *shares: float
@@ -165,16 +164,11 @@ class HoldFollower:
         """Quantiles of the correlation around dots, weighted by what is printed there."""
         settings = self._settings
         width = (2 * int(0.5 * settings.window * self._pitch / self._part) + 1,) * 2
-        both = before.clear * now.clear
-
-        def around(values: np.ndarray) -> np.ndarray:
-            return cv2.blur(values, width)[self._rows, self._columns]
-
-        share = around(both)
-        product = np.einsum("chw,chw->hw", before.planes, now.planes)
-        cross, first, second = (
-            around(values * both) / (share + 1e-3) for values in (product, before.power, now.power)
-        )
+        both, product = before.clear * now.clear, _multiply(before.planes, now.planes)
+        values = (one * both for one in (product, before.power, now.power))
+        around = cv2.blur(cv2.merge([both, *values]), width)[self._rows, self._columns]
+        share = around[:, 0]
+        cross, first, second = around[:, 1:].T / (share + np.float32(1e-3))
         power = np.maximum(first, second)
         seen = seen & (share > settings.seen)
         if not seen.any():
@@ -188,3 +182,10 @@ class HoldFollower:
         order = np.argsort(agreement)
         sums = np.cumsum(weight[order])
         return [float(agreement[order][np.searchsorted(sums, p * sums[-1])]) for p in shares]
+
+
+def _multiply(
+    before: list[Float32[np.ndarray, "h w"]], now: list[Float32[np.ndarray, "h w"]]
+) -> Float32[np.ndarray, "h w"]:
+    """Sum over the colours of the products of two pictures."""
+    return reduce(np.add, (a * b for a, b in zip(before, now, strict=True)))

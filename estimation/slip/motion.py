@@ -89,8 +89,9 @@ def gel_ends(
     most = max(len(known) // 10, fewest)
     if len(known) < most:
         return np.nan, np.nan
-    middle = np.array([(most - 1) // 2, most // 2])
-    return float(known[middle].mean()), float(known[len(known) - most + middle].mean())
+    rest, lower, upper = len(known) - most, (most - 1) // 2, most // 2
+    low, high = known[lower] + known[upper], known[rest + lower] + known[rest + upper]
+    return 0.5 * float(low), 0.5 * float(high)
 
 
 def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:

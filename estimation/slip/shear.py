@@ -206,7 +206,8 @@ class ShearWatch:
         furthest = np.max(self._moved, axis=0)
         furthest[np.isnan(moved[:, 0])] = -1.0
         top = np.argsort(-furthest)[: self._settings.markers]
-        return float(np.linalg.norm(np.nanmedian(moved[top], axis=0)))
+        known = moved[top[np.isfinite(moved[top, 0])]]
+        return float(np.linalg.norm(np.median(known, axis=0))) if len(known) else np.nan
 
     def _judge(self, signs: tuple[float, float, float], lately: float, weakest: float) -> Shear:
         settings, peak, (shear, since, slid) = self._settings, max(self._shears), signs

@@ -87,11 +87,14 @@ class Validity:
 
     def covers(self, rotation: float, contact: Contact) -> bool:
         """Whether a contact is like those; what is not known of it does not speak against it."""
-        ranges = (self.rotation, self.normal_force, self.contact_radius)
-        values = (rotation, contact.normal_force, contact.radius)
+        radius = contact.radius if self.contact_radius else np.nan
         return not any(
             known and (value < known[0] or value > known[1])
-            for value, known in zip(values, ranges, strict=True)
+            for value, known in (
+                (rotation, self.rotation),
+                (contact.normal_force, self.normal_force),
+                (radius, self.contact_radius),
+            )
         )
 
 

@@ -8,6 +8,7 @@ tried.
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 
@@ -146,7 +147,8 @@ def _locate(now: Keyframe, part: int) -> tuple[float, ...]:
         now: the frame.
         part: by how much its picture has been scaled down.
     """
-    middle = np.append(np.argwhere(now.texture.mask)[:, ::-1].mean(axis=0), 1.0)
+    shape = cv2.moments(now.texture.mask, binaryImage=True)
+    middle = np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]
     first = np.linalg.solve(now.pose, middle)
     (xx, xy), (_, yy) = part * now.spread
     return tuple((part * np.array([*first[:2], *middle[:2], xx, yy, xy])).tolist())

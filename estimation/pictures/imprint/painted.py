@@ -6,7 +6,7 @@ how far all colours together depart from what is around: how steep the print is.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import cv2
@@ -111,8 +111,8 @@ class Painted:
             return np.zeros(self.shown.shape, dtype=bool)
         column, row = self._nearest(self.dots)
         sides = np.sign(np.median([one[row, column] for one in self._departing], axis=1))
-        alike = np.minimum.reduce(
-            [side * one for side, one in zip(sides, self._departing, strict=True)]
+        alike = reduce(
+            np.minimum, (side * one for side, one in zip(sides, self._departing, strict=True))
         )
         worn = (alike > share * np.median(alike[row, column])) & (self.shown > 0.0)
         reach = np.ones((2 * round(0.5 * self.radius) + 1,) * 2, np.uint8)
@@ -162,7 +162,7 @@ def _smooth(
 
 def _power(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
     """Sum of squares of all colours."""
-    return np.add.reduce([one * one for one in planes])
+    return reduce(np.add, (one * one for one in planes))
 
 
 def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
@@ -176,5 +176,4 @@ def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
     hull = cv2.convexHull((region / painted.part).astype(np.float32)).astype(np.int32)
     cv2.fillConvexPoly(mask, hull, 255)
     mask = cv2.dilate(mask, np.ones((2 * int(painted.radius) + 1,) * 2, np.uint8))
-    mask[painted.bare == 0.0] = 0
-    return Texture(painted.texture, mask)
+    return Texture(painted.texture, mask * (painted.bare > 0.0))
