@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from estimation.pictures.dots.fit import fit_windows
+
 
 class DotStyle(NamedTuple):
     """What the dots of a sensor look like.
@@ -114,22 +116,14 @@ def fit_dots(
         seeds: pixels to start from, each within a radius of a dot's centre.
         style: typical radius, and whether the dots are dark.
     """
-    # dots fitted at a time: one size is compiled, and few dots of a frame need this fit
-    batch = 2
-    from estimation.pictures.dots.fit import (
-        fit_windows,  # imports JAX, which other markers do without
-    )
-
+    at_once = 16  # dots whose arrays stay in the processor's cache
     half = int(np.ceil(1.5 * style.radius + 2.0))
     grey = cv2.copyMakeBorder(grey, half, half, half, half, cv2.BORDER_CONSTANT, value=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(grey, (2 * half + 1, 2 * half + 1))
-    parts = []
-    for start in range(0, max(len(seeds), 1), batch):
-        some = np.zeros((batch, 2), dtype=int)
-        count = len(seeds[start : start + batch])
-        some[:count] = seeds[start : start + batch]
-        fitted = fit_windows(windows[some[:, 1], some[:, 0]], np.float32(style.radius), half)
-        parts.append([np.asarray(one)[:count] for one in fitted])
+    parts = [
+        fit_windows(windows[some[:, 1], some[:, 0]], style.radius)
+        for some in np.split(seeds, range(at_once, len(seeds), at_once))
+    ]
     offset, covariance, shape, contrast, blur, explained = (
         np.concatenate(one).astype(float) for one in zip(*parts, strict=True)
     )

@@ -5,17 +5,16 @@ distance from the rim: exact for radii large against the blur, and symmetric abo
 all, so that the position is not biased by it.
 """
 
-from functools import partial
-
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float, Float32
+from scipy.special import erfc
 
 
 def model_dots(
-    p: Float[Array, "n 10"], dx: Float[Array, " pixels"], dy: Float[Array, " pixels"]
-) -> tuple[Float[Array, "n pixels"], Float[Array, "n 10 pixels"]]:
+    p: Float32[np.ndarray, "n 10"],
+    dx: Float32[np.ndarray, " pixels"],
+    dy: Float32[np.ndarray, " pixels"],
+) -> tuple[Float32[np.ndarray, "n pixels"], Float32[np.ndarray, "n 10 pixels"]]:
     """Grey levels of blurred ellipses, and their derivatives.
 
     Args:
@@ -27,102 +26,100 @@ def model_dots(
     x, y = dx - p[:, :1], dy - p[:, 1:2]
     gx = p[:, 2:3] * x + p[:, 4:5] * y
     gy = p[:, 4:5] * x + p[:, 3:4] * y
-    size = jnp.sqrt(gx**2 + gy**2 + 1e-6)
+    size = np.sqrt(gx**2 + gy**2 + np.float32(1e-6))
     nx = (p[:, 2:3] * gx + p[:, 4:5] * gy) / size
     ny = (p[:, 4:5] * gx + p[:, 3:4] * gy) / size
-    slope = jnp.sqrt(nx**2 + ny**2 + 1e-9)
+    slope = np.sqrt(nx**2 + ny**2 + np.float32(1e-9))
     t = (size - 1.0) / (slope * p[:, 5:6])
-    inner = 0.5 * jax.lax.erfc(t * np.float32(np.sqrt(0.5)))
+    inner = np.float32(0.5) * erfc(t * np.float32(np.sqrt(0.5)))
     linear = p[:, 6:7] * inner + p[:, 7:8] + p[:, 8:9] * dx + p[:, 9:10] * dy
-    edge = -p[:, 6:7] * jnp.exp(-0.5 * t**2) * np.float32(1 / np.sqrt(2 * np.pi)) / p[:, 5:6]
+    bell = np.exp(np.float32(-0.5) * t**2) * np.float32(1.0 / np.sqrt(2.0 * np.pi))
+    edge = -p[:, 6:7] * bell / p[:, 5:6]
     across = edge / (slope * size)
-    columns = [
-        -edge * nx / slope,
-        -edge * ny / slope,
-        across * gx * x,
-        across * gy * y,
-        across * (gx * y + gy * x),
-        -edge * t,
-        inner,
-        jnp.ones_like(inner),
-        jnp.broadcast_to(dx, inner.shape),
-        jnp.broadcast_to(dy, inner.shape),
-    ]
-    return linear, jnp.stack(columns, axis=1)
+    jacobian = np.empty((len(p), 10, len(dx)), np.float32)
+    jacobian[:, 0] = -edge * nx / slope
+    jacobian[:, 1] = -edge * ny / slope
+    jacobian[:, 2] = across * gx * x
+    jacobian[:, 3] = across * gy * y
+    jacobian[:, 4] = across * (gx * y + gy * x)
+    jacobian[:, 5] = -edge * t
+    jacobian[:, 6] = inner
+    jacobian[:, 7] = 1.0
+    jacobian[:, 8], jacobian[:, 9] = dx, dy
+    return linear, jacobian
 
 
-@partial(jax.jit, static_argnames="half")
 def fit_windows(
-    windows: Float[Array, "n side side"], radius: Float[Array, ""], half: int
-) -> tuple[Array, Array, Array, Array, Array, Array]:
+    windows: Float32[np.ndarray, "n side side"], radius: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Fit dots in windows around them, Gauss–Newton in all at once.
 
     Args:
         windows: grey levels, NaN outside the picture.
         radius: typical, of the dots [px].
-        half: pixels from a window's middle to its edge.
 
     Returns:
         Offset from the window's middle [px], its covariance [px²], inverse shape [1/px], contrast,
         blur [px] and the share of the variance that the fit explains [-].
     """
     gauss_newton_steps = 5
-    steps = jnp.arange(-half, half + 1)
-    dy, dx = (a.ravel().astype(jnp.float32) for a in jnp.meshgrid(steps, steps, indexing="ij"))
-    value = windows.reshape(len(windows), -1)
-    inside = jnp.isfinite(value) & (dx**2 + dy**2 <= (half + 0.5) ** 2)
-    value = jnp.where(inside, value, 0.0)
-    weight = inside.astype(jnp.float32)
-
-    equations = partial(_equations, value=value, weight=weight, pixels=(dx, dy))
-
-    def step(_, p):
-        matrix, right, _ = equations(p)
-        change = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right[..., None])
-        change = change[..., 0]
-        limit = jnp.concatenate(
-            [jnp.full(2, 0.3) * radius, jnp.full(3, 0.25) / radius, jnp.full(1, 0.4)]
-        ).astype(jnp.float32)
-        share = jnp.max(jnp.abs(change[:, :6]) / limit, axis=1, keepdims=True)
-        p = p + change / jnp.maximum(share, 1.0)
-        return p.at[:, 5].set(jnp.clip(p[:, 5], 0.3, 0.8 * radius))
-
+    half = windows.shape[1] // 2
+    dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).astype(np.float32)
+    disc = np.flatnonzero(dx**2 + dy**2 <= (half + 0.5) ** 2)
+    dx, dy, value = dx[disc], dy[disc], windows.reshape(len(windows), -1)[:, disc]
+    weight = np.isfinite(value).astype(np.float32)
+    value = np.where(weight > 0.0, value, np.float32(0.0))
     total = weight.sum(axis=1)
     mean = (value * weight).sum(axis=1) / total
-    p = jax.lax.fori_loop(0, gauss_newton_steps, step, _start(value, mean, radius))
-    matrix, _, residual = equations(p)
-    variance = (residual**2).sum(axis=1) / jnp.maximum(total - 10.0, 1.0)
-    columns = jnp.broadcast_to(jnp.eye(10, 2, dtype=jnp.float32), (len(p), 10, 2))
-    inverse = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), columns)
+    p = _start(value, mean, radius)
+    limit = np.array([0.3 * radius] * 2 + [0.25 / radius] * 3 + [0.4])
+    for _ in range(gauss_newton_steps):
+        matrix, right, _ = _equations(p, value, weight, dx, dy)
+        change = np.linalg.solve(matrix, right[..., None])[..., 0]
+        share = np.max(np.abs(change[:, :6]) / limit, axis=1, keepdims=True)
+        p = (p + change / np.maximum(share, 1.0)).astype(np.float32)
+        p[:, 5] = np.clip(p[:, 5], 0.3, 0.8 * radius)
+    matrix, _, residual = _equations(p, value, weight, dx, dy)
+    variance = (residual**2).sum(axis=1) / np.maximum(total - 10.0, 1.0)
+    inverse = np.linalg.solve(matrix, np.broadcast_to(np.eye(10, 2), (len(p), 10, 2)))
     spread = (((value - mean[:, None]) * weight) ** 2).sum(axis=1)
-    shape = jnp.stack([p[:, 2], p[:, 4], p[:, 4], p[:, 3]], axis=1).reshape(-1, 2, 2)
+    shape = np.stack([p[:, 2], p[:, 4], p[:, 4], p[:, 3]], axis=1).reshape(-1, 2, 2)
     return (
         p[:, :2],
         inverse[:, :2] * variance[:, None, None],
         shape,
         -p[:, 6],
         p[:, 5],
-        1.0 - (residual**2).sum(axis=1) / jnp.maximum(spread, 1e-6),
+        1.0 - (residual**2).sum(axis=1) / np.maximum(spread, 1e-6),
     )
 
 
-def _start(value: Array, mean: Array, radius: Array) -> Array:
+def _start(
+    value: Float32[np.ndarray, "n pixels"], mean: Float32[np.ndarray, " n"], radius: float
+) -> Float32[np.ndarray, "n 10"]:
     """Round dots of the typical radius, their grey levels from middle and mean of the windows."""
     middle = value[:, value.shape[1] // 2]
     edge_level = 1.5 * mean - 0.5 * middle
-    zero, one = jnp.zeros_like(mean), jnp.full_like(mean, 1.0)
-    shape = (one / radius, one / radius, zero, one)  # xx, yy, xy and blur
-    return jnp.stack([zero, zero, *shape, middle - edge_level, edge_level, zero, zero], axis=1)
+    p = np.zeros((len(mean), 10), np.float32)
+    p[:, 2:4], p[:, 5] = 1.0 / radius, 1.0  # xx and yy, and blur
+    p[:, 6], p[:, 7] = middle - edge_level, edge_level
+    return p
 
 
 def _equations(
-    p: Array, value: Array, weight: Array, pixels: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
+    p: Float32[np.ndarray, "n 10"],
+    value: Float32[np.ndarray, "n pixels"],
+    weight: Float32[np.ndarray, "n pixels"],
+    dx: Float32[np.ndarray, " pixels"],
+    dy: Float32[np.ndarray, " pixels"],
+) -> tuple[
+    Float[np.ndarray, "n 10 10"], Float[np.ndarray, "n 10"], Float32[np.ndarray, "n pixels"]
+]:
     """Matrix and right side of a Gauss–Newton step, a little damped, and the residual."""
-    fitted, jacobian = model_dots(p, *pixels)
-    jacobian = jacobian * weight[:, None]
+    fitted, jacobian = model_dots(p, dx, dy)
+    jacobian *= weight[:, None]
     residual = (value - fitted) * weight
-    matrix = jacobian @ jacobian.transpose(0, 2, 1)
-    damping = 1e-5 * jnp.einsum("nii->ni", matrix) + 1e-6
-    matrix = matrix + damping[:, :, None] * jnp.eye(10, dtype=jnp.float32)
-    return matrix, jnp.einsum("nip,np->ni", jacobian, residual), residual
+    matrix = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
+    damping = 1e-5 * np.einsum("nii->ni", matrix) + 1e-6
+    matrix += damping[:, :, None] * np.eye(10)
+    return matrix, np.matmul(jacobian, residual[..., None])[..., 0].astype(float), residual

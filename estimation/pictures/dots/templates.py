@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from estimation.pictures.dots.find import Dots, DotStyle
+from estimation.pictures.dots.fit import model_dots
 
 DOT_ELONGATION = (1.15, 3.0)
 """Ratios of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
@@ -65,10 +66,6 @@ class Templates(NamedTuple):
 @lru_cache(maxsize=4)
 def make_templates(radius: float, blur: float) -> Templates:
     """Tabulate dots of about a radius and with a blur [px]."""
-    import jax  # which other markers do without
-
-    from estimation.pictures.dots.fit import model_dots
-
     half = int(np.ceil(1.5 * radius + 2.0))
     dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
     inside = dx**2 + dy**2 <= (half + 0.5) ** 2
@@ -79,7 +76,7 @@ def make_templates(radius: float, blur: float) -> Templates:
     inverse = 1.0 / (radius * size)
     p = np.stack([x, y, inverse, inverse, none, blur * one, one, none, none, none], axis=1)
     single = (one.astype(np.float32) for one in (p, dx, dy))
-    jacobian = np.asarray(jax.jit(model_dots)(*single)[1])
+    _, jacobian = model_dots(*single)
     gram = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
     own, background = np.ascontiguousarray(jacobian[:, :7]), jacobian[0, 7:].copy()
     return Templates(dx, dy, own, background, gram, np.linalg.inv(_damp(gram)))
