@@ -76,7 +76,8 @@ def live(
         typer.Argument(
             metavar="[SOURCE]",
             show_default="the virtual pivot",
-            help="A camera (camera:0), or a recording as for `run`, which is played.",
+            help="A camera (camera:0), a Tac3D sensor whose desktop program sends to a UDP port "
+            "(tac3d:PORT), or a recording as for `run`, which is played.",
         ),
     ] = "",
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
@@ -85,7 +86,7 @@ def live(
         typer.Option("--resume", help="Go on with a camera where the same command was cut off."),
     ] = False,
 ) -> None:
-    """Follow a camera, or a recording that is played, and answer while it goes on.
+    """Follow a camera, a sensor or a recording that is played, and answer while it goes on.
 
     Each frame is a line of comma-separated values on standard output. The source is read beside the
     answers: who answers too slowly leaves out the oldest frames, and the end says how many. Ctrl-C

@@ -8,6 +8,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "bags": ("mcap", "rosbags"),
     "lerobot": ("pyarrow",),
     "zarr": ("zarr",),
+    "tac3d": ("ruamel",),
     "sweeps": ("dask", "distributed", "zarr"),
 }
 """Packages that each extra installs, by the name they are imported under."""

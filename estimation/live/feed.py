@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from estimation.choices import LiveChoices
-from estimation.frames.recording import Frame
-from estimation.pictures.stream import Picture
 from estimation.tracking.stream import AHEAD_LIVE
 
-Item = TypeVar("Item", bound=Frame | Picture)
+Item = TypeVar("Item")
+"""A frame, a picture or a message: whatever has a `time` [s]."""
 
 
 class Feed:
@@ -54,7 +53,7 @@ class Feed:
         self._waits, self._given = recorded and choices.fast, 0
         self._queue: deque[Any] = deque()
         self._changed = threading.Condition()
-        self._last: Frame | Picture | None = None
+        self._last: Any = None
         self._ended, self._stopped = False, threading.Event()
         self._error: Exception | None = None
 
@@ -110,7 +109,7 @@ class Feed:
                 self._ended = True
                 self._changed.notify_all()
 
-    def _put(self, item: Frame | Picture) -> bool:
+    def _put(self, item: Any) -> bool:
         """Add an item to the queue; whether more are wanted."""
         with self._changed:
             full = self._choices.queue
@@ -128,7 +127,7 @@ class Feed:
         """Whether nothing is left out, as when a recording waits for its first answer."""
         return self._waits or (self._paced and self._given <= AHEAD_LIVE)
 
-    def _pace(self, items: Iterator[Item]) -> Iterator[Item]:
+    def _pace(self, items: Iterator[Any]) -> Iterator[Any]:
         """Items at their times; clocks that run backwards or jump far ahead are not waited for.
 
         The first frames come as they are taken: the pace begins with the first answer.
@@ -159,7 +158,7 @@ class Feed:
             self.silences.append(time.monotonic() - began)
             goes = "there are frames again" if item is not None else "it has ended"
             self._say(f"{self.name}: {goes}, after {self.silences[-1]:.1f} s")
-        if item is None and self._last is not None and self._last.flaw:
-            self._say(f"{self.name}: {self._last.flaw}")
+        if item is None and (flaw := getattr(self._last, "flaw", "")):
+            self._say(f"{self.name}: {flaw}")
         self._last = item
         return item

@@ -8,6 +8,7 @@ from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
 from estimation.frames.source import SOURCE_FACTS, FrameStream, Source
 from estimation.live.feed import Feed
+from estimation.live.tac3d import PREFIX, Tac3DSource
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, find_paths, open_source
@@ -25,7 +26,8 @@ def open_live(
     """Open the one source that is followed, and what its frames or pictures go through.
 
     Args:
-        name: of a camera or a recording; the virtual pivot where it is empty.
+        name: of a camera, a port of a Tac3D sensor or a recording; the virtual pivot where it is
+            empty.
         settings: of the run.
         choices: how it is followed.
         say: told what is assumed about the source, and what happens to it.
@@ -35,6 +37,11 @@ def open_live(
         ValueError: what is there is no source, or several; or a recording is to be resumed.
         OSError: it cannot be read.
     """
+    if name.startswith(PREFIX):
+        feed = Feed(name, choices, say)
+        source = Tac3DSource(name, feed)
+        checkpoint, _ = find_earlier(resume, "", name, settings)
+        return Input(source, None, checkpoint, None, name, feed.notes), feed
     paths = find_paths([name], say, settings.topic) if name else []
     if len(paths) > 1:
         names = ", ".join(name_recordings(paths))

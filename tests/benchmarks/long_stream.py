@@ -3,6 +3,8 @@
 `python -m tests.benchmarks.long_stream --frames 1000000`: the 400 markers of the virtual pivot,
 again and again, answered by every method, with table, record and report. With `--answered` the
 answers of one pivot are taken again and again: what sinks and report take, without the methods.
+With `--live` frames go the way of `live --fast`, through its thread and its queue, with lines to a
+reader; with `--pictures` they are pictures of 640×480 with 70 dots, followed so.
 """
 
 import resource
@@ -12,19 +14,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import cv2
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from estimation.choices import LiveChoices
 from estimation.frames.recording import Frame, Recording
 from estimation.frames.source import FrameStream
+from estimation.live.feed import Feed
+from estimation.live.source import open_live, play
+from estimation.output.lines import JsonWriter
+from estimation.output.outlet import Outlet
 from estimation.output.record import NAME
+from estimation.pictures.render import Camera
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import Input
 from estimation.tracking.stream import Answer, Follower, Stream
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser
+from tests.benchmarks.pictures import render_dot_pictures
 
 PARTS = 10
 """Rows of the table."""
@@ -39,13 +49,17 @@ class Watch:
     rows: list[tuple[int, float, float]] = field(default_factory=list)
     since: float = field(default_factory=time.process_time)
 
-    def count(self, done: int) -> None:
-        """So many frames have gone by."""
+    def put(self, answer: Answer) -> None:
+        """Count an answer, as a sink."""
+        done = answer.row + 1
         if done % (self.frames // PARTS) == 0:
             now = time.process_time()
             spent = 1e3 * (now - self.since) / (self.frames // PARTS)
             self.rows.append((done, spent, resident_mib() - self.start_mib))
             self.since = now
+
+    def restart(self) -> None:
+        """Go on."""
 
     def table(self) -> Table:
         """What was seen."""
@@ -60,16 +74,28 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument("--frames", type=int, default=20_000, help="frames of the stream")
     parser.add_argument("--answered", action="store_true", help="without the methods' time")
+    parser.add_argument("--live", action="store_true", help="through the thread of `live`")
+    parser.add_argument("--pictures", action="store_true", help="pictures, followed live")
     told = parser.parse_args()
     recording, _ = simulate_pivot(seed=0)
     if told.answered:
         answer_from(recording)
-    watch, console = Watch(told.frames), Console()
-    with tempfile.TemporaryDirectory() as folder:
-        source = FrameStream(recording.layout, repeat(recording, watch))
-        run_all([Input(source)], Path(folder), Settings(), Progress(disable=True))
+    console, out = Console(), Outlet(lambda line: None)
+    with tempfile.TemporaryDirectory() as name:
+        folder, settings = Path(name) / "out", Settings()
+        one = Input(FrameStream(recording.layout, repeat(recording, told.frames)))
+        if told.pictures:
+            write_loop(Path(name) / "clip", told.frames)
+            one, _ = open_live(f"{name}/clip", settings, LiveChoices(fast=True), print)
+        elif told.live:
+            feed = Feed("stream", LiveChoices(fast=True), print, recorded=True)
+            one = Input(play(one.source, feed), notes=feed.notes)
+        watch = Watch(told.frames)
+        sinks = [watch, JsonWriter(out.send, settings.method)]
+        run_all([one], folder, settings, Progress(disable=True), sinks)
         console.print(watch.table())
-        size = (Path(folder) / NAME).stat().st_size / told.frames
+        size = (folder / NAME).stat().st_size / told.frames
+    out.close()
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0 - watch.start_mib
     console.print(f"record: {size:.0f} bytes per frame")
     console.print(f"most memory, the report's included: {most:.0f} MiB above the start")
@@ -93,15 +119,25 @@ def answer_from(recording: Recording) -> None:
     Follower.update = update
 
 
-def repeat(recording: Recording, watch: Watch) -> Iterator[Frame]:
+def repeat(recording: Recording, count: int) -> Iterator[Frame]:
     """The frames of a recording again and again, on one clock."""
     frames = list(recording)
     period = frames[-1].time - frames[0].time + 1.0
-    for done in range(1, watch.frames + 1):
-        turn, row = divmod(done - 1, len(frames))
+    for number in range(count):
+        turn, row = divmod(number, len(frames))
         frame = frames[row]
-        yield replace(frame, time=frame.time + turn * period, source_index=done - 1)
-        watch.count(done)
+        yield replace(frame, time=frame.time + turn * period, source_index=number)
+
+
+def write_loop(folder: Path, count: int) -> None:
+    """A folder of so many pictures: a pivot there and back, again and again."""
+    folder.mkdir()
+    images = render_dot_pictures(Camera(), (7, 10), 62.0).pictures
+    for number, image in enumerate([*images, *images[-2:0:-1]]):
+        cv2.imwrite(str(folder.parent / f"{number}.png"), image)
+    for number in range(count):
+        shown = folder.parent / f"{number % (2 * len(images) - 2)}.png"
+        (folder / f"{number:07}.png").symlink_to(shown)
 
 
 def resident_mib() -> float:

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import socket
+import struct
 import threading
 import time
 from dataclasses import replace
@@ -21,6 +23,7 @@ from estimation.frames.noise import Noise
 from estimation.live.command import follow
 from estimation.live.feed import Feed
 from estimation.live.source import open_live
+from estimation.live.tac3d import Tac3DReceiver
 from estimation.output import report
 from estimation.output.table import TableWriter
 from estimation.pictures.reader import ImageSettings
@@ -30,6 +33,7 @@ from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import open_inputs
 from estimation.tracking.stream import AHEAD_LIVE
+from estimation.tracking.tracker import estimate_angles
 from tests.cases import domed_pad, lift
 from tests.estimation.pictures.test_reading import write_folder
 from tests.test_examples import pictures as turned_pictures
@@ -96,12 +100,18 @@ def test_a_recording_keeps_its_pace_but_waits_for_no_clock_that_jumps(monkeypatc
 
 
 def test_a_recording_begins_with_the_first_answer():
-    feed = Feed("clip", LiveChoices(queue=2), print, recorded=True)
-    given = feed(items(AHEAD_LIVE + 20, 1e-4))
-    first = [next(given).number for _ in range(AHEAD_LIVE + 1)]
-    time.sleep(0.05)  # the first answer takes long
-    assert first == list(range(AHEAD_LIVE + 1))
+    feed, read = Feed("clip", LiveChoices(queue=2), print, recorded=True), threading.Event()
+
+    def source():
+        yield from items(AHEAD_LIVE + 20, 1e-4)
+        read.set()
+
+    given = feed(source())
+    first = [next(given).number for _ in range(AHEAD_LIVE)]  # the first answer takes long
+    assert first == list(range(AHEAD_LIVE))
     assert feed.lost == 0
+    assert next(given).number == AHEAD_LIVE
+    assert read.wait(10.0)
     assert list(given)
     assert feed.lost
 
@@ -274,3 +284,93 @@ def test_what_cannot_be_followed_is_refused(archive, tmp_path):
     refused = CliRunner().invoke(app, ["run", "camera:0", "--out", str(tmp_path / "out")])
     assert "follow it with `python -m estimation live camera:0`" in str(refused.exception)
     assert not Path(tmp_path / "out").exists()
+
+
+# --- Tac3D --------------------------------------------------------------------------------------
+
+
+def packets_of(frame, moved, serial, sensor="HDL1"):
+    """A frame as the desktop program sends it, in pieces of 1,400 bytes."""
+    force, moment = frame.wrench[:3], frame.wrench[3:]
+    arrays = {
+        "3D_Positions": frame.positions,
+        "3D_Displacements": moved,
+        "3D_Forces": np.zeros_like(moved),
+        "3D_ResultantForce": np.array([force]),
+        "3D_ResultantMoment": np.array([moment]),
+    }
+    head = [f"index: {frame.source_index}", f"SN: {sensor}", f"timestamp: {frame.time}", "data:"]
+    data = b""
+    for name, values in arrays.items():
+        sent = np.ascontiguousarray(values, dtype=np.float64).tobytes()
+        shape = f"width: {values.shape[1]}, height: {values.shape[0]}"
+        head.append(
+            f"  - {{name: {name}, type: mat, dtype: f64, {shape}, offset: {len(data)}, "
+            f"length: {len(sent)}}}"
+        )
+        data += sent
+    pieces = ["\n".join(head).encode(), *(data[i : i + 1400] for i in range(0, len(data), 1400))]
+    last = len(pieces) - 1
+    return [struct.pack("=IHH", serial, last, i) + piece for i, piece in enumerate(pieces)]
+
+
+def test_frames_of_a_tac3d_sensor_are_followed(tmp_path, plain):
+    recording = lift(np.radians(np.linspace(0.0, 6.0, 9)), unloaded=3, layout=domed_pad((12, 12)))
+    port = free_port()
+
+    def send():
+        out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        rng = np.random.default_rng(0)
+        for foreign in (b"", b"no frame", struct.pack("=IHH", 1, 0, 0) + b"{SN: [", b"\xff" * 900):
+            out.sendto(foreign, ("127.0.0.1", port))
+        for serial, frame in enumerate(recording):
+            moved = (frame.positions - recording.layout.reference) * (frame.source_index >= 3)
+            for sensor in ("HDL1", "AD2"):
+                packets = packets_of(frame, moved, 2 * serial + (sensor == "AD2"), sensor)
+                for i in rng.permutation(len(packets)):
+                    out.sendto(packets[i], ("127.0.0.1", port))
+            time.sleep(0.02)
+        out.close()
+
+    put, listen, sender = TableWriter.put, Tac3DReceiver.__init__, threading.Thread(target=send)
+
+    def put_until(self, answer):
+        put(self, answer)
+        if answer.row == len(recording) - 1:
+            raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TableWriter, "put", put_until)
+
+        def listen_and_send(self, name):
+            listen(self, name)
+            sender.start()
+
+        patch.setattr(Tac3DReceiver, "__init__", listen_and_send)
+        outcome = follow(f"tac3d:{port}/HDL1", tmp_path, SETTINGS, LiveChoices(), print)
+    sender.join(10.0)
+    assert not outcome.interrupted
+    rows = rows_of(tmp_path / "angles.csv")  # but for that in which Ctrl-C came
+    assert [int(row["source_index"]) for row in rows] == recording.source_index[:-1].tolist()
+    expected = estimate_angles(recording, noise=SETTINGS.noise)
+    found = [float(row["angle_deg"]) for row in rows]
+    np.testing.assert_allclose(found, np.degrees(expected.angle)[:-1], atol=1e-5)
+    notes = json.loads((tmp_path / "summary.json").read_text())["notes"]
+    assert "Only HDL1 is followed; to the same port send AD2 (tac3d:PORT/SENSOR chooses)." in notes
+    assert any(note.endswith("packets were not of a Tac3D sensor, or damaged.") for note in notes)
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_a_port_that_cannot_be_listened_to_is_refused():
+    for name in ("tac3d:", "tac3d:x", "tac3d:0", "tac3d:70000/HDL1"):
+        with pytest.raises(ValueError, match="has no port: give tac3d:PORT"):
+            Tac3DReceiver(name)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", 0))
+        with pytest.raises(OSError, match="does another program, or the SDK, listen to it"):
+            Tac3DReceiver(f"tac3d:{other.getsockname()[1]}")
