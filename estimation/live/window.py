@@ -1,6 +1,5 @@
 """What a page in the browser shows of a run that goes on: the sink of its answers."""
 
-import base64
 import json
 import threading
 import time
@@ -8,15 +7,14 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
-from jaxtyping import Shaped
 
 from estimation.frames.source import Source
 from estimation.live.feed import Feed
 from estimation.output.plots import points_down
-from estimation.output.scene import Field, show_markers, show_numbers
+from estimation.output.scene import Field, picture_url, show_markers, show_numbers
 from estimation.pictures.reader import ImageSettings
+from estimation.pictures.still import copy_picture
 from estimation.pictures.stream import Picture
 from estimation.tracking.stream import Answer
 
@@ -174,32 +172,21 @@ class Window:
             "reason": found.reason,
             "values": self._list_values(answer),
             "scene": scene,
-            "picture": None if image is None else _encode(image),
+            "picture": image,
         }
 
-    def _place(
-        self, answer: Answer, picture: Picture | None
-    ) -> tuple[dict[str, Any], Shaped[np.ndarray, "h w *colour"] | None]:
+    def _place(self, answer: Answer, picture: Picture | None) -> tuple[dict[str, Any], str | None]:
         """The markers in the picture that they were found in, and the picture as it is shown."""
-        largest = 960  # side up to which a picture is shown as it is [px]
-        found, frame, told = answer.estimates[self._method], answer.frame, self._images
-        spots = (
-            told.sensor.to_pixels(frame.positions)[None]
-            if told.rig is None
-            else told.rig.locate(frame.positions)
-        )
-        spots, image, scale = spots - told.part.origin, None, 1.0
+        largest, quality = 960, 80  # side up to which a picture is shown as it is [px]
+        found, frame = answer.estimates[self._method], answer.frame
+        spots, copy = self._images.locate(frame.positions) - self._images.part.origin, None
         if picture is not None and picture.image is not None:
-            image = picture.image
-            scale = min(1.0, largest / max(image.shape[:2]))
-            if scale < 1.0:
-                image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            size = (image.shape[1], image.shape[0])
+            copy = copy_picture(picture.image, largest, quality)
+            size, spots = copy.size, copy.place(spots)
         else:
             size = np.ceil(np.nanmax(answer.layout.reference[:, :2], axis=0)).astype(int).tolist()
-        spots = scale * (spots + 0.5) - 0.5
         signs = show_markers(spots, frame.valid, found.stick, found.contact)
-        return {"size": size} | signs, image
+        return {"size": size} | signs, None if copy is None else picture_url(copy.jpeg)
 
     def _list_values(self, answer: Answer) -> list[list[Any]]:
         """Name, value, half-width and unit of what is known."""
@@ -227,11 +214,3 @@ def _show_points(points: list[Point]) -> dict[str, Any]:
     table = dict(zip(Point._fields, columns, strict=True))
     numbers = {name: show_numbers(table[name], 4) for name in ("time", "angle", "low", "high")}
     return numbers | {"state": list(table["state"])}
-
-
-def _encode(image: Shaped[np.ndarray, "h w *colour"]) -> str:
-    """A picture as a page takes it."""
-    plain = image if image.dtype == np.uint8 else (image // 257).astype(np.uint8)
-    quality = [cv2.IMWRITE_JPEG_QUALITY, 80]
-    _, data = cv2.imencode(".jpg", plain, quality)
-    return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode()}"

@@ -4,7 +4,6 @@ All of it is plain values, ready for JSON; `templates/player.js` shows it and `t
 draws it.
 """
 
-import base64
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any
@@ -16,7 +15,7 @@ from estimation.output.found import Run
 from estimation.output.plots import points_down
 from estimation.output.preview import TICKS, to_ticks
 from estimation.output.record import KeptMarkers
-from estimation.output.scene import Field, page_colours, show_markers, show_numbers
+from estimation.output.scene import Field, page_colours, picture_url, show_markers, show_numbers
 
 Values = Float[np.ndarray, " frames"]
 
@@ -117,7 +116,7 @@ def _describe_scene(run: Run, markers: KeptMarkers, step: int) -> dict[str, Any]
         field = Field.around(run.reference, points_down(run.convention))
         spots, size = field.place(markers.positions)[None], field.size
     else:
-        picture = f"data:image/jpeg;base64,{base64.b64encode(markers.picture).decode()}"
+        picture = picture_url(markers.picture)
     sticks = markers.stick & bool(run.main.stick_markers[markers.row])  # unless it was withdrawn
     shown = show_markers(spots, markers.valid, sticks, markers.contact)
     return {"row": markers.row // step, "size": size, "picture": picture, **shown}

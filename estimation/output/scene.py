@@ -5,6 +5,7 @@ does. Colours are those of Okabe and Ito, which colour-blind readers can tell ap
 slip are crosses, too.
 """
 
+import base64
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -107,6 +108,15 @@ def show_markers(
         "spots": np.round(spots[:, seen].ravel(), 1).tolist(),
         "kinds": "".join(kinds.tolist()) * len(spots),
     }
+
+
+def picture_url(jpeg: bytes) -> str:
+    """A picture as a page takes it.
+
+    Args:
+        jpeg: its content.
+    """
+    return f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
 
 
 def show_numbers(values: Iterable[float], digits: int = 3) -> list[float | None]:

@@ -211,7 +211,7 @@ class PictureSource:
         if copy is None:
             return None, None
         spots = self._settings.locate(frame.positions) - self._settings.part.origin
-        return copy.jpeg, copy.scale * (spots + 0.5) - 0.5
+        return copy.jpeg, copy.place(spots)
 
     def __len__(self) -> int:
         """How many pictures there are, as far as is known before they are read; 0 for a camera."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 from PIL import Image, UnidentifiedImageError
 
 LARGEST = 50_000_000
@@ -151,24 +151,34 @@ class Copy(NamedTuple):
 
     Attributes:
         jpeg: its content.
+        size: its width and height [px].
         scale: its pixels per pixel of the picture.
     """
 
     jpeg: bytes
+    size: tuple[int, int]
     scale: float
+
+    def place(self, spots: Float[np.ndarray, "views n 2"]) -> Float[np.ndarray, "views n 2"]:
+        """Where points of the picture are in the copy [px].
+
+        Args:
+            spots: in the picture [px].
+        """
+        return self.scale * (spots + 0.5) - 0.5
 
 
 class Album:
     """Small copies of the pictures of a source, evenly spread over those that were taken."""
 
-    def __init__(self, most: int = 256, width: int = 320) -> None:
+    def __init__(self, most: int = 256, largest: int = 320) -> None:
         """Make it empty.
 
         Args:
             most: copies that are kept.
-            width: of a copy [px].
+            largest: longer side of a copy [px].
         """
-        self._most, self._width, self._stride = most, width, 1
+        self._most, self._largest, self._stride = most, largest, 1
         self._copies: dict[int, tuple[int, Copy]] = {}
 
     def take(self, row: int, number: int, image: Shaped[np.ndarray, "h w *colour"]) -> None:
@@ -181,7 +191,7 @@ class Album:
         """
         if row % self._stride:
             return
-        self._copies[number] = row, _shrink(image, self._width)
+        self._copies[number] = row, copy_picture(image, self._largest, quality=70)
         if row // self._stride >= self._most:
             self._stride *= 2
             copies = self._copies.items()
@@ -192,13 +202,18 @@ class Album:
         return self._copies[number][1] if number in self._copies else None
 
 
-def _shrink(image: Shaped[np.ndarray, "h w *colour"], width: int) -> Copy:
-    quality = 70
-    scale = min(width / image.shape[1], 1.0)
+def copy_picture(image: Shaped[np.ndarray, "h w *colour"], largest: int, quality: int) -> Copy:
+    """A copy of a picture, smaller where it is large.
+
+    Args:
+        image: grey or BGR, 8 or 16 bit.
+        largest: longer side that is not made smaller [px].
+        quality: of the JPEG, from 0 to 100.
+    """
+    scale = min(largest / max(image.shape[:2]), 1.0)
     if scale < 1.0:
-        size = (width, max(round(scale * image.shape[0]), 1))
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     if image.dtype == np.uint16:
         image = (image // 257).astype(np.uint8)
     _, jpeg = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality))
-    return Copy(jpeg.tobytes(), scale)
+    return Copy(jpeg.tobytes(), (image.shape[1], image.shape[0]), scale)

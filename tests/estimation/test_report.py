@@ -236,13 +236,13 @@ def test_a_long_run_stays_below_5_mb(answered, pictured):
 
 
 def test_an_album_keeps_small_copies_evenly_spread():
-    album = Album(most=4, width=100)
+    album = Album(most=4, largest=100)
     for row in range(11):
         album.take(row, 100 + row, np.zeros((60, 200), dtype=np.uint16))
     found = {number: album.find(number) for number in range(100, 111)}
     assert [number for number, one in found.items() if one] == [100, 104, 108]
     assert cv2.imdecode(np.frombuffer(found[104].jpeg, np.uint8), -1).shape == (30, 100)
-    assert found[104].scale == 0.5
+    assert (found[104].scale, found[104].size) == (0.5, (100, 30))
 
 
 @pytest.fixture(scope="module")
