@@ -25,7 +25,7 @@ from estimation.frames.archive import write_archive
 from estimation.frames.recording import record_frames
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser
-from tests.benchmarks.long_stream import repeat
+from tests.benchmarks.inputs import repeat
 
 FRAMES = 4000
 

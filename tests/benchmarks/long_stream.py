@@ -10,11 +10,9 @@ reader; with `--pictures` they are pictures of 640×480 with 70 dots, followed s
 import resource
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import cv2
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -27,14 +25,13 @@ from estimation.live.source import open_live, play
 from estimation.output.lines import JsonWriter
 from estimation.output.outlet import Outlet
 from estimation.output.record import NAME
-from estimation.pictures.render import Camera
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import Input
 from estimation.tracking.stream import Answer, Follower, Stream
 from estimation.virtual.recording import simulate_pivot
 from tests.benchmarks.arguments import make_parser
-from tests.benchmarks.pictures import render_dot_pictures
+from tests.benchmarks.inputs import repeat, write_loop
 
 PARTS = 10
 """Rows of the table."""
@@ -117,27 +114,6 @@ def answer_from(recording: Recording) -> None:
         return answer
 
     Follower.update = update
-
-
-def repeat(recording: Recording, count: int) -> Iterator[Frame]:
-    """The frames of a recording again and again, on one clock."""
-    frames = list(recording)
-    period = frames[-1].time - frames[0].time + 1.0
-    for number in range(count):
-        turn, row = divmod(number, len(frames))
-        frame = frames[row]
-        yield replace(frame, time=frame.time + turn * period, source_index=number)
-
-
-def write_loop(folder: Path, count: int) -> None:
-    """A folder of so many pictures: a pivot there and back, again and again."""
-    folder.mkdir()
-    images = render_dot_pictures(Camera(), (7, 10), 62.0).pictures
-    for number, image in enumerate([*images, *images[-2:0:-1]]):
-        cv2.imwrite(str(folder.parent / f"{number}.png"), image)
-    for number in range(count):
-        shown = folder.parent / f"{number % (2 * len(images) - 2)}.png"
-        (folder / f"{number:07}.png").symlink_to(shown)
 
 
 def resident_mib() -> float:
