@@ -3,9 +3,10 @@
 What the object prints turns with the object, what is printed on the gel turns with the gel: the
 dots are painted out, and the picture is registered with a keyframe by the rigid motion that
 correlates the two best. Where the last frame's motion leads nowhere, all rotations within reach are
-tried.
+tried. Earlier keyframes, whose rotation is better known, end the drift of later ones.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import cv2
@@ -58,6 +59,7 @@ class ImprintFollower:
         self.angle = 0.0
         self.missed = 0
         self.resting = 0
+        self.unclosed = 0  # frames since earlier keyframes were tried
         self.confirmed = False
         """Whether a second frame has shown the first one's texture: else it may be noise."""
 
@@ -86,6 +88,7 @@ class ImprintFollower:
             self.resting = self._settings.unseen if shaded else 0
             return LOST if shaded else self._begin(texture, painted.part)
         self.missed, self.confirmed = 0, True
+        found = self._close(texture, found)
         self.before = Keyframe(texture, found.pose, found.error, found.spread)
         self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
         self.last = found
@@ -123,12 +126,8 @@ class ImprintFollower:
         if found is not None and found.quality >= settings.new_keyframe:
             return found
         pose = before.pose if found is None else found.pose
-        for earlier in self.keyframes:
-            if earlier is last.keyframe or earlier.error >= last.keyframe.error:
-                continue
-            start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
-            closed = register(earlier, texture, start, settings)
-            if closed is not None and (found is None or closed.error < found.error):
+        for closed in self._register_earlier(texture, pose, last.keyframe):
+            if found is None or closed.error < found.error:
                 return closed
         if found is not None:
             return found
@@ -138,6 +137,34 @@ class ImprintFollower:
             if guess is not None:
                 found = register(before, texture, guess, settings, least=settings.found_again)
         return found
+
+    def _register_earlier(
+        self, texture: Texture, pose: Float[np.ndarray, "3 3"], now: Keyframe
+    ) -> Iterator[Match]:
+        """The motions from earlier keyframes that are better known, the first one first."""
+        for earlier in self.keyframes:
+            if earlier is not now and earlier.error < now.error:
+                start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
+                if (closed := register(earlier, texture, start, self._settings)) is not None:
+                    yield closed
+
+    def _close(self, texture: Texture, found: Match) -> Match:
+        """The motion from an earlier keyframe where that leaves less of an error.
+
+        It is looked for where a keyframe is to be taken, and now and then while one lasts.
+        """
+        self.unclosed += 1
+        settings = self._settings
+        far = abs(found.turned) > np.radians(settings.step_deg)
+        if not far and self.unclosed < settings.closing:
+            return found
+        self.unclosed = 0
+        closed = min(
+            self._register_earlier(texture, found.pose, found.keyframe),
+            key=lambda one: one.error,
+            default=found,
+        )
+        return closed if closed.error < settings.closer * found.error else found
 
 
 def _locate(now: Keyframe, part: int) -> tuple[float, ...]:

@@ -24,6 +24,8 @@ class ImprintSettings:
             one [-].
         kept: keyframes that are kept, the first always: registering with an earlier one ends the
             drift.
+        closing: after how many frames earlier keyframes are tried again [frames].
+        closer: error over what it is without them from which they serve [-].
         largest_deg: standard error from which the imprint is given up [deg].
         step_deg: rotation against the keyframe from which a new one is taken [deg].
         texture: grey levels, of 255, that the imprint's own texture must have, all colours
@@ -52,6 +54,8 @@ class ImprintSettings:
     found_again: float = 0.8
     new_keyframe: float = 0.85
     kept: int = 8
+    closing: int = 20
+    closer: float = 0.8
     largest_deg: float = 4.5
     step_deg: float = 12.0
     texture: float = 0.9

@@ -20,8 +20,6 @@ from estimation.output.lines import HEADER, LineWriter
 from estimation.output.record import RecordReader
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.imprint.follower import ImprintFollower
-from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import read_images
 from estimation.pictures.sensor import Sensor
@@ -312,23 +310,6 @@ def test_wrong_settings_are_refused(pictures, tmp_path):
         read_images(folder, ImageSettings(Sensor(dark=False, radius=4.3)))
     with pytest.raises(ValueError, match="25 px at most"):
         read_images(folder, ImageSettings(Sensor(dark=True, radius=200.0)))
-
-
-def test_the_imprint_turns_with_the_object_not_with_the_dots():
-    rng = np.random.default_rng(2)
-    pattern = cv2.GaussianBlur(rng.normal(0, 60, (240, 320)).astype(np.float32), (0, 0), 4.0)
-    follower = ImprintFollower()
-    dots = picture(REST, rng).astype(np.float32)
-    found = []
-    for degrees in (0.0, 4.0, 8.0, 12.0, 16.0, 20.0):
-        # OpenCV counts angles counter-clockwise on the screen: from y to x
-        warp = cv2.getRotationMatrix2D((160.0, 120.0), -degrees, 1.0)
-        turned = cv2.warpAffine(pattern, warp, (320, 240), borderMode=cv2.BORDER_REFLECT)
-        image = np.clip(dots + turned, 0, 255).astype(np.uint8)
-        region = REST[(np.abs(REST - [160.0, 120.0]) < [75.0, 65.0]).all(axis=1)]
-        found.append(np.degrees(follower.update(paint_out(image, REST, 4.3), region).angle))
-    # one registration is good to 0.1° here; two keyframes
-    assert found == pytest.approx([0.0, 4.0, 8.0, 12.0, 16.0, 20.0], abs=0.3)
 
 
 def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, tmp_path):

@@ -1,4 +1,4 @@
-"""The imprint under lamps that do not turn with the object."""
+"""The imprint, under lamps that do not turn with the object, and with what stays behind."""
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ from estimation.pictures.imprint.registration import Keyframe, register, search_
 from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.render import Camera, cover_with_dots, digitise
 from estimation.virtual.relief import Lamps, make_relief
+from tests.estimation.pictures import scenes
 
 CAMERA = Camera(200, 160, 0.09, background=125.0, contrast=95.0)
 RADIUS, PITCH = 4.3, 30.0
@@ -122,3 +123,41 @@ def test_a_lost_print_is_looked_for_under_all_turns_and_shifts():
     # turns are tried every 6°, in pictures of half the size
     assert np.degrees(np.arctan2(found[1, 0], found[0, 0])) == pytest.approx(18.0, abs=0.01)
     assert found @ middle == pytest.approx(motion @ middle, abs=2.0)
+
+
+def follow_pattern(turns, shares):
+    """Imprints of a pattern that turns [deg], with shares of another one that does not."""
+    rng = np.random.default_rng(2)
+    pattern, other = (
+        cv2.GaussianBlur(one.normal(0, 60, (240, 320)).astype(np.float32), (0, 0), 4.0)
+        for one in (rng, np.random.default_rng(3))
+    )
+    follower = ImprintFollower()
+    dots = scenes.picture(scenes.REST, rng).astype(np.float32)
+    region = scenes.REST[(np.abs(scenes.REST - [160.0, 120.0]) < [75.0, 65.0]).all(axis=1)]
+    for degrees, share in zip(turns, shares, strict=True):
+        # OpenCV counts angles counter-clockwise on the screen: from y to x
+        warp = cv2.getRotationMatrix2D((160.0, 120.0), -degrees, 1.0)
+        turned = cv2.warpAffine(pattern, warp, (320, 240), borderMode=cv2.BORDER_REFLECT)
+        image = np.clip(dots + turned + share * other, 0, 255).astype(np.uint8)
+        yield follower.update(paint_out(image, scenes.REST, 4.3), region)
+
+
+def test_the_imprint_turns_with_the_object_not_with_the_dots():
+    turns = np.arange(0.0, 21.0, 4.0)
+    found = [np.degrees(one.angle) for one in follow_pattern(turns, np.zeros(6))]
+    # one registration is good to 0.1° here; two keyframes
+    assert found == pytest.approx(turns, abs=0.3)
+
+
+def test_an_imprint_that_has_been_drawn_away_is_read_anew_where_it_was_clear():
+    """For five frames a third of the picture stays behind, and holds the keyframes back."""
+    turns = np.r_[0.0, 4.0, 8.0, np.arange(10.0, 20.0, 2.0), np.full(22, 20.0)]
+    shares = np.r_[np.zeros(3), np.full(5, 0.5), np.zeros(22)]
+    found = list(follow_pattern(turns, shares))
+    error = np.degrees([one.angle for one in found]) - turns
+    half_width = 1.96 * np.degrees([one.error for one in found])
+    assert error[7] < -2.0
+    assert abs(error[-1]) < 0.2  # 0.8° without the keyframes from before
+    assert half_width[-1] < 0.8
+    assert (np.abs(error)[8:] < half_width[8:]).all()
