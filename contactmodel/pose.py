@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import refuse
 from contactmodel.common.checks import Numbers, known, number
+from contactmodel.turning import on_circles, turn
 
 
 class Pose(eqx.Module):
@@ -26,6 +27,9 @@ class Pose(eqx.Module):
         centre: point that the twist leaves where it is [mm].
         linear: whether the twist moves points by θ × r, as the closed forms of linear elasticity
             have it, and not by the rotation (R − I) r that sticking points really follow.
+        corotated: whether the contact is solved in a frame that turns with the object about the
+            origin, where it touched first, so that twists of tens of degrees load friction truly
+            and the gel turns on circles (`turning`). Tractions and slip are then the frame's.
     """
 
     approach: Float[Array, "*path"]
@@ -33,6 +37,7 @@ class Pose(eqx.Module):
     twist: Float[Array, "*path"]
     centre: Float[Array, "*path 2"]
     linear: bool = eqx.field(static=True)
+    corotated: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -41,12 +46,16 @@ class Pose(eqx.Module):
         twist: Numbers = 0.0,
         centre: Numbers = (0.0, 0.0),
         linear: bool = False,
+        corotated: bool = False,
     ) -> None:
         """Keep the motion; what is given once holds for the whole path.
 
         Raises:
-            ValueError: numbers that are not finite, or shapes that do not fit each other.
+            ValueError: numbers that are not finite, shapes that do not fit each other, or a motion
+                both linear and corotated.
         """
+        if linear and corotated:
+            raise ValueError("a motion is linear or corotated, not both; leave out one of them")
         heights, angles = number(approach), number(twist)
         vectors = [_vector(shift, "shift"), _vector(centre, "centre")]
         shapes = [heights.shape, angles.shape, *(vector.shape[:-1] for vector in vectors)]
@@ -62,7 +71,7 @@ class Pose(eqx.Module):
         self.shift = jnp.broadcast_to(vectors[0], (*path, 2)).astype(precision)
         self.twist = jnp.broadcast_to(angles, path).astype(precision)
         self.centre = jnp.broadcast_to(vectors[1], (*path, 2)).astype(precision)
-        self.linear = linear
+        self.linear, self.corotated = linear, corotated
 
     def displacement(self, points: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
         """In-plane displacement of the rigid object at points [mm]; for one pose."""
@@ -87,11 +96,21 @@ class Pose(eqx.Module):
         """
         if self.linear:
             return self.displacement(points) - last.displacement(points)
+        if self.corotated:
+            ones = (2, *[1] * (points.ndim - 1))
+            now, before = (pose._shift_in_frame().reshape(ones) for pose in (self, last))
+            x, y = on_circles(points, moved - before)
+            return now - before + (self.twist - last.twist) * jnp.stack([-y, x])
         centre = self.centre.reshape(2, *[1] * (points.ndim - 1))
         centre_moved = last.displacement(centre)
         arm = points + moved - centre - centre_moved
         turned = _turn(arm, self.twist - last.twist, linear=False)
         return turned + self.displacement(centre) - centre_moved
+
+    def _shift_in_frame(self) -> Float[Array, "2"]:
+        """By how much the object's middle has moved, in the frame that turns with it [mm]."""
+        moved = self.displacement(jnp.zeros(2, self.twist.dtype))
+        return turn(moved, -self.twist)
 
 
 class Resultants(eqx.Module):

@@ -19,6 +19,7 @@ from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from contactmodel.solver.linear import Iterations
 from contactmodel.solver.results import RESULTS
+from contactmodel.turning import on_circles, to_space, turn
 
 
 class ContactSolution(eqx.Module):
@@ -92,12 +93,17 @@ class ContactSolution(eqx.Module):
         """Force of the object on the elastomer [N]."""
         normal = -jnp.sum(self.pressure, axis=(-2, -1))[..., None]
         shear = jnp.sum(self.traction, axis=(-2, -1))
+        if self.pose.corotated:
+            shear = jnp.moveaxis(turn(jnp.moveaxis(shear, -1, 0), self.pose.twist), 0, -1)
         return jnp.concatenate([shear, normal], axis=-1) * self.grid.cell_area
 
     @property
     def moment(self) -> Float[Array, "*path"]:
         """Moment of the object on the elastomer about z through the pose's centre [N·mm]."""
-        x, y = jnp.moveaxis(self.grid.points - self.pose.centre[..., None, None], -3, 0)
+        place = self.grid.points
+        if self.pose.corotated:
+            place = self._placed(jnp.asarray(place))
+        x, y = jnp.moveaxis(place - self.pose.centre[..., None, None], -3, 0)
         tau_x, tau_y = jnp.moveaxis(self.traction, -3, 0)
         return jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
 
@@ -110,6 +116,9 @@ class ContactSolution(eqx.Module):
             depth: below its surface, on which there is none [mm].
         """
         u, v, w = self._on_grid(*self._of_elastomer(depth))
+        if self.pose.corotated:
+            opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
+            u, v = self._in_space(jnp.asarray(self.grid.points), [u, v], opposite)
         return jnp.stack([u, v, -w], axis=-3)
 
     def object_displacement(self, depth: ArrayLike | None = None) -> Float[Array, "*path 3 nx ny"]:
@@ -128,6 +137,9 @@ class ContactSolution(eqx.Module):
         """
         points = jnp.asarray(points, self.pressure.dtype)
         u, v, w = self._at(*self._of_elastomer(depth), points)
+        if self.pose.corotated:
+            opposite = self._at(*self._of_elastomer(depth), -points)[:2]
+            u, v = self._in_space(points.T, [u, v], opposite)
         return jnp.stack([u, v, -w], axis=-1)
 
     def object_displacement_at(
@@ -147,6 +159,22 @@ class ContactSolution(eqx.Module):
     def object_rotation(self) -> Float[Array, "*path nx ny"]:
         """½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.problem.object_, -self.traction)
+
+    def _in_space(
+        self, points: Array, moved: Sequence[Array], opposite: Sequence[Array]
+    ) -> Float[Array, "2 ..."]:
+        """Displacement in space, from that of points and of those opposite in the frame [mm]."""
+        steps, axes = self.pose.twist.ndim, points.ndim - 1
+        twist = self.pose.twist[(..., *[None] * axes)]
+        points = points[(slice(None), *[None] * steps)]
+        return to_space(points, jnp.stack(moved), jnp.stack(opposite), twist)
+
+    def _placed(self, points: Float[Array, "2 nx ny"]) -> Float[Array, "*path 2 nx ny"]:
+        """Where the contact's points lie in the frame that turns with the object [mm]."""
+        moved = jnp.stack(self._on_grid(*self._of_elastomer(None))[:2])
+        odd = 0.5 * (moved - jnp.flip(moved, (-2, -1)))
+        steps = self.pose.twist.ndim
+        return jnp.moveaxis(on_circles(points[(slice(None), *[None] * steps)], odd), 0, -3)
 
     def _of_elastomer(self, depth: ArrayLike | None) -> tuple[AbstractBody, Array, Array | None]:
         """The elastomer, the traction on it, and a depth below its surface, checked."""

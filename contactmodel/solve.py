@@ -70,8 +70,8 @@ def solve_contact(
         throw: whether a failure raises; else it is only told by `result`.
 
     Raises:
-        ValueError: shapes that do not fit, force or moment without friction, or a tolerance below
-            what the precision can reach.
+        ValueError: shapes that do not fit, force or moment without friction or with a corotated
+            pose, or a tolerance below what the precision can reach.
         RuntimeError: a failure. Where friction cannot carry the resultants, the message, and the
             force and moment of the solution with `throw=False`, give the limit.
     """
@@ -212,8 +212,9 @@ def _recall(previous: ContactSolution | None, contact: Contact, pose: Pose) -> M
         raise ValueError(f"the contact before has the {previous.grid}, this one the {contact.grid}")
     if previous.pressure.ndim != 2:
         raise ValueError("previous is a path; take its last step: at_step(-1)")
-    if previous.pose.linear != pose.linear:
-        raise ValueError("this pose and the one before must both be linear, or neither")
+    for kind in ("linear", "corotated"):
+        if getattr(previous.pose, kind) != getattr(pose, kind):
+            raise ValueError(f"this pose and the one before must both be {kind}, or neither")
     return remember(Step(**{name: getattr(previous, name) for name in Step._fields}))
 
 
@@ -251,6 +252,10 @@ def _check(
         raise ValueError(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
             'call jax.config.update("jax_enable_x64", True) first, or ask for a larger rtol'
+        )
+    if resultants is not None and pose.corotated:
+        raise ValueError(
+            "force and moment are sought in space: give a motion alone, or leave out corotated"
         )
     sheared = resultants is not None and any(resultants.given[1:])
     if sheared and is_smooth(contact.friction_coefficient):

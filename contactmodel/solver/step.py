@@ -24,6 +24,7 @@ from contactmodel.solver.linear import Iterations
 from contactmodel.solver.normal import guess_pressure
 from contactmodel.solver.results import RESULTS
 from contactmodel.solver.tangent import Load
+from contactmodel.turning import to_space, turn
 
 
 class Earlier(NamedTuple):
@@ -148,9 +149,11 @@ def find_heights(
     points = make_points(grid, dtype)
     if slid_by is None:
         return indenter.height(points)
-    c, s = jnp.cos(slid_by.pose.twist), jnp.sin(slid_by.pose.twist)
-    back = jnp.tensordot(jnp.array([[c, s], [-s, c]]), slid_by.slip, 1)
-    return indenter.slid_height(points, points - back)
+    pose, slip = slid_by.pose, slid_by.slip
+    if pose.corotated:
+        moved = to_space(points, -slip, -jnp.flip(slip, (-2, -1)), jnp.zeros_like(pose.twist))
+        return indenter.slid_height(points, points + moved)
+    return indenter.slid_height(points, points - turn(slip, -pose.twist))
 
 
 def make_load(problem: Problem, grid: Grid) -> Load:
@@ -158,7 +161,10 @@ def make_load(problem: Problem, grid: Grid) -> Load:
     pose, last = problem.pose, problem.last
     points = make_points(grid, last.pressure.dtype)
     gap = _leave_out_rounding(problem.height - pose.approach)
-    carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
+    if pose.corotated:  # its slip is a sum
+        _, carried = problem.compliance.displace(last.pressure, last.traction)
+    else:
+        carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
     motion = carried + pose.increment(last.pose, carried, points)
     return Load(gap, motion, problem.friction)
 
@@ -193,7 +199,7 @@ def complete(problem: Problem, end: Tractions, how: How) -> Step:
         traction=traction,
         gap=load.gap + w,
         sliding=find_sliding(*friction_law, how.rtol),
-        slip=pose.displacement(points) - moved,
+        slip=last.slip + slip if pose.corotated else pose.displacement(points) - moved,
         slip_increment=slip,
         dissipated_energy=last.dissipated_energy + jnp.sum(traction * slip) * grid.cell_area,
         result=_judge(end, how),

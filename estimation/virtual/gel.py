@@ -63,7 +63,7 @@ def count_from_touch(path: Pose) -> Pose:
     for begin, end in find_touches(np.asarray(path.approach)):
         twist[begin:end] -= np.asarray(path.twist)[begin - 1] if begin else 0.0
         shift[begin:end] -= np.asarray(path.shift)[begin - 1] if begin else 0.0
-    return Pose(path.approach, shift, twist, path.centre, path.linear)
+    return Pose(path.approach, shift, twist, path.centre, path.linear, path.corotated)
 
 
 def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: float = 0.3) -> Gel:
