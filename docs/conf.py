@@ -117,6 +117,7 @@ def tidy_docstring(
     for row, line in enumerate(lines):
         if found := re.fullmatch(r"(:vartype \w+): (.*jaxtyping.*)", line):
             lines[row] = f"{found[1]}: ``{re.sub(r'(?:[a-z_]+[.])+(?=[A-Za-z])', '', found[2])}``"
+        lines[row] = re.sub(r"^(:vartype .*: )([a-z_.]+[.][A-Z]\w+)$", r"\1~\2", lines[row])
         lines[row] = re.sub(r"^(:\w+ \w+)_:", r"\1\_:", lines[row])
 
 

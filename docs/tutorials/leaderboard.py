@@ -21,6 +21,7 @@ and ranks it beside ours and the published ones.
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from estimation import read_recording, simulate_pivot, write_archive
@@ -76,6 +77,11 @@ print(*rows[:3], sep="\n")
 
 firm = truth.stick.sum(axis=1) >= 10
 error = np.abs(angles - np.degrees(truth.angle))[firm]
+figure, axis = plt.subplots(figsize=(7, 3.2), layout="constrained")
+axis.plot(recording.time, np.degrees(truth.angle), "k--", label="truth")
+axis.plot(recording.time, angles, label="this method")
+axis.set(xlabel="time [s]", ylabel="angle [°]")
+axis.legend()
 print(f"mean error of this method: {np.nanmean(error):.2f}° in {firm.sum()} frames")
 
 # %%

@@ -14,6 +14,7 @@ factor. You measure that factor once, and later runs correct for it.
 # Here both are simulated. The object is twice as stiff as the gel, so k is 0.5.
 
 import jax
+import matplotlib.pyplot as plt
 import numpy as np
 
 from calibration import Reference, fit_softness, make_trials
@@ -65,10 +66,15 @@ print(f"k = {fit.stiffness_ratio:.4f}, 95 % interval {low:.4f} to {high:.4f}")
 
 recording, truth = grasp(radius=4.0, seed=1)
 firm = truth.stick.sum(axis=1) >= 10
+figure, axis = plt.subplots(figsize=(7, 3.2), layout="constrained")
+axis.plot(recording.time, np.degrees(truth.angle), "k--", label="truth")
 for name, options in {"uncorrected": {}, "corrected": {"softness": fit.softness}}.items():
     result = estimate_angles(recording, **options)
     error = np.degrees(np.abs(result.angle - truth.angle))[firm]
+    axis.plot(recording.time, np.degrees(result.angle), label=name)
     print(f"{name}: mean error {np.nanmean(error):.3f}°, largest {np.nanmax(error):.2f}°")
+axis.set(xlabel="time [s]", ylabel="angle [°]")
+axis.legend()
 
 # %%
 # On the command line: ``python -m estimation run GRASP --softness soft/softness.toml``.
