@@ -47,7 +47,7 @@ class RestNoise:
         rotation: standard deviation of the rotation of discs of markers, by their radius [rad].
         angle_floor_deg: suggested least denominator of Eq. (15) at the default threshold.
         onset: suggested displacement from which there is contact.
-        notes: what a reader should know, in sentences.
+        notes: remarks for readers, in sentences.
     """
 
     unit: str

@@ -24,7 +24,7 @@ class AbstractIndenter(eqx.Module):
 
     @abc.abstractmethod
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-        """Height of the undeformed surface at points of the plane [mm]."""
+        """Height of the undeformed surface above points of the plane [mm]."""
 
     def slid_height(
         self, points: Float[Array, "2 ..."], slid: Float[Array, "2 ..."]

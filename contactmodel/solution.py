@@ -29,7 +29,7 @@ class ContactSolution(eqx.Module):
     steps as its first axis; properties and methods work on it.
 
     Attributes:
-        problem: what was solved: bodies, shape, grid and friction.
+        problem: the contact that was solved: bodies, shape, grid and friction.
         pose: of the object.
         pressure: p on both bodies [MPa].
         traction: τ on the elastomer; the object carries −τ [MPa].

@@ -57,7 +57,7 @@ def solve_contact(
     Args:
         contact: bodies, shape, grid and friction.
         pose: how B has moved since it touched. Where a resultant is given it is a first guess, any
-            approach will do; with `previous`, what is sought begins as it was then.
+            approach will do; with `previous`, unknown motions start from that solution's.
         resultants: force and moment that the contact carries, in place of some of the motion. The
             pose of the solution is the motion found.
         previous: the contact before this step; the friction depends on it. Without it, the object
@@ -67,7 +67,7 @@ def solve_contact(
         rtol: on the residuals of pressure and traction (see `normal`, `friction`); ten times as
             much on the resultants, by what friction carries [-].
         max_steps: of each of the solvers.
-        throw: whether a failure raises; else it is only told by `result`.
+        throw: raise an error at a failure; else only `result` reports it.
 
     Raises:
         ValueError: shapes that do not fit, force or moment without friction or with a corotated

@@ -17,13 +17,13 @@ from estimation.softness import RIGID_OBJECT, Softness, read_softness
 
 @dataclass(frozen=True)
 class Settings(RunChoices):
-    """What a run is told; see `Choices` and `RunChoices` for the rest.
+    """Settings of a run; `Choices` and `RunChoices` describe the others.
 
     Attributes:
         softness: correction by Eq. (13), for every method.
         noise: of the markers; estimated from each recording unless given.
         constants: of the chosen method.
-        images: what is known of pictures.
+        images: properties of the pictures.
     """
 
     softness: Softness = RIGID_OBJECT

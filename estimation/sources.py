@@ -43,7 +43,7 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
 
     Args:
         path: a folder of Tac3D arrays, an archive of ours, a bag, or pictures of markers.
-        images: what is known of the pictures.
+        images: properties of the pictures.
 
     Raises:
         FileNotFoundError: there is nothing there, or an array is missing.
@@ -86,7 +86,7 @@ def read_recordings(
 
     Args:
         paths: of one recording each.
-        images: what is known of pictures.
+        images: properties of the pictures.
         say: told what is assumed about a recording or looks wrong with it.
 
     Raises:
@@ -112,7 +112,7 @@ def open_source(
 
     Args:
         path: a folder of Tac3D arrays, an archive of ours, a bag, or pictures of markers.
-        images: what is known of pictures.
+        images: properties of the pictures.
         name: of the recording.
         checkpoint: where an earlier run got to; the frames after it are given.
         feed: passes pictures on while they come; see `PictureSource`.
@@ -155,7 +155,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
 
     Args:
         path: of a recording, a folder of recordings, or a bag.
-        topics: of the bag; found, unless given, where only one can be meant.
+        topics: of the bag; may be omitted if only one can be read.
 
     Raises:
         FileNotFoundError: there is nothing there.

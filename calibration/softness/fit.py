@@ -86,7 +86,7 @@ class GraspFit(NamedTuple):
 
 @dataclass(frozen=True)
 class SoftnessFit:
-    """k and L, how well they are known, and what they were found from.
+    """k and L with their uncertainty, and the data behind them.
 
     Attributes:
         softness: to apply; its covariance holds the scatter between grasps and the few degrees of
@@ -99,8 +99,8 @@ class SoftnessFit:
         grasps: each trial by itself.
         scatter: standard deviation of k between grasps, beyond their errors [-]; 0 if none is seen.
         scatter_chance: chance of such disagreement were k the same [-]; NaN for one trial.
-        undetermined: what the data cannot tell, in sentences.
-        notes: what a reader should know, in sentences.
+        undetermined: quantities that the data cannot determine, in sentences.
+        notes: remarks for readers, in sentences.
         line: the fit behind it.
     """
 
@@ -139,7 +139,7 @@ def fit_softness(
             thick one.
 
     Raises:
-        ValueError: what the trials hold cannot give k; the message says what to measure instead.
+        ValueError: the trials cannot determine k; the message says what to measure instead.
     """
     if not trials:
         raise ValueError(f"no trial: {NO_REFERENCE}")

@@ -46,7 +46,7 @@ class Grasp(NamedTuple):
 def fit_layered_softness(
     grasps: Sequence[Grasp], layer: Layer, *, clock_search: float = 1.0
 ) -> SoftnessFit:
-    """Fit k, and refine thickness and depth as far as the grasps tell more than was known.
+    """Fit k, and refine thickness and depth as far as the grasps determine them better.
 
     What sticks is sought in frames lifted for several k; then, after a first fit with the k that
     holds most markers together, in frames lifted for what was found.
@@ -57,7 +57,7 @@ def fit_layered_softness(
         clock_search: how far two clocks may be apart at most [s].
 
     Raises:
-        ValueError: what the grasps hold cannot give k; the message says what to measure instead.
+        ValueError: the grasps cannot determine k; the message says what to measure instead.
     """
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")

@@ -28,7 +28,7 @@ class Reference:
     Attributes:
         time: [s]; the recording's clock if `same_clock`.
         angle: [rad, counter-clockwise as the recording's angles]; NaN where unknown.
-        error: standard error of a reading [rad]; NaN where unknown, it is then found from the
+        error: standard error of a reading [rad]; NaN where unknown, it then follows from the
             scatter.
         zeroed: whether it counts from the onset of contact as Eq. (13) does. If not, only its
             changes are used: Eq. (12).

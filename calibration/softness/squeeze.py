@@ -47,7 +47,7 @@ class Evidence(NamedTuple):
         y: what was measured against it.
         line: intercept and slope of y over x that the share was read from.
         labels: of both.
-        notes: what a reader should know, in sentences.
+        notes: remarks for readers, in sentences.
     """
 
     source: str

@@ -58,7 +58,7 @@ class Trial:
         thing: name of the object.
         start: time of the recording's first frame [s].
         time: of the usable frames [s].
-        rotation: φ of what sticks, in frames lifted for `lifted_for` [rad, counter-clockwise].
+        rotation: φ of the markers that stick, lifted for `lifted_for` [rad, counter-clockwise].
         error: its standard error [rad].
         normal_force: in those frames [N]; NaN where unknown.
         radius: of the contact in those frames [mm]; NaN where unknown.
@@ -66,8 +66,8 @@ class Trial:
         excluded: frames that are not used, by why.
         markers: number of the sensor's markers; 0 where unknown.
         pitch: distance between them [mm]; NaN where unknown.
-        lifted_for: what the frames were lifted for; None on a thick elastomer.
-        seen: what the markers of those frames showed; empty where they were not lifted.
+        lifted_for: softness that the frames were lifted for; None on a thick elastomer.
+        seen: displacements of the markers in those frames; empty where they were not lifted.
         held: sticking markers in all those frames together; 0 where unknown.
     """
 
@@ -97,14 +97,14 @@ def make_trials(
     lifted_for: LayeredSoftness | None = None,
     selection: Selection = ALL_FIRM,
 ) -> list[Trial]:
-    """The trials of a recording, one for each contact: what sticks, without macro slip.
+    """The trials of a recording, one for each contact: frames with sticking markers.
 
     Args:
         recording: of an object that turns in the grasp.
         reference: its angle.
         thing: name of the object.
         noise: of the markers; estimated from the recording unless given.
-        lifted_for: what the frames are lifted for before anything is sought in them: soft objects
+        lifted_for: softness that the frames are lifted for before any fit: soft objects
             on thin elastomers do not seem to stick to markers that are not lifted.
         selection: which frames are used.
 

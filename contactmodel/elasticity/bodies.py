@@ -155,7 +155,7 @@ class Layer(AbstractBody):
 
 
 class Rigid(AbstractBody):
-    """A body that does not give way; only one of the two can be."""
+    """A rigid body; at most one of the two bodies can be rigid."""
 
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """All 0."""

@@ -31,7 +31,7 @@ RENAMED = {
 
 @dataclass(frozen=True)
 class Material:
-    """What a body is made of, and how thick it is; None where unknown.
+    """Elastic constants and thickness of a body; None where unknown.
 
     Attributes:
         shear_modulus: G [MPa].

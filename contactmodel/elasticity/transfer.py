@@ -109,7 +109,7 @@ class LayerGain(NamedTuple):
 
 
 def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -> LayerGain:
-    """What a layer's markers at some depth must be multiplied by, wave by wave.
+    """Factors, less 1, that turn what a layer's markers show into a half-space's, wave by wave.
 
     Between two layers k̂/k is the quotient of their 1 + `transverse`.
 
@@ -145,7 +145,7 @@ def ball_gain(x: Float[AnyArray, "*waves"]) -> AnyArray:
 
 
 class ScalarTransfer(NamedTuple):
-    """The numbers that stand for a transfer function in Eq. (2) and (13) of [Li2024].
+    """The numbers k and L that replace a transfer function in Eqs. (2) and (13) of [Li2024].
 
     Attributes:
         stiffness_ratio: k [-].

@@ -161,7 +161,7 @@ class Markers(Generic[Values, Mask]):
 class Estimate(
     Markers[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]], Record[float, int, bool, State, str]
 ):
-    """What is known after a frame; see `Record` and `Markers`."""
+    """The answer for a frame: state, angle with its interval, markers; see `Record`."""
 
 
 _OverFrames = Record[
@@ -193,7 +193,7 @@ class Track(_OverFrames):
 
     Attributes:
         method: name of the estimator.
-        notes: what a reader of the angles should know, in sentences.
+        notes: remarks for readers of the angles, in sentences.
         withdrawn: answers that the whole recording speaks against; None where it was not asked
             (`estimation.slip.lookback`).
 
@@ -246,7 +246,7 @@ class Track(_OverFrames):
 
 @dataclass(frozen=True, kw_only=True)
 class Result(Markers[Float[np.ndarray, "frames n"], Bool[np.ndarray, "frames n"]], Track):
-    """Estimates of a recording, one per frame, with what is known of each marker."""
+    """Estimates of a recording, one per frame, with the state of each marker."""
 
 
 def _take(record: Track | Withdrawn, rows: slice) -> dict[str, Any]:

@@ -41,11 +41,11 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
 
     Args:
         name: one of `NAMES`.
-        say: told, in one line each, what is being done.
+        say: called with a line for each step.
 
     Raises:
-        ValueError: no such data set, or what was downloaded is not what was published.
-        OSError: it cannot be downloaded (the message says what to do), or the cache not written to.
+        ValueError: there is no such data set, or the download differs from the published files.
+        OSError: the download failed, or the cache cannot be written; the message says what to do.
     """
     unlicensed = (
         "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"
@@ -92,7 +92,7 @@ def fetch_runs(name: str, say: Callable[[str], None] = lambda line: None) -> lis
 
     Args:
         name: one of `NAMES`.
-        say: told, in one line each, what is being done.
+        say: called with a line for each step.
 
     Raises:
         ValueError: as `fetch`.

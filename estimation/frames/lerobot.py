@@ -40,7 +40,7 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
     Args:
         path: of the folder.
         source: of the frames.
-        answers: what was found in each frame, by name; there may be none.
+        answers: quantities of each frame's answer, by name; may be empty.
 
     Raises:
         ImportError: the extra `lerobot` is not installed.

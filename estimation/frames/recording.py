@@ -199,7 +199,7 @@ class Frame:
         wrench: resultant force [N] and moment [N·mm] on the sensor, NaN where unknown.
         forces: force at each marker [N], if the source has it.
         flaw: why the frame cannot be used, empty where it can.
-        contact: the contact region, where the source knows it; else the displacements tell.
+        contact: the contact region, where the source knows it; else it follows from displacements.
         imprint: rotation of what the object prints through the gel, and its standard error [rad];
             NaN where unknown.
         print_point: x and y of a point of that print in the frame that its rotation counts from,
@@ -272,8 +272,8 @@ class Recording:
         name: short name, used for folders and titles.
         source: where the recording came from.
         convention: how the source's axes lie, and what was turned to get to the sensor frame.
-        notes: what a reader or user of the recording should know, in sentences.
-        warnings: what is assumed about the recording or looks wrong with it, in sentences; commands
+        notes: remarks for readers and users of the recording, in sentences.
+        warnings: assumptions about the recording and doubts about it, in sentences; commands
             print them as well.
 
     Raises:

@@ -75,7 +75,7 @@ def batch_rows(
 
     Args:
         source: of the frames.
-        answers: what was found in each frame, by name; there may be none.
+        answers: quantities of each frame's answer, by name; may be empty.
         many: rows at a time.
 
     Raises:

@@ -25,7 +25,7 @@ class Source(Protocol):
 
     @property
     def provisional(self) -> bool:
-        """Whether a better reference may still be found; `layout` is another one then."""
+        """Whether a better reference may still be detected; `layout` changes then."""
         ...
 
     @property
@@ -55,12 +55,12 @@ class Source(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know, in sentences, as known by now."""
+        """Remarks for readers, in sentences, up to the last frame."""
         ...
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is assumed or looks wrong, in sentences."""
+        """Assumptions and doubts, in sentences."""
         ...
 
     def __iter__(self) -> Iterator[Frame]:
@@ -79,10 +79,10 @@ class FrameStream:
         source: where the frames come from.
         convention: how the axes lie.
         unit: of lengths, mm or px.
-        notes: what a reader should know, in sentences.
-        warnings: what is assumed or looks wrong, in sentences.
+        notes: remarks for readers, in sentences.
+        warnings: assumptions and doubts, in sentences.
         live: whether the frames come as they are taken, as from a socket; see `Source`.
-        provisional: whether a better reference may still be found.
+        provisional: whether a better reference may still be detected.
     """
 
     layout: MarkerLayout

@@ -26,7 +26,7 @@ def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] 
     Args:
         path: of the folder.
         source: of the frames.
-        answers: what was found in each frame, by name; there may be none.
+        answers: quantities of each frame's answer, by name; may be empty.
 
     Raises:
         ImportError: the extra `zarr` is not installed.

@@ -72,7 +72,7 @@ class Run:
         reference: of its markers [unit].
         settings: what the run was told, for the summary.
         sha256: of what the angles were computed from.
-        notes: what a reader of the angles should know, in sentences.
+        notes: remarks for readers of the angles, in sentences.
         results: by method, all over the same frames, the chosen one first.
         method: the chosen method.
         outline: direction of the contact's long axis, or rotation of the imprint [rad].

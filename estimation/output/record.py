@@ -81,7 +81,7 @@ class KeptMarkers(NamedTuple):
 
 
 class RecordWriter:
-    """The sink that keeps what is found of each frame."""
+    """The sink that stores the answer of each frame."""
 
     def __init__(
         self,
@@ -121,7 +121,7 @@ class RecordWriter:
         self._insert = f"INSERT INTO frames VALUES ({', '.join('?' * len(columns))})"
 
     def put(self, answer: Answer) -> None:
-        """Keep what was found of a frame; it is written with one half a second later."""
+        """Store the answer of a frame; it is written with one half a second later."""
         with _telling(self._path):
             self._database.execute(self._insert, self._values(answer))
             if self._every or answer.row % self._stride == 0:
@@ -152,13 +152,13 @@ class RecordWriter:
                 self._database.execute(f"DELETE FROM {table} WHERE row >= ?", (rows,))
 
     def tell(self, **about: Any) -> None:
-        """Keep what the run is about, ready for JSON, by name."""
+        """Store settings, input and versions of the run, ready for JSON, by name."""
         rows = [(name, json.dumps(value, ensure_ascii=False)) for name, value in about.items()]
         with _telling(self._path):
             self._database.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", rows)
 
     def keep_checkpoint(self, row: int, state: bytes) -> None:
-        """Keep what is needed to go on after a row."""
+        """Store the state from which a run resumes after a row."""
         with _telling(self._path):
             self._database.execute("DELETE FROM checkpoint")
             self._database.execute("INSERT INTO checkpoint VALUES (?, ?)", (row, state))
@@ -217,7 +217,7 @@ class RecordReader:
     """A record that is read.
 
     Attributes:
-        about: what the run is about, by name.
+        about: settings, input and versions of the run, by name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -270,13 +270,13 @@ class RecordReader:
         return self._arrays({name: "REAL"})[0]
 
     def sights(self) -> Iterator[Sight]:
-        """What the slip watch saw, by frame."""
+        """Observations of the slip watch, by frame."""
         names = ", ".join(f"disc_{name}" for name in Disc._fields)
         for rests, *disc in self._rows(f"rests, {names}"):
             yield Sight(None if disc[0] is None else Disc(*disc), bool(rests))
 
     def margins(self) -> Iterator[Margin]:
-        """What was left before macro slip, by frame."""
+        """Margins before macro slip, by frame."""
         for values in self._rows(", ".join(Margin._fields)):
             yield Margin(*(np.nan if value is None else value for value in values))
 

@@ -22,7 +22,7 @@ from estimation.pictures.stream import Picture
 
 @dataclass(frozen=True)
 class ImageSettings:
-    """What is known of a recording's pictures; what is not said is found out.
+    """Properties of a recording's pictures; those not given are detected.
 
     Attributes:
         sensor: what took them.
@@ -78,7 +78,7 @@ class ImageSettings:
         return self.sensor.to_pixels(positions)[None]
 
     def content(self) -> dict[str, Any]:
-        """What is told of reference and part, for a summary."""
+        """Reference and part of the pictures that is read, for a summary."""
         part, unloaded = self.part, self.unloaded
         given = {
             "unloaded": str(unloaded.path) if isinstance(unloaded, Still) else unloaded,

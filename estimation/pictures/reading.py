@@ -61,7 +61,7 @@ class PictureSource:
         name: short name.
         source: where they come from.
         convention: how the axes lie.
-        warnings: what is assumed about the pictures or looks wrong with them, in sentences.
+        warnings: assumptions about the pictures and doubts about them, in sentences.
         live: whether the pictures come as they are taken.
     """
 
@@ -171,7 +171,7 @@ class PictureSource:
 
     @property
     def provisional(self) -> bool:
-        """Whether a better reference may still be found."""
+        """Whether a better reference may still be detected."""
         return self.reader.provisional
 
     @property
@@ -181,7 +181,7 @@ class PictureSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the report should say of the markers, as known by now."""
+        """Remarks on the markers for the report, up to the last frame."""
         chosen = (self.reader.chosen,) if self.reader.chosen else ()
         lengths = ("Lengths are in px: no scale was given.",) if self.unit == "px" else ()
         part = (self._settings.part.note,) if self._settings.part.note else ()
@@ -193,7 +193,7 @@ class PictureSource:
         return PictureState(self.reader, self._inspector)
 
     def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Frames that came before the reference was found, judged by it.
+        """Frames before the reference was detected, measured from it.
 
         Args:
             frames: in order of time.

@@ -123,7 +123,7 @@ class Lens:
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor; what is None is not known, and found out from the recording where it can be.
+    """A sensor. Values that are None are unknown, and detected from the recording where possible.
 
     Lengths are mm where the scale is known, else px.
 
@@ -131,12 +131,12 @@ class Sensor:
         mm_per_px: scale where the markers are [mm/px].
         lens: of the camera; without it the picture counts as undistorted.
         size: width and height of the pictures that the scale and the lens hold for [px].
-        marker: kind of markers, one of `MARKER_KINDS`; None if it is to be found.
+        marker: kind of markers, one of `MARKER_KINDS`; None to detect it.
         radius: of the dots [px].
-        dark: whether they are darker than what is around them.
+        dark: whether they are darker than their surroundings.
         reference: unloaded positions of the markers.
         noise: of the marker positions.
-        pad: what the elastomer with the markers is.
+        pad: the elastomer with the markers.
 
     Raises:
         ValueError: a length that is not above 0, an unknown kind of markers, or a reference that is

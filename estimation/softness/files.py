@@ -26,7 +26,7 @@ class Softness(Protocol):
         ...
 
     def lifting(self, points: Float[np.ndarray, "n 2"]) -> Lifting | None:
-        """What is to be added to what markers show before a rotation is sought; None for nothing.
+        """Displacements to add to those of the markers before a rotation is fitted; None for none.
 
         Args:
             points: the markers in the unloaded elastomer [mm].
@@ -34,15 +34,15 @@ class Softness(Protocol):
         ...
 
     def at(self, contact: Contact) -> ScalarSoftness:
-        """The k and L that stand for it in one contact, its fields lifted.
+        """k and L of one contact, after its fields have been lifted.
 
         Raises:
-            ValueError: the contact lacks what the softness needs to know.
+            ValueError: the contact lacks a quantity that the softness requires.
         """
         ...
 
     def content(self) -> dict[str, Any]:
-        """What stands in its file, `kind` first: plain values and tables of such."""
+        """The content of its file, `kind` first: plain values and tables of them."""
         ...
 
 

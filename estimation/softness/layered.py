@@ -56,7 +56,7 @@ class LayeredSoftness:
         depth: z of the markers below the surface [mm].
         object_radius: R of a ball; infinite for an object with a flat surface [mm].
         covariance: of (k, h, z), row by row.
-        validity: the contacts that it was found on.
+        validity: the contacts that it was fitted to.
         provenance: where it came from, for readers.
 
     Raises:
@@ -82,7 +82,7 @@ class LayeredSoftness:
         check_covariance(self.covariance, ("k", "h", "z"))
 
     def lifting(self, points: Float[np.ndarray, "n 2"]) -> Lifting | None:
-        """What is to be added to what markers show.
+        """Displacements to add to those of the markers.
 
         Args:
             points: the markers in the unloaded elastomer [mm].
@@ -132,7 +132,7 @@ class LayeredSoftness:
         return found
 
     def content(self) -> dict[str, Any]:
-        """What stands in its file."""
+        """The content of its file."""
         return {"kind": "layered", **to_table(self)}
 
 

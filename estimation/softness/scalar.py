@@ -32,7 +32,7 @@ class ScalarSoftness:
             [rad/N] where `load_by_force`.
         covariance: of (k, L), row by row.
         load_by_force: whether L grows in proportion to the normal force.
-        validity: the contacts that it was found on.
+        validity: the contacts that it was fitted to.
         provenance: where it came from, for readers: recordings, reference, sensor, versions.
 
     Raises:
@@ -87,7 +87,7 @@ class ScalarSoftness:
         return angle, float(angle - below), float(angle + above)
 
     def content(self) -> dict[str, Any]:
-        """What stands in its file."""
+        """The content of its file."""
         return {"kind": "scalar", **to_table(self)}
 
 

@@ -17,7 +17,7 @@ from estimation.tracking.tracker import Tracker, label_frame
 
 
 class ImageTracker:
-    """Follows the object's angle picture by picture, knowing only the past.
+    """Estimates the object's angle picture by picture, from the past alone.
 
     Markers and reference are learnt from the first usable picture, unless an unloaded one is given
     in the settings. Where a better reference is found later, the pictures so far are answered anew
@@ -56,7 +56,7 @@ class ImageTracker:
             self.reader, self._size = make_reader(rest, images), rest.whole
 
     def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:
-        """What is known after the next picture; one that cannot be used is labelled.
+        """The answer for the next picture; one that cannot be used is labelled.
 
         Args:
             image: grey or BGR, of 8 or 16 bit.

@@ -39,14 +39,14 @@ MOST_HELD = 2000
 
 
 class Answer(NamedTuple):
-    """What is known after a frame.
+    """The answers for a frame.
 
     Attributes:
         row: of the frame, counted from 0.
         frame: as the source gave it.
         estimates: by method.
         axis: direction of the contact's long axis [rad], NaN where refused.
-        sight: what the motion over the last frames shows of the region that sticks.
+        sight: the region that sticks, from the motion over the last frames.
         margin: angle and moment that remain before macro slip, by the chosen method.
         turned: φ of each marker since that method's angle is counted [rad].
         shear: of the gel, and whether the object slips along it.
@@ -338,7 +338,7 @@ class Stream:
             raise
 
     def checkpoint(self) -> bytes:
-        """All that is needed to go on after the last answer.
+        """The state from which a run resumes after the last answer.
 
         Empty while frames that were read are not answered, and once Ctrl-C has come: a frame may
         then be half read or half answered.

@@ -27,7 +27,7 @@ from estimation.tracking.observation import Observation, Observer
 
 
 class Trackers:
-    """Follows the object's angle by several methods at once, knowing only the past.
+    """Estimates the object's angle by several methods at once, from the past alone.
 
     Each frame is inspected and its fields are measured once, for all methods; methods that fit the
     same markers with the same settings share the fit.
@@ -36,9 +36,9 @@ class Trackers:
         estimators: by method.
         constants: of each method.
         counts: by method, from where its angle is counted.
-        observation: what the last frame showed; None before the first.
+        observation: fields and contact of the last frame; None before the first.
         shear: of the gel in the last frame, and whether the object slips along it.
-        friction: in use, and what slips by the first method have shown of its coefficient.
+        friction: share in use, and coefficient from earlier slips, by the first method.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Trackers:
         self.friction = FrictionWatch()
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
-        """What is known after the next frame, by method.
+        """The answers for the next frame, by method.
 
         A frame that cannot be used is labelled and otherwise left out: one with a flaw that its
         source has found, without a time stamp or with one that is not after the last frame's, with
@@ -186,10 +186,9 @@ class Trackers:
 
 
 class Tracker:
-    """Follows the object's angle frame by frame, knowing only the past.
+    """Estimates the object's angle frame by frame, from the past alone.
 
-    Over the frames of a recording it gives the numbers that `estimate_angles` gives when told the
-    same noise.
+    Over the frames of a recording its numbers equal those of `estimate_angles` with the same noise.
 
     Attributes:
         layout: the markers of the sensor.
@@ -228,7 +227,7 @@ class Tracker:
         self.constants = self._trackers.constants[method]
 
     def update(self, frame: Frame) -> Estimate:
-        """What is known after the next frame; see `Trackers.update`.
+        """The answer for the next frame; see `Trackers.update`.
 
         Raises:
             ValueError: the frame is not of this layout.
@@ -236,7 +235,7 @@ class Tracker:
         return self._trackers.update(frame)[self._method]
 
     def update_positions(self, positions: Float[np.ndarray, "n d"], time: float) -> Estimate:
-        """What is known after the next frame, of which only the markers' positions are known.
+        """The answer for the next frame, from positions of the markers alone.
 
         Args:
             positions: of the layout's markers, in its order and unit; NaN where not seen.

@@ -31,7 +31,7 @@ from estimation.virtual.relief import Lamps, make_relief
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """What a clip shows; everything random comes from the seed.
+    """Content of a virtual clip; everything random comes from the seed.
 
     Attributes:
         contact: pad, object, its shape, friction, and a grid that covers the view; its origin is
@@ -92,7 +92,7 @@ class Scene:
 
 
 class ClipTruth(NamedTuple):
-    """What the pictures cannot know, by frame.
+    """Truth of a virtual clip, by frame.
 
     Attributes:
         state: of the contact: `macro_slip` where no more than a fiftieth of it sticks, else by the

@@ -53,7 +53,7 @@ class PivotModel(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What a sensor cannot know.
+    """Truth of a virtual recording.
 
     Attributes:
         angle: the object's rotation since it touched [rad, counter-clockwise]; NaN before.
@@ -135,7 +135,7 @@ def simulate_pivot(
     By default a lift, a hold, and a reversal through zero on to macro slip.
 
     Args:
-        model: what is pressed into what.
+        model: sphere, elastomer and markers.
         angles_deg: the object's angle at the ends of the path's legs [deg].
         frames: frames of each leg.
         unloaded: frames before the object touches.

@@ -104,7 +104,7 @@ class PlainMessages:
         layout: the markers at rest.
         unit: of lengths.
         convention: how the axes lie.
-        notes: what a reader should know, in sentences.
+        notes: remarks for readers, in sentences.
     """
 
     unit = "mm"

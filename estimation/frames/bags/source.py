@@ -39,7 +39,7 @@ class BagSource:
     Attributes:
         name: short name.
         source: where they come from.
-        warnings: what is assumed about the messages, in sentences.
+        warnings: assumptions about the messages, in sentences.
         live: no: all messages are there.
         provisional: no: the reference is known.
     """
@@ -88,7 +88,7 @@ class BagSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know, in sentences, as known by now."""
+        """Remarks for readers, in sentences, up to the last frame."""
         return (*self._markers.notes, *self._inspector.notes())
 
     def __len__(self) -> int:

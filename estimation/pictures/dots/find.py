@@ -13,7 +13,7 @@ class DotStyle(NamedTuple):
     """What the dots of a sensor look like.
 
     Attributes:
-        dark: whether they are darker than what is around them.
+        dark: whether they are darker than their surroundings.
         radius: typical radius [px].
         blur: typical standard deviation of the point spread [px].
     """
