@@ -129,7 +129,7 @@ class Problem(eqx.Module):
         measured, weights = _whiten(model, data)
         count = int(np.count_nonzero(weights))
         if count + np.count_nonzero([s for _, s in priors]) < len(start):
-            raise ValueError(f"{count} measured values cannot tell {len(start)} numbers")
+            raise ValueError(f"{count} measured values cannot determine {len(start)} numbers")
         return cls(
             model=model,
             known={n: jnp.asarray(v, float) for n, v in numbers.items() if n not in unknown},

@@ -86,8 +86,8 @@ def fit_lens(boards: Path, corners: tuple[int, int]) -> tuple[Lens, float]:
     )
     if not error < WORST:
         raise ValueError(
-            f"the best lens leaves {error:.2f} px rms: are all pictures of one camera and one flat "
-            "board?"
+            f"the best lens fit has a residual of {error:.2f} px rms: are all pictures of "
+            "one camera and one flat board?"
         )
     return Lens(np.asarray(matrix), np.asarray(distortion, dtype=float).ravel()[:5]), float(error)
 

@@ -264,7 +264,7 @@ def _refine(
     error = float(np.sqrt(np.mean(found.fun**2)))
     if not error < WORST:
         raise ValueError(
-            f"no two views fit the {len(poses)} poses: the error left is {error:.2f} px rms; are "
+            f"no two views fit the {len(poses)} poses: the residual is {error:.2f} px rms; are "
             "the target's size and the order of the views right?"
         )
     p = start.copy()

@@ -52,7 +52,7 @@ class Contact(eqx.Module):
     ) -> None:
         """Check the parts against each other, and keep them."""
         if isinstance(elastomer, Rigid) and isinstance(object_, Rigid):
-            raise ValueError("both bodies are rigid; one has to give way")
+            raise ValueError("both bodies are rigid; at least one must be elastic")
         friction = as_friction(friction_coefficient)
         for leaf in jax.tree.leaves(friction):
             if leaf.shape not in ((), grid.shape):

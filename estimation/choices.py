@@ -69,7 +69,7 @@ class AlertSettings:
         if min(vars(self).values()) < 0.0:
             raise ValueError(f"thresholds of alerts must not be below 0: {vars(self)}")
         if self.rate_frames < 5:
-            raise ValueError(f"rate_frames is {self.rate_frames}; a rate takes 5 frames or more")
+            raise ValueError(f"rate_frames is {self.rate_frames}; give 5 frames or more")
 
 
 DEFAULT_CONTACT = ContactSettings()

@@ -68,7 +68,7 @@ def run_all(
         OSError: something cannot be written; what was written before stays.
     """
     if settings.grasp and len(inputs) != 2:
-        raise ValueError(f"a grasp takes the recordings of two fingers, not {len(inputs)}")
+        raise ValueError(f"a grasp requires the recordings of two fingers, got {len(inputs)}")
     _check_all(inputs, settings)
     names = name_folders([one.source.name for one in inputs])
     inner = names if len(inputs) > 1 else [""]

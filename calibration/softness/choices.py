@@ -59,9 +59,7 @@ class SoftnessChoices:
     def __post_init__(self) -> None:
         """Check the search; the pad checks what is its own."""
         if not self.clock_search >= 0.0:
-            raise ValueError(
-                f"clocks are searched for {self.clock_search:g} s (--clock-search): 0 or more"
-            )
+            raise ValueError(f"--clock-search is {self.clock_search:g} s: give 0 or more")
         if not self.radius_mm > 0.0:
             raise ValueError(
                 f"the ball has a radius of {self.radius_mm:g} mm (--radius-mm): give one above 0, "
@@ -88,7 +86,7 @@ class Pressing:
     def __post_init__(self) -> None:
         """Check the number of pads."""
         if self.pads < 1:
-            raise ValueError(f"{self.pads} elastomers between the jaws (--pads): 1 or more")
+            raise ValueError(f"{self.pads} elastomers between the jaws (--pads): give 1 or more")
 
 
 @dataclass(frozen=True)

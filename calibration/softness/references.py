@@ -11,7 +11,7 @@ from estimation.fields.outline import follow_outline
 from estimation.frames.recording import Recording
 
 NO_REFERENCE = (
-    "without a reference angle k cannot be had: with the pressure given, the twist of one "
+    "cannot fit k without a reference angle: with the pressure given, the twist of one "
     "elastomer depends on θ/(1+k) alone, so a soft object turned far and a rigid one turned less "
     "look the same. Give the angle of a rotary stage or an inertial sensor as a CSV, let the "
     "object be long enough for its contact outline to show its direction, hold it with a second "

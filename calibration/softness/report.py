@@ -192,7 +192,7 @@ def write_two_fingers(
         OSError: a file cannot be written.
     """
     if len(recordings) != 2:
-        raise ValueError(f"two fingers are two recordings, not {len(recordings)}")
+        raise ValueError(f"two fingers require two recordings, got {len(recordings)}")
     none = Reference(np.zeros(0), np.zeros(0), np.zeros(0), False, False, "none")
     first, second = (make_trials(one, none, noise=noise) for one in recordings)
     if len(first) != len(second):

@@ -221,9 +221,9 @@ def _conclude(
     half = float(t.ppf(0.975, freedom)) * error
     if share + half < 0.0:
         raise ValueError(
-            f"{evidence.source}: the object would take {share:.3g} ± {half:.2g} of the "
-            "elastomer's share, and none takes less than nothing: check scale, radius, the number "
-            "of pads and the slope of a rigid object"
+            f"{evidence.source}: the object's share over the elastomer's is "
+            f"{share:.3g} ± {half:.2g}, and a share cannot be negative: check scale, "
+            "radius, the number of pads and the slope of a rigid object"
         )
     least, most = (bodies.factor(ratio) for ratio in bodies.object_poisson)
     middle = bodies.factor(float(np.mean(bodies.object_poisson)))

@@ -59,8 +59,9 @@ def fit_two_fingers(
         raise ValueError(f"k₁/k₂ is {stiffness}; it must be above 0")
     if abs(stiffness - 1.0) < LEAST_DIFFERENCE:
         raise ValueError(
-            f"k₁/k₂ is {stiffness:g}: fingers alike turn alike whatever the object is, so k cannot "
-            "be told; take a second pad of another stiffness or thickness, or a reference angle"
+            f"k₁/k₂ is {stiffness:g}: equal fingers turn alike whatever the object is, so k cannot "
+            "be determined; take a second pad of another stiffness or thickness, or a reference "
+            "angle"
         )
     if stiffness < 1.0:  # let the first be the stiffer one, which turns less
         return _swap(fit_two_fingers(second, first, 1.0 / stiffness, clock_search))

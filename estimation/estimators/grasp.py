@@ -219,7 +219,7 @@ class _Pair:
         if not np.isfinite(costs[best]):
             raise ValueError(
                 f"the two recordings share fewer than {least_frames} frames without macro slip: "
-                "their clocks cannot be brought together"
+                "their clocks cannot be aligned"
             )
         finer = tried[best] + self.step * np.linspace(-1.0, 1.0, 41)
         clock = float(finer[np.argmin([cost(one)[0] for one in finer])])

@@ -70,7 +70,7 @@ def measure_axis(fields: Fields) -> Axis:
     if len(points) < LEAST_MARKERS:
         return nothing._replace(reason=f"{len(points)} markers in contact")
     if not fields.indentation[fields.contact].any():
-        return nothing._replace(reason="one view tells no indentation")
+        return nothing._replace(reason="a single view cannot show the indentation")
     x, y = (points - points.mean(axis=0)).T
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     depth = fields.indentation[fields.contact]

@@ -61,7 +61,7 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     """
     path = Path(path)
     if path.suffix != SUFFIX:
-        raise ValueError(f"{path} must end in {SUFFIX}, by which archives are found again")
+        raise ValueError(f"{path} must end in {SUFFIX}, the suffix of recording archives")
     entries = {"format_version": FORMAT_VERSION} | _contents(recording.layout)
     entries |= _contents(recording)
     known = {name: np.asarray(entry) for name, entry in entries.items() if entry is not None}

@@ -79,7 +79,7 @@ def find(name: str) -> Path | None:
         ValueError: no such data set.
     """
     if name not in _SETS:
-        raise ValueError(f"there is no data set {name!r}; there is {', '.join(NAMES)}")
+        raise ValueError(f"there is no data set {name!r}; there are {', '.join(NAMES)}")
     expected = list_files(name).items()
     for root in _roots():
         if all(_is_intact(root / _local(name) / file, sha256) for file, sha256 in expected):
@@ -167,7 +167,7 @@ def _download(name: str, root: Path, file: str, sha256: str) -> None:
         pooch.retrieve(url, f"sha256:{sha256}", fname=target.name, path=target.parent)
     except ValueError as error:
         raise ValueError(
-            f"what was downloaded is not the published {file} (sha256 {sha256}): it is not used"
+            f"the download differs from the published {file} (sha256 {sha256}): it is not used"
         ) from error
     except OSError as error:
         raise OSError(
@@ -189,7 +189,7 @@ def _download_wheel(published: dict[str, str], cache: Path) -> Path:
         downloaded = Path(folder) / published["filename"]
         if not _is_intact(downloaded, published["sha256"]):
             raise ValueError(
-                f"what pip downloaded is not the published {downloaded.name} (sha256 "
+                f"pip's download differs from the published {downloaded.name} (sha256 "
                 f"{published['sha256']}): nothing of it is used. {_by_hand(published)}"
             )
         return downloaded.replace(cache / downloaded.name)

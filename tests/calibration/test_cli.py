@@ -112,7 +112,7 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
         (("--flip",), "turns the other way"),
         (("--object", "a", "--object", "b", "--object", "c"), "3 objects for 2 recordings"),
         (("--reference", "outline"), "3 references for 2 recordings"),
-        (("--second-ratio", "1"), "fingers alike"),
+        (("--second-ratio", "1"), "equal fingers"),
         (("--radius-mm", "0"), "above 0, or inf for a flat surface"),
         (("--thickness-mm", "3"), "--zeroed --same-clock"),
     ],

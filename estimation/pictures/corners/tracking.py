@@ -151,7 +151,7 @@ class CornerTracker:
             return self._straighten(grey, corners, placed)
         flaw = f"only {here.sum()} of {len(here)} corners were recognised"
         if placed.left_out:
-            flaw += f"; {placed.left_out} lie in pieces whose place cannot be told"
+            flaw += f"; {placed.left_out} lie in pieces whose place is ambiguous"
         nowhere = placed._replace(corner=np.full_like(placed.corner, -1))
         return _everywhere(corners, nowhere)._replace(flaw=flaw)
 

@@ -86,15 +86,14 @@ def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> 
     rings = [correlation[(distance >= r - 0.5) & (distance < r + 0.5)].mean() for r in range(21)]
     below = np.flatnonzero(np.array(rings) < 0.5)
     if not len(below):
-        raise ValueError("no fine texture: what is to be seen is larger than 20 px")
+        raise ValueError("no fine texture: all structures are larger than 20 px")
     i = below[0]
     size = float(i - 1 + (rings[i - 1] - 0.5) / (rings[i - 1] - rings[i]))
     peak = np.where(distance > 5.0 * size, correlation, 0.0)
     if peak.max() > 0.5:
         place = np.unravel_index(np.argmax(peak), peak.shape)
         raise ValueError(
-            f"the texture repeats every {distance[place]:.0f} px: which part of it is where cannot "
-            "be told"
+            f"the texture repeats every {distance[place]:.0f} px, so places in it are ambiguous"
         )
     radius = _unique_radius(grey, round(sides * size), part)
     pitch = max(round(float(np.sqrt(grey.size / points))), radius)

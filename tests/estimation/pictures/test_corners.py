@@ -82,7 +82,7 @@ def test_a_plain_pattern_that_may_have_moved_by_its_period_is_refused(plain):
     for steps in ((1, 1), (2, 0), (3, -1)):
         shift = tuple(PITCH * one for one in steps)
         now = scene(PLAIN, twist(0.0, shift=shift), seed=3)
-        assert "cannot be told" in tracker.find(now.image).flaw
+        assert "is ambiguous" in tracker.find(now.image).flaw
 
 
 def test_torn_and_covered_patterns_lose_no_identity(coded):
