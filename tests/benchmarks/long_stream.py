@@ -89,8 +89,10 @@ def main() -> None:
             one = Input(play(one.source, feed), notes=feed.notes)
         watch = Watch(told.frames)
         sinks = [watch, JsonWriter(out.send, settings.method)]
-        run_all([one], folder, settings, Progress(disable=True), sinks)
-        console.print(watch.table())
+        try:
+            run_all([one], folder, settings, Progress(disable=True), sinks)
+        finally:
+            console.print(watch.table())
         size = (folder / NAME).stat().st_size / told.frames
     out.close()
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0 - watch.start_mib
