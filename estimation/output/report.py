@@ -4,6 +4,7 @@ import base64
 import io
 import json
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -318,16 +319,21 @@ def render_page(
         package: that has the template; those of reports are found beside it.
         **content: what the template takes.
     """
+    inline = {
+        name: "data:image/png;base64," + base64.b64encode(image).decode()
+        for name, image in images.items()
+    }
+    return _find_templates(package).get_template(template).render(images=inline, **content)
+
+
+@cache
+def _find_templates(package: str) -> jinja2.Environment:
+    """The templates of a package and those of reports, each read once."""
     packages = (package, "estimation.output") if package else ("estimation.output",)
-    environment = jinja2.Environment(
+    return jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(one) for one in packages]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    inline = {
-        name: "data:image/png;base64," + base64.b64encode(image).decode()
-        for name, image in images.items()
-    }
-    return environment.get_template(template).render(images=inline, **content)
