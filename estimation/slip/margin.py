@@ -202,7 +202,8 @@ def margin_at(
         end: c/a that counts as macro slip [-].
         settings: when the limit cannot be told.
     """
-    if branch.covariance[0, 0] > settings.most_doubt**2:
+    far = branch.limit > 2.0 * np.pi * branch.stiffness  # the slope at the start is none
+    if far or branch.covariance[0, 0] > settings.most_doubt**2:
         return Margin()
     travel = max(branch.sign * (angle - branch.start), 0.0)
     best = branch.parameters

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from estimation.slip.branch import fit_branch
-from estimation.slip.margin import MarginTracker
+from estimation.slip.branch import Branch, fit_branch
+from estimation.slip.margin import MarginTracker, margin_at
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 
@@ -52,3 +52,9 @@ def test_says_nothing_while_linear():
     for one in angle:
         margin = tracker.update(float(one), float(20.0 * one + 0.02 * rng.standard_normal()), 78)
         assert np.isnan(margin.angle_left)
+
+
+def test_a_branch_without_a_slope_has_no_end():
+    known = np.zeros((3, 3))  # what a bound leaves of numbers that nothing determines
+    flat = Branch(0.0, 1.0, 10.0, 1e-170, 9.0, known, 0.1, 40)
+    assert np.isnan(margin_at(flat, 0.1, 0.2)).all()
