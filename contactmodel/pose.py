@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import refuse
 from contactmodel.common.checks import Numbers, known, number
-from contactmodel.turning import on_circles, turn
+from contactmodel.common.turning import on_circles, turn
 
 
 class Pose(eqx.Module):
@@ -29,7 +29,7 @@ class Pose(eqx.Module):
             have it, and not by the rotation (R − I) r that sticking points really follow.
         corotated: whether the contact is solved in a frame that turns with the object about the
             origin, where it touched first, so that twists of tens of degrees load friction truly
-            and the gel turns on circles (`turning`). Tractions and slip are then the frame's.
+            and the gel turns on circles (see `turning`). Tractions and slip are the frame's.
     """
 
     approach: Float[Array, "*path"]

@@ -11,6 +11,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Real
 
 from contactmodel.common.arrays import AnyArray, is_traced
+from contactmodel.common.turning import on_circles, to_space, turn
 from contactmodel.contact import Contact, check_depth
 from contactmodel.elasticity.bodies import AbstractBody
 from contactmodel.elasticity.cells import Coefficients, cell_integrals
@@ -19,7 +20,6 @@ from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from contactmodel.solver.linear import Iterations
 from contactmodel.solver.results import RESULTS
-from contactmodel.turning import on_circles, to_space, turn
 
 
 class ContactSolution(eqx.Module):

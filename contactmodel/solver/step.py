@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from contactmodel.common.turning import to_space, turn
 from contactmodel.elasticity.compliance import Compliance
 from contactmodel.friction import AbstractFriction
 from contactmodel.grid import Grid, make_points
@@ -24,7 +25,6 @@ from contactmodel.solver.linear import Iterations
 from contactmodel.solver.normal import guess_pressure
 from contactmodel.solver.results import RESULTS
 from contactmodel.solver.tangent import Load
-from contactmodel.turning import to_space, turn
 
 
 class Earlier(NamedTuple):

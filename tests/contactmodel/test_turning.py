@@ -7,8 +7,8 @@ import pytest
 
 from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Resultants, Rigid, solve_path
 from contactmodel.analytic import reissner_sagoci_moment
+from contactmodel.common.turning import on_circles, to_space, turn
 from contactmodel.solve import solve_contact
-from contactmodel.turning import on_circles, to_space, turn
 
 RADIUS, APPROACH, MODULUS = 20.0, 0.45, 0.2  # contact radius 3 mm
 GRID = Grid((24, 24), (9.0, 9.0))
