@@ -23,6 +23,7 @@ ITEMS = {
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),
+    "finite_strain": ("atlas", "reference"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered", "slides"),
 }
@@ -35,6 +36,7 @@ EXTRAS = {
     ("marker_images", "clips"): "video",
     ("marker_images", "states"): "video",
     ("softness", "layered"): "sweeps",
+    ("finite_strain", "reference"): "finite-elements",
 }
 """The extra that an item needs, by paper and item; the other items need none."""
 

@@ -17,7 +17,12 @@ from papers.leaderboard import cases
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-IMPORTED_AS = {"opencv-contrib-python-headless": "cv2", "pillow": "PIL", "tomli-w": "tomli_w"}
+IMPORTED_AS = {
+    "opencv-contrib-python-headless": "cv2",
+    "pillow": "PIL",
+    "scikit-fem": "skfem",
+    "tomli-w": "tomli_w",
+}
 
 
 def packages(requirements):

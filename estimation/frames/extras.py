@@ -9,6 +9,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "lerobot": ("pyarrow",),
     "zarr": ("zarr",),
     "tac3d": ("ruamel",),
+    "finite-elements": ("skfem",),
     "sweeps": ("dask", "distributed", "zarr"),
 }
 """Packages that each extra installs, by the name they are imported under."""

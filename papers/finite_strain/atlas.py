@@ -1,0 +1,120 @@
+"""By how much the contact model is off at finite strain, and what corotated poses gain.
+
+The reference is `reference.csv`, by finite elements. Left the force when pressed, in the middle the
+moment while the object turns up to 25°, right the moment in the last steps of the way back. What a
+user may rely on stands in the folder's README.
+"""
+
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from contactmodel import Contact, Grid, Layer, Pose, Rigid, RoundPunch, Sphere, solve_path
+from papers.finite_strain.reference import Turned, read_reference
+from papers.finite_strain.settings import CASES, SHEAR_MODULUS, THICKNESS, Case
+from papers.items import Track
+
+WAYS = ("plain", "corotated")
+
+_CELLS = 40
+_RISING, _BACK = slice(1, 6), slice(7, 9)
+
+
+class Off(NamedTuple):
+    """The model's force and moment over the reference's, less 1.
+
+    Attributes:
+        force: by step [-].
+        moment: by step; on the way back by the moment at the turn [-].
+    """
+
+    force: Float[np.ndarray, " steps"]
+    moment: Float[np.ndarray, " steps"]
+
+
+def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Off]]:
+    """Solve each case both ways; the quick size has three of them."""
+    cases = (CASES[0], CASES[1], CASES[8]) if quick else CASES
+    return {case: {way: _compare(case, way) for way in WAYS} for case in track(cases)}
+
+
+def _compare(case: Case, way: str) -> Off:
+    truth = read_reference()[case]
+    force, moment = _solve(case, truth, corotated=way == "corotated")
+    peak = truth.moment_nmm[_RISING.stop - 1]
+    scale = np.where(np.arange(len(moment)) < _RISING.stop, truth.moment_nmm, peak)
+    off = (moment - truth.moment_nmm) / np.where(scale == 0.0, np.inf, scale)
+    off[0] = 0.0
+    return Off(force / truth.force_n - 1.0, off)
+
+
+def _solve(case: Case, truth: Turned, *, corotated: bool) -> tuple[np.ndarray, np.ndarray]:
+    side = 2.0 * (1.15 * truth.contact_mm + 0.4)
+    round_ = RoundPunch(case.flat_mm + case.edge_mm, case.edge_mm)
+    contact = Contact(
+        Layer(SHEAR_MODULUS, case.poisson_ratio, THICKNESS),
+        Rigid(),
+        round_ if case.flat_mm else Sphere(case.edge_mm),
+        Grid((_CELLS, _CELLS), (side, side)),
+        case.friction,
+    )
+    twist = np.radians(truth.angle_deg)
+    path = solve_path(contact, Pose(case.depth_mm, twist=twist, corotated=corotated), rtol=1e-5)
+    return -np.asarray(path.force[:, 2]), np.asarray(path.moment)
+
+
+def tables(result: dict[Case, dict[str, Off]]) -> dict[str, list[dict[str, object]]]:
+    """A row for each case and way."""
+    rows: list[dict[str, object]] = []
+    for case, ways in result.items():
+        for way, off in ways.items():
+            angles = read_reference()[case].angle_deg
+            rows.append({
+                "object": f"punch {case.flat_mm:g}" if case.flat_mm else f"R {case.edge_mm:g}",
+                "depth/h": round(case.depth_mm / THICKNESS, 3),
+                "a/h": round(read_reference()[case].contact_mm / THICKNESS, 2),
+                "pad [mm]": case.pad_mm,
+                "way": way,
+                "force [%]": round(100.0 * float(off.force[0]), 1),
+                **{
+                    f"moment, {angles[i]:g}° [%]": round(100.0 * float(off.moment[i]), 1)
+                    for i in (1, 2, 4, 5)
+                },
+                "moment, back [% of peak]": round(100.0 * float(off.moment[-1]), 1),
+            })  # fmt: skip
+    return {"": rows}
+
+
+def plot(result: dict[Case, dict[str, Off]]) -> Figure:
+    """Errors over depth; pads narrower than 30 mm open."""
+    figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained")
+    titles = "force, pressed", "moment, 5 to 25°", "moment, way back"
+    for case, ways in result.items():
+        depth = case.depth_mm / THICKNESS
+        for shift, (way, off) in zip((-0.002, 0.002), ways.items(), strict=True):
+            spans = off.force[:1], off.moment[_RISING], off.moment[_BACK]
+            colour = "C0" if way == "plain" else "C1"
+            face = colour if case.pad_mm >= 30.0 else "none"
+            mark = "s" if case.flat_mm else "o"
+            for axis, values in zip(axes, spans, strict=True):
+                at = np.full(len(values), depth + shift)
+                axis.plot(at, 100.0 * values, "-", color=colour, lw=1)
+                axis.plot(at, 100.0 * values, mark, ms=5, color=colour, mfc=face)
+    for axis, title in zip(axes, titles, strict=True):
+        axis.set_title(title, fontsize=10)
+        axis.set_xlabel("depth over thickness [-]")
+        axis.axhline(0.0, color="k", lw=0.8)
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("model over reference − 1 [%]")
+    for name, style in (
+        ("plain", {"color": "C0", "marker": "o"}),
+        ("corotated", {"color": "C1", "marker": "o"}),
+        ("punch", {"color": "k", "marker": "s"}),
+        ("pad of 12 or 16 mm", {"color": "k", "marker": "o", "mfc": "none"}),
+    ):
+        axes[2].plot([], [], ls="", label=name, **style)
+    axes[2].legend(fontsize=8)
+    return figure

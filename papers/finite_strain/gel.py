@@ -1,0 +1,178 @@
+"""A round gel of finite strain: finite elements of r and z whose points also turn about the axis.
+
+scikit-fem gives mesh, shape functions and integration points; its elements take any number of
+components, so that u_r, u_θ and u_z may all depend on r and z, which axisymmetric fields of other
+libraries leave out. JAX differentiates the energy, SciPy solves. Nothing is shared with the contact
+model but these.
+
+In the basis of the undeformed point, F = I + [[u_r,r, −u_θ/r, u_r,z], [u_θ,r, u_r/r, u_θ,z],
+[u_z,r, 0, u_z,z]], exact for any turn. The volume of an element counts as a whole (mean
+dilatation), so that nearly incompressible gels do not lock.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+
+class Gel(NamedTuple):
+    """A cylinder of rubber, bonded at its base, its side free.
+
+    W = G/2 [(1 − m)(Ī₁ − 3) + m (Ī₂ − 3)] + K/2 (J̄ − 1)²; neo-Hookean at m = 0, of Mooney and
+    Rivlin above.
+
+    Attributes:
+        thickness: h [mm].
+        radius: of the pad [mm].
+        shear_modulus: G [MPa].
+        poisson_ratio: ν, of small strains [-].
+        second_share: m, the share of the second invariant [-].
+    """
+
+    thickness: float = 8.0
+    radius: float = 30.0
+    shear_modulus: float = 0.2
+    poisson_ratio: float = 0.48
+    second_share: float = 0.0
+
+
+class Elements(NamedTuple):
+    """The gel cut into quadrilaterals.
+
+    Attributes:
+        place: r and z of the nodes, z = 0 at the top [mm].
+        nodes: of each element, in the order of their numbers in `value`.
+        value: shape functions over r at the integration points [1/mm].
+        slope: their derivatives by r and z [1/mm].
+        volume: of each integration point [mm³].
+        top: nodes of the top by their radius.
+        area: of the top that each of these has [mm²].
+        free: components that are free to move, of three for each node.
+    """
+
+    place: Float[np.ndarray, "nodes 2"]
+    nodes: Int[np.ndarray, "elements 4"]
+    value: Float[np.ndarray, "elements 4 points"]
+    slope: Float[np.ndarray, "elements 4 2 points"]
+    volume: Float[np.ndarray, "elements points"]
+    top: Int[np.ndarray, " top"]
+    area: Float[np.ndarray, " top"]
+    free: Int[np.ndarray, " free"]
+
+
+def cut(gel: Gel, cell: float, fine: float, growth: float = 1.25) -> Elements:
+    """Cut a gel, finely under the contact.
+
+    Args:
+        gel: to be cut.
+        cell: side of the elements under the contact [mm].
+        fine: radius of the fine part [mm].
+        growth: from one element to the next beyond it [-].
+    """
+    from skfem import Basis, ElementQuad1, MeshQuad
+
+    fine = min(fine, gel.radius)
+    inner = np.linspace(0.0, fine, max(round(fine / cell), 1) + 1)
+    outer = fine + _grow(gel.radius - fine, cell, growth)[1:] if gel.radius > fine else []
+    mesh = MeshQuad.init_tensor(
+        np.concatenate([inner, outer]), -_grow(gel.thickness, cell, growth)[::-1]
+    )
+    basis = Basis(mesh, ElementQuad1(), intorder=3)
+    r = np.asarray(basis.global_coordinates())[0]
+    fields = [np.broadcast_to(np.asarray(one[0]), r.shape) for one in basis.basis]
+    slopes = [np.broadcast_to(np.asarray(one[0].grad), (2, *r.shape)) for one in basis.basis]
+    place, rigid = mesh.p.T, 1e-9 * cell
+    top = np.flatnonzero(place[:, 1] > -rigid)
+    top = top[np.argsort(place[top, 0])]
+    held = np.zeros((len(place), 3), dtype=bool)
+    held[place[:, 1] < -gel.thickness + rigid] = True
+    held[place[:, 0] < rigid, :2] = True
+    return Elements(
+        place=place,
+        nodes=basis.element_dofs.T,
+        value=np.stack(fields, 1) / r[:, None],
+        slope=np.stack(slopes, 1).transpose(2, 1, 0, 3),
+        volume=2.0 * np.pi * r * basis.dx,
+        top=top,
+        area=_areas(place[top, 0]),
+        free=np.flatnonzero(~held.ravel()),
+    )
+
+
+def strain_gradient(
+    moved: Float[Array, "4 3"], value: Float[Array, "4 points"], slope: Float[Array, "4 2 points"]
+) -> Float[Array, "3 3 points"]:
+    """F at the points of an element whose nodes have moved."""
+    r, t, z = 0, 1, 2
+    by_r, by_z = jnp.einsum("ac,adp->dcp", moved, slope)
+    over_r = jnp.einsum("ac,ap->cp", moved, value)
+    none = jnp.zeros_like(over_r[r])
+    return jnp.eye(3)[..., None] + jnp.stack([
+        jnp.stack([by_r[r], -over_r[t], by_z[r]]),
+        jnp.stack([by_r[t], over_r[r], by_z[t]]),
+        jnp.stack([by_r[z], none, by_z[z]]),
+    ])  # fmt: skip
+
+
+def element_energy(
+    moved: Float[Array, "4 3"],
+    value: Float[Array, "4 points"],
+    slope: Float[Array, "4 2 points"],
+    volume: Float[Array, " points"],
+    law: Float[Array, "3"],
+) -> Float[Array, ""]:
+    """Energy of an element [N·mm]; the law is G, K and m."""
+    modulus, bulk, share = law
+    f = strain_gradient(moved, value, slope)
+    c = jnp.einsum("kip,kjp->ijp", f, f)
+    jacobian = jnp.linalg.det(jnp.moveaxis(f, -1, 0))
+    first = jnp.trace(c)
+    second = 0.5 * (first**2 - jnp.einsum("ijp,jip->p", c, c))
+    cube = jnp.cbrt(jacobian)
+    shape = (1.0 - share) * (first / cube**2 - 3.0) + share * (second / cube**4 - 3.0)
+    swelling = jnp.sum(volume * (jacobian - 1.0)) / jnp.sum(volume)
+    whole = jnp.sum(volume)
+    return 0.5 * (modulus * jnp.sum(volume * shape) + bulk * whole * swelling**2)
+
+
+@jax.jit
+def forces_and_stiffness(
+    moved: Float[Array, "elements 4 3"],
+    parts: tuple[Array, Array, Array],
+    law: Float[Array, "3"],
+) -> tuple[Float[Array, "elements 12"], Float[Array, "elements 12 12"]]:
+    """Derivatives of each element's energy by what its nodes move [N, N/mm]."""
+
+    def energy(flat: Array, value: Array, slope: Array, volume: Array) -> Array:
+        return element_energy(flat.reshape(4, 3), value, slope, volume, law)
+
+    flat = moved.reshape(-1, 12)
+    force = jax.vmap(jax.grad(energy))(flat, *parts)
+    return force, jax.vmap(jax.jacfwd(jax.grad(energy)))(flat, *parts)
+
+
+def law_of(gel: Gel) -> Float[Array, "3"]:
+    """G, K and m of a gel."""
+    nu = gel.poisson_ratio
+    bulk = gel.shear_modulus * 2.0 * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu))
+    return jnp.array([gel.shear_modulus, bulk, gel.second_share])
+
+
+def _grow(length: float, first: float, growth: float) -> Float[np.ndarray, " nodes"]:
+    """Places from 0 to a length, each step longer than the one before."""
+    count = int(np.ceil(np.log1p(length / first * (growth - 1.0)) / np.log(growth)))
+    steps = first * growth ** np.arange(max(count, 1))
+    return np.concatenate([[0.0], np.cumsum(steps)]) * (length / steps.sum())
+
+
+def _areas(r: Float[np.ndarray, " top"]) -> Float[np.ndarray, " top"]:
+    """2π ∫ N r dr of linear shape functions N [mm²]."""
+    left, right = r[:-1], r[1:]
+    long = right - left
+    area = np.zeros(len(r))
+    area[:-1] += 2.0 * np.pi * long * (2.0 * left + right) / 6.0
+    area[1:] += 2.0 * np.pi * long * (left + 2.0 * right) / 6.0
+    return area

@@ -1,0 +1,311 @@
+"""A rigid body of revolution pressed onto a gel and turned, with Coulomb friction at each node.
+
+Contact and friction hold exactly at each node of the top, in the frame that turns with the object:
+[Alart1991] P. Alart, A. Curnier, "A mixed formulation for frictional contact problems prone to
+Newton like solution methods". The tractions t are unknowns beside the displacements; t is the
+projection of t − c (gap n + slip) on what friction admits, whatever the number c.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+from jaxtyping import Array, Bool, Float
+from scipy.sparse.linalg import splu
+
+from papers.finite_strain.gel import Elements, Gel, forces_and_stiffness, law_of
+
+
+class Round(NamedTuple):
+    """A sphere, or a flat punch with a round edge.
+
+    Attributes:
+        flat: radius of the flat face, 0 of a sphere [mm].
+        edge: radius of the rounding, or of the sphere [mm].
+    """
+
+    flat: float
+    edge: float
+
+
+class Motion(NamedTuple):
+    """Where the object is.
+
+    Attributes:
+        approach: δ [mm].
+        twist: θ, counter-clockwise [rad].
+    """
+
+    approach: float
+    twist: float
+
+
+class Pressed(NamedTuple):
+    """What is found along a path.
+
+    Attributes:
+        radius: of the top's nodes before anything moves [mm].
+        moved: u_r, u_θ and u_z of the top [mm].
+        normal_force: P [N].
+        moment: M about the axis, on the gel [N·mm].
+        contact: nodes that touch.
+        stick: of them, those that do not slip in the step.
+    """
+
+    radius: Float[np.ndarray, " top"]
+    moved: Float[np.ndarray, "steps top 3"]
+    normal_force: Float[np.ndarray, " steps"]
+    moment: Float[np.ndarray, " steps"]
+    contact: Bool[np.ndarray, "steps top"]
+    stick: Bool[np.ndarray, "steps top"]
+
+
+class _Law(NamedTuple):
+    """The law of contact: the object's sizes, μ, and the number c of [Alart1991] [MPa/mm]."""
+
+    sizes: Array
+    friction: Array
+    stiffness: Array
+
+
+class _Problem(NamedTuple):
+    """What all steps have in common: mesh, law of the gel, law of contact, tolerance."""
+
+    elements: Elements
+    rubber: Array
+    law: _Law
+    rtol: float
+
+
+class _State(NamedTuple):
+    """Displacement of all nodes [mm], and traction of the top's in the object's frame [MPa]."""
+
+    moved: np.ndarray
+    traction: np.ndarray
+
+
+def press(
+    gel: Gel,
+    elements: Elements,
+    shape: Round,
+    friction: float,
+    path: Sequence[Motion],
+    *,
+    rtol: float = 1e-7,
+) -> Pressed:
+    """Solve a path, each step from the one before.
+
+    Args:
+        gel: its law.
+        elements: its mesh.
+        shape: of the object.
+        friction: μ [-].
+        path: of the object.
+        rtol: forces out of balance, by those of the contact [-].
+
+    Raises:
+        RuntimeError: a step does not converge: take smaller ones.
+    """
+    r = jnp.asarray(elements.place[elements.top, 0])
+    stiffness = gel.shear_modulus / float(np.diff(elements.place[elements.top, 0]).min())
+    law = _Law(jnp.array(shape), jnp.array(friction), jnp.array(stiffness))
+    state = _State(np.zeros((len(elements.place), 3)), np.zeros((len(r), 3)))
+    problem = _Problem(elements, law_of(gel), law, rtol)
+    before, last, rows = (state, Motion(0.0, 0.0)), Motion(0.0, 0.0), []
+    for motion in path:
+        share = _carry_on(before[1], last, motion)
+        guess = [b + share * (b - a) for a, b in zip(before[0], state, strict=True)]
+        found, at = _go(problem, state, last, motion, _State(*guess))
+        before, state, last = (state, last), found, motion
+        rows.append(_measure(state, elements, law, motion, at))
+    return Pressed(np.asarray(r), *map(np.stack, zip(*rows, strict=True)))
+
+
+def _go(
+    problem: "_Problem", state: _State, last: Motion, now: Motion, guess: _State, cuts: int = 4
+) -> tuple[_State, Array]:
+    """One step, in halves where it does not converge, and where the top was before the last."""
+    elements = problem.elements
+    r = jnp.asarray(elements.place[elements.top, 0])
+    at = _in_frame(r, jnp.asarray(state.moved[elements.top]), jnp.array(last))
+    try:
+        return _balance(guess, problem, jnp.array(now), at), at
+    except RuntimeError:
+        if cuts == 0:
+            raise
+    middle = Motion(*(0.5 * (a + b) for a, b in zip(last, now, strict=True)))
+    half, _ = _go(problem, state, last, middle, state, cuts - 1)
+    return _go(problem, half, middle, now, half, cuts - 1)
+
+
+def _carry_on(earlier: Motion, last: Motion, now: Motion) -> float:
+    """By how much of the step before this one goes on the same way."""
+    step, before = np.subtract(now, last), np.subtract(last, earlier)
+    return float(np.clip(step @ before / max(before @ before, 1e-30), 0.0, 1.0))
+
+
+def _measure(state: _State, elements: Elements, law: _Law, now: Motion, at: Array) -> tuple:
+    """What `Pressed` keeps of a step."""
+    top = state.moved[elements.top]
+    force = _turn_back(state.traction, now.twist) * elements.area[:, None]
+    x, y = elements.place[elements.top, 0] + top[:, 0], top[:, 1]
+    moment = np.sum(x * force[:, 1] - y * force[:, 0])
+    r = jnp.asarray(elements.place[elements.top, 0])
+    _, stick = _project(law, r, jnp.asarray(top), jnp.asarray(state.traction), jnp.array(now), at)
+    pressed = np.linalg.norm(state.traction, axis=1)
+    contact = pressed > 1e-6 * pressed.max()  # beyond rounding
+    return top, -force[:, 2].sum(), moment, contact, contact & np.asarray(stick)
+
+
+def _distance(place: Float[Array, "2"], sizes: Float[Array, "2"]) -> Float[Array, ""]:
+    """From the surface of an object whose lowest point is the origin, outside positive [mm]."""
+    flat, edge = sizes
+    beyond = jnp.maximum(place[0] - flat, 0.0)
+    return jnp.sqrt(beyond**2 + (place[1] - edge) ** 2) - edge
+
+
+def _in_frame(r: Array, moved: Array, now: Float[Array, "2"]) -> Array:
+    """Points of the top in the frame that goes with the object [mm]."""
+    c, s = jnp.cos(now[1]), jnp.sin(now[1])
+    x, y, z = r + moved[..., 0], moved[..., 1], moved[..., 2] + now[0]
+    return jnp.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+
+
+def _turn_back(vectors: np.ndarray, twist: float) -> np.ndarray:
+    """Vectors of the object's frame in that of the undeformed point."""
+    c, s = np.cos(twist), np.sin(twist)
+    return vectors @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _admitted(
+    law: _Law, r: Array, moved: Array, traction: Array, now: Array, before: Array
+) -> tuple[Array, Array]:
+    """The projection of a node's traction [MPa], and whether it sticks."""
+    at = _in_frame(r, moved, now)
+    square = at[0] ** 2 + at[1] ** 2
+    off = square > 1e-24
+    around = jnp.sqrt(jnp.where(off, square, 1.0)) * off
+    gap, slope = jax.value_and_grad(_distance)(jnp.stack([around, at[2]]), law.sizes)
+    outward = jnp.where(off, at[:2] / jnp.where(off, around, 1.0), 0.0)
+    normal = jnp.append(slope[0] * outward, slope[1])
+    pressure = jnp.maximum(normal @ traction - law.stiffness * gap, 0.0)
+    tried = traction - law.stiffness * (at - before)
+    tried = tried - normal * (normal @ tried)
+    square, limit = tried @ tried, law.friction * pressure
+    slides = square >= limit**2
+    size = jnp.sqrt(jnp.where(slides & (square > 0.0), square, 1.0))
+    shear = (r > 0.0) * tried * jnp.where(slides, limit / size, 1.0)  # none on the axis
+    return pressure * normal + shear, ~slides
+
+
+@jax.jit
+def _project(law: _Law, r: Array, moved: Array, traction: Array, now: Array, before: Array):
+    return jax.vmap(_admitted, (None, 0, 0, 0, None, 0))(law, r, moved, traction, now, before)
+
+
+@jax.jit
+def _contact_rows(law: _Law, r: Array, moved: Array, traction: Array, now: Array, before: Array):
+    """By how much each node's traction is not admitted, and its derivatives by both unknowns."""
+
+    def lack(*unknown: Array) -> Array:
+        r, moved, traction, before = unknown
+        return traction - _admitted(law, r, moved, traction, now, before)[0]
+
+    args = r, moved, traction, before
+    found = jax.vmap(lack)(*args)
+    by_moved, by_traction = jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
+    return found, by_moved, by_traction
+
+
+def _balance(state: _State, problem: _Problem, now: Array, before: Array, most: int = 14) -> _State:
+    """Newton's method for displacements and tractions together, damped where it does not help."""
+    elements = problem.elements
+    turn = _turn_back(np.eye(3), float(now[1])).T  # of the object's components
+    found = _residual(state, problem, now, before, turn)
+    for _ in range(most):
+        if found.rest < problem.rtol:
+            return state
+        matrix = _assemble(elements, found.stiff, turn, *found.give, len(state.moved))
+        try:
+            step = splu(matrix).solve(-found.lack)
+        except RuntimeError:  # of SciPy: a singular matrix
+            break
+        tried, after = state, found
+        for halving in range(6):
+            moved, share = state.moved.copy(), 0.5**halving
+            moved.ravel()[elements.free] += share * step[: len(elements.free)]
+            more = share * step[len(elements.free) :].reshape(state.traction.shape)
+            tried = _State(moved, state.traction + more)
+            after = _residual(tried, problem, now, before, turn)
+            if after.rest < 1.5 * found.rest:
+                break
+        state, found = tried, after
+    raise RuntimeError(
+        f"a step to an approach of {float(now[0]):g} mm and {np.degrees(float(now[1])):g}° did not "
+        "converge: take smaller steps"
+    )
+
+
+class _Residual(NamedTuple):
+    """What is out of balance and not admitted, its size by the force, and derivatives."""
+
+    lack: np.ndarray
+    rest: float
+    stiff: np.ndarray
+    give: tuple[np.ndarray, np.ndarray]
+
+
+def _residual(
+    state: _State, problem: _Problem, now: Array, before: Array, turn: np.ndarray
+) -> _Residual:
+    elements = problem.elements
+    parts = elements.value, elements.slope, elements.volume
+    moved = jnp.asarray(state.moved[elements.nodes])
+    inner, stiff = forces_and_stiffness(moved, parts, problem.rubber)
+    total = np.zeros_like(state.moved)
+    np.add.at(total, elements.nodes, np.asarray(inner).reshape(-1, 4, 3))
+    pushed = state.traction @ turn.T * elements.area[:, None]
+    total[elements.top] -= pushed
+    r, top = elements.place[elements.top, 0], state.moved[elements.top]
+    lack, *give = map(
+        np.asarray,
+        _contact_rows(problem.law, *map(jnp.asarray, (r, top, state.traction)), now, before),
+    )
+    unbalanced = total.ravel()[elements.free]
+    rest = np.hypot(np.linalg.norm(unbalanced), np.linalg.norm(lack * elements.area[:, None]))
+    scale = max(float(np.abs(pushed).sum()), 1e-3)
+    rest = rest / scale if np.isfinite(rest) else np.inf
+    whole = np.concatenate([unbalanced, lack.ravel()])
+    return _Residual(whole, float(rest), np.asarray(stiff), (give[0], give[1]))
+
+
+def _assemble(
+    elements: Elements,
+    stiff: np.ndarray,
+    turn: np.ndarray,
+    by_moved: np.ndarray,
+    by_traction: np.ndarray,
+    count: int,
+) -> scipy.sparse.csc_matrix:
+    """Derivatives of balance and law by free displacements and by tractions."""
+    numbers = (3 * elements.nodes[..., None] + np.arange(3)).reshape(-1, 12)
+    own = 3 * elements.top[:, None] + np.arange(3)
+    mine = 3 * count + np.arange(own.size).reshape(own.shape)
+    force = -elements.area[:, None, None] * turn
+    blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = [
+        (numbers, numbers, stiff),
+        (own, mine, force),
+        (mine, own, by_moved),
+        (mine, mine, by_traction),
+    ]
+    rows = [np.repeat(row, column.shape[1], axis=1).ravel() for row, column, _ in blocks]
+    columns = [np.tile(column, row.shape[1]).ravel() for row, column, _ in blocks]
+    values = np.concatenate([value.ravel() for _, _, value in blocks])
+    size = 3 * count + own.size
+    place = np.concatenate(rows), np.concatenate(columns)
+    whole = scipy.sparse.csr_matrix((values, place), shape=(size, size))
+    kept = np.concatenate([elements.free, mine.ravel()])
+    return whole[kept].tocsc()[:, kept]

@@ -1,0 +1,126 @@
+"""Force and moment of a neo-Hookean gel under an object that is pressed on, turned, turned back.
+
+Solved by the finite elements of `gel` and `press` (extra `finite-elements`). `reference.csv` is
+this item's own table, so that the atlas and the tests need no elements; a new run is drawn beside.
+"""
+
+import csv
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from papers.finite_strain.gel import Gel, cut
+from papers.finite_strain.press import Motion, Round, press
+from papers.finite_strain.settings import (
+    CASES,
+    KEPT,
+    PRESSES,
+    SHEAR_MODULUS,
+    THICKNESS,
+    TURNS_DEG,
+    Case,
+)
+from papers.items import Track
+
+FILE = Path(__file__).with_name("reference.csv")
+
+
+class Turned(NamedTuple):
+    """What is kept of a case.
+
+    Attributes:
+        contact_mm: radius of the contact [mm].
+        angle_deg: of the object, by step [deg].
+        force_n: pressing force [N].
+        moment_nmm: on the gel [N·mm].
+    """
+
+    contact_mm: float
+    angle_deg: Float[np.ndarray, " steps"]
+    force_n: Float[np.ndarray, " steps"]
+    moment_nmm: Float[np.ndarray, " steps"]
+
+
+@cache
+def read_reference() -> dict[Case, Turned]:
+    """The cases of `reference.csv`."""
+    with FILE.open(encoding="utf-8", newline="") as file:
+        rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+    found: dict[Case, list[dict[str, float]]] = {}
+    for row in rows:
+        found.setdefault(Case(*(row[name] for name in Case._fields)), []).append(row)
+    return {
+        case: Turned(
+            some[0]["contact_mm"],
+            *(np.array([row[name] for row in some]) for name in Turned._fields[1:]),
+        )
+        for case, some in found.items()
+    }
+
+
+def make_path(depth: float) -> list[Motion]:
+    """Pressed on, turned, turned back."""
+    pressed = [Motion(depth * (i + 1) / PRESSES, 0.0) for i in range(PRESSES)]
+    return pressed + [Motion(depth, float(np.radians(angle))) for angle in TURNS_DEG]
+
+
+def compute(quick: bool = False, track: Track = iter) -> dict[Case, Turned]:
+    """Solve all cases, for an hour or so; the quick size solves the first, on coarse elements."""
+    coarse = 3.0 if quick else 1.0
+    return {case: _solve(case, coarse) for case in track(CASES[:1] if quick else CASES)}
+
+
+def _solve(case: Case, coarse: float) -> Turned:
+    gel = Gel(THICKNESS, case.pad_mm, SHEAR_MODULUS, case.poisson_ratio)
+    round_ = np.sqrt(2.0 * case.edge_mm * case.depth_mm)
+    reach = case.flat_mm + 1.8 if case.flat_mm else 1.1 * round_ + 0.8
+    cell = coarse * (0.1 if case.flat_mm else 0.15)
+    elements = cut(gel, cell, min(reach, case.pad_mm - 0.5), 1.3)
+    shape, path = Round(case.flat_mm, case.edge_mm), make_path(case.depth_mm)
+    found = press(gel, elements, shape, case.friction, path)
+    kept = list(KEPT)
+    return Turned(
+        contact_mm=float(found.radius[found.contact[PRESSES - 1]].max()),
+        angle_deg=np.degrees([path[i].twist for i in kept]),
+        force_n=found.normal_force[kept],
+        moment_nmm=found.moment[kept],
+    )
+
+
+def tables(result: dict[Case, Turned]) -> dict[str, list[dict[str, object]]]:
+    """A row for each case and step; that of all cases is `reference.csv`."""
+    return {
+        "": [
+            {
+                **case._asdict(),
+                "contact_mm": round(one.contact_mm, 2),
+                "step": step,
+                "angle_deg": round(float(one.angle_deg[i]), 2),
+                "force_n": float(f"{one.force_n[i]:.5g}"),
+                "moment_nmm": float(f"{one.moment_nmm[i]:.5g}"),
+            }
+            for case, one in result.items()
+            for i, step in enumerate(KEPT)
+        ]
+    }
+
+
+def plot(result: dict[Case, Turned]) -> Figure:
+    """Moment by angle: this run, and the shipped table."""
+    figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    for i, (case, one) in enumerate(result.items()):
+        shipped, colour = read_reference()[case], f"C{i % 10}"
+        name = f"R {case.edge_mm:g}, face {case.flat_mm:g}, depth {case.depth_mm:g} mm"
+        axis.plot(one.angle_deg, one.moment_nmm, "o", ms=4, color=colour, label=name)
+        axis.plot(shipped.angle_deg, shipped.moment_nmm, "-", lw=1, color=colour)
+    axis.set_xlabel("angle of the object [°]")
+    axis.set_ylabel("moment on the gel [N·mm]")
+    axis.set_title("dots: this run; lines: reference.csv", fontsize=10)
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=7)
+    return figure
