@@ -51,24 +51,23 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     off = nearest(tree, spots.reshape(-1, 2))[0].reshape(len(centre), 4)
     start = int(np.argmin(np.sort(off, axis=1)[:, 3]))
     number = {start: (0, 0)}
-    local = {start: basis}
+    place = (centre @ np.array([1.0, 1.0j])).tolist()  # plain numbers: few are computed at a time
+    local = {start: (basis @ np.array([1.0, 1.0j])).tolist()}
+    around, steps = near.tolist(), STEPS.astype(int).tolist()
     taken = {(0, 0)}
     queue = deque([start])
     while queue:
         i = queue.popleft()
-        ahead = centre[i] + STEPS @ local[i]
-        off_i = np.hypot(*(centre[near[i]] - ahead[:, None]).transpose(2, 0, 1))
-        best = off_i.argmin(axis=1)
-        reached = off_i.min(axis=1) <= NEAR * pitch
-        for step, j in zip(STEPS[reached], near[i][best[reached]].tolist(), strict=True):
-            place = (number[i][0] + int(step[0]), number[i][1] + int(step[1]))
-            if place in taken or j in number:
+        for along, across in steps:
+            ahead = place[i] + along * local[i][0] + across * local[i][1]
+            j = min(around[i], key=lambda k, ahead=ahead: abs(place[k] - ahead))
+            index = (number[i][0] + along, number[i][1] + across)
+            if abs(place[j] - ahead) > NEAR * pitch or index in taken or j in number:
                 continue
-            number[j] = place
-            taken.add(place)
-            axis = int(np.argmax(np.abs(step)))
-            frame = local[i].copy()
-            frame[axis] = 0.5 * frame[axis] + 0.5 * step[axis] * (centre[j] - centre[i])
+            number[j] = index
+            taken.add(index)
+            frame, axis = local[i].copy(), int(along == 0)
+            frame[axis] = 0.5 * frame[axis] + 0.5 * (along + across) * (place[j] - place[i])
             local[j] = frame
             queue.append(j)
     dots = np.array(sorted(number))
