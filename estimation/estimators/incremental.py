@@ -269,7 +269,7 @@ class Incremental:
             if best is not None and not best[2].agrees(now):
                 self.keyframes[i] = self.keyframes[i].doubt(best[2].angle - now.angle)
                 continue
-            width = float(np.nan_to_num(now.high - now.low, nan=np.inf))
+            width = np.inf if np.isnan(now.angle) else now.high - now.low
             if best is None or width < best[0]:
                 best = width, i, now, fit
             if best[3].stick.sum() >= self.settings.firm_markers:

@@ -61,12 +61,14 @@ def in_contact_plane(
         since: an earlier frame in the place of the unloaded shape.
     """
     positions = stencils.reference if since is None else since.positions
-    normals = stencils.normals if since is None else since.normals
-    normal = _mean_direction(normals[markers])
-    along = stencils.tangents[markers][0, :, 0]
-    along = _mean_direction((along - normal * (along @ normal))[None])
-    basis = np.stack([along, cross(normal, along)])
-    basis_now = tilt(basis, normal, _mean_direction(fields.normals[markers]))
+    basis = basis_now = np.eye(2, 3)
+    if not stencils.flat:
+        normals = stencils.normals if since is None else since.normals
+        normal = _mean_direction(normals[markers])
+        along = stencils.tangents[markers][0, :, 0]
+        along = _mean_direction((along - normal * (along @ normal))[None])
+        basis = np.stack([along, cross(normal, along)])
+        basis_now = tilt(basis, normal, _mean_direction(fields.normals[markers]))
     to_complex = np.array([1.0, 1.0j])
     return (positions @ basis.T) @ to_complex, (fields.positions @ basis_now.T) @ to_complex
 

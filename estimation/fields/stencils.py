@@ -86,7 +86,8 @@ def _tangent(
 
 def in_space(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 3"]:
     """Points in three dimensions, z = 0 where there was none."""
-    return points if points.shape[1] == 3 else np.pad(points, ((0, 0), (0, 1)))
+    none = np.zeros((len(points), 3 - points.shape[1]))
+    return np.concatenate([points, none], axis=1) if none.size else points
 
 
 def cross(

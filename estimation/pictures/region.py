@@ -115,7 +115,7 @@ def region_of_print(
     levels = np.sort(np.where(around >= 0, level[around], np.nan), axis=1)  # NaN at the end
     count = np.maximum(np.isfinite(levels).sum(axis=1), 1)
     median = np.take_along_axis(levels, ((count - 1) // 2)[:, None], axis=1)[:, 0]
-    bare = np.quantile(level[seen], bare_share)
+    bare = np.interp(bare_share, np.linspace(0.0, 1.0, int(seen.sum())), np.sort(level[seen]))
     least = max((lasts if printed else begins) * float(bare), least_print)
     region = seen & (median >= least)
     if region.sum() < least_printed:

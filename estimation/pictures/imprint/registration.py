@@ -211,9 +211,11 @@ def _spread_turn(fit: _Fit, settings: ImprintSettings) -> float:
     pulls = np.stack([np.bincount(patch, pull) for pull in fit.slopes * fit.misfit])
     arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # turns in px, as shifts are
     scale = np.array([1.0 / arm, 1.0, 1.0])
-    inverse = np.linalg.pinv(fit.loss * np.outer(scale, scale), settings.alike, hermitian=True)
+    along, ways = np.linalg.eigh(fit.loss * np.outer(scale, scale))
+    seen = np.abs(along) > settings.alike * np.abs(along).max()
+    inverse = (ways[0] * seen / np.where(seen, along, 1.0)) @ ways.T  # of what a turn costs
     alike = 1.0 - 0.5 * float(fit.misfit @ fit.misfit)  # correlation, which the loss is a share of
-    turned = scale[0] / alike * inverse[0] @ (scale[:, None] * pulls)
+    turned = scale[0] / alike * inverse @ (scale[:, None] * pulls)
     return float(np.linalg.norm(turned) * np.sqrt(count / (count - motions)))
 
 
