@@ -1,8 +1,9 @@
-"""Time from a decoded picture to the object's angle, for each kind of markers, on one core.
+"""Time from a picture in memory to the object's angle, for each kind of markers, on one core.
 
 `python -m tests.benchmarks.pictures [KIND…]`: a rendered pivot, twisted to 8° and back, read and
-answered frame by frame after one pass to warm up. Clip names of the data set `pivot-videos`, such
-as `screw_driver_blue_gray/exp_num_1/camera_0`, are real ones, imprint included.
+answered by `ImageTracker` after one pass to warm up. Videos and folders of pictures, and clips of
+the data set `pivot-videos` by name, such as `screw_driver_blue_gray/exp_num_1/camera_0`, are real
+ones, imprint included. `--start` measures the first answer of a new process, imports included.
 """
 
 import os
@@ -11,10 +12,14 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"  # before NumPy is imported
 os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 
+import resource
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 from unittest.mock import patch
@@ -29,18 +34,21 @@ import estimation.pictures.corners.reader as corners
 import estimation.pictures.corners.tracking as corner_tracking
 import estimation.pictures.dots.reader as dots
 import estimation.pictures.dots.style as style
-import estimation.pictures.reading as images
 import estimation.pictures.speckle.reader as speckle_source
 import estimation.pictures.speckle.tracking as speckle
 from estimation.frames import datasets
 from estimation.frames.noise import Noise
 from estimation.pictures.corners.pattern import Pattern, render_pattern
 from estimation.pictures.dots.tracking import DotTracker
+from estimation.pictures.hold import HoldFollower
 from estimation.pictures.imprint.follower import ImprintFollower
+from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import Camera, project_discs, render_dots, scatter_speckle
 from estimation.pictures.sensor import Sensor
-from estimation.pictures.stream import Picture, read_pictures
+from estimation.pictures.stream import read_pictures
+from estimation.settings import Settings
+from estimation.tracking.image_tracker import ImageTracker
 from estimation.tracking.tracker import Tracker
 from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import Motion, simulate_surface
@@ -59,8 +67,10 @@ STAGES: dict[str, list[tuple[str, Owner, str]]] = {
         ("fit to the table", style, "fit_alike"),
         ("fit in full", style, "fit_dots"),
         ("which dot is which", DotTracker, "update"),
-        ("texture", dots, "paint_out"),
-        ("contact region", images.DotReader, "_contact"),
+        ("without dots", dots, "paint_out"),
+        ("print around dots", Painted, "level"),
+        ("contact region", dots.DotReader, "_contact"),
+        ("print on the gel", HoldFollower, "update"),
         ("imprint", ImprintFollower, "update"),
         ("angle (`tracked`)", Tracker, "update"),
     ],
@@ -97,18 +107,22 @@ class Case(NamedTuple):
 def main() -> None:
     """Print a table for each kind."""
     parser = make_parser(__doc__)
-    kinds = f"{', '.join(CASES)}, or names of clips; all kinds if none"
+    kinds = f"{', '.join(CASES)}, or paths or names of clips; all kinds if none"
     parser.add_argument("kinds", nargs="*", default=list(CASES), metavar="KIND", help=kinds)
-    chosen = parser.parse_args().kinds
+    parser.add_argument("--start", action="store_true", help="measure the first answer instead")
+    given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     cv2.setNumThreads(1)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    for name in chosen:
-        measure(CASES[name]() if name in CASES else read_clip(name))
+    for name in given.kinds:
+        case = CASES[name]() if name in CASES else read_clip(name)
+        (measure_start if given.start else measure)(case)
 
 
-def render_dot_pictures(camera: Camera, shape: tuple[int, int], pitch_px: float) -> Case:
+def render_dot_pictures(
+    camera: Camera, shape: tuple[int, int], pitch_px: float, radius_px: float = 4.3
+) -> Case:
     """Dots in rows."""
     pitch = pitch_px * camera.mm_per_px
     y, x = np.mgrid[: shape[0], : shape[1]].reshape(2, -1)
@@ -117,7 +131,9 @@ def render_dot_pictures(camera: Camera, shape: tuple[int, int], pitch_px: float)
     taken = [
         render_dots(
             camera,
-            *project_discs(camera, lambda p, m=m: m(p)[:, :2], centres, 4.3 * camera.mm_per_px),
+            *project_discs(
+                camera, lambda p, m=m: m(p)[:, :2], centres, radius_px * camera.mm_per_px
+            ),
             rng,
         )
         for m in motions(camera)
@@ -156,14 +172,17 @@ def motions(camera: Camera) -> list[Motion]:
 
 
 def read_clip(name: str) -> Case:
-    """The first frames of a published clip."""
-    root = datasets.fetch("pivot-videos").parents[1]
-    taken = [p.image for _, p in zip(range(100), read_pictures(root / f"{name}.avi"), strict=False)]
+    """The first frames of a clip, or of a published one."""
+    path = Path(name)
+    if not path.exists():
+        path = datasets.fetch("pivot-videos").parents[1] / f"{name}.avi"
+    taken = [p.image for _, p in zip(range(100), read_pictures(path), strict=False)]
     return Case(name, "dots", [one for one in taken if one is not None], None)
 
 
 CASES: dict[str, Callable[[], Case]] = {
     "dots-320": lambda: render_dot_pictures(SMALL, (7, 10), 31.0),
+    "dots-640-few": lambda: render_dot_pictures(LARGE, (8, 10), 58.0, 7.3),
     "dots-640": lambda: render_dot_pictures(LARGE, (20, 20), 22.0),
     "corners": render_corner_pictures,
     "speckle": render_speckle_pictures,
@@ -172,11 +191,10 @@ CASES: dict[str, Callable[[], Case]] = {
 
 def measure(case: Case) -> None:
     """Time every frame and every stage, and print them."""
-    settings = ImageSettings(Sensor(marker=case.kind, mm_per_px=case.mm_per_px))
-    first, *others = (Picture(image, 0.0, 0) for image in case.pictures)
-    reader = images.READERS[case.kind](first, settings)
-    tracker = Tracker(reader.layout, noise=Noise.given(0.01 * reader.scale))
-    there_and_back = [first, *others, *others[::-1]]
+    images = ImageSettings(Sensor(marker=case.kind, mm_per_px=case.mm_per_px))
+    noise = Noise.given(0.01 * images.scale, images.unit)
+    tracker = ImageTracker(Settings(noise=noise, images=images))
+    there_and_back = [*case.pictures, *case.pictures[:0:-1]]
     number, spent, wall = 0, [], []
     with timed_stages(case.kind) as stages:
         for repeat in range(PASSES + 1):
@@ -184,8 +202,7 @@ def measure(case: Case) -> None:
                 stages.update(dict.fromkeys(stages, 0.0))
             for picture in there_and_back:
                 start, used = time.perf_counter(), time.process_time()
-                frame = reader.frame(reader.read(picture))
-                tracker.update(replace(frame, time=float(number)))
+                tracker.update(picture, float(number))
                 number += 1
                 if repeat:
                     spent.append(time.process_time() - used)
@@ -196,13 +213,34 @@ def measure(case: Case) -> None:
     console.print(
         f"{case.name}, {width}×{height}: {len(spent) / total:.0f} frames/s by processor time, "
         f"median {1e3 * np.median(spent):.2f} ms ({1e3 * np.median(wall):.2f} ms by the clock), "
-        f"99th percentile {1e3 * np.percentile(spent, 99):.2f} ms; {len(spent)} frames"
+        f"99th percentile {1e3 * np.percentile(spent, 99):.2f} ms "
+        f"({1e3 * np.percentile(wall, 99):.2f} ms); {len(spent)} frames"
     )
     table = Table("stage", "mean [ms]", "share [%]")
     stages["everything else"] = total - sum(stages.values())
     for stage, value in stages.items():
         table.add_row(stage, f"{1e3 * value / len(spent):.3f}", f"{100 * value / total:.0f}")
     console.print(table)
+
+
+def measure_start(case: Case) -> None:
+    """Time new processes from their start to the first answer, imports included."""
+    script = (
+        "import sys, cv2; from estimation import ImageTracker; "
+        "ImageTracker().update(cv2.imread(sys.argv[1], cv2.IMREAD_UNCHANGED), 0.0)"
+    )
+    console = Console()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "picture.png"
+        cv2.imwrite(str(path), case.pictures[0])
+        for _ in range(PASSES):
+            before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            subprocess.run([sys.executable, "-c", script, str(path)], check=True)
+            wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+            spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            console.print(
+                f"{case.name}: first answer after {wall:.2f} s, {spent:.2f} s of processor time"
+            )
 
 
 @contextmanager

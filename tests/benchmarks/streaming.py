@@ -100,7 +100,7 @@ def stage_table(recording: Recording, noise: Noise) -> Table:
             grow_stick_region,
             fields,
             stencils.neighbours,
-            threshold=rigid.threshold,
+            threshold=rigid.settings.threshold,
             floor=rigid.floor,
         )
         if segment.sum() >= 3:
