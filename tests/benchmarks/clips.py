@@ -31,6 +31,7 @@ from estimation.fields.outline import OutlineFollower
 from estimation.frames.noise import Noise
 from estimation.output.record import RecordWriter
 from estimation.output.table import TableWriter
+from estimation.pictures.hold import HoldFollower
 from estimation.pictures.imprint.follower import ImprintFollower
 from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.reading import PictureSource
@@ -47,9 +48,10 @@ STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (
     ("decode", reading, "read_pictures"),
     ("dots", dots.DotReader, "_find"),
     ("which dot is which", dots.DotTracker, "update"),
-    ("texture", dots, "paint_out"),
-    ("texture", Painted, "level"),
+    ("without dots", dots, "paint_out"),
+    ("without dots", Painted, "level"),
     ("contact region", dots.DotReader, "_contact"),
+    ("print on the gel", HoldFollower, "update"),
     ("imprint", ImprintFollower, "update"),
     ("fields", Observer, "observe"),
     ("estimators", Trackers, "update"),

@@ -1,4 +1,4 @@
-"""Frames per second of the trackers on one core, and where the time goes.
+"""Processor time of the trackers on one core, and where it goes.
 
 `python -m tests.benchmarks.streaming`: the virtual pivot's 400 markers, one frame at a time.
 """
@@ -55,16 +55,16 @@ def main() -> None:
 
 
 def time_updates(recording: Recording, method: str, noise: Noise) -> np.ndarray:
-    """Seconds of every update, after one pass to warm up."""
+    """Processor time of every update [s], after one pass to warm up."""
     frames = list(recording)
     spent = []
     for repeat in range(REPEATS + 1):
         tracker = Tracker(recording.layout, method, noise=noise)
         for frame in frames:
-            start = time.perf_counter()
+            start = time.process_time()
             tracker.update(frame)
             if repeat:
-                spent.append(time.perf_counter() - start)
+                spent.append(time.process_time() - start)
     return np.array(spent)
 
 
@@ -75,9 +75,9 @@ def stage_table(recording: Recording, noise: Noise) -> Table:
     spent = dict.fromkeys(("fields", "  of it contact", "growth by Eq. 15", "robust fit"), 0.0)
 
     def timed(stage: str, call: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-        start = time.perf_counter()
+        start = time.process_time()
         value = call(*args, **kwargs)
-        spent[stage] += time.perf_counter() - start
+        spent[stage] += time.process_time() - start
         return value
 
     def stages(frame: Frame) -> bool:
