@@ -11,10 +11,12 @@ from contactmodel import equations
 
 ROOT = Path(__file__).parents[1]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.py"))
+FOLDERS = ("calibration", "contactmodel", "estimation", "examples", "papers")
 PAGES = sorted(
     page
-    for page in (*ROOT.glob("*.md"), *ROOT.rglob("*/README.md"), *ROOT.glob("docs/**/*.md"))
-    if not {".venv", "build", "made"} & set(page.relative_to(ROOT).parts)
+    for pattern in ("*.md", "docs/**/*.md", *(f"{name}/**/README.md" for name in FOLDERS))
+    for page in ROOT.glob(pattern)
+    if "made" not in page.relative_to(ROOT).parts
 )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import expit
 
+from estimation.estimators.plane import fit_motion
 from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
 from estimation.fields.stencils import marker_pitch
 from estimation.frames.recording import MarkerLayout
@@ -44,7 +45,8 @@ class ShearSettings:
         kept_spread: change of that for odds of e [-].
         slid: slip over the half-width of its 95 % interval in an even bet [-].
         slid_spread: change of that for odds of e [-].
-        unloaded: correlation from which a fall is a load taken off [-].
+        unloaded: correlation from which a fall is a load taken off; later ones count from
+            there [-].
         resting: correlation with the print of some frames before from which the object does not
             slide [-].
         sticking: the same of what agrees least, from which all of the contact sticks [-].
@@ -160,8 +162,8 @@ class ShearWatch:
         settings = self._settings
         self._start: Float[np.ndarray, "n 2"] | None = None
         self._moved: deque[np.ndarray] = deque(maxlen=settings.memory)
-        self._shears: deque[float] = deque(maxlen=settings.memory)
-        self._raw: deque[tuple[float, float]] = deque(maxlen=3)
+        self._shears: deque[tuple[float, float]] = deque(maxlen=settings.memory)
+        self._raw: deque[tuple[float, float, float]] = deque(maxlen=3)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
 
     def update(
@@ -190,30 +192,49 @@ class ShearWatch:
         unseen = np.isnan(self._start[:, 0])
         self._start[unseen] = points[unseen]
         since, *now = hold
-        self._raw.append((self._measure(points - self._start), since))
+        self._raw.append((*self._measure(points, contact), since))
         # one frame may be wrong: the middle of three
-        shear, since = (_middle(values) for values in zip(*self._raw, strict=True))
-        self._shears.append(shear)
+        shear, shifted, since = (_middle(values) for values in zip(*self._raw, strict=True))
+        self._shears.append((shear, shifted))
         if np.isfinite(slide.beyond):
             self._beyond.append(slide.beyond)
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
-        return self._judge((shear, since, slid), *now)._replace(**slips)
+        return self._judge((since, slid), *now)._replace(**slips)
 
-    def _measure(self, moved: Float[np.ndarray, "n 2"]) -> float:
-        """How far the markers that went furthest within memory have gone, as one [mm]."""
+    def _measure(
+        self, points: Float[np.ndarray, "n 2"], contact: Bool[np.ndarray, " n"]
+    ) -> tuple[float, float]:
+        """How far the markers that went furthest within memory have gone, as one [mm].
+
+        And how far the middle of the contact has gone with them: where they turn about it, each
+        goes another way.
+        """
+        assert self._start is not None
+        moved = points - self._start
         self._moved.append(np.nan_to_num(np.linalg.norm(moved, axis=1)))
         furthest = np.max(self._moved, axis=0)
         furthest[np.isnan(moved[:, 0])] = -1.0
         top = np.argsort(-furthest)[: self._settings.markers]
-        known = moved[top[np.isfinite(moved[top, 0])]]
-        return float(np.linalg.norm(np.median(known, axis=0))) if len(known) else np.nan
+        top = top[np.isfinite(moved[top, 0])]
+        if not len(top):
+            return np.nan, np.nan
+        before, now = (one @ np.array([1.0, 1.0j]) for one in (self._start, points))
+        motion = fit_motion(before[top], now[top], np.ones(len(top)))
+        middle = complex(np.nanmean(before[contact]))
+        shift = motion.image + motion.turn * (middle - motion.origin) - middle
+        return float(np.linalg.norm(np.median(moved[top], axis=0))), abs(shift)
 
-    def _judge(self, signs: tuple[float, float, float], lately: float, weakest: float) -> Shear:
-        settings, peak, (shear, since, slid) = self._settings, max(self._shears), signs
-        fallen = (peak - shear) / max(peak, self._least)
+    def _judge(self, signs: tuple[float, float], lately: float, weakest: float) -> Shear:
+        settings, (since, slid) = self._settings, signs
+        peaks, (shear, shifted) = np.max(self._shears, axis=0), self._shears[-1]
+        # a fall shows in both: markers that turn need not go back for theirs to fall
+        fallen = float(min(peaks - (shear, shifted)) / max(peaks[0], self._least))
         if not np.isfinite(since):
             return Shear(shear, fallen, slid=slid)
+        if since > settings.unloaded:  # by now the load is the less: later falls are from here
+            self._shears.clear()
+            self._shears.append((shear, shifted))
         slipped = float(find_slip_probability(np.array([fallen, since, slid]), settings))
         slides = slipped > 0.5 and not lately > settings.resting
         holds = slipped < 0.5

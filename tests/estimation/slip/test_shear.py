@@ -75,6 +75,25 @@ def test_a_load_that_is_taken_off_is_no_slip():
     assert watch(FALL, 0.99)[-1].slipped < 0.05
 
 
+def test_a_load_that_was_taken_off_is_no_slip_later():
+    shear, hold = np.r_[FALL, FALL[-1:].repeat(5)], np.full(len(FALL) + 5, 0.99)
+    hold[-5:] = 0.95
+    assert watch(shear, hold)[-1].slipped < 0.05
+
+
+def test_markers_that_turn_are_no_shear_that_falls():
+    """By 9°, the left half ahead at first; then they go as far to all sides."""
+    arms = (REST - 3.5) @ np.array([1.0, 1.0j])
+    watched = ShearWatch(LAYOUT)
+    for frame in range(16):
+        left, right = min(frame, 9), 9 * (frame > 8)
+        turned = arms * np.exp(1j * np.radians(np.where(arms.real < 0.0, left, right)))
+        points = 3.5 + np.stack([turned.real, turned.imag], axis=1)
+        last = watched.update(points, TOUCHED, (0.8, 0.8, 0.8), UNSEEN)
+    assert last.shear < 0.1
+    assert last.slipped < 0.05
+
+
 def test_one_wrong_frame_is_no_slip():
     hold = SURE.copy()
     hold[12] = 0.0
