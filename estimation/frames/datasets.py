@@ -79,7 +79,7 @@ def find(name: str) -> Path | None:
         ValueError: no such data set.
     """
     if name not in _SETS:
-        raise ValueError(f"there is no data set {name!r}; there are {', '.join(NAMES)}")
+        raise ValueError(f"there is no data set {name!r}: choose from {', '.join(NAMES)}")
     expected = list_files(name).items()
     for root in _roots():
         if all(_is_intact(root / _local(name) / file, sha256) for file, sha256 in expected):

@@ -212,7 +212,8 @@ def copy_picture(image: Shaped[np.ndarray, "h w *colour"], largest: int, quality
     """
     scale = min(largest / max(image.shape[:2]), 1.0)
     if scale < 1.0:
-        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        height, width = (max(round(scale * side), 1) for side in image.shape[:2])
+        image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
     if image.dtype == np.uint16:
         image = (image // 257).astype(np.uint8)
     _, jpeg = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality))

@@ -110,7 +110,7 @@ def test_unknown_data_set(command):
 def test_help_keeps_units(command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     _, out, _ = command("run", "--help")
-    units = ("contact [mm]", "keyframes [frames]", "compared [frames]", "in-plane coordinate [µm]")
+    units = ("noise [mm]", "keyframes [frames]", "slip later [frames]", "widen the intervals [µm]")
     for text in units:
         assert text in " ".join(out.split())
 

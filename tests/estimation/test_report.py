@@ -14,7 +14,7 @@ from estimation.output.explain import explain_settings
 from estimation.output.found import Run
 from estimation.output.record import KeptMarkers
 from estimation.output.report import render_report, summarise
-from estimation.pictures.still import Album
+from estimation.pictures.still import Album, copy_picture
 from estimation.slip.alert import GripPath, Level
 from estimation.slip.onset import MacroSlip
 from estimation.slip.shear import Shear, ShearPath
@@ -233,6 +233,10 @@ def test_a_long_run_stays_below_5_mb(answered, pictured):
     assert len(rows) > 50
     assert all(bool(scene["picture"]) == pictured for scene in play["scenes"])
     assert len(play["scenes"][0]["kinds"]) == 396
+
+
+def test_a_copy_of_a_picture_that_is_a_line_keeps_a_pixel():
+    assert copy_picture(np.zeros((1, 900), np.uint8), 100, 80).size == (100, 1)
 
 
 def test_an_album_keeps_small_copies_evenly_spread():

@@ -99,7 +99,7 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     free = figures["slope_free"]
     assert f"{free['slope']:.3f} ± {free['slope_standard_error']:.3f}" in page
     assert f"<td>{figures['slope_fixed']['rms_difference_deg']:.3f}</td>" in page
-    with pytest.raises(ValueError, match="two fingers, not 1"):
+    with pytest.raises(ValueError, match="two fingers, got 1"):
         run_all(inputs[:1], tmp_path, Settings(grasp=True), Progress(disable=True))
 
 

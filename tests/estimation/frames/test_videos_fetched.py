@@ -101,7 +101,7 @@ def test_the_users_own_folder_comes_first(server, tmp_path, monkeypatch):
 def test_other_content_is_refused(server, tmp_path):
     shop, _ = server
     (shop / FILES[2]).write_bytes(b"something else")
-    with pytest.raises(ValueError, match="not the published ball/lift/camera_0"):
+    with pytest.raises(ValueError, match="differs from the published ball/lift/camera_0"):
         datasets.fetch("videos")
     assert not (tmp_path / "cache" / "clips" / FILES[2]).exists()
 
