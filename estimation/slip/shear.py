@@ -23,6 +23,7 @@ from scipy.special import expit
 from estimation.estimators.plane import fit_motion
 from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
 from estimation.fields.stencils import marker_pitch
+from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout
 from estimation.slip.slide import Slide
 
@@ -219,15 +220,18 @@ class ShearWatch:
         top = top[np.isfinite(moved[top, 0])]
         if not len(top):
             return np.nan, np.nan
+        shear = float(np.linalg.norm(np.median(moved[top], axis=0)))
         before, now = (one @ np.array([1.0, 1.0j]) for one in (self._start, points))
+        under = before[contact & np.isfinite(self._start[:, 0])]
+        if len(top) < MIN_STICK_MARKERS or not len(under):
+            return shear, shear
         motion = fit_motion(before[top], now[top], np.ones(len(top)))
-        middle = complex(np.nanmean(before[contact]))
-        shift = motion.image + motion.turn * (middle - motion.origin) - middle
-        return float(np.linalg.norm(np.median(moved[top], axis=0))), abs(shift)
+        middle = complex(under.mean())
+        return shear, abs(motion.image + motion.turn * (middle - motion.origin) - middle)
 
     def _judge(self, signs: tuple[float, float], lately: float, weakest: float) -> Shear:
         settings, (since, slid) = self._settings, signs
-        peaks, (shear, shifted) = np.max(self._shears, axis=0), self._shears[-1]
+        peaks, (shear, shifted) = np.fmax.reduce(self._shears), self._shears[-1]
         # a fall shows in both: markers that turn need not go back for theirs to fall
         fallen = float(min(peaks - (shear, shifted)) / max(peaks[0], self._least))
         if not np.isfinite(since):

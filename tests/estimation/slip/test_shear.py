@@ -94,6 +94,13 @@ def test_markers_that_turn_are_no_shear_that_falls():
     assert last.slipped < 0.05
 
 
+def test_a_contact_whose_markers_are_not_seen_is_judged_by_those_beside_it():
+    watched, unseen = ShearWatch(LAYOUT), np.where(TOUCHED[:, None], np.nan, REST)
+    for one in FALL:
+        last = watched.update(unseen + np.array([one, 0.0]), TOUCHED, (0.8, 0.8, 0.8), UNSEEN)
+    assert last.slipped > 0.95
+
+
 def test_one_wrong_frame_is_no_slip():
     hold = SURE.copy()
     hold[12] = 0.0
