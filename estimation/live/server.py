@@ -40,7 +40,7 @@ class WindowServer(socketserver.ThreadingTCPServer):
             port: of it; 0 for any that is free.
 
         Raises:
-            OSError: that address and port cannot be had.
+            OSError: the address or the port is not available.
         """
         self.window, self.host = window, host
         self.page = render_page("window.html", {}, title=title, colours=page_colours()).encode()

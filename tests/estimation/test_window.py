@@ -3,9 +3,7 @@
 import base64
 import http.client
 import json
-import shutil
 import socket
-import subprocess
 import time
 from contextlib import contextmanager
 from dataclasses import replace
@@ -27,10 +25,10 @@ from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import Picture
 from estimation.settings import Settings
 from estimation.tracking.stream import Stream
+from tests.browser import Browser
 from tests.cases import domed_pad, lift
 
 IMAGES = ImageSettings()
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 @pytest.fixture(scope="module")
@@ -179,27 +177,25 @@ def test_browsers_that_take_nothing_or_are_gone_delay_nothing(recording, answers
         lazy.close()
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the path")
 def test_a_browser_shows_it(recording, answers, tmp_path):
     window, _ = opened(recording)
     for answer in answers:
         window.put(answer)
-    shot = tmp_path / "window.png"
-    with served(window) as port:
-        told = ("--headless", "--no-sandbox", "--disable-gpu", "--window-size=1200,760")
-        told += (f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=2000")
-        address = f"http://127.0.0.1:{port}/"
-        command = [CHROMIUM, *told, f"--screenshot={shot}", address]
-        browser = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-        until = time.monotonic() + 60.0
-        while not window.events and time.monotonic() < until:
-            time.sleep(0.1)
-        window.end("ended")
-        try:
-            assert browser.wait(60.0) == 0
-        finally:
-            browser.kill()
-            browser.wait()
+    shot, page = tmp_path / "window.png", Browser(tmp_path / "profile")
+    try:
+        with served(window) as port:
+            page.open(f"http://127.0.0.1:{port}/", 1200, 760)
+            until = time.monotonic() + 60.0
+            while not window.events and time.monotonic() < until:
+                time.sleep(0.1)
+            window.end("ended")
+            while page.run("document.getElementById('words').textContent") != "ended":
+                assert time.monotonic() < until
+                time.sleep(0.1)
+        page.shoot(shot)
+    finally:
+        page.close()
+    assert page.complaints == []
     picture = cv2.cvtColor(cv2.imread(str(shot)), cv2.COLOR_BGR2RGB).astype(int)
     for colour in (MARKER_COLOURS["sticks"], MARKER_COLOURS["slips"], "#08306b"):
         shade = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
