@@ -1,6 +1,7 @@
 """What the commands of all packages share: their help comes at once, and nothing of it is cut."""
 
 import os
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -29,7 +30,7 @@ def test_public_names_are_there_on_demand(name):
     assert set(package.__all__) < set(dir(package))
     for public in package.__all__:
         assert getattr(package, public) is not None, public
-    assert package.__version__.count(".") == 2
+    assert re.fullmatch(r"\d+\.\d+\.\d+(\.dev\d+)?(\+[\w.]+)?", package.__version__)
     unknown = "no_such"
     with pytest.raises(AttributeError, match=f"'{name}' has no attribute '{unknown}'"):
         getattr(package, unknown)

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 from estimation.frames.extras import EXTRAS, MissingExtraError, require_extra
 from estimation.sources import read_recording
@@ -70,6 +71,16 @@ def test_every_package_imported_is_required_or_in_an_extra(package):
     for path in sorted((ROOT / package).rglob("*.py")):
         roots = {name.split(".")[0] for name in imported_modules(path)}
         assert roots <= known | set(sys.stdlib_module_names), path
+
+
+def test_the_conda_recipe_requires_what_the_project_does():
+    recipe = YAML(typ="safe").load(ROOT / ".github" / "conda" / "recipe.yaml")["requirements"]
+    renamed = {"opencv-contrib-python-headless": "py-opencv", "matplotlib": "matplotlib-base"}
+    wanted = [f"python {PROJECT['requires-python']}"]
+    for requirement in PROJECT["dependencies"]:
+        name, version = requirement.split(">=")
+        wanted.append(f"{renamed.get(name, name)} >={version}")
+    assert sorted(recipe["run"]) == sorted(wanted)
 
 
 def test_items_that_sweep_say_so():

@@ -7,7 +7,7 @@ import the module themselves.
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -69,14 +69,14 @@ def find_study(name: str) -> Study:
 
 
 def code_version(name: str) -> str:
-    """What the results of a study depend on: release, and hash of the packages and the module."""
+    """What the results of a study depend on: a hash of its packages and its module."""
     files = [Path(import_module(name).__file__ or "")]
     for package in find_study(name).uses:
         files += sorted(Path(import_module(package).__file__ or "").parent.rglob("*.py"))
     digest = hashlib.sha256()
     for file in files:
         digest.update(file.read_bytes())
-    return f"{metadata.version('contactmodel')}+{digest.hexdigest()[:12]}"
+    return digest.hexdigest()[:12]
 
 
 def table_hash(table: Table) -> str:
