@@ -193,7 +193,7 @@ class Window:
         found, shear, unit = answer.estimates[self._method], answer.shear, self._source.unit
         margin, alert = answer.margin, answer.alert
         angle = np.degrees([found.angle, (found.high - found.low) / 2.0])
-        left = np.degrees([margin.angle_left, (margin.angle_high - margin.angle_low) / 2.0])
+        left = np.degrees([margin.angle, (margin.angle_high - margin.angle_low) / 2.0])
         rows: list[tuple[str, float, float, str]] = [
             ("angle", angle[0], angle[1], "°"),
             ("slip", shear.slip, shear.slip_error, unit),

@@ -181,7 +181,7 @@ def summarise(run: Run) -> dict[str, Any]:
 
 def _describe_margin(run: Run) -> dict[str, float | None] | None:
     """The margin in the last frame that has one, and when that was; None without moments."""
-    known = [i for i, left in enumerate(run.margin.margins) if np.isfinite(left.angle_left)]
+    known = [i for i, margin in enumerate(run.margin.margins) if np.isfinite(margin.angle)]
     if not known:
         return None
     left, time = run.margin.margins[known[-1]], run.main.time

@@ -27,12 +27,12 @@ from estimation.tracking.stream import Answer
 
 MARGIN_COLUMNS = (
     "stick_ratio",
-    "angle_left_deg",
-    "angle_left_low_deg",
-    "angle_left_high_deg",
-    "moment_left_Nmm",
-    "moment_left_low_Nmm",
-    "moment_left_high_Nmm",
+    "angle_margin_deg",
+    "angle_margin_low_deg",
+    "angle_margin_high_deg",
+    "moment_margin_Nmm",
+    "moment_margin_low_Nmm",
+    "moment_margin_high_Nmm",
 )
 """Beside the chosen method's angles; empty where they cannot be told."""
 

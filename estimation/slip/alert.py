@@ -90,7 +90,7 @@ class AlertWatch:
             return Alert(Level.SLIPS, 0.0, 0.0, 0.0)
         # a load levels off towards its limit, and comes there later than its rate says
         grip = np.array([friction.coefficient, friction.low, np.inf]) - friction.used
-        times = self._time_to(1, (margin.angle_left, margin.angle_low, margin.angle_high))
+        times = self._time_to(1, (margin.angle, margin.angle_low, margin.angle_high))
         if np.isnan(times[0]):
             times = self._time_to(2, tuple(np.maximum(grip, 0.0)))
         return Alert(self._judge(times[0], friction.share, slipped, state), *times)

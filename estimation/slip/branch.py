@@ -157,7 +157,7 @@ def _solve(
     return solution.x, np.linalg.pinv(solution.jac.T @ solution.jac), solution.fun
 
 
-def left_after(
+def margin_after(
     parameters: Float[np.ndarray, " 3"], travel: float, end: float
 ) -> Float[np.ndarray, " 2"]:
     """Angle and moment left at a travel along the branch, below 0 beyond its end."""

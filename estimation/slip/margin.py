@@ -15,7 +15,7 @@ from estimation.slip.branch import (
     Branch,
     MarginSettings,
     fit_branch,
-    left_after,
+    margin_after,
 )
 
 THIRD_MARKER = (0.91, 0.092)
@@ -24,21 +24,21 @@ deviation over the points."""
 
 
 class Margin(NamedTuple):
-    """What is left before macro slip; NaN where the data cannot tell.
+    """Remaining angle and moment before macro slip; NaN where the data cannot determine them.
 
     Attributes:
-        angle_left: rotation left [rad].
+        angle: remaining rotation [rad].
         angle_low: lower end of its 95 % interval [rad].
         angle_high: upper end [rad].
-        moment_left: moment left [N·mm].
+        moment: remaining moment [N·mm].
         moment_low: lower end of its 95 % interval [N·mm].
         moment_high: upper end [N·mm].
     """
 
-    angle_left: float = np.nan
+    angle: float = np.nan
     angle_low: float = np.nan
     angle_high: float = np.nan
-    moment_left: float = np.nan
+    moment: float = np.nan
     moment_low: float = np.nan
     moment_high: float = np.nan
 
@@ -79,7 +79,7 @@ class MarginTracker:
         margin = self.update(angle, moment, contact_markers)
         if state == State.MACRO_SLIP:
             return Margin()
-        if np.isfinite(margin.angle_left):
+        if np.isfinite(margin.angle):
             self.last = self.branch
         return margin
 
@@ -97,7 +97,7 @@ class MarginTracker:
         self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
         margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers), self.settings)
         # a fit that could not tell is no place to start from
-        self._guess = self.branch.parameters if np.isfinite(margin.angle_left) else None
+        self._guess = self.branch.parameters if np.isfinite(margin.angle) else None
         return margin
 
     def pass_by(self, angle: float, moment: float) -> bool:
@@ -162,8 +162,8 @@ def follow_margin(
     fitted = np.ones(len(track.time), dtype=bool)
     if known is not None and changed is not None:
         fitted = _is_stale(track, changed)
-        told = np.flatnonzero(~fitted & np.isfinite([left.angle_left for left in known]))
-        fitted[told[-1:]] = True  # for the branch
+        determined = np.flatnonzero(~fitted & np.isfinite([margin.angle for margin in known]))
+        fitted[determined[-1:]] = True  # for the branch
     tracker, margins = MarginTracker(settings), list[Margin]()
     for row, (state, angle, moment, contact) in enumerate(frames):
         if fitted[row] or known is None:
@@ -208,14 +208,14 @@ def margin_at(
     travel = max(branch.sign * (angle - branch.start), 0.0)
     best = branch.parameters
     steps = np.array([1e-3, 1e-3, 1e-3 * branch.limit])
-    middle = left_after(best, travel, end)
+    middle = margin_after(best, travel, end)
     slope = np.stack(
-        [(left_after(best + step, travel, end) - middle) / step.sum() for step in np.diag(steps)],
+        [(margin_after(best + step, travel, end) - middle) / step.sum() for step in np.diag(steps)],
         axis=1,
     )
     variance = np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0)
     spread = THIRD_MARKER[1] / THIRD_MARKER[0]
-    variance += (left_after(best, travel, end * (1.0 - spread)) - middle) ** 2
+    variance += (margin_after(best, travel, end * (1.0 - spread)) - middle) ** 2
     half = Z95 * np.sqrt(variance)
     # measured and fitted moment differ by the rms; the interval of the moment has it
     half[1] = np.hypot(half[1], Z95 * branch.rms)

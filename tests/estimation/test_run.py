@@ -94,7 +94,7 @@ def test_everything_is_written(tmp_path, progress):
         )
         assert float(row["moment_Nmm"]) == pytest.approx(recording.moment[i, 2])
         # the moment rises in a straight line: no end can be told
-        assert row["angle_left_deg"] == row["moment_left_Nmm"] == ""
+        assert row["angle_margin_deg"] == row["moment_margin_Nmm"] == ""
         assert bool(row["stick_ratio"]) == bool(int(row["contact_markers"]))
     everything = rows_of(tmp_path / "out" / "angles_all.csv")
     assert {row["method"] for row in everything} == set(METHODS)

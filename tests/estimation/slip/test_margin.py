@@ -41,9 +41,9 @@ def test_margin_foretells_macro_slip(truth):
         end = truth.angle[np.argmax(truth.macro_slip)]
         row = int(np.argmax(truth.angle[25 + 31 :] < end + np.radians(back))) + 31
         # the end is three markers of 78: one more or less shifts it by 1.5°
-        assert np.degrees(margins[row].angle_left) == pytest.approx(back, abs=2.0)
+        assert np.degrees(margins[row].angle) == pytest.approx(back, abs=2.0)
         left = limit - abs(truth.moment[25 + row])
-        assert margins[row].moment_left == pytest.approx(left, abs=0.02 * limit)
+        assert margins[row].moment == pytest.approx(left, abs=0.02 * limit)
 
 
 def test_says_nothing_while_linear():
@@ -51,7 +51,7 @@ def test_says_nothing_while_linear():
     tracker, rng = MarginTracker(), np.random.default_rng(3)
     for one in angle:
         margin = tracker.update(float(one), float(20.0 * one + 0.02 * rng.standard_normal()), 78)
-        assert np.isnan(margin.angle_left)
+        assert np.isnan(margin.angle)
 
 
 def test_a_branch_without_a_slope_has_no_end():
