@@ -10,7 +10,14 @@ from estimation.estimators.incremental import Incremental
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper, PaperSettings
 from estimation.estimators.rigid import Rigid
-from estimation.estimators.rivals import Castano, Dong, DongSettings, Kabsch, Kolamuri
+from estimation.estimators.rivals import (
+    Castano,
+    Dong,
+    DongSettings,
+    InvariantCloud,
+    Kabsch,
+    Kolamuri,
+)
 from estimation.estimators.tracked import Tracked
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
@@ -56,6 +63,7 @@ RIVALS: dict[str, Callable[..., Estimator]] = {
     "dong": Dong,
     "dong_corrected": partial(Dong, settings=DongSettings(exact=True)),
     "castano": Castano,
+    "invariantcloud": InvariantCloud,
     "kabsch": Kabsch,
 }
 """Published rivals by name, made in the same way; they give angles without intervals."""

@@ -7,6 +7,8 @@ Monitoring Incipient Slip".
 [Castano2023] J. Castaño-Amorós, P. Gil, "Measuring Object Rotation via Visuo-Tactile Segmentation
 of Grasping Region".
 [Kabsch1976] W. Kabsch, "A solution for the best rotation to relate two sets of vectors".
+[Ye2026] P. Ye, Y. Ma, Y. Zhou, W. Chen, W. Dong, M. Duan, "InvariantCloud: A Globally Invariant,
+Uniquely Indexed Point Cloud Framework for Robust 6-DoF Tactile Pose Tracking", arXiv 2605.25216.
 
 Their markers lie in an image; here they lie in the contact's tangent plane. None of them gives an
 interval, so `low` and `high` are NaN. All but [Dong2019] take the whole contact to stick and name
@@ -209,6 +211,82 @@ class Castano:
         last = self._recent[-1] if self._recent else axis
         self._recent.append(float(axis + np.pi * np.round((last - axis) / np.pi)))
         return _without_interval(float(np.mean(self._recent) - self._first), fields.contact)
+
+
+@dataclass(frozen=True)
+class InvariantCloudSettings:
+    """How dense the cloud is, and how its axis is smoothed; both are the authors' numbers.
+
+    Attributes:
+        points_per_pitch: points of the cloud from one marker to the next [-].
+        newest_weight: weight of the newest frame in the running mean of the axis [-].
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    points_per_pitch: int = 5
+    newest_weight: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.points_per_pitch < 1:
+            raise ValueError(f"points_per_pitch is {self.points_per_pitch}; give at least one")
+        if not 0.0 < self.newest_weight <= 1.0:
+            raise ValueError(f"newest_weight is {self.newest_weight}; give 1 or less, above 0")
+
+
+class InvariantCloud:
+    """Yaw by the long axis of the indexed points under the object ([Ye2026]).
+
+    The markers of the unloaded pattern are filled up to a denser cloud whose points keep their
+    numbers. Those that the contact covers now are taken where they lay unloaded, without those
+    farther from their middle than the mean by two standard deviations. Their first principal axis
+    is followed by half turns and smoothed; the angle counts from the first frame with contact.
+
+    This is what the authors' code computes (github.com/yepengfei81-cpu/InvariantCloud,
+    `flat_frame_rotation.py`); it refuses no contact, though they advise against spheres. Here a
+    regular lattice fills the pattern, and the contact covers a point if it covers the marker that
+    is nearest now.
+    """
+
+    def __init__(
+        self,
+        stencils: Stencils,
+        noise: Noise | None,
+        settings: InvariantCloudSettings = InvariantCloudSettings(),
+    ) -> None:
+        """Make the estimator; the noise plays no part."""
+        reach = np.linalg.norm(stencils.offsets, axis=-1)
+        step = float(np.median(reach[reach > 0.0])) / settings.points_per_pitch
+        low, high = (edge(stencils.reference[:, :2], axis=0) for edge in (np.min, np.max))
+        x, y = (np.arange(a, b + step, step) for a, b in zip(low, high, strict=True))
+        self.cloud = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        self.newest_weight = settings.newest_weight
+        self._begin()
+
+    def _begin(self) -> None:
+        self._first = self._last = self._smooth = np.nan
+
+    def update(self, fields: Fields) -> Measurement:
+        """Rotation of the covered points' axis, from the fields of the next frame."""
+        from scipy.spatial import KDTree
+
+        if fields.contact.sum() < MIN_STICK_MARKERS:
+            self._begin()
+            return Measurement.none(np.zeros_like(fields.contact))
+        seen = np.flatnonzero(np.isfinite(fields.positions).all(axis=1))
+        _, nearest = KDTree(fields.positions[seen, :2]).query(self.cloud)
+        covered = self.cloud[fields.contact[seen[nearest]]]
+        far = np.linalg.norm(covered - covered.mean(axis=0), axis=1)
+        covered = covered[far <= far.mean() + 2.0 * far.std()]
+        squared = ((covered - covered.mean(axis=0)) @ np.array([1.0, 1j])) ** 2
+        axis = float(0.5 * np.angle(squared.sum()))
+        if np.isnan(self._first):
+            self._first = self._last = self._smooth = axis
+        self._last = float(axis + np.pi * np.round((self._last - axis) / np.pi))
+        self._smooth += self.newest_weight * (self._last - self._smooth)
+        return _without_interval(self._smooth - self._first, fields.contact)
 
 
 def erode(markers: Bool[np.ndarray, " n"], stencils: Stencils) -> Bool[np.ndarray, " n"]:

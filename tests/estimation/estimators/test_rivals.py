@@ -10,6 +10,8 @@ from estimation.estimators.rivals import (
     CastanoSettings,
     Dong,
     DongSettings,
+    InvariantCloud,
+    InvariantCloudSettings,
     Kabsch,
     Kolamuri,
     _long_axis,
@@ -120,6 +122,25 @@ def test_castano_follows_the_mask_past_half_a_turn():
     # a mask of some 75 markers, 1 mm apart, each on or off: 5.5° at most, first frame's too
     np.testing.assert_allclose(np.degrees(read), np.degrees(directions) - 10.0, atol=6.0)
     assert read[0] == 0.0
+
+
+def test_invariantcloud_follows_the_axis_of_its_points_and_answers_on_round_contacts():
+    layout, stencils = pad_stencils()
+    cloud = InvariantCloud(stencils, None, InvariantCloudSettings(newest_weight=1.0))
+    directions = np.radians(np.arange(10.0, 221.0, 10.0))
+    pressed = [measure_fields(stencils, frame_of(ellipse(layout, one))) for one in directions]
+    read = [cloud.update(fields).angle for fields in pressed]
+    # the mask has the markers' steps, as the one above; the points only fill it evenly
+    np.testing.assert_allclose(np.degrees(read), np.degrees(directions) - 10.0, atol=6.0)
+    smooth = InvariantCloud(stencils, None)
+    lagging = [smooth.update(fields).angle for fields in pressed[:3]]
+    assert lagging[1:] == pytest.approx([0.5 * read[1], 0.25 * read[1] + 0.5 * read[2]])
+    model = PivotModel(friction_ratio=0.3)
+    angle = virtual_reading(InvariantCloud, 15.0, model)[0].angle
+    assert angle == 0.0  # of the first frame, without a long axis
+    for wrong in ({"points_per_pitch": 0}, {"newest_weight": 0.0}, {"newest_weight": 1.5}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            InvariantCloudSettings(**wrong)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.3, -0.2), (0.5, 0.1)])
