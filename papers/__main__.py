@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -19,6 +19,9 @@ from estimation.frames.files import check_writable, write_whole
 from estimation.output.result_folder import renew_results
 from papers.items import EXTRAS, ITEMS, STUDIES, choose_items
 from papers.published import compare, read_published
+
+if TYPE_CHECKING:
+    from papers.leaderboard.publish import Ranking
 
 app = make_app("Published results regenerated, and studies of our own.")
 
@@ -86,52 +89,62 @@ def run(
 
 @app.command()
 def leaderboard(
-    quick: Annotated[bool, typer.Option(help="One draw of each virtual pivot.")] = False,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/papers"),
     angles: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Another method's answers: a CSV named after the method, with the columns case "
-            "(name of the recording), frame (index of the frame in the recording, from 0; not its "
-            "source_index) and angle_deg [°]. Can be given several times.",
+            help="An entry: a CSV file named after its method, with the columns case, frame (row "
+            "of the recording, from 0; not its source_index), angle_deg [°] and, for lifts, "
+            "slipped (probability). Can be given several times.",
             show_default="none",
         ),
     ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
-            help="Folder to write the recordings to, with a README.md about the answers.",
+            help="Write the recordings and the rules to this folder, and rank nothing.",
             show_default="none",
         ),
     ] = None,
+    split: Annotated[
+        str, typer.Option(help="Cases to rank by: scored, or tuning, whose truth is exported.")
+    ] = "scored",
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Seed that the scored cases are drawn from; give the same one to export and to "
+            "rank. Whoever knows it can compute the truth.",
+            show_default="that of the practice round",
+        ),
+    ] = None,
+    alone: Annotated[
+        bool, typer.Option(help="Rank the entries of --angles only, which runs no method.")
+    ] = False,
 ) -> None:
-    """Compare all methods and the published rivals on virtual pivots and real recordings."""
-    from estimation.output.report import figure_png
-    from papers.leaderboard import alarms, board, cases, settings
+    """Rank methods by their right answers in three tiers: virtual, finite strain, real.
 
-    check_writable(out)
-    draws = settings.QUICK_DRAWS if quick else settings.DRAWS
-    virtual = [
-        cases.virtual_case(name, draw) for name in settings.CONDITIONS for draw in range(draws)
-    ]
-    virtual += [cases.elongated_case(draw) for draw in range(draws)]
-    every = virtual + cases.real_cases(say=say_error)
-    others = [answers for path in angles or () for answers in board.read_answers(path, every)]
-    if export is not None:
-        with renew_results(export, "papers leaderboard --export", say) as results:
-            board.export_cases(every, results.draft)
-        print(f"{len(every)} recordings exported to {export}; its README.md says how to answer")
-    with Progress(console=errors) as progress:
+    Entries are checked first. Data sets that have not been fetched are left out and named.
+    """
+    from papers.leaderboard.cases import SPLITS, list_cases
+    from papers.leaderboard.entries import read_entry
+
+    entries = [read_entry(path, list_cases(split)) for path in angles or ()]
+    if alone and not entries:
+        raise ValueError("--alone ranks the entries of --angles only, and none is given")
+    check_writable(out if export is None else export)
+    from papers.leaderboard import publish
+
+    with _progress() as progress:
         track = partial(progress.track, description="leaderboard")
-        answers = board.answer_all(every, track)
-    answers += others
-    rows = board.tabulate(answers)
+        if export is not None:
+            with renew_results(export, "papers leaderboard --export", say) as results:
+                publish.export_splits(SPLITS, seed, results.draft, track)
+            say(f"exported to {export}; its README.md has the rules")
+            return
+        ranking = publish.rank_entries(entries, split, seed, alone=alone, track=track)
     folder = out / "leaderboard"
-    for name, table in (("leaderboard", rows), ("warnings", alarms.tabulate_warnings(draws))):
-        write_whole(folder / f"{name}.csv", _csv(table))
-        Console(width=200).print(_table(name, table))
-    write_whole(folder / "leaderboard.png", figure_png(board.plot(answers, rows)))
-    write_whole(folder / "curves.png", figure_png(board.plot_curves(answers)))
+    _write_ranking(ranking, folder)
     print(f"written to {folder}")
 
 
@@ -216,6 +229,16 @@ def sweep(
     print(f"{results.done.sum()} cases done, {len(results.failures)} failed: {path}")
     for row, reason in list(results.failures.items())[:10]:
         print(f"  case {row}: {reason}")
+
+
+def _write_ranking(ranking: "Ranking", folder: Path) -> None:
+    """Write the tables, entries and picture of a ranking, and print its short form."""
+    for name, rows in ranking.tables.items():
+        write_whole(folder / f"{name}.csv", _csv(rows))
+    for name, text in ranking.entries.items():
+        write_whole(folder / "entries" / f"{name}.csv", text)
+    write_whole(folder / "leaderboard.png", ranking.picture)
+    Console(width=200).print(_table("leaderboard", ranking.tables["leaderboard"][: ranking.shown]))
 
 
 def _without_their_extra(chosen: list[tuple[str, str]]) -> dict[tuple[str, str], str]:

@@ -1,122 +1,119 @@
-"""What the methods are measured on, and what the right answer is."""
+"""The cases of the benchmark by name: tier, group, split and number of frames.
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+Every draw of a group has as many frames as any other, so that an entry is checked without making a
+recording. Importing this module is cheap.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from estimation.fields.outline import follow_outline
-from estimation.frames import datasets
-from estimation.frames.extras import MissingExtraError
-from estimation.frames.recording import Recording
-from estimation.softness import ScalarSoftness
-from estimation.sources import find_recordings, read_recording
-from estimation.virtual.recording import Camera, Timing, Truth, simulate_pivot
+from estimation.frames.datasets import list_files
 from papers.leaderboard import settings
-from papers.limits import MEAN_ABSOLUTE, angle_limit
-from papers.virtual_pivots.elongated import simulate_elongated
+
+SPLITS = ("tuning", "scored")
+SLIDING = "elongated, sliding"
+"""Frames of `elongated` after macro slip has begun: only the outline still shows the angle."""
 
 
 class Case(NamedTuple):
-    """A recording with a reference angle.
+    """A recording to answer.
 
     Attributes:
-        name: of the recording, as it is exported.
-        recording: the recording.
-        reference: the object's angle [rad]; NaN where unknown.
-        parts: frames that are scored, by the name of the row they are scored in.
-        softness: what the methods are told of the object.
-        relative: whether the reference is known up to a constant only.
-        limit: mean absolute error of the angle at the Cramér–Rao bound of one frame, from the
-            markers that do not slip [rad]; None where the truth is not known.
+        name: as in an entry and in the export.
+        tier: one of `settings.TIERS`.
+        group: recordings of the same kind; each group of a tier has the same weight.
+        split: `tuning` or `scored`.
+        frames: how many there are.
+        pictures: whether there are pictures of it.
+        lift: whether the question is if the object slipped, in place of its angle.
     """
 
     name: str
-    recording: Recording
-    reference: Float[np.ndarray, " frames"]
-    parts: Mapping[str, Bool[np.ndarray, " frames"]]
-    softness: ScalarSoftness = ScalarSoftness()
+    tier: str
+    group: str
+    split: str
+    frames: int
+    pictures: bool = False
+    lift: bool = False
+
+
+class Truth(NamedTuple):
+    """The right answers to a case.
+
+    Attributes:
+        angle: of the object [rad]; NaN where unknown.
+        counts: frames that are scored, by group.
+        softness: k of the object, which entrants are told [-].
+        relative: whether angles are known up to a constant, which is then taken from the errors.
+        slipped: whether the object slipped out; None where the question is the angle.
+    """
+
+    angle: Float[np.ndarray, " frames"]
+    counts: Mapping[str, Bool[np.ndarray, " frames"]]
+    softness: float = 0.0
     relative: bool = False
-    limit: Float[np.ndarray, " frames"] | None = None
+    slipped: bool | None = None
 
 
-def virtual_case(condition: str, draw: int) -> Case:
-    """One draw of a virtual pivot; its frames after macro slip are scored apart."""
-    told = settings.CONDITIONS[condition]
-    recording, truth = simulate_pivot(
-        told.model, seed=draw, timing=Timing(dropped=told.dropped), **told.path
-    )
-    turned = np.abs(np.diff(np.nan_to_num(truth.angle), prepend=0.0)).cumsum()
-    recording = _spoil(recording, turned / turned[-1], told, draw)
-    return _case(condition, draw, recording, truth, told.model.noise)
-
-
-def elongated_case(draw: int) -> Case:
-    """One draw of the elongated contact, which has an outline to follow in macro slip."""
-    friction, resolution = settings.ELONGATED
-    recording, truth = simulate_elongated(friction, draw, resolution)
-    return _case("elongated", draw, recording, truth, Camera().noise[0])
-
-
-def _case(condition: str, draw: int, recording: Recording, truth: Truth, noise: float) -> Case:
-    name = f"{condition}-{draw}"
-    known = np.isfinite(truth.angle)
-    slipped = np.maximum.accumulate(truth.macro_slip)
-    parts = {condition: known & ~slipped}
-    if slipped.any():
-        parts[f"{condition}, after macro slip"] = known & slipped
-    seen = truth.sticking & recording.valid
-    points = recording.layout.reference[:, :2]
-    limit = [angle_limit(points, frame, noise) for frame in seen]
-    return Case(
-        name=name,
-        recording=replace(recording, name=name),
-        reference=truth.angle,
-        parts=parts,
-        softness=ScalarSoftness(stiffness_ratio=truth.stiffness_ratio),
-        limit=MEAN_ABSOLUTE * (1.0 + truth.stiffness_ratio) * np.array(limit),
-    )
-
-
-def _spoil(
-    recording: Recording,
-    progress: Float[np.ndarray, " frames"],
-    told: settings.Condition,
-    draw: int,
-) -> Recording:
-    """The recording with its pad shifted and some markers not seen."""
-    rng = np.random.default_rng((draw, 1))
-    valid = rng.random(recording.valid.shape) >= told.missing
-    moved = recording.positions + progress[:, None, None] * np.array([*told.shift_mm, 0.0])
-    positions = np.where(valid[..., None], moved, np.nan)
-    return replace(recording, positions=positions, valid=valid)
-
-
-def real_cases(say: Callable[[str], None] = lambda line: None) -> list[Case]:
-    """The published recordings that have been fetched; reference is the contact's outline.
-
-    In clips it is the object's imprint. It is no truth: it is an angle of the object that does not
-    come from the markers' twist. Methods that follow the outline themselves (`castano`; ours after
-    macro slip) agree with it for that. Recordings without a frame whose outline has a direction are
-    left out, and so are videos where the extra `video` is not installed.
+def list_cases(split: str) -> dict[str, Case]:
+    """The cases of a split by name.
 
     Args:
-        say: told, in a line, which recording is left out for want of the extra.
+        split: one of `SPLITS`.
+
+    Raises:
+        ValueError: there is no such split.
     """
-    cases = []
-    for name in settings.REAL:
-        folder = datasets.find(name)
-        for path in find_recordings(folder) if folder else ():
-            try:
-                recording = read_recording(path)
-            except MissingExtraError as error:
-                say(f"{name} left out: {error}")
-                continue
-            reference = follow_outline(recording).angle
-            known = np.isfinite(reference)
-            if known.any():
-                row = f"{name}/{recording.name}"
-                cases.append(Case(row, recording, reference, {row: known}, relative=True))
-    return cases
+    if split not in SPLITS:
+        raise ValueError(f"no split {split!r}; choose from {', '.join(SPLITS)}")
+    every = (*_simulated(), *_real())
+    return {case.name: case for case in every if case.split == split}
+
+
+def frames_of(condition: settings.Condition) -> int:
+    """Frames of a virtual pivot, those that are lost left out."""
+    whole = settings.UNLOADED + settings.PRESSING + sum(condition.path["frames"])
+    return whole - round(condition.lost * whole)
+
+
+def count_frames(sticking: Int[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
+    """Frames of a simulated case that count: from enough sticking markers on, until too few stick.
+
+    Args:
+        sticking: markers under the object that do not slip.
+    """
+    enough = sticking >= settings.LEAST_STICKING
+    return enough & ~np.logical_or.accumulate(~enough & np.logical_or.accumulate(enough))
+
+
+def _simulated() -> Iterator[Case]:
+    lengths = {group: frames_of(one) for group, one in settings.CONDITIONS.items()}
+    lengths |= {"elongated": settings.ELONGATED_FRAMES, "rendered": settings.RENDERED_FRAMES}
+    steps = settings.GEL_PRESSES + 2 * settings.GEL_PEAK_DEG - settings.GEL_BACK_DEG
+    whole = settings.UNLOADED + steps
+    gels = dict.fromkeys(settings.GELS, whole - round(settings.GEL_LOST * whole))
+    for tier, groups in (("virtual", lengths), ("finite strain", gels)):
+        for group, frames in groups.items():
+            for draw in range(settings.SCORED_DRAWS + 1):
+                split = "scored" if draw else "tuning"
+                name = f"{tier}/{group}-{draw}".replace(" ", "-")
+                yield Case(name, tier, group, split, frames, pictures=group == "rendered")
+
+
+def _real() -> Iterator[Case]:
+    for group, recordings in (("tac3d-pivot", settings.TAC3D), ("pivot-videos", settings.CLIPS)):
+        for name, (split, frames) in recordings.items():
+            pictures = group == "pivot-videos"
+            yield Case(f"real/{group}/{name}", "real", group, split, frames, pictures)
+    files = map(PurePosixPath, list_files("slip-lifts"))
+    lifts = Counter(
+        file.parent for file in files if file.suffix == ".jpg" and "outside" not in file.parts
+    )
+    for lift, frames in lifts.items():
+        split = "tuning" if lift.parts[0] in settings.TUNING_LIFTS else "scored"
+        yield Case(f"real/slip-lifts/{lift}", "real", "slip-lifts", split, frames, True, lift=True)

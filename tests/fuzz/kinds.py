@@ -21,8 +21,10 @@ from estimation.pictures.sensor import Sensor, read_sensor
 from estimation.softness import read_softness
 from estimation.sources import read_recording
 from estimation.tracking.tracker import estimate_angles
-from papers.leaderboard.board import read_answers, tabulate
-from papers.leaderboard.cases import Case
+from papers.leaderboard.board import score_case, tabulate
+from papers.leaderboard.cases import Case, Truth
+from papers.leaderboard.entries import read_entry
+from papers.leaderboard.sources import Source
 from tests.fuzz import inputs
 from tests.fuzz.contents import Input
 
@@ -112,13 +114,14 @@ def use_travel(path: Path, rng: np.random.Generator) -> str:
 
 
 def use_answers(path: Path, rng: np.random.Generator) -> str:
-    """Read another group's answers and score them."""
+    """Read another group's entry and score it."""
     recording = inputs.pressed()
-    truth = np.zeros(len(recording))
-    case = Case("pressed", recording, truth, {"all": np.ones(len(truth), dtype=bool)})
-    answers = read_answers(path, [case])
-    tabulate(answers)
-    return "an infinite angle" if any(np.isinf(one.angle).any() for one in answers) else ""
+    frames = len(recording)
+    case = Case("pressed", "virtual", "pressed", "scored", frames)
+    truth = Truth(np.zeros(frames), {"pressed": np.ones(frames, dtype=bool)})
+    entry = read_entry(path, {case.name: case})
+    tabulate(score_case(entry, Source(case, truth, inputs.pressed)), "case")
+    return "an infinite angle" if any(np.isinf(one).any() for one in entry.angle.values()) else ""
 
 
 KINDS = {

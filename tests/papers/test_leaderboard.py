@@ -1,138 +1,281 @@
 import csv
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
-from estimation.estimators import METHODS, RIVALS
-from estimation.frames import datasets
 from estimation.frames.archive import read_archive
-from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.__main__ import main
-from papers.leaderboard import alarms, board, cases, settings
+from papers.leaderboard import alarms, board, methods, pictures, publish, real, settings, strained
+from papers.leaderboard import sources as opened
+from papers.leaderboard.cases import Truth, count_frames, list_cases
+from papers.leaderboard.entries import Entry, read_entry, write_entry
+from papers.leaderboard.sources import Source, open_cases
+from papers.leaderboard.virtual import mirror
 
-LIFT = {"angles_deg": (0.0, 10.0), "frames": (6,), "unloaded": 4, "pressing": 3}
-TINY = {
-    "rigid": settings.Condition(PivotModel(friction_ratio=0.3), path=LIFT),
-    "gappy": settings.Condition(
-        PivotModel(friction_ratio=0.3), path=LIFT, shift_mm=(0.3, 0.0), missing=0.1, dropped=0.2
-    ),
-}
+SCORED = list_cases("scored")
+GAPPY = SCORED["virtual/gappy-1"]
+SPHERE = SCORED["finite-strain/sphere-1"]
+LIFT = next(case for case in SCORED.values() if case.lift)
+LAST = GAPPY.frames - 1
 
 
-@pytest.fixture(autouse=True)
-def tiny(monkeypatch):
-    monkeypatch.setattr(settings, "CONDITIONS", TINY)
-    model = PivotModel(friction_ratio=0.3)
-    monkeypatch.setattr(  # the solver's path is tested with its own study
-        cases,
-        "simulate_elongated",
-        lambda friction, draw, _: simulate_pivot(model, seed=draw, **LIFT),
-    )
-    monkeypatch.setattr(settings, "GRIPS", (0.1,))
-    monkeypatch.setattr(settings, "TWIST", {"angles_deg": (0.0, 25.0), "frames": (15,)})
-    monkeypatch.setattr(datasets, "find", lambda name: None)
+def open_one(case, seed=settings.PRACTICE_SEED):
+    (source,) = open_cases({case.name: case}, seed)
+    return source
+
+
+def answer(source, shift_deg=0.0, upto=None):
+    angle = source.truth.angle + np.radians(shift_deg)
+    return Entry("theirs", {source.case.name: angle[:upto]}, {}, {})
 
 
 def run(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["papers", "leaderboard", "--quick", *map(str, arguments)])
+    monkeypatch.setattr(sys, "argv", ["papers", "leaderboard", *map(str, arguments)])
     with pytest.raises(SystemExit) as stop:
         main()
     return stop.value.code
 
 
-def test_command_writes_every_method_and_another_groups(monkeypatch, tmp_path):
-    perfect = cases.virtual_case("rigid", 0)
-    lines = [
-        f"rigid-0,{frame},{np.degrees(angle) + 0.5:.6f}"
-        for frame, angle in enumerate(perfect.reference)
-        if np.isfinite(angle)
-    ]
-    theirs = tmp_path / "theirs.csv"
-    theirs.write_text("\n".join(["case,frame,angle_deg", *lines[1:]]))
-    arguments = ("--out", tmp_path, "--angles", theirs, "--export", tmp_path / "cases")
-    assert not run(monkeypatch, *arguments)
-    folder = tmp_path / "leaderboard"
-    assert {path.name for path in folder.iterdir()} == {
-        "leaderboard.csv",
-        "leaderboard.png",
-        "warnings.csv",
-        "curves.png",
-    }
-    with (folder / "leaderboard.csv").open() as file:
-        rows = {(row["case"], row["method"]): row for row in csv.DictReader(file)}
-    every = {(c, m) for c in (*TINY, "elongated") for m in METHODS | RIVALS}
-    assert set(rows) == every | {("rigid", "theirs")}
-    other = rows["rigid", "theirs"]
-    # written with six digits
-    assert float(other["bias [°]"]) == pytest.approx(0.5, abs=1e-5)
-    assert float(other["spread [°]"]) == pytest.approx(0.0, abs=1e-5)
-    assert float(other["answered [%]"]) == pytest.approx(100 * (1 - 1 / len(lines)), abs=0.1)
-    exported = read_archive(tmp_path / "cases" / "gappy-0.npz")
-    np.testing.assert_array_equal(
-        exported.positions, cases.virtual_case("gappy", 0).recording.positions
-    )
-    assert 0.05 < np.mean(~exported.valid) < 0.15
-    assert "`frame`: index of the frame in the recording" in (
-        tmp_path / "cases" / "README.md"
-    ).read_text(encoding="utf-8")
+def test_the_splits_share_no_case_and_real_recordings_are_in_one_of_them():
+    tuning = list_cases("tuning")
+    assert not set(tuning) & set(SCORED)
+    assert {case.tier for case in SCORED.values()} == set(settings.TIERS)
+    assert {case.group for case in tuning.values()} == {case.group for case in SCORED.values()}
+    lifts = [sum(case.lift for case in cases.values()) for cases in (tuning, SCORED)]
+    assert lifts == [20, 16]  # objects 1 and 2, 3 and 4
+    assert LIFT.frames == 21
+    with pytest.raises(ValueError, match="choose from tuning, scored"):
+        list_cases("hidden")
 
 
-def test_a_frame_is_the_row_of_the_recording_and_not_its_source_index(tmp_path):
-    case = cases.virtual_case("gappy", 0)
-    assert case.recording.source_index[-1] > len(case.recording)  # frames were dropped
-    (tmp_path / "theirs.csv").write_text(
-        f"case,frame,angle_deg\ngappy-0,{len(case.recording) - 1},5"
-    )
-    (theirs,) = board.read_answers(tmp_path / "theirs.csv", [case])
-    assert np.degrees(theirs.angle[-1]) == pytest.approx(5.0)
-    (tmp_path / "late.csv").write_text(
-        f"case,frame,angle_deg\ngappy-0,{case.recording.source_index[-1]},5"
-    )
-    with pytest.raises(ValueError, match=r"line 2: gappy-0 has frames 0 to"):
-        board.read_answers(tmp_path / "late.csv", [case])
-
-
-def test_draws_repeat(monkeypatch):
-    one, two = cases.virtual_case("gappy", 3), cases.virtual_case("gappy", 3)
-    np.testing.assert_array_equal(one.recording.positions, two.recording.positions)
+@pytest.mark.parametrize("case", [GAPPY, SPHERE], ids=["virtual", "finite strain"])
+def test_cases_repeat_from_their_seed_and_have_the_frames_that_are_promised(case):
+    source, other = open_one(case), open_one(case, seed=5)
+    recording = source.read()
+    assert len(recording) == case.frames
+    assert np.array_equal(recording.positions, open_one(case).read().positions, equal_nan=True)
     assert not np.array_equal(
-        one.recording.positions[0], cases.virtual_case("gappy", 4).recording.positions[0]
+        recording.layout.reference, other.read().layout.reference
+    )  # laid anew
+    assert str(settings.PRACTICE_SEED) not in recording.source + recording.name
+    counts = source.truth.counts[case.group]
+    assert np.isfinite(source.truth.angle[counts]).all()
+    assert np.degrees(np.nanmax(np.abs(source.truth.angle[counts]))) > 8.0
+
+
+def test_frames_count_while_enough_markers_stick():
+    np.testing.assert_array_equal(
+        count_frames(np.array([0, 2, 3, 9, 3, 2, 8])), [False] * 2 + [True] * 3 + [False] * 2
     )
 
 
-def test_a_method_that_cannot_answer_says_so_in_its_row():
-    case = cases.virtual_case("rigid", 0)
-    silent = board.Answers("silent", case, np.full(len(case.recording), np.nan))
-    (row,) = board.tabulate([silent])
-    assert row["answered [%]"] == 0.0
+def test_markers_on_the_gel_turn_with_the_object_near_its_axis():
+    source = open_one(SPHERE)
+    recording, truth = source.read(), source.truth
+    place = recording.positions[..., :2] @ [1.0, 1j]
+    near = np.argsort(np.abs(place[0]))[:4]
+    turn = np.angle(np.sum(place[:, near] * np.conj(place[0, near]), axis=1))
+    early = truth.counts["sphere"] & (np.abs(truth.angle) < np.radians(5.0))
+    early &= np.arange(len(turn)) < 40  # before it is turned back
+    # four markers within 1 mm that stick, 1 µm of noise
+    np.testing.assert_allclose(turn[early], truth.angle[early], atol=np.radians(0.2))
+    assert set(strained.read_surfaces()) == set(settings.GELS)
+
+
+def test_methods_answer_and_a_mirror_turns_the_other_way(monkeypatch):
+    monkeypatch.setattr(methods, "METHODS", {})
+    monkeypatch.setattr(methods, "RIVALS", {"kabsch": methods.RIVALS["kabsch"]})
+    source = open_one(GAPPY)
+    recording, truth = mirror(source.read(), source.truth)
+    mirrored = source._replace(read=lambda: recording, truth=truth)
+    angles = []
+    for one in (source, mirrored):
+        kabsch, *others = methods.answer_all([one])
+        assert [entry.pictures for entry in others] == [True] * len(pictures.METHODS)
+        (score,) = board.score_all([kabsch, *others], [one])
+        assert 0.2 < score.right < 0.8
+        angles.append(kabsch.angle[GAPPY.name])
+    np.testing.assert_allclose(angles[0], -angles[1], atol=1e-9)
+
+
+def test_missing_answers_are_wrong_and_errors_are_of_those_given():
+    source = open_one(GAPPY)
+    counts = source.truth.counts["gappy"]
+    half = np.flatnonzero(counts)[counts.sum() // 2]
+    (score,) = board.score_case(answer(source, 0.3, upto=half), source)
+    assert score.right == pytest.approx(score.answered / score.frames)
+    assert score.error == pytest.approx(np.full(score.answered, 0.3))
+    assert 0.4 < score.right < 0.6
+    assert board.score_case(answer(source, 0.6), source)[0].right == 0.0
+    silent = Entry("silent", {}, {}, {})
+    (row,) = board.tabulate(board.score_case(silent, source), "case")
+    assert (row["right [%]"], row["answered [%]"]) == (0.0, 0.0)
     assert row["mean absolute error [°]"] is None
 
 
-def test_the_constant_of_a_relative_reference_does_not_count():
-    case = cases.virtual_case("rigid", 0)._replace(relative=True)
-    (row,) = board.tabulate([board.Answers("turned", case, case.reference + 0.7)])
-    # rounding
-    assert row["mean absolute error [°]"] == pytest.approx(0.0, abs=1e-9)
+def test_the_constant_of_a_relative_truth_does_not_count():
+    source = open_one(GAPPY)
+    source = source._replace(truth=source.truth._replace(relative=True))
+    assert board.score_case(answer(source, 7.0), source)[0].right == 1.0
+
+
+@pytest.mark.parametrize(("chance", "right"), [(0.7, 1.0), (0.2, 0.0), (None, 0.0)])
+def test_lifts_are_right_where_slip_is_called(chance, right):
+    truth = Truth(np.zeros(1), {"slip-lifts": np.ones(1, dtype=bool)}, slipped=True)
+    entry = Entry("theirs", {}, {} if chance is None else {LIFT.name: chance}, {})
+    (score,) = board.score_case(entry, Source(LIFT, truth, open_one))
+    assert score.right == right
+
+
+def test_groups_of_a_tier_weigh_the_same_and_the_best_entry_is_first():
+    def score(entry, group, case, right):
+        return board.Score(entry, "virtual", group, case, right, np.zeros(0), 1, 1)
+
+    scores = [score("a", "one", str(i), 1.0) for i in range(3)] + [score("a", "two", "x", 0.0)]
+    scores += [score("b", "one", "0", 0.9), score("b", "two", "x", 0.9)]
+    rows = board.rank(scores)
+    assert [(row["entry"], row["virtual, right [%]"]) for row in rows] == [("b", 90.0), ("a", 50.0)]
+    assert rows[0]["real, right [%]"] is None
+    assert board.plot(scores).axes
+
+
+HEADER = "case,frame,angle_deg"
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("case,frame\nrigid-0,0", "lacks the columns angle_deg"),
-        ("case,frame,angle_deg\nother,0,1.0", "no case 'other'; there are rigid-0"),
-        ("case,frame,angle_deg\nrigid-0,99,1.0", "rigid-0 has frames 0 to"),
-        ("case,frame,angle_deg\nrigid-0,0,much", "line 2"),
-        ("case,frame,angle_deg\nrigid-0", "line 2"),
+        ("", "has no answers: give a line with the columns case,frame,angle_deg"),
+        (HEADER, "has no answers"),
+        ("case,frame\nvirtual/gappy-1,0", "lacks the columns angle_deg"),
+        (
+            f"{HEADER}\nvirtual/gapy-1,0,1",
+            "line 2: there is no case 'virtual/gapy-1'; did you mean",
+        ),
+        (f"{HEADER}\nother,0,1", "no case 'other'; is it one such as virtual/rigid-1"),
+        (f"{HEADER}\nvirtual/gappy-0,0,1", "virtual/gappy-0 is a tuning case"),
+        (f"{HEADER}\nvirtual/gappy-1,{LAST + 1},1", f"has frames 0 to {LAST}, got {LAST + 1}"),
+        (f"{HEADER}\nvirtual/gappy-1,-1,1", f"has frames 0 to {LAST}"),
+        (f"{HEADER}\nvirtual/gappy-1,1.5,1", "frame must be a whole number"),
+        (f"{HEADER}\nvirtual/gappy-1,0,much", "line 2: angle_deg is 'much', no number"),
+        (f"{HEADER}\nvirtual/gappy-1,0", "line 2: angle_deg is '', no number"),
+        (f"{HEADER}\n" + 2 * "virtual/gappy-1,3,1\n", "line 3 answers frame 3 of virtual/gappy-1"),
+        (
+            f"{HEADER}\n" + "".join(f"virtual/gappy-1,{i},{0.01 * i}\n" for i in range(30)),
+            "all 30 angles are within ±0.29°, though the objects turn by several degrees: are they",
+        ),
+        (f"{HEADER}\n{LIFT.name},0,", "is a lift, which needs the column `slipped`"),
+        (f"{HEADER},slipped\n{LIFT.name},0,,7", "slipped is 7, a probability is from 0 to 1"),
     ],
 )
-def test_a_wrong_table_is_refused_with_its_line(monkeypatch, tmp_path, capsys, text, message):
+def test_a_wrong_entry_is_refused_with_its_line(monkeypatch, tmp_path, capsys, text, message):
+    monkeypatch.setattr(publish, "rank_entries", None)  # nothing slow is called
     (tmp_path / "theirs.csv").write_text(text)
     assert run(monkeypatch, "--out", tmp_path, "--angles", tmp_path / "theirs.csv") == 2
     assert message in " ".join(capsys.readouterr().err.split())
 
 
-def test_slip_warnings_come_before_macro_slip():
+def test_an_entry_that_is_no_file_is_named(monkeypatch, tmp_path, capsys):
+    assert run(monkeypatch, "--out", tmp_path, "--angles", tmp_path / "none.csv") == 2
+    assert "none.csv" in capsys.readouterr().err
+    assert run(monkeypatch, "--out", tmp_path, "--alone") == 2
+    assert "--alone ranks the entries of --angles" in " ".join(capsys.readouterr().err.split())
+
+
+def test_an_entry_is_checked_without_jax():
+    code = (
+        "import sys; from papers.leaderboard import cases, entries; cases.list_cases('scored');"
+        "assert not {'jax', 'scipy', 'matplotlib'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_entries_are_read_as_they_are_written(tmp_path):
+    angle = np.radians(np.where(np.arange(GAPPY.frames) < 3, np.nan, 7.25))
+    path = tmp_path / "theirs.csv"
+    path.write_text(write_entry(Entry("theirs", {GAPPY.name: angle}, {LIFT.name: 0.25}, {})))
+    read = read_entry(path, SCORED)
+    np.testing.assert_allclose(read.angle[GAPPY.name], angle, atol=1e-12)
+    assert (read.name, read.slipped) == ("theirs", {LIFT.name: 0.25})
+
+
+def test_the_baseline_is_an_entry_to_all_simulated_cases():
+    baseline = read_entry(publish.BASELINE, SCORED)
+    simulated = {name for name, case in SCORED.items() if case.tier != "real"}
+    assert simulated <= set(baseline.angle)
+    scores = board.score_case(baseline, open_one(GAPPY))
+    assert 0.2 < scores[0].right < 0.8  # of the practice round
+
+
+def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
+    monkeypatch, tmp_path
+):
+    cases = {name: list_cases(split) for name, split in (("t", "tuning"), ("s", "scored"))}
+    few = {"tuning": {"virtual/gappy-0": cases["t"]["virtual/gappy-0"]}}
+    few["scored"] = {GAPPY.name: GAPPY}
+    monkeypatch.setattr(publish, "list_cases", few.__getitem__)
+    monkeypatch.setattr(opened.real, "find_group", lambda group, say: None)
+    theirs = tmp_path / "theirs.csv"
+    theirs.write_text(write_entry(answer(open_one(GAPPY, 9), 0.1)))
+    given = ("--angles", theirs, "--seed", 9, "--out", tmp_path)
+    assert not run(monkeypatch, *given, "--alone")
+    with (tmp_path / "leaderboard" / "leaderboard.csv").open(encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["entry"], row["virtual, right [%]"]) == ("theirs", "100.0")
+    assert {path.name for path in (tmp_path / "leaderboard").iterdir()} == {
+        *(f"{name}.csv" for name in ("leaderboard", "groups", "cases")),
+        "entries",
+        "leaderboard.png",
+    }
+    assert not run(monkeypatch, "--export", tmp_path / "cases", "--seed", 9)
+    exported = tmp_path / "cases"
+    shown = {path.relative_to(exported).as_posix() for path in exported.rglob("*.*")}
+    assert shown >= {"README.md", "cases.csv", "truth.csv", f"scored/{GAPPY.name}.npz"}
+    np.testing.assert_array_equal(
+        read_archive(exported / "scored" / f"{GAPPY.name}.npz").positions,
+        open_one(GAPPY, 9).read().positions,
+    )
+    truth = (exported / "truth.csv").read_text()
+    assert "virtual/gappy-0" in truth
+    assert GAPPY.name not in truth
+    for path in exported.rglob("*.npz"):
+        with np.load(path) as arrays:
+            assert not {"angle", "truth"} & set(arrays)
+
+
+def test_real_data_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setattr(real.datasets, "find", lambda name: None)
+    said = []
+    cases = {name: case for name, case in SCORED.items() if case.tier == "real"}
+    assert list(open_cases(cases, 0, said.append)) == []
+    assert "tac3d-pivot left out" in said[0]
+    assert "estimation fetch tac3d-pivot" in said[0]
+    assert len(said) == 3  # once for each data set
+
+
+def shifted_pictures():
+    """Dots that turn by 3° a picture about the middle."""
+    y, x = np.mgrid[:120.0, :120.0] - 59.5
+    nodes = np.stack(np.meshgrid(*2 * [np.arange(-40.0, 41.0, 20.0)]), -1).reshape(-1, 2)
+    for frame in range(4):
+        places = nodes @ [1.0, 1j] * np.exp(1j * np.radians(3.0 * frame))
+        dots = sum(np.exp(-(np.abs(x + 1j * y - one) ** 2) / 18.0) for one in places)
+        yield (200.0 - 150.0 * dots).astype(np.uint8)
+
+
+@pytest.mark.parametrize("method", pictures.METHODS)
+def test_plain_methods_read_a_rigid_turn_from_pictures(method):
+    turn = np.degrees(pictures.METHODS[method](shifted_pictures()))
+    assert turn[0] == 0.0
+    # a dot's centre is found to a tenth of a pixel, at arms of some 30 pixels
+    np.testing.assert_allclose(turn[1:], [3.0, 6.0, 9.0], atol=0.15)
+
+
+def test_slip_warnings_come_before_macro_slip(monkeypatch):
+    monkeypatch.setattr(settings, "GRIPS", (0.1,))
+    monkeypatch.setattr(settings, "TWIST", {"angles_deg": (0.0, 25.0), "frames": (15,)})
     rows = {row["warning"]: row for row in alarms.tabulate_warnings(draws=1)}
     lead = rows["turning_ratio"]["mean lead [s]"]
     assert isinstance(lead, float)

@@ -1,0 +1,139 @@
+"""Entries: the answers of a method to the cases, read from a CSV file and checked.
+
+The checks need no recording, so that a wrong file is refused within a second.
+"""
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from contactmodel.common.inputs import cell_number, cell_whole, read_rows, show
+from papers.leaderboard.cases import SPLITS, Case, list_cases
+
+COLUMNS = ("case", "frame", "angle_deg")
+FEW, SMALL = 20, 1.0
+"""From so many answers on, angles that are all below so many degrees are taken for radians."""
+
+
+class Entry(NamedTuple):
+    """The answers of a method.
+
+    Attributes:
+        name: of the method.
+        angle: of the object by case [rad]; NaN where there is no answer.
+        slipped: by lift, the probability that the object slipped out [-].
+        latency: by case, mean time of a frame [s], where it was measured.
+        pictures: whether the method takes pictures alone, and has no answer without them.
+    """
+
+    name: str
+    angle: dict[str, Float[np.ndarray, " frames"]]
+    slipped: dict[str, float]
+    latency: dict[str, float]
+    pictures: bool = False
+
+
+def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
+    """An entry from a CSV file, named after the file; the README says what its columns mean.
+
+    Args:
+        path: of the file.
+        cases: that may be answered, by name.
+
+    Raises:
+        ValueError: a column is missing, no such case or frame, no number, a frame answered twice,
+            angles that look like radians, or no answer at all.
+        OSError: the file cannot be read.
+    """
+    rows = read_rows(path, COLUMNS) if path.is_dir() or path.stat().st_size else []
+    if not rows:
+        raise ValueError(
+            f"{path} has no answers: give a line with the columns {','.join(COLUMNS)}, then a line "
+            "for each answered frame"
+        )
+    angle: dict[str, np.ndarray] = {}
+    slipped: dict[str, float] = {}
+    lines: dict[tuple[str, int], str] = {}
+    for where, row in rows:
+        case = _find_case(row["case"], cases, where)
+        frame = _read_frame(row["frame"], case, where)
+        if (case.name, frame) in lines:
+            raise ValueError(
+                f"{where} answers frame {frame} of {case.name} a second time, after "
+                f"{lines[case.name, frame]}: remove one of them"
+            )
+        lines[case.name, frame] = where.rpartition(", ")[2]
+        if case.lift:
+            chance = _read_chance(row, where)
+            slipped[case.name] = max(chance, slipped.get(case.name, 0.0))
+        else:
+            value = cell_number(row["angle_deg"], f"{where}: angle_deg")
+            of_case = angle.setdefault(case.name, np.full(case.frames, np.nan))
+            of_case[frame] = np.radians(value) if np.isfinite(value) else np.nan
+    _refuse_radians(path, angle)
+    return Entry(path.stem, angle, slipped, {})
+
+
+def write_entry(entry: Entry) -> str:
+    """An entry as the text of a CSV file."""
+    lines = [",".join((*COLUMNS, "slipped"))]
+    for name, angle in entry.angle.items():
+        lines += [
+            f"{name},{frame},{np.degrees(angle[frame]):.2f},"
+            for frame in np.flatnonzero(np.isfinite(angle))
+        ]
+    lines += [f"{name},0,,{chance:.3f}" for name, chance in entry.slipped.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _find_case(name: str, cases: Mapping[str, Case], where: str) -> Case:
+    if name in cases:
+        return cases[name]
+    split = next(iter(cases.values())).split
+    for other in SPLITS:
+        if name in list_cases(other):
+            raise ValueError(
+                f"{where}: {name} is a {other} case, and {split} cases are ranked: leave it out, "
+                f"or rank with --split {other}"
+            )
+    near = get_close_matches(name, cases, n=1)
+    hint = f"did you mean {near[0]}" if near else f"is it one such as {next(iter(cases))}"
+    raise ValueError(
+        f"{where}: there is no case {show(name)}; {hint}? `--export DIR` lists all in cases.csv"
+    )
+
+
+def _read_frame(cell: str, case: Case, where: str) -> int:
+    frame = cell_whole(cell, f"{where}: frame")
+    if not 0 <= frame < case.frames:
+        raise ValueError(
+            f"{where}: {case.name} has frames 0 to {case.frames - 1}, got {frame}; a frame is the "
+            "row of `positions` in the recording, not its `source_index`"
+        )
+    return frame
+
+
+def _read_chance(row: Mapping[str, str], where: str) -> float:
+    if not row.get("slipped"):
+        raise ValueError(
+            f"{where}: {row['case']} is a lift, which needs the column `slipped`: the probability "
+            "from 0 to 1 that the object has slipped"
+        )
+    chance = cell_number(row["slipped"], f"{where}: slipped")
+    if not 0.0 <= chance <= 1.0:
+        raise ValueError(f"{where}: slipped is {chance:g}, a probability is from 0 to 1")
+    return chance
+
+
+def _refuse_radians(path: Path, angle: dict[str, Float[np.ndarray, " frames"]]) -> None:
+    values = np.degrees(np.concatenate([*angle.values(), np.zeros(0)]))
+    values = values[np.isfinite(values)]
+    if len(values) >= FEW and np.abs(values).max() < SMALL:
+        raise ValueError(
+            f"{path}: all {len(values)} angles are within ±{np.abs(values).max():.2g}°, though the "
+            "objects turn by several degrees: are they in radians? `angle_deg` is in degrees"
+        )

@@ -1,0 +1,60 @@
+"""The recordings for entrants: of both splits, the truth of the tuning cases alone."""
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from estimation.frames.archive import write_archive
+from estimation.frames.files import write_whole
+from estimation.virtual.clip import write_pictures
+from papers.items import Track
+from papers.leaderboard.sources import Source
+
+
+def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -> None:
+    """Write recordings, rules, and a list of the cases.
+
+    `SPLIT/CASE.npz` is a recording, the folder `SPLIT/CASE` beside it has the pictures of a
+    rendered clip. `cases.csv` lists all cases, `truth.csv` has the truth of the tuning cases.
+
+    Args:
+        sources: of the cases.
+        folder: to write to.
+        track: wraps the outer loop, to show progress.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    listed = ["case,split,frames,softness,pictures,question"]
+    truths = ["case,frame,angle_deg,slipped"]
+    for source in track(sources):
+        case, truth = source.case, source.truth
+        place = folder / case.split / case.name
+        write_archive(source.read(), place.with_name(f"{place.name}.npz"))
+        if source.clip is not None:
+            write_pictures(source.clip, place)
+        shown = "" if source.draw is None else case.name if source.clip is not None else "fetch"
+        question = "slipped" if case.lift else "angle"
+        listed.append(
+            f"{case.name},{case.split},{case.frames},{truth.softness:g},{shown},{question}"
+        )
+        if case.split == "tuning":
+            truths += _write_truth(source)
+    write_whole(folder / "cases.csv", "\n".join(listed) + "\n")
+    write_whole(folder / "truth.csv", "\n".join(truths) + "\n")
+    rules = (files("papers.leaderboard") / "README.md").read_text(encoding="utf-8")
+    write_whole(folder / "README.md", rules)
+
+
+def _write_truth(source: Source) -> list[str]:
+    """The frames that count, with their truth."""
+    case, truth = source.case, source.truth
+    if truth.slipped is not None:
+        return [f"{case.name},0,,{int(truth.slipped)}"]
+    counts = np.logical_or.reduce(list(truth.counts.values()))
+    return [
+        f"{case.name},{frame},{np.degrees(truth.angle[frame]):.4f},"
+        for frame in np.flatnonzero(counts)
+    ]

@@ -1,0 +1,101 @@
+"""Plain methods on pictures: dots or corners followed, then one rigid motion fitted to them.
+
+trackpy: D. B. Allan et al., https://soft-matter.github.io/trackpy (extra `peers`). Optical flow:
+OpenCV's pyramidal Lucas–Kanade. The motion is that of [Kabsch1976]. Neither knows where the object
+touches: points count that have moved since the first picture.
+"""
+
+import warnings
+from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from jaxtyping import Complex, Float, UInt8
+
+from estimation.estimators.plane import fit_motion
+
+Grey = UInt8[np.ndarray, "h w"]
+
+DIAMETER_PX = 15
+"""Window of trackpy, odd: about as wide as the dots with their rim [px]."""
+REACH_PX = 8
+"""By how much a dot may move from picture to picture [px]."""
+MOVED_PX = 1.0
+"""From how far on a point has moved [px]."""
+LEAST_POINTS = 9
+
+
+def follow_by_trackpy(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
+    """Angles since the first picture, from dots that trackpy finds and links [rad].
+
+    Args:
+        pictures: of a clip, in order.
+    """
+    import trackpy
+
+    trackpy.quiet()
+    places: list[dict[int, complex]] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of pandas, which it calls
+        located = [trackpy.locate(255 - picture, DIAMETER_PX) for picture in pictures]
+    found = [dots[["x", "y"]].to_numpy() for dots in located]
+    for _, numbers in trackpy.link_iter(found, REACH_PX, memory=3):
+        at = found[len(places)] @ np.array([1.0, 1j])
+        places.append(dict(zip(numbers, at, strict=True)))
+    table = np.full((len(places), 1 + max(map(max, filter(None, places)), default=0)), np.nan + 0j)
+    for frame, row in enumerate(places):
+        table[frame, list(row)] = list(row.values())
+    return _turn(table)
+
+
+def follow_by_flow(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
+    """Angles since the first picture, from corners that optical flow carries along [rad].
+
+    Args:
+        pictures: of a clip, in order.
+    """
+    return _turn(np.array(list(_carry_corners(pictures))))
+
+
+def _carry_corners(pictures: Iterable[Grey]) -> Iterator[Complex[np.ndarray, " points"]]:
+    """Places of the first picture's corners; NaN from where they are not found back on."""
+    steps = iter(pictures)
+    first = next(steps)
+    corners = cv2.goodFeaturesToTrack(first, 300, 0.01, 5)
+    points = np.zeros((0, 1, 2), np.float32) if corners is None else corners
+    there = np.ones(len(points), dtype=bool)
+    yield points[:, 0] @ np.array([1.0, 1j])
+    for before, after in pairwise([first, *steps]):
+        if len(points):
+            then, found = _flow(before, after, points)
+            back, again = _flow(after, before, then)
+            there &= found & again & (np.linalg.norm(back - points, axis=-1)[:, 0] < 0.5)
+            points = then
+        yield np.where(there, points[:, 0] @ np.array([1.0, 1j]), np.nan)
+
+
+def _flow(before: Grey, after: Grey, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    then, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points, points.copy())
+    return then, found.ravel() > 0
+
+
+def _turn(places: Complex[np.ndarray, "frames points"]) -> Float[np.ndarray, " frames"]:
+    """Rigid motion of the points that have moved; 0 before any have, NaN where too few have."""
+    angles = np.full(len(places), np.nan)
+    for frame, place in enumerate(places):
+        far = np.abs(place - places[0])
+        moved = far > MOVED_PX  # False where one is NaN
+        if moved.sum() >= LEAST_POINTS:
+            before, after = places[0][moved], place[moved]
+            angles[frame] = np.angle(fit_motion(before, after, np.ones(len(after))).turn)
+        elif not moved.any():
+            angles[frame] = 0.0
+    return angles
+
+
+METHODS = {"optical flow + kabsch": follow_by_flow}
+"""By name; trackpy is left out where it is not installed."""
+if find_spec("trackpy"):
+    METHODS = {"trackpy + kabsch": follow_by_trackpy} | METHODS

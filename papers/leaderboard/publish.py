@@ -1,0 +1,81 @@
+"""The two things the command does: export the cases, and rank entries."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from contactmodel.common.command_line import say_error
+from estimation.output.report import figure_png
+from papers.items import Track
+from papers.leaderboard import alarms, board, settings
+from papers.leaderboard.cases import list_cases
+from papers.leaderboard.entries import Entry, write_entry
+from papers.leaderboard.export import export_cases
+from papers.leaderboard.methods import answer_all
+from papers.leaderboard.sources import Source, open_cases
+
+BASELINE = Path(__file__).with_name("baseline.csv")
+"""The entry of plain rigid fits, `kabsch`, to the practice round."""
+
+
+class Ranking(NamedTuple):
+    """What is written.
+
+    Attributes:
+        tables: rows of each table, by name; `leaderboard` is the short form.
+        entries: every entry as CSV text, by the name of its file.
+        picture: right answers by group, a PNG.
+        shown: lines of the short form that are printed.
+    """
+
+    tables: dict[str, list[board.Row]]
+    entries: dict[str, str]
+    picture: bytes
+    shown: int = settings.SHOWN
+
+
+def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: Track) -> None:
+    """Write the recordings of some splits.
+
+    Args:
+        splits: names of them.
+        seed: that the scored cases are drawn from; that of the practice round if None.
+        folder: to write to.
+        track: wraps the outer loop, to show progress.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    export_cases([source for split in splits for source in _open(split, seed)], folder, track)
+
+
+def rank_entries(
+    given: Sequence[Entry], split: str, seed: int | None, *, alone: bool, track: Track
+) -> Ranking:
+    """Rank entries beside our methods and the published ones.
+
+    Args:
+        given: entries that were read.
+        split: of the cases.
+        seed: that the scored cases are drawn from; that of the practice round if None.
+        alone: whether only the given entries are ranked.
+        track: wraps the outer loop, to show progress.
+    """
+    sources = _open(split, seed)
+    entries = [*([] if alone else answer_all(sources, track)), *given]
+    scores = board.score_all(entries, sources)
+    tables = {
+        "leaderboard": board.rank(scores),
+        "groups": board.tabulate(scores, "group"),
+        "cases": board.tabulate(scores, "case"),
+    }
+    if not alone:
+        tables["warnings"] = alarms.tabulate_warnings(settings.WARNING_DRAWS)
+    texts = {entry.name.replace(" ", "-"): write_entry(entry) for entry in entries}
+    return Ranking(tables, texts, figure_png(board.plot(scores)))
+
+
+def _open(split: str, seed: int | None) -> list[Source]:
+    scored = settings.PRACTICE_SEED if seed is None else seed
+    own = settings.TUNING_SEED if split == "tuning" else scored
+    return list(open_cases(list_cases(split), own, say_error))

@@ -1,0 +1,92 @@
+"""Cases of the real tier: published recordings, where they have been fetched."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from estimation.fields.outline import follow_outline
+from estimation.frames import datasets
+from estimation.frames.extras import MissingExtraError, require_extra
+from estimation.frames.recording import Recording
+from estimation.sources import read_recording
+from papers.leaderboard.cases import Case, Truth
+from papers.marker_images.settings import REGISTERED
+from papers.slip_lifts.lifts import read_labels
+
+CLIP = "screw_driver_blue_gray/exp_num_1"
+
+
+def find_group(group: str, say: Callable[[str], None]) -> Path | None:
+    """The folder of a data set; None where it is not here, or cannot be read.
+
+    Args:
+        group: name of the data set.
+        say: called with a line that names what is missing and how to get it.
+    """
+    folder = datasets.find(group)
+    if folder is None:
+        say(f"{group} left out: it is not here; `python -m estimation fetch {group}` brings it")
+        return None
+    try:
+        if group == "pivot-videos":
+            require_extra("video", group)
+    except MissingExtraError as error:
+        say(f"{group} left out: {error}")
+        return None
+    return folder
+
+
+def find_path(case: Case, root: Path) -> Path:
+    """The folder or video of a case.
+
+    Args:
+        case: of the real tier.
+        root: folder of its data set.
+    """
+    name = case.name.removeprefix(f"real/{case.group}/")
+    return root / f"{name}.avi" if case.group == "pivot-videos" else root / name
+
+
+def find_truth(case: Case, root: Path) -> Truth:
+    """What is known of a case, not from the twist of its markers.
+
+    `tac3d-pivot`: the outline of the elongated contact, followed from frame to frame. The clips:
+    the object's imprint, registered by others in a few frames. The lifts: their labels.
+
+    Args:
+        case: of the real tier.
+        root: folder of its data set.
+
+    Raises:
+        ValueError: the data set has no such lift.
+    """
+    if case.lift:
+        return Truth(
+            np.zeros(1), {case.group: np.ones(1, dtype=bool)}, slipped=_slipped(case, root)
+        )
+    if case.group == "tac3d-pivot":
+        angle = follow_outline(read_recording(find_path(case, root))).angle
+    else:
+        known = {0: 0.0} | REGISTERED[f"{CLIP}/{case.name.rpartition('/')[2]}"]
+        angle = np.full(case.frames, np.nan)
+        angle[list(known)] = np.radians(list(known.values()))
+    return Truth(angle, {case.group: np.isfinite(angle)}, relative=True)
+
+
+def read_case(case: Case, root: Path) -> Recording:
+    """The recording of a case; the markers of pictures are found as always.
+
+    Args:
+        case: of the real tier.
+        root: folder of its data set.
+    """
+    return read_recording(find_path(case, root))
+
+
+def _slipped(case: Case, root: Path) -> bool:
+    folder, lift = case.name.split("/")[-2:]
+    for label in read_labels(root / f"{folder}_result.dat"):
+        if label.lift == lift:
+            return label.slipped
+    raise ValueError(f"{root / folder}_result.dat has no label of {lift}")

@@ -1,0 +1,163 @@
+"""Cases of the finite-strain tier: markers on gels that are pressed deep and turned far.
+
+How the gels' surfaces move is in `gels.npz`. `python -m papers.leaderboard.strained` solves it
+anew by the finite elements of `papers.finite_strain` (extra `finite-elements`), in some minutes.
+A case lays markers on one of them at random.
+"""
+
+import io
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.interpolate import PchipInterpolator
+
+from estimation.frames.files import write_whole
+from estimation.frames.recording import Recording
+from estimation.virtual.recording import PivotModel, lay_out_markers
+from papers.finite_strain.gel import Gel, cut
+from papers.finite_strain.press import Motion, Round, press
+from papers.leaderboard import settings
+from papers.leaderboard.cases import Case, Truth, count_frames
+from papers.leaderboard.virtual import generator, keep_frames, mirror
+
+FILE = "gels.npz"
+
+
+class Surface(NamedTuple):
+    """How the top of a gel moves along a path.
+
+    Attributes:
+        radius: of its points before anything moves [mm].
+        moved: u_r, u_θ and u_z, in the basis of the undeformed point [mm].
+        twist: of the object, counter-clockwise [rad].
+        stick: points that touch and do not slip in the step.
+    """
+
+    radius: Float[np.ndarray, " points"]
+    moved: Float[np.ndarray, "steps points 3"]
+    twist: Float[np.ndarray, " steps"]
+    stick: Bool[np.ndarray, "steps points"]
+
+
+@cache
+def read_surfaces() -> dict[str, Surface]:
+    """The gels of `gels.npz` by group."""
+    stored = np.load(io.BytesIO((files("papers.leaderboard") / FILE).read_bytes()))
+    return {
+        group: Surface(
+            radius=stored[f"{group}/radius"].astype(float),
+            moved=stored[f"{group}/moved"].astype(float),
+            twist=stored[f"{group}/twist"].astype(float),
+            stick=stored[f"{group}/stick"],
+        )
+        for group in settings.GELS
+    }
+
+
+@cache
+def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
+    """Markers on a gel: unloaded, pressed, turned and turned back.
+
+    Between two steps of a degree the markers are interpolated, so that no frame is a step.
+
+    Args:
+        case: of the finite-strain tier.
+        seed: of its split.
+    """
+    rng, surface = generator(case, seed), read_surfaces()[case.group]
+    x, y = rng.uniform(-0.5, 0.5, 2).tolist()
+    layout = lay_out_markers(
+        PivotModel(
+            pitch=float(rng.uniform(0.9, 1.1)),
+            offset=(x, y),
+            grid_angle=float(rng.uniform(0.0, np.pi / 2)),
+        )
+    )
+    displacement, holding = _move_markers(surface, layout.reference)
+    steps, presses = len(surface.twist), settings.GEL_PRESSES
+    place = np.arange(steps, dtype=float)
+    place[presses:-1] += rng.uniform(-0.3, 0.3, steps - presses - 1)
+    before = np.minimum(place.astype(int), steps - 2)
+    share = place - before
+    at = share[:, None, None]
+    moved = (1.0 - at) * displacement[before] + at * displacement[before + 1]
+    unloaded = np.zeros((settings.UNLOADED, *layout.reference.shape))
+    positions = layout.reference + np.concatenate([unloaded, moved])
+    xy, z = settings.GEL_NOISES_MM
+    positions += rng.normal(size=positions.shape) * np.array([xy, xy, z])
+    twist = np.interp(place, np.arange(steps), surface.twist)
+    holding = np.minimum(holding[before], holding[before + 1])
+    whole, nothing = len(positions), settings.UNLOADED
+    kept = keep_frames(whole, case.frames, rng)
+    recording = Recording(
+        layout=layout,
+        positions=positions[kept],
+        valid=np.ones((len(kept), len(layout.reference)), dtype=bool),
+        time=kept / 30.0,
+        source_index=kept,
+        name=case.name,
+        source=f"leaderboard case {case.name}",
+    )
+    angle = np.append(np.full(nothing, np.nan), twist)[kept]
+    sticking = np.append(np.zeros(nothing, dtype=int), holding)[kept]
+    truth = Truth(angle, {case.group: count_frames(sticking)})
+    return mirror(recording, truth) if rng.random() < 0.5 else (recording, truth)
+
+
+def _move_markers(
+    surface: Surface, reference: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "steps n 3"], np.ndarray]:
+    """Displacements of markers [mm], and how many of them stick, in each step."""
+    x, y = reference[:, :2].T
+    r = np.hypot(x, y)
+    radial, around, up = np.moveaxis(
+        PchipInterpolator(surface.radius, surface.moved, axis=1)(r), 2, 0
+    )
+    c, s = x / r, y / r
+    moved = np.stack([c * radial - s * around, s * radial + c * around, up], axis=-1)
+    nearest = np.abs(surface.radius[:, None] - r).argmin(axis=0)
+    return moved, surface.stick[:, nearest].sum(axis=1)
+
+
+def solve_surface(told: settings.Gel) -> Surface:
+    """Press an object on, turn it to the peak, and back.
+
+    Args:
+        told: the contact.
+    """
+    peak, back, presses = settings.GEL_PEAK_DEG, settings.GEL_BACK_DEG, settings.GEL_PRESSES
+    turns = np.append(np.arange(1, peak + 1), np.arange(peak - 1, back - 1, -1))
+    path = [Motion(told.depth_mm * (i + 1) / presses, 0.0) for i in range(presses)]
+    path += [Motion(told.depth_mm, float(turn)) for turn in np.radians(turns)]
+    touching = np.sqrt(2.0 * told.edge_mm * told.depth_mm)
+    reach = told.flat_mm + 1.8 if told.flat_mm else 1.1 * touching + 0.8
+    gel = Gel()
+    elements = cut(gel, told.cell_mm, reach, 1.3)
+    shape = Round(told.flat_mm, told.edge_mm)
+    found = press(gel, elements, shape, settings.GEL_FRICTION, path, rtol=1e-6)
+    twist = np.array([motion.twist for motion in path])
+    return Surface(found.radius, found.moved, twist, found.stick)
+
+
+def main() -> None:
+    """Solve the gels and write them beside this file."""
+    arrays = {}
+    for group, told in settings.GELS.items():
+        for name, value in solve_surface(told)._asdict().items():
+            small = value.astype(np.float32) if value.dtype == float else value
+            arrays[f"{group}/{name}"] = small
+        print(group)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # pyright: ignore[reportArgumentType]
+    write_whole(Path(__file__).with_name(FILE), buffer.getvalue())
+
+
+if __name__ == "__main__":
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    main()
