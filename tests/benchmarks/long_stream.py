@@ -3,10 +3,12 @@
 `python -m tests.benchmarks.long_stream --frames 1000000`: the 400 markers of the virtual pivot,
 again and again, answered by every method, with table, record and report. With `--answered` the
 answers of one pivot are taken again and again: what sinks and report take, without the methods.
+With `--chosen` only the chosen method answers, as in a tracker of one's own.
 With `--live` frames go the way of `live --fast`, through its thread and its queue, with lines to a
 reader; with `--pictures` they are pictures of 640×480 with 70 dots, followed so.
 """
 
+import math
 import resource
 import tempfile
 import time
@@ -39,21 +41,26 @@ PARTS = 10
 
 @dataclass
 class Watch:
-    """Time and memory whenever another part of the frames has gone by."""
+    """Time and memory whenever another part of the frames has gone by, and after a minute."""
 
     frames: int
     start_mib: float = field(default_factory=lambda: resident_mib())
     rows: list[tuple[int, float, float]] = field(default_factory=list)
     since: float = field(default_factory=time.process_time)
+    counted: int = 0
+    minute: float = field(default_factory=lambda: time.monotonic() + 60.0)
 
     def put(self, answer: Answer) -> None:
         """Count an answer, as a sink."""
         done = answer.row + 1
-        if done % (self.frames // PARTS) == 0:
+        early = time.monotonic() > self.minute
+        if early or done % (self.frames // PARTS) == 0:
             now = time.process_time()
-            spent = 1e3 * (now - self.since) / (self.frames // PARTS)
+            spent = 1e3 * (now - self.since) / (done - self.counted)
             self.rows.append((done, spent, resident_mib() - self.start_mib))
-            self.since = now
+            self.since, self.counted = now, done
+        if early:
+            self.minute = math.inf
 
     def restart(self) -> None:
         """Go on."""
@@ -71,12 +78,15 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument("--frames", type=int, default=20_000, help="frames of the stream")
     parser.add_argument("--answered", action="store_true", help="without the methods' time")
+    parser.add_argument("--chosen", action="store_true", help="only the chosen method answers")
     parser.add_argument("--live", action="store_true", help="through the thread of `live`")
     parser.add_argument("--pictures", action="store_true", help="pictures, followed live")
     told = parser.parse_args()
     recording, _ = simulate_pivot(seed=0)
     if told.answered:
         answer_from(recording)
+    if told.chosen:
+        Settings.methods = property(lambda self: {self.method: self.constants})
     console, out = Console(), Outlet(lambda line: None)
     with tempfile.TemporaryDirectory() as name:
         folder, settings = Path(name) / "out", Settings()
