@@ -87,7 +87,9 @@ class Choices:
         topic: topic of a bag to read. Give it twice for two topics, such as the fingers of a grasp.
         sink: further output for each frame; can be given several times. mcap writes frames.mcap, an
             MCAP file of ROS messages; zarr writes frames.zarr; lerobot writes a LeRobot data set.
-            All three can be run again. json prints a line of JSON for each frame; udp:PORT or
+            All three can be run again. rrd writes frames.rrd for Rerun's viewer; rerun opens
+            the viewer and shows every frame as it comes, rerun:PORT or rerun:HOST:PORT shows it
+            in one that is open. json prints a line of JSON for each frame; udp:PORT or
             udp:HOST:PORT sends the same lines as packets.
         seed: random seed of the virtual pivot.
         contact: thresholds of contact and state.

@@ -20,7 +20,13 @@ from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
 from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
-from estimation.output.sinks import check_sinks, finish_files, growing_files, open_sinks
+from estimation.output.sinks import (
+    check_sinks,
+    finish_files,
+    growing_files,
+    open_files,
+    open_readers,
+)
 from estimation.output.table import TableWriter
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
@@ -167,11 +173,11 @@ class _Job:
         with ExitStack() as opened:
             writer = opened.enter_context(closing(self._open_record(rows)))
             table = TableWriter(self.folder / "angles.csv", settings.method, source.unit, rows)
-            sinks: list[Sink] = [writer, opened.enter_context(closing(table))]
-            asked, told = settings.sink, self.told.append
-            at = (self.folder, source, settings.method, rows)
-            sinks += open_sinks(asked, *at, opened, told)
-            sinks += more
+            asked, method = settings.sink, settings.method
+            # who waits for an answer comes first, what takes longest to write last
+            sinks = open_readers(asked, source, method, opened, self.told.append)
+            sinks += [writer, opened.enter_context(closing(table)), *more]
+            sinks += open_files(asked, self.folder, source, method, rows, opened)
             self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
             self._tell_state(writer, stream, complete=not interrupted)

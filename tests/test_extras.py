@@ -21,6 +21,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 IMPORTED_AS = {
     "opencv-contrib-python-headless": "cv2",
     "pillow": "PIL",
+    "rerun-sdk": "rerun",
     "scikit-fem": "skfem",
     "tomli-w": "tomli_w",
 }

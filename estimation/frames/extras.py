@@ -10,6 +10,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "zarr": ("zarr",),
     "tac3d": ("ruamel",),
     "finite-elements": ("skfem",),
+    "view": ("rerun",),
     "sweeps": ("dask", "distributed", "zarr"),
 }
 """Packages that each extra installs, by the name they are imported under."""

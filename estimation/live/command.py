@@ -51,7 +51,7 @@ def follow(
             opened.callback(close_outlet, outlet, "standard output", say)
             sinks.append(LineWriter(outlet.send, settings.method))
         if choices.window:
-            window = Window(one.source, feed, settings.images, settings.method)
+            window = Window(one.source, feed, settings.method)
             server = WindowServer(window, feed.name, choices.window_host, choices.window_port)
             opened.callback(_close_window, window, server, say)
             say(f"window: {server.address}")

@@ -23,7 +23,6 @@ class Feed:
         name: of the source.
         lost: frames that were left out.
         silences: how long the source gave nothing, each time that it was reported [s].
-        recent: what was given last, the newest at the end; empty unless it is kept.
     """
 
     def __init__(
@@ -33,7 +32,6 @@ class Feed:
         say: Callable[[str], None],
         *,
         recorded: bool = False,
-        keep: int = 0,
     ) -> None:
         """Make it; reading begins with the first item that is asked for.
 
@@ -43,11 +41,9 @@ class Feed:
             say: told when the source is silent, gives frames again, or ends by a flaw.
             recorded: whether it is a recording, which is played at its own pace or as fast as it
                 is answered; else it has a pace of its own.
-            keep: items that stay in `recent`.
         """
         self.name, self.lost = name, 0
         self.silences: list[float] = []
-        self.recent: deque[Any] = deque(maxlen=keep)
         self._choices, self._say = choices, say
         self._paced = recorded and not choices.fast
         self._waits, self._given = recorded and choices.fast, 0
@@ -72,7 +68,6 @@ class Feed:
         patience = 2.0  # time that the reader has to end [s]
         try:
             while (item := self._take()) is not None:
-                self.recent.append(item)
                 yield item
         finally:
             self._stopped.set()

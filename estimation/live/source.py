@@ -12,7 +12,6 @@ from estimation.live.tac3d import PREFIX, Tac3DSource
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, find_paths, open_source
-from estimation.tracking.stream import AHEAD_LIVE
 from estimation.virtual.recording import simulate_pivot
 
 
@@ -53,7 +52,7 @@ def open_live(
             "(--out), or run over it with `python -m estimation run`"
         )
     title = name_recordings(paths)[0] if paths else "virtual pivot"
-    feed = Feed(title, choices, say, recorded=recorded, keep=AHEAD_LIVE + 1)
+    feed = Feed(title, choices, say, recorded=recorded)
     if not paths:
         pivot, _ = simulate_pivot(seed=settings.seed)
         return Input(play(pivot, feed), place="live", notes=feed.notes), feed

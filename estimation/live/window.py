@@ -11,11 +11,14 @@ import numpy as np
 
 from estimation.frames.source import Source
 from estimation.live.feed import Feed
-from estimation.output.plots import points_down
-from estimation.output.scene import Field, picture_url, show_markers, show_numbers
-from estimation.pictures.reader import ImageSettings
-from estimation.pictures.still import copy_picture
-from estimation.pictures.stream import Picture
+from estimation.output.scene import (
+    kept_pictures,
+    picture_url,
+    show_markers,
+    show_numbers,
+    view_markers,
+)
+from estimation.pictures.still import Shown
 from estimation.tracking.stream import Answer
 
 
@@ -30,12 +33,12 @@ class Point(NamedTuple):
     state: str
 
 
-class Shown(NamedTuple):
+class Latest(NamedTuple):
     """An answer, and the picture that it was found in; None where there is none."""
 
     serial: int
     answer: Answer
-    picture: Picture | None
+    picture: Shown | None
 
 
 class Window:
@@ -48,35 +51,35 @@ class Window:
         events: answers that were handed to browsers.
     """
 
-    def __init__(self, source: Source, feed: Feed, images: ImageSettings, method: str) -> None:
+    def __init__(self, source: Source, feed: Feed, method: str) -> None:
         """Make it.
 
         Args:
             source: that is followed.
-            feed: that its pictures go through.
-            images: what is known of them.
+            feed: that its frames go through.
             method: whose answers are shown.
         """
         longest = 4000  # points of the curve that a new browser is given
         self.dropped = self.events = 0
-        self._source, self._feed, self._images, self._method = source, feed, images, method
+        self._source, self._feed, self._method = source, feed, method
+        self._pictures = kept_pictures(source)
         self._changed, self._drawing = threading.Condition(), threading.Lock()
         self._points: deque[Point] = deque(maxlen=longest)
-        self._latest: Shown | None = None
+        self._latest: Latest | None = None
         self._drawn: tuple[int, dict[str, Any]] = (-1, {})
         self._began, self._serial, self._anew, self._end = np.nan, 0, 0, ""
 
     def put(self, answer: Answer) -> None:
         """Take an answer; nothing is drawn here."""
         found = answer.estimates[self._method]
-        picture = next((one for one in self._feed.recent if self._is_of(one, answer)), None)
+        picture = None if self._pictures is None else self._pictures.find_picture(answer.frame)
         with self._changed:
             if np.isfinite(found.time):
                 self._began = found.time if np.isnan(self._began) else self._began
                 angle, low, high = np.degrees([found.angle, found.low, found.high]).tolist()
                 since, state = found.time - self._began, str(found.state)
                 self._points.append(Point(self._serial, since, angle, low, high, state))
-            self._latest = Shown(self._serial, answer, picture)
+            self._latest = Latest(self._serial, answer, picture)
             self._serial += 1
             self._changed.notify_all()
 
@@ -127,14 +130,7 @@ class Window:
         every = self.dropped + self.events
         return f"window: {self.dropped} of {every} frames not shown: the browser was slower"
 
-    def _is_of(self, one: Any, answer: Answer) -> bool:
-        return (
-            isinstance(one, Picture)
-            and one.number == answer.frame.source_index
-            and one.image is not None
-        )
-
-    def _wait_for_other(self, serial: int, quiet: float) -> Shown | None:
+    def _wait_for_other(self, serial: int, quiet: float) -> Latest | None:
         """The latest answer, once it is another one than a serial's, or time has gone by."""
         if not self._end and (self._latest is None or self._latest.serial == serial):
             self._changed.wait(quiet)
@@ -148,45 +144,27 @@ class Window:
             after.append(point)
         return after[::-1]
 
-    def _draw(self, shown: Shown) -> dict[str, Any]:
+    def _draw(self, shown: Latest) -> dict[str, Any]:
         """What is shown of an answer; it is drawn once for all browsers."""
         with self._drawing:
             if self._drawn[0] != shown.serial:
                 self._drawn = shown.serial, self._describe(shown)
             return self._drawn[1]
 
-    def _describe(self, shown: Shown) -> dict[str, Any]:
-        answer, picture = shown.answer, shown.picture
-        found, frame = answer.estimates[self._method], answer.frame
-        if self._source.unit == "px" or picture is not None or self._images.rig is not None:
-            scene, image = self._place(answer, picture)
-        else:
-            field = Field.around(answer.layout.reference, points_down(self._source.convention))
-            spots = field.place(frame.positions)[None]
-            signs = show_markers(spots, frame.valid, found.stick, found.contact)
-            scene, image = {"size": field.size} | signs, None
+    def _describe(self, shown: Latest) -> dict[str, Any]:
+        answer, frame = shown.answer, shown.answer.frame
+        found, reference = answer.estimates[self._method], answer.layout.reference
+        view = view_markers(self._source, frame.positions, reference, shown.picture)
+        signs = show_markers(view.spots, frame.valid, found.stick, found.contact)
         return {
             "frame": found.source_index,
             "state": str(found.state),
             "alert": str(answer.alert.level),
             "reason": found.reason,
             "values": self._list_values(answer),
-            "scene": scene,
-            "picture": image,
+            "scene": {"size": list(view.size)} | signs,
+            "picture": None if view.jpeg is None else picture_url(view.jpeg),
         }
-
-    def _place(self, answer: Answer, picture: Picture | None) -> tuple[dict[str, Any], str | None]:
-        """The markers in the picture that they were found in, and the picture as it is shown."""
-        largest, quality = 960, 80  # side up to which a picture is shown as it is [px]
-        found, frame = answer.estimates[self._method], answer.frame
-        spots, copy = self._images.locate(frame.positions) - self._images.part.origin, None
-        if picture is not None and picture.image is not None:
-            copy = copy_picture(picture.image, largest, quality)
-            size, spots = copy.size, copy.place(spots)
-        else:
-            size = np.ceil(np.nanmax(answer.layout.reference[:, :2], axis=0)).astype(int).tolist()
-        signs = show_markers(spots, frame.valid, found.stick, found.contact)
-        return {"size": size} | signs, None if copy is None else picture_url(copy.jpeg)
 
     def _list_values(self, answer: Answer) -> list[list[Any]]:
         """Name, value, half-width and unit of what is known."""

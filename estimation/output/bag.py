@@ -14,12 +14,15 @@ from estimation.frames.extras import require_extra
 from estimation.frames.files import growing
 from estimation.frames.flat import LAYOUT_FIELDS, flatten_frame, flatten_layout
 from estimation.frames.recording import MarkerLayout
+from estimation.frames.source import Source
+from estimation.output.scene import kept_pictures
 from estimation.output.table import read_cells, tabulate_answer
 from estimation.tracking.stream import Answer
 
 ANSWER = "contactmodel_msgs/msg/Answer"
 POINTS = "sensor_msgs/msg/PointCloud2"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
+PICTURE = "sensor_msgs/msg/CompressedImage"
 
 
 class BagWriter:
@@ -27,20 +30,18 @@ class BagWriter:
 
     Topics: `/contactmodel/frame` has all of each frame, from which a run is done again;
     `/contactmodel/answer` the row of `angles.csv` in numbers, with the variance of the angle;
-    `/contactmodel/markers` the markers as points [m], with those that stick; and
-    `/contactmodel/wrench` force and moment [N, N·m], where they are known.
+    `/contactmodel/markers` the markers as points [m], with those that stick;
+    `/contactmodel/wrench` force and moment [N, N·m], where they are known; and
+    `/contactmodel/picture` the picture, where there is one: a JPEG of 960 px at most.
     """
 
-    def __init__(
-        self, path: Path, method: str, *, unit: str = "mm", convention: str = "", rows: int = 0
-    ) -> None:
+    def __init__(self, path: Path, source: Source, method: str, rows: int = 0) -> None:
         """Make the file, or go on with it.
 
         Args:
             path: of the file.
+            source: of the frames.
             method: whose answers it has.
-            unit: of lengths, mm or px.
-            convention: how the axes lie.
             rows: that are kept of a file that is there.
 
         Raises:
@@ -48,8 +49,8 @@ class BagWriter:
             OSError: it cannot be written.
         """
         require_extra("bags", f"writing {path}")
-        self._path, self._method, self._unit = path, method, unit
-        self._convention, self._types = convention, ros_types()
+        self._path, self._method, self._source = path, method, source
+        self._pictures, self._types = kept_pictures(source), ros_types()
         self._definitions: dict[str, str] = {}
         earlier = path.with_name(f".{path.name}")
         if rows and not earlier.is_file():
@@ -120,8 +121,8 @@ class BagWriter:
             frame
             | {
                 "dimensions": answer.frame.positions.shape[1],
-                "unit": self._unit,
-                "convention": self._convention,
+                "unit": self._source.unit,
+                "convention": self._source.convention,
                 **layout,
             },
         )
@@ -135,6 +136,10 @@ class BagWriter:
             both = (make(*vector.tolist()) for vector in vectors)
             made = self._types.types["geometry_msgs/msg/Wrench"](*both)
             yield "wrench", WRENCH, {"header": header, "wrench": made}
+        shown = None if self._pictures is None else self._pictures.find_picture(answer.frame)
+        if shown is not None:
+            jpeg = np.frombuffer(shown.copy.jpeg, np.uint8)
+            yield "picture", PICTURE, {"header": header, "format": "jpeg", "data": jpeg}
 
     def _header(self) -> Any:
         stamp = self._types.types["builtin_interfaces/msg/Time"](*divmod(self._stamp, 10**9))
@@ -142,7 +147,7 @@ class BagWriter:
 
     def _row(self, answer: Answer) -> dict[str, Any]:
         """The fields of an answer; they define its type."""
-        row = read_cells(tabulate_answer(answer, self._method, self._unit))
+        row = read_cells(tabulate_answer(answer, self._method, self._source.unit))
         row = {name.lower(): value for name, value in row.items()}
         spread = (float(row["angle_high_deg"]) - float(row["angle_low_deg"])) / (2.0 * Z95)
         row["angle_variance_deg2"] = spread**2  # of a normal distribution with this 95 % interval
@@ -159,7 +164,7 @@ class BagWriter:
         kinds |= dict.fromkeys(("valid", "contact", "stick"), "u1")
         points = np.zeros(len(positions), np.dtype(list(kinds.items())))
         for axis, values in zip("xyz", positions.T, strict=False):
-            points[axis] = (1e-3 if self._unit == "mm" else 1.0) * values
+            points[axis] = (1e-3 if self._source.unit == "mm" else 1.0) * values
         points["turned_rad"], points["valid"] = answer.turned, answer.frame.valid
         points["contact"], points["stick"] = estimate.contact, estimate.stick
         make, codes = self._types.types["sensor_msgs/msg/PointField"], {"<f4": 7, "u1": 2}

@@ -1,4 +1,4 @@
-"""A way out for lines that never keeps anyone waiting: who reads too slowly misses the oldest."""
+"""A way out that never keeps anyone waiting: who reads too slowly misses the oldest."""
 
 import os
 import socket
@@ -6,41 +6,45 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+Item = TypeVar("Item")
+"""What is passed on for a frame: a line, or what is drawn of it."""
 
 
-class Outlet:
-    """Passes lines on in a thread of its own.
+class Outlet(Generic[Item]):
+    """Passes items on in a thread of its own.
 
     Attributes:
-        sent: lines that were passed on.
-        dropped: lines that were not, because the reader was slow or gone.
+        sent: items that were passed on.
+        dropped: items that were not, because the reader was slow or gone.
     """
 
     def __init__(
-        self, write: Callable[[bytes], None], end: Callable[[], object] = int, most: int = 256
+        self, write: Callable[[Item], None], end: Callable[[], object] = int, most: int = 256
     ) -> None:
         """Open it.
 
         Args:
-            write: passes one line on; it may take as long as it likes, and raise an OSError.
+            write: passes one item on; it may take as long as it likes, and raise an OSError.
             end: called once no more is written.
-            most: lines that wait at a time; then the oldest is dropped.
+            most: items that wait at a time; then the oldest is dropped.
         """
         self.sent = self.dropped = 0
         self._write, self._end, self._most = write, end, most
-        self._waiting = deque[bytes]()
+        self._waiting = deque[Item]()
         self._changed = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._pass_on, daemon=True)
         self._thread.start()
 
-    def send(self, line: str) -> None:
-        """Pass a line on; returns at once."""
+    def send(self, item: Item) -> None:
+        """Pass an item on; returns at once."""
         with self._changed:
             if len(self._waiting) == self._most:
                 self._waiting.popleft()
                 self.dropped += 1
-            self._waiting.append(f"{line}\n".encode())
+            self._waiting.append(item)
             self._changed.notify()
 
     def close(self, patience: float = 1.0) -> None:
@@ -57,20 +61,19 @@ class Outlet:
         """What was dropped, in a sentence; empty where nothing was."""
         if not self.dropped:
             return ""
-        lines = self.sent + self.dropped
-        return f"{name}: {self.dropped} of {lines} lines dropped: their reader was slow or gone"
+        every = self.sent + self.dropped
+        return f"{name}: {self.dropped} of {every} frames dropped: the reader was slow or gone"
 
     def _pass_on(self) -> None:
         while True:
             with self._changed:
                 while not (self._waiting or self._closed):
                     self._changed.wait()
-                line = self._waiting.popleft() if self._waiting else None
-            if line is None:
-                self._end()
-                return
+                if not self._waiting:
+                    break
+                item = self._waiting.popleft()
             try:
-                self._write(line)
+                self._write(item)
             except OSError:
                 passed = 0
             else:
@@ -78,21 +81,23 @@ class Outlet:
             with self._changed:
                 self.sent += passed
                 self.dropped += 1 - passed
+        self._end()
 
 
-def open_stdout() -> Outlet:
-    """A way to standard output, beside Python's own buffer."""
+def open_stdout() -> Outlet[str]:
+    """A way for lines to standard output, beside Python's own buffer."""
     handle = os.dup(sys.stdout.fileno())
 
-    def write(line: bytes) -> None:
-        while line:
-            line = line[os.write(handle, line) :]
+    def write(line: str) -> None:
+        data = f"{line}\n".encode()
+        while data:
+            data = data[os.write(handle, data) :]
 
     return Outlet(write, lambda: os.close(handle))
 
 
-def open_udp(host: str, port: int) -> Outlet:
-    """A way to a UDP port, one packet a line.
+def open_udp(host: str, port: int) -> Outlet[str]:
+    """A way for lines to a UDP port, a packet each.
 
     Raises:
         OSError: there is no such host.
@@ -100,13 +105,13 @@ def open_udp(host: str, port: int) -> Outlet:
     family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     sender = socket.socket(family, kind)
 
-    def write(line: bytes) -> None:
-        sender.sendto(line, address)
+    def write(line: str) -> None:
+        sender.sendto(f"{line}\n".encode(), address)
 
     return Outlet(write, sender.close)
 
 
-def close_outlet(outlet: Outlet, name: str, tell: Callable[[str], None]) -> None:
+def close_outlet(outlet: Outlet[Any], name: str, tell: Callable[[str], None]) -> None:
     """Close a way out.
 
     Args:

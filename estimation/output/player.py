@@ -12,10 +12,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from estimation.output.found import Run
-from estimation.output.plots import points_down
 from estimation.output.preview import TICKS, to_ticks
 from estimation.output.record import KeptMarkers
-from estimation.output.scene import Field, page_colours, picture_url, show_markers, show_numbers
+from estimation.output.scene import (
+    Field,
+    page_colours,
+    picture_url,
+    points_down,
+    show_markers,
+    show_numbers,
+)
 
 Values = Float[np.ndarray, " frames"]
 

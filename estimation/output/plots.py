@@ -16,7 +16,7 @@ from estimation.estimators.grasp import Grasp
 from estimation.estimators.result import Result, State, Track
 from estimation.frames.recording import Recording
 from estimation.output.record import KeptMarkers
-from estimation.output.scene import MARKER_COLOURS, STATE_COLOURS, marker_signs
+from estimation.output.scene import MARKER_COLOURS, STATE_COLOURS, marker_signs, points_down
 from estimation.slip.motion import slip_curl, turned_since_counted
 
 
@@ -101,15 +101,6 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
     ]
     down = points_down(recording.convention)
     return plot_markers(recording.layout.reference, recording.unit, result, markers, down=down)
-
-
-def points_down(convention: str) -> bool:
-    """Whether y points down in a source's own view, as it does in pictures.
-
-    Args:
-        convention: how the source's axes lie.
-    """
-    return "y down" in convention
 
 
 def plot_markers(

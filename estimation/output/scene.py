@@ -13,6 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from estimation.estimators.result import State
+from estimation.frames.source import Source
+from estimation.pictures.reading import PictureSource
+from estimation.pictures.still import Shown
 
 STATE_COLOURS = {
     State.NO_CONTACT: "#e6e6e6",
@@ -72,6 +75,61 @@ class Field(NamedTuple):
         """
         spots = self.scale * (positions[:, :2] - self.corner)
         return spots if self.down else np.stack([spots[:, 0], self.size[1] - spots[:, 1]], axis=1)
+
+
+def kept_pictures(source: Source) -> PictureSource | None:
+    """A source of pictures, which keeps each until its frame is answered; None where it is none."""
+    if not isinstance(source, PictureSource):
+        return None
+    source.keep_pictures()
+    return source
+
+
+class View(NamedTuple):
+    """A frame as it is drawn.
+
+    Attributes:
+        spots: where its markers are, in each view [px].
+        size: width and height [px].
+        jpeg: its picture; None where there is none.
+    """
+
+    spots: Float[np.ndarray, "views n 2"]
+    size: tuple[int, int]
+    jpeg: bytes | None
+
+
+def view_markers(
+    source: Source,
+    positions: Float[np.ndarray, "n d"],
+    reference: Float[np.ndarray, "n d"],
+    shown: Shown | None,
+) -> View:
+    """How markers are drawn: in the picture of their frame, or in their field.
+
+    Args:
+        source: of the frame.
+        positions: of the markers.
+        reference: markers at rest.
+        shown: the frame's picture, where it is kept.
+    """
+    if not isinstance(source, PictureSource):
+        field = Field.around(reference, points_down(source.convention))
+        return View(field.place(positions)[None], field.size, None)
+    spots = source.locate(positions)
+    if shown is not None:
+        return View(shown.copy.place(spots), shown.copy.size, shown.copy.jpeg)
+    width, height = np.ceil(np.nanmax(source.locate(reference), axis=(0, 1))).astype(int).tolist()
+    return View(spots, (width, height), None)
+
+
+def points_down(convention: str) -> bool:
+    """Whether y points down in a source's own view, as it does in pictures.
+
+    Args:
+        convention: how the source's axes lie.
+    """
+    return "y down" in convention
 
 
 def marker_signs(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 from estimation.frames.bags.source import BagSource
@@ -12,16 +13,31 @@ from estimation.frames.zarr_folder import write_zarr
 from estimation.output.bag import BagWriter, read_answers
 from estimation.output.lines import JsonWriter
 from estimation.output.outlet import close_outlet, open_stdout, open_udp
+from estimation.output.viewer import LiveViewer, ViewerFile, connect_viewer, spawn_viewer
 from estimation.tracking.stream import Sink
 
-FILES = {"mcap": "frames.mcap", "zarr": "frames.zarr", "lerobot": "lerobot"}
+FILES = {
+    "mcap": "frames.mcap",
+    "rrd": "frames.rrd",
+    "zarr": "frames.zarr",
+    "lerobot": "lerobot",
+}
 """What each sink that writes a file calls it, beside `angles.csv`.
 
 Those of columns cannot grow by a row that a kill does not damage: they are made from the MCAP file
 when all has been answered.
 """
-GROWING = FILES["mcap"]
-"""The file that grows with every answer, where there is any of `FILES`."""
+COLUMNS = ("zarr", "lerobot")
+EXTRAS = {
+    "mcap": ("bags",),
+    "rrd": ("view",),
+    "rerun": ("view",),
+    "zarr": ("bags", "zarr"),
+    "lerobot": ("bags", "lerobot"),
+}
+"""What each sink needs that is not always installed."""
+READERS = ("udp", "rerun")
+"""Sinks that have an address, `udp:HOST:PORT`; a `rerun` without one opens a viewer."""
 
 
 def check_sinks(names: tuple[str, ...]) -> None:
@@ -32,58 +48,84 @@ def check_sinks(names: tuple[str, ...]) -> None:
         ValueError: there is no such sink.
     """
     for name in names:
-        if name in FILES:
-            for extra in {"bags", {"mcap": "bags"}.get(name, name)}:
-                require_extra(extra, f"the sink {name}")
-        elif name.startswith("udp:"):
+        kind, addressed, _ = name.partition(":")
+        if addressed and kind in READERS:
             read_address(name)
-        elif name != "json":
-            known = ", ".join((*FILES, "json", "udp:PORT", "udp:HOST:PORT"))
+        elif name not in (*FILES, "json", "rerun"):
+            readers = [f"{one}:{at}" for one in READERS for at in ("PORT", "HOST:PORT")]
+            known = ", ".join((*FILES, "json", "rerun", *readers))
             raise ValueError(f"there is no sink {name!r} (--sink); there are {known}")
+        for extra in EXTRAS.get(kind, ()):
+            require_extra(extra, f"the sink {name}")
 
 
-def open_sinks(
+def open_readers(
     names: tuple[str, ...],
-    folder: Path,
     source: Source,
     method: str,
-    rows: int,
     opened: ExitStack,
     tell: Callable[[str], None],
 ) -> list[Sink]:
-    """Open sinks beside those that every run has.
+    """Open the sinks that hand answers to whoever reads them; none of them waits for its reader.
 
     Args:
-        names: of the sinks.
-        folder: of the files that they write.
+        names: of all sinks.
         source: of the frames.
         method: whose answers they take.
-        rows: that are kept of files that are there.
         opened: closes them.
         tell: told at their end, in a sentence, what has not been passed on.
 
     Raises:
         ImportError: an extra is not installed.
         ValueError: there is no such sink.
-        OSError: a file cannot be written, or there is no such host.
+        OSError: there is no such host, or a viewer does not start.
     """
     check_sinks(names)
     sinks: list[Sink] = []
-    for file in growing_files(names):
-        about = {"unit": source.unit, "convention": source.convention, "rows": rows}
-        writer = BagWriter(folder / file, method, **about)
-        sinks.append(opened.enter_context(closing(writer)))
     for name in names:
-        if name not in FILES:
+        if name in FILES:
+            continue
+        if name.startswith("rerun"):
+            at = None if name == "rerun" else read_address(name)
+            connect = spawn_viewer if at is None else partial(connect_viewer, *at)
+            viewer = LiveViewer(source, method, connect)
+            sinks.append(viewer)
+            outlet = viewer.outlet
+        else:
             outlet = open_stdout() if name == "json" else open_udp(*read_address(name))
-            opened.callback(close_outlet, outlet, name, tell)
             sinks.append(JsonWriter(outlet.send, method, source.unit))
+        opened.callback(close_outlet, outlet, name, tell)
     return sinks
+
+
+def open_files(
+    names: tuple[str, ...], folder: Path, source: Source, method: str, rows: int, opened: ExitStack
+) -> list[Sink]:
+    """Open the files that grow with every answer.
+
+    Args:
+        names: of all sinks.
+        folder: of the files.
+        source: of the frames.
+        method: whose answers they take.
+        rows: that are kept of files that are there.
+        opened: closes them.
+
+    Raises:
+        ImportError: an extra is not installed.
+        OSError: a file cannot be written.
+    """
+    kinds = {FILES["mcap"]: BagWriter, FILES["rrd"]: ViewerFile}
+    return [
+        opened.enter_context(closing(kinds[file](folder / file, source, method, rows)))
+        for file in growing_files(names)
+    ]
 
 
 def growing_files(names: tuple[str, ...]) -> list[str]:
     """The files that grow with every answer; arguments as for `finish_files`."""
-    return [GROWING] if any(name in FILES for name in names) else []
+    grown = {"mcap" if name in COLUMNS else name for name in names}
+    return [FILES[name] for name in ("mcap", "rrd") if name in grown]
 
 
 def finish_files(names: tuple[str, ...], folder: Path) -> None:
@@ -97,11 +139,11 @@ def finish_files(names: tuple[str, ...], folder: Path) -> None:
         ImportError: an extra is not installed.
         OSError: a file cannot be written.
     """
-    bag = folder / GROWING
-    for name, write in (("zarr", write_zarr), ("lerobot", write_lerobot)):
+    bag = folder / FILES["mcap"]
+    for name, write in zip(COLUMNS, (write_zarr, write_lerobot), strict=True):
         if name in names:
             write(folder / FILES[name], BagSource(bag), read_answers(bag))
-    if growing_files(names) and "mcap" not in names:
+    if set(COLUMNS) & set(names) and "mcap" not in names:
         bag.unlink()
 
 
@@ -111,7 +153,10 @@ def read_address(name: str) -> tuple[str, int]:
     Raises:
         ValueError: there is no port.
     """
-    host, _, port = name.removeprefix("udp:").rpartition(":")
+    kind, _, address = name.partition(":")
+    host, _, port = address.rpartition(":")
     if not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
-        raise ValueError(f"the sink {name!r} (--sink) has no port: give udp:PORT or udp:HOST:PORT")
+        raise ValueError(
+            f"the sink {name!r} (--sink) has no port: give {kind}:PORT or {kind}:HOST:PORT"
+        )
     return host.strip("[]") or "127.0.0.1", int(port)

@@ -21,7 +21,7 @@ from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
 from estimation.pictures.speckle.reader import SpeckleReader
 from estimation.pictures.stereo import StereoReader, find_view_flaw
-from estimation.pictures.still import Album, Still
+from estimation.pictures.still import Album, Shown, Still
 from estimation.pictures.stream import (
     Picture,
     count_pictures,
@@ -101,6 +101,7 @@ class PictureSource:
         reader = None if state is None else state.reader
         self._settings, self._skip = settings, skip
         self._album = Album()
+        self._shown: dict[int, Shown] | None = None
         self._taken: Iterator[Picture] | None = None
         if self.live:
             pictures = _count_on(_read(path, settings), *after)
@@ -210,8 +211,29 @@ class PictureSource:
         copy = self._album.find(frame.source_index)
         if copy is None:
             return None, None
-        spots = self._settings.locate(frame.positions) - self._settings.part.origin
-        return copy.jpeg, copy.place(spots)
+        return copy.jpeg, copy.place(self.locate(frame.positions))
+
+    def locate(self, positions: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "views n 2"]:
+        """Where markers are in the part of the pictures that is read, in each view [px].
+
+        Args:
+            positions: of the markers.
+        """
+        return self._settings.locate(positions) - self._settings.part.origin
+
+    def keep_pictures(self) -> None:
+        """Keep every picture for `find_picture` until its frame has been answered."""
+        self._shown = {}
+
+    def find_picture(self, frame: Frame) -> Shown | None:
+        """The picture of a frame, as it is shown; None where it is not kept.
+
+        Those of earlier frames are let go.
+        """
+        shown = self._shown or {}
+        for number in [one for one in shown if one < frame.source_index]:
+            del shown[number]
+        return shown.get(frame.source_index)
 
     def __len__(self) -> int:
         """How many pictures there are, as far as is known before they are read; 0 for a camera."""
@@ -227,6 +249,8 @@ class PictureSource:
         for row, picture in enumerate(pictures, self._skip):
             if picture.image is not None:
                 self._album.take(row, picture.number, picture.image)
+                if self._shown is not None:
+                    self._shown[picture.number] = Shown(picture.image)
             frame = self.reader.frame(self.reader.read(picture))
             yield self._inspector.inspect(frame, self.layout.reference)
 

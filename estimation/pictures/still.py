@@ -3,6 +3,7 @@
 import hashlib
 import io
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -168,6 +169,24 @@ class Copy(NamedTuple):
         return self.scale * (spots + 0.5) - 0.5
 
 
+class Shown:
+    """A picture that is kept until its frame has been answered, smaller where it is large."""
+
+    def __init__(self, image: Shaped[np.ndarray, "h w *colour"], largest: int = 960) -> None:
+        """Make it.
+
+        Args:
+            image: grey or BGR, 8 or 16 bit.
+            largest: longer side that is not made smaller [px].
+        """
+        self._image, self._scale = _shrink(image, largest)
+
+    @cached_property
+    def copy(self) -> Copy:
+        """It as a JPEG, packed when it is asked for."""
+        return _pack(self._image, self._scale, quality=80)
+
+
 class Album:
     """Small copies of the pictures of a source, evenly spread over those that were taken."""
 
@@ -210,10 +229,21 @@ def copy_picture(image: Shaped[np.ndarray, "h w *colour"], largest: int, quality
         largest: longer side that is not made smaller [px].
         quality: of the JPEG, from 0 to 100.
     """
+    return _pack(*_shrink(image, largest), quality)
+
+
+def _shrink(
+    image: Shaped[np.ndarray, "h w *colour"], largest: int
+) -> tuple[Shaped[np.ndarray, "smaller_h smaller_w *colour"], float]:
+    """A picture that is no larger, and its pixels per pixel of the one given."""
     scale = min(largest / max(image.shape[:2]), 1.0)
     if scale < 1.0:
         height, width = (max(round(scale * side), 1) for side in image.shape[:2])
         image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return image, scale
+
+
+def _pack(image: Shaped[np.ndarray, "h w *colour"], scale: float, quality: int) -> Copy:
     if image.dtype == np.uint16:
         image = (image // 257).astype(np.uint8)
     _, jpeg = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality))

@@ -87,7 +87,7 @@ def main() -> None:
         answer_from(recording)
     if told.chosen:
         Settings.methods = property(lambda self: {self.method: self.constants})
-    console, out = Console(), Outlet(lambda line: None)
+    console, out = Console(), Outlet[str](lambda line: None)
     with tempfile.TemporaryDirectory() as name:
         folder, settings = Path(name) / "out", Settings()
         one = Input(FrameStream(recording.layout, repeat(recording, told.frames)))

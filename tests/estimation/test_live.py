@@ -68,7 +68,7 @@ def test_who_is_slow_misses_the_oldest():
         yield from items(10)
         read.set()
 
-    feed = Feed("clip", choices, said.append, keep=2)
+    feed = Feed("clip", choices, said.append)
     given = feed(source())
     numbers = [next(given).number]
     assert read.wait(10.0)
@@ -76,7 +76,6 @@ def test_who_is_slow_misses_the_oldest():
     assert numbers[-3:] == [7, 8, 9]
     assert feed.lost == 10 - len(numbers)
     assert feed.notes()[0].startswith(f"{feed.lost} frames were lost between source and answer")
-    assert [one.number for one in feed.recent] == [8, 9]
     assert not said
 
 
@@ -211,8 +210,8 @@ def test_json_has_standard_output_for_itself_and_ctrl_c_makes_the_report(
     assert not outcome.interrupted
     assert (tmp_path / "report.html").is_file()
     lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("{")]
-    assert len(lines) == 5
-    assert json.loads(lines[-1])["frame"] == 4
+    assert len(lines) == 6  # a controller has an answer before the disc has
+    assert json.loads(lines[-1])["frame"] == 5
 
 
 def test_what_was_lost_is_in_the_summary(archive, tmp_path, plain, monkeypatch):

@@ -6,7 +6,6 @@ import json
 import socket
 import time
 from contextlib import contextmanager
-from dataclasses import replace
 from itertools import islice
 
 import cv2
@@ -22,13 +21,15 @@ from estimation.live.window import Window
 from estimation.output.scene import MARKER_COLOURS
 from estimation.pictures.part import Part
 from estimation.pictures.reader import ImageSettings
-from estimation.pictures.stream import Picture
+from estimation.pictures.reading import PictureSource
+from estimation.pictures.sensor import Sensor
+from estimation.pictures.still import Shown
 from estimation.settings import Settings
 from estimation.tracking.stream import Stream
 from tests.browser import Browser
 from tests.cases import domed_pad, lift
-
-IMAGES = ImageSettings()
+from tests.estimation.pictures.test_reading import write_folder
+from tests.test_examples import pictures as turned_pictures
 
 
 @pytest.fixture(scope="module")
@@ -41,9 +42,8 @@ def answers(recording):
     return list(Stream(recording, Settings(noise=Noise.given(1e-3))).answers())
 
 
-def opened(source, images=IMAGES, keep=0):
-    feed = Feed("pad", LiveChoices(), print, keep=keep)
-    return Window(source, feed, images, "tracked"), feed
+def opened(source):
+    return Window(source, Feed("pad", LiveChoices(), print), "tracked")
 
 
 @contextmanager
@@ -72,7 +72,7 @@ def told(window):
 
 
 def test_an_event_has_markers_angle_state_and_alert(recording, answers):
-    window, _ = opened(recording)
+    window = opened(recording)
     for answer in answers:
         window.put(answer)
     seen, last = told(window), answers[-1]
@@ -91,7 +91,7 @@ def test_an_event_has_markers_angle_state_and_alert(recording, answers):
 
 
 def test_a_slow_browser_misses_pictures_but_no_point_of_the_curve(recording, answers):
-    window, _ = opened(recording)
+    window = opened(recording)
     window.put(answers[0])
     events = window.follow()
     first = json.loads(next(events))
@@ -110,33 +110,36 @@ def test_a_slow_browser_misses_pictures_but_no_point_of_the_curve(recording, ans
     assert list(events) == []
 
 
-def test_the_picture_is_the_one_that_the_answer_is_of(answers):
-    """A part of a large picture, shown smaller; the markers go with it."""
-    points, frame = np.array([[500.0, 300.0], [900.0, 700.0]]), answers[-1].frame
-    frame = replace(frame, positions=points, valid=np.ones(2, bool))
-    one = answers[-1].estimates["tracked"]
-    one = replace(one, stick=np.array([True, False]), contact=np.ones(2, bool))
-    answer = answers[-1]._replace(frame=frame, estimates={"tracked": one})
-    images = ImageSettings(part=Part((100, 100, 1920, 960), None))
-    window, feed = opened(replace(lift(np.zeros(3)), unit="px"), images, keep=2)
-    picture = np.full((960, 1920), 50_000, np.uint16)
-    feed.recent.append(Picture(picture, 0.0, frame.source_index))
-    feed.recent.append(Picture(picture[:10], 0.0, frame.source_index + 1))
-    window.put(answer)
-    seen = told(window)
-    spots = [199.8, 99.8, 399.8, 299.8]
-    assert seen["scene"] == {"size": [960, 480], "spots": spots, "kinds": "ox"}
-    data = base64.b64decode(seen["picture"].removeprefix("data:image/jpeg;base64,"))
-    shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert shown.shape == (480, 960)
-    assert abs(int(shown.mean()) - 50_000 // 257) <= 1
-    feed.recent.clear()
-    window.put(answer)
-    assert told(window)["picture"] is None
+def test_the_picture_is_the_one_that_the_answer_is_of(tmp_path):
+    pictures = list(turned_pictures())[:4]
+    height, width = pictures[0].shape[:2]
+    part = Part((8, 0, width - 8, height), None)
+    known = ImageSettings(Sensor(dark=True), rate=30.0, part=part)
+    source = PictureSource(write_folder(tmp_path / "clip", pictures), known)
+    window, seen = opened(source), []
+    for _ in Stream(source, Settings(noise=Noise.given(0.01, "px"), images=known)).answers(window):
+        seen.append(told(window))
+    for one, picture in zip(seen, pictures, strict=True):
+        data = base64.b64decode(one["picture"].removeprefix("data:image/jpeg;base64,"))
+        shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        expected = picture[:, 8:] if picture.ndim == 2 else picture[:, 8:].mean(axis=2)
+        assert one["scene"]["size"] == [width - 8, height] == [*shown.shape[::-1]]
+        assert abs(shown.astype(float) - expected).mean() < 3.0
+        spots = np.round(one["scene"]["spots"]).astype(int).reshape(-1, 2)
+        assert picture.max() == 0 or shown[spots[:, 1], spots[:, 0]].mean() < shown.mean() - 20.0
+
+
+def test_large_pictures_are_shown_smaller_and_markers_go_with_them():
+    shown = Shown(np.full((960, 1920), 50_000, np.uint16)).copy
+    assert shown.size == (960, 480)
+    image = cv2.imdecode(np.frombuffer(shown.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert image.shape == (480, 960)
+    assert abs(int(image.mean()) - 50_000 // 257) <= 1
+    np.testing.assert_allclose(shown.place(np.array([[[400.0, 200.0]]])), [[[199.75, 99.75]]])
 
 
 def test_the_page_is_whole_and_nothing_else_is_served(recording, answers):
-    window, _ = opened(recording)
+    window = opened(recording)
     window.put(answers[-1])
     with served(window) as port:
         status, headers, page = ask(port)
@@ -162,7 +165,7 @@ def test_the_page_is_whole_and_nothing_else_is_served(recording, answers):
 
 def test_browsers_that_take_nothing_or_are_gone_delay_nothing(recording, answers, monkeypatch):
     monkeypatch.setattr(serving, "MOST_BROWSERS", 2)
-    window, _ = opened(recording)
+    window = opened(recording)
     with served(window) as port:
         lazy, gone = (socket.create_connection(("127.0.0.1", port)) for _ in range(2))
         for one in (lazy, gone):
@@ -178,7 +181,7 @@ def test_browsers_that_take_nothing_or_are_gone_delay_nothing(recording, answers
 
 
 def test_a_browser_shows_it(recording, answers, tmp_path):
-    window, _ = opened(recording)
+    window = opened(recording)
     for answer in answers:
         window.put(answer)
     shot, page = tmp_path / "window.png", Browser(tmp_path / "profile")
