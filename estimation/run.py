@@ -20,13 +20,7 @@ from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
 from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
-from estimation.output.sinks import (
-    check_sinks,
-    finish_files,
-    growing_files,
-    open_files,
-    open_readers,
-)
+from estimation.output.sinks.by_name import check_sinks, finish_files, growing_files, open_sinks
 from estimation.output.table import TableWriter
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
@@ -173,11 +167,10 @@ class _Job:
         with ExitStack() as opened:
             writer = opened.enter_context(closing(self._open_record(rows)))
             table = TableWriter(self.folder / "angles.csv", settings.method, source.unit, rows)
-            asked, method = settings.sink, settings.method
+            at = (self.folder, source, settings.method, rows)
+            readers, files = open_sinks(settings.sink, *at, opened, self.told.append)
             # who waits for an answer comes first, what takes longest to write last
-            sinks = open_readers(asked, source, method, opened, self.told.append)
-            sinks += [writer, opened.enter_context(closing(table)), *more]
-            sinks += open_files(asked, self.folder, source, method, rows, opened)
+            sinks = [*readers, writer, opened.enter_context(closing(table)), *more, *files]
             self._tell_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
             self._tell_state(writer, stream, complete=not interrupted)

@@ -11,8 +11,8 @@ from estimation.choices import LiveChoices
 from estimation.live.server import WindowServer
 from estimation.live.source import open_live
 from estimation.live.window import Window
-from estimation.output.lines import LineWriter
-from estimation.output.outlet import close_outlet, open_stdout
+from estimation.output.sinks.lines import LineWriter
+from estimation.output.sinks.outlet import close_outlet, open_stdout
 from estimation.run import Outcome, run_all
 from estimation.settings import Settings
 from estimation.tracking.stream import Sink

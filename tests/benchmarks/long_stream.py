@@ -24,9 +24,9 @@ from estimation.frames.recording import Frame, Recording
 from estimation.frames.source import FrameStream
 from estimation.live.feed import Feed
 from estimation.live.source import open_live, play
-from estimation.output.lines import JsonWriter
-from estimation.output.outlet import Outlet
 from estimation.output.record import NAME
+from estimation.output.sinks.lines import JsonWriter
+from estimation.output.sinks.outlet import Outlet
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import Input

@@ -24,16 +24,15 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, Recording, layout_markers
 from estimation.frames.source import record_source
 from estimation.frames.zarr_folder import write_zarr
-from estimation.output.outlet import Outlet
 from estimation.output.record import RecordWriter
-from estimation.output.sinks import (
+from estimation.output.sinks.by_name import (
     FILES,
     check_sinks,
     finish_files,
-    open_files,
-    open_readers,
+    open_sinks,
     read_address,
 )
+from estimation.output.sinks.outlet import Outlet
 from estimation.output.table import TableWriter
 from estimation.run import run_all
 from estimation.settings import Settings
@@ -97,8 +96,8 @@ def settings_of(recording):
 @contextmanager
 def opened(recording, folder, name, tell=print):
     with ExitStack() as stack:
-        yield from open_readers((name,), recording, "tracked", stack, tell)
-        yield from open_files((name,), folder, recording, "tracked", 0, stack)
+        readers, files = open_sinks((name,), folder, recording, "tracked", 0, stack, tell)
+        yield from readers + files
     finish_files((name,), folder)
 
 

@@ -16,8 +16,8 @@ from estimation.frames.recording import MarkerLayout
 from estimation.frames.source import FrameStream
 from estimation.frames.state import load_state, save_state
 from estimation.output import report
-from estimation.output.lines import HEADER, LineWriter
 from estimation.output.record import FORMAT_VERSION, MOST_KEPT, RecordReader, RecordWriter
+from estimation.output.sinks.lines import HEADER, LineWriter
 from estimation.output.table import TableWriter
 from estimation.run import report_all, run_all
 from estimation.settings import Settings

@@ -14,9 +14,9 @@ import pytest
 from rerun.chunk import RrdReader
 
 from estimation.frames.noise import Noise
-from estimation.output.bag import BagWriter
-from estimation.output.sinks import FILES
-from estimation.output.viewer import LiveViewer, ViewerFile, Viewing
+from estimation.output.sinks.bag import BagWriter
+from estimation.output.sinks.by_name import FILES
+from estimation.output.sinks.viewer import LiveViewer, ViewerFile, Viewing
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.sensor import Sensor
@@ -74,7 +74,7 @@ def test_the_file_has_every_answer(tmp_path, recording, answers):
     assert [one for (one,) in found["/state"]] == [
         one for one, before in zip(states, ["", *states], strict=False) if one != before
     ]
-    assert {*found} >= {"/view/markers", "/view/motion", "/left", "/slip", "/alert", "/reason"}
+    assert {*found} >= {"/view/markers", "/view/motion", "/margin", "/slip", "/alert", "/reason"}
     assert "/view/picture" not in found
 
 

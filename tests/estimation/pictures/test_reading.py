@@ -16,8 +16,8 @@ from estimation.__main__ import app
 from estimation.frames.extras import EXTRAS
 from estimation.frames.noise import Noise
 from estimation.output import preview
-from estimation.output.lines import HEADER, LineWriter
 from estimation.output.record import RecordReader
+from estimation.output.sinks.lines import HEADER, LineWriter
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.reader import ImageSettings

@@ -10,7 +10,6 @@ import numpy as np
 
 from estimation.frames.extras import require_extra
 from estimation.frames.source import Source
-from estimation.output.outlet import Outlet
 from estimation.output.scene import (
     MARKER_COLOURS,
     STATE_COLOURS,
@@ -18,6 +17,7 @@ from estimation.output.scene import (
     marker_signs,
     view_markers,
 )
+from estimation.output.sinks.outlet import Outlet
 from estimation.pictures.still import Shown
 from estimation.slip.alert import Level
 from estimation.tracking.stream import Answer
@@ -31,11 +31,12 @@ LEVEL_COLOURS = dict(
 class Viewing:
     """What the viewer is shown of each answer.
 
-    `/view/picture` has the picture, `/view/markers` and `/view/motion` the markers in it, by what
-    they do, and how far they have moved; `/angle` the angle and its interval [°]; `/left` the angle
-    left before macro slip and its interval [°]; `/slip` the probability of a slip; `/markers` how
-    many stick and are in contact; `/state` and `/alert` their words, and `/reason` why there is no
-    angle.
+    - `/view/picture`: the picture; `/view/markers`: its markers, by what they do; `/view/motion`:
+      how far they have moved.
+    - `/angle`: the angle and its interval [°]; `/margin`: the angle that remains before macro slip
+      and its interval [°]; `/slip`: the probability of a slip; `/markers`: how many stick, and how
+      many are in contact.
+    - `/state` and `/alert`: their words; `/reason`: why there is no angle.
     """
 
     def __init__(self, source: Source, method: str, stream: Any) -> None:
@@ -50,7 +51,7 @@ class Viewing:
         self._last: dict[str, str] = {}
         for path, names in {
             "angle": ("angle [°]", "low [°]", "high [°]"),
-            "left": ("angle left [°]", "low [°]", "high [°]"),
+            "margin": ("margin [°]", "low [°]", "high [°]"),
             "slip": ("probability of a slip",),
             "markers": ("stick", "in contact"),
         }.items():
@@ -77,7 +78,7 @@ class Viewing:
         margin = answer.margin
         for path, values in {
             "angle": np.degrees([found.angle, found.low, found.high]),
-            "left": np.degrees([margin.angle_left, margin.angle_low, margin.angle_high]),
+            "margin": np.degrees([margin.angle, margin.angle_low, margin.angle_high]),
             "slip": [answer.shear.slipped],
             "markers": [found.stick_markers, found.contact_markers],
         }.items():
@@ -245,7 +246,7 @@ def lay_out() -> Any:
 
     lines = {
         "angle": "angle [°]",
-        "left": "angle left before macro slip [°]",
+        "margin": "margin before macro slip [°]",
         "slip": "probability of a slip",
         "markers": "markers",
     }
@@ -255,9 +256,11 @@ def lay_out() -> Any:
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial2DView(origin="view", name="markers"),
-            rrb.Vertical(*curves, words, reasons),
+            rrb.Vertical(*curves, words, reasons, row_shares=[3, 2, 2, 2, 2, 2]),
         ),
-        rrb.TimePanel(timeline="time"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(timeline="time", state="collapsed"),
     )
 
 

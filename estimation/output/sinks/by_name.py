@@ -10,10 +10,10 @@ from estimation.frames.extras import require_extra
 from estimation.frames.lerobot import write_lerobot
 from estimation.frames.source import Source
 from estimation.frames.zarr_folder import write_zarr
-from estimation.output.bag import BagWriter, read_answers
-from estimation.output.lines import JsonWriter
-from estimation.output.outlet import close_outlet, open_stdout, open_udp
-from estimation.output.viewer import LiveViewer, ViewerFile, connect_viewer, spawn_viewer
+from estimation.output.sinks.bag import BagWriter, read_answers
+from estimation.output.sinks.lines import JsonWriter
+from estimation.output.sinks.outlet import close_outlet, open_stdout, open_udp
+from estimation.output.sinks.viewer import LiveViewer, ViewerFile, connect_viewer, spawn_viewer
 from estimation.tracking.stream import Sink
 
 FILES = {
@@ -59,29 +59,37 @@ def check_sinks(names: tuple[str, ...]) -> None:
             require_extra(extra, f"the sink {name}")
 
 
-def open_readers(
+def open_sinks(
     names: tuple[str, ...],
+    folder: Path,
     source: Source,
     method: str,
+    rows: int,
     opened: ExitStack,
     tell: Callable[[str], None],
-) -> list[Sink]:
-    """Open the sinks that hand answers to whoever reads them; none of them waits for its reader.
+) -> tuple[list[Sink], list[Sink]]:
+    """Open sinks beside those that every run has.
 
     Args:
-        names: of all sinks.
+        names: of the sinks.
+        folder: of the files that they write.
         source: of the frames.
         method: whose answers they take.
+        rows: that are kept of files that are there.
         opened: closes them.
         tell: told at their end, in a sentence, what has not been passed on.
+
+    Returns:
+        Those that hand answers to whoever reads them, none of which waits for its reader; and
+        those that write files.
 
     Raises:
         ImportError: an extra is not installed.
         ValueError: there is no such sink.
-        OSError: there is no such host, or a viewer does not start.
+        OSError: a file cannot be written, there is no such host, or a viewer does not start.
     """
     check_sinks(names)
-    sinks: list[Sink] = []
+    readers: list[Sink] = []
     for name in names:
         if name in FILES:
             continue
@@ -89,37 +97,18 @@ def open_readers(
             at = None if name == "rerun" else read_address(name)
             connect = spawn_viewer if at is None else partial(connect_viewer, *at)
             viewer = LiveViewer(source, method, connect)
-            sinks.append(viewer)
+            readers.append(viewer)
             outlet = viewer.outlet
         else:
             outlet = open_stdout() if name == "json" else open_udp(*read_address(name))
-            sinks.append(JsonWriter(outlet.send, method, source.unit))
+            readers.append(JsonWriter(outlet.send, method, source.unit))
         opened.callback(close_outlet, outlet, name, tell)
-    return sinks
-
-
-def open_files(
-    names: tuple[str, ...], folder: Path, source: Source, method: str, rows: int, opened: ExitStack
-) -> list[Sink]:
-    """Open the files that grow with every answer.
-
-    Args:
-        names: of all sinks.
-        folder: of the files.
-        source: of the frames.
-        method: whose answers they take.
-        rows: that are kept of files that are there.
-        opened: closes them.
-
-    Raises:
-        ImportError: an extra is not installed.
-        OSError: a file cannot be written.
-    """
     kinds = {FILES["mcap"]: BagWriter, FILES["rrd"]: ViewerFile}
-    return [
+    files: list[Sink] = [
         opened.enter_context(closing(kinds[file](folder / file, source, method, rows)))
         for file in growing_files(names)
     ]
+    return readers, files
 
 
 def growing_files(names: tuple[str, ...]) -> list[str]:

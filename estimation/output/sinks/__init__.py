@@ -1,0 +1,1 @@
+"""Ways out for answers, beside the table and the record that every run has."""
