@@ -1,1 +1,1 @@
-"""All methods on the same recordings: virtual pivots with exact truth, and real ones at hand."""
+"""A benchmark that others enter: recordings in three tiers, and the share of right answers."""

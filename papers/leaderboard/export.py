@@ -1,6 +1,7 @@
 """The recordings for entrants: of both splits, the truth of the tuning cases alone."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -32,7 +33,8 @@ def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -
     for source in track(sources):
         case, truth = source.case, source.truth
         place = folder / case.split / case.name
-        write_archive(source.read(), place.with_name(f"{place.name}.npz"))
+        recording = replace(source.read(), name=case.name, source=f"leaderboard case {case.name}")
+        write_archive(recording, place.with_name(f"{place.name}.npz"))
         if source.clip is not None:
             write_pictures(source.clip, place)
         shown = "" if source.draw is None else case.name if source.clip is not None else "fetch"

@@ -46,7 +46,8 @@ def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: 
     Raises:
         OSError: a file cannot be written.
     """
-    export_cases([source for split in splits for source in _open(split, seed)], folder, track)
+    sources = [source for split in splits for source in _open(split, seed, track)]
+    export_cases(sources, folder, track)
 
 
 def rank_entries(
@@ -61,7 +62,7 @@ def rank_entries(
         alone: whether only the given entries are ranked.
         track: wraps the outer loop, to show progress.
     """
-    sources = _open(split, seed)
+    sources = _open(split, seed, track)
     entries = [*([] if alone else answer_all(sources, track)), *given]
     scores = board.score_all(entries, sources)
     tables = {
@@ -75,7 +76,7 @@ def rank_entries(
     return Ranking(tables, texts, figure_png(board.plot(scores)))
 
 
-def _open(split: str, seed: int | None) -> list[Source]:
+def _open(split: str, seed: int | None, track: Track) -> list[Source]:
     scored = settings.PRACTICE_SEED if seed is None else seed
     own = settings.TUNING_SEED if split == "tuning" else scored
-    return list(open_cases(list_cases(split), own, say_error))
+    return list(track(open_cases(list_cases(split), own, say_error)))

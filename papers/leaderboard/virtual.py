@@ -125,7 +125,7 @@ def mirror(recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
 
 
 def _name(recording: Recording, case: Case, kept: Int[np.ndarray, " kept"]) -> Recording:
-    """Those frames, under the name of the case; nothing says which seed it was drawn from."""
+    """Those frames, under the name of the case in place of a source that names the seed."""
     arrays = {
         name: value[kept]
         for name in ("positions", "valid", "time", "source_index", "force", "moment")

@@ -243,6 +243,11 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
     for path in exported.rglob("*.npz"):
         with np.load(path) as arrays:
             assert not {"angle", "truth"} & set(arrays)
+            case = path.relative_to(exported).with_suffix("").as_posix().partition("/")[2]
+            assert (str(arrays["name"]), str(arrays["source"])) == (
+                case,
+                f"leaderboard case {case}",
+            )
 
 
 def test_real_data_that_is_missing_is_named(monkeypatch):
