@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
-from scipy.special import jv
+from scipy.special import jv, roots_legendre
 
 from contactmodel.common.arrays import AnyArray
 from contactmodel.elasticity.transfer import base_transfer
@@ -100,7 +100,7 @@ def _evaluate_jvp(primals, tangents):
 @lru_cache(maxsize=1)
 def _quadrature() -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Gauss nodes and weights in x, and J_i(xρ)/ρ^i at the series' points ρ."""
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    nodes, weights = roots_legendre(_NODES)
     x = 0.5 * _WAVES * (nodes + 1.0)
     v = np.polynomial.chebyshev.chebpts1(_TERMS)
     rho = 2.0 * np.sinh(np.arcsinh(0.5 * REACH) * np.sqrt(0.5 * (v + 1.0)))

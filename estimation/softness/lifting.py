@@ -161,7 +161,7 @@ class _Kernel:
         beyond = 25  # pitches over which the lattice is added up
         resolution = 0.5  # standard deviation, in pitches, of what markers resolve
         h, z = thickness, depth
-        nodes, weights = np.polynomial.legendre.leggauss(node_count)
+        nodes, weights = scipy.special.roots_legendre(node_count)
         top = wave_range / resolution
         q = 0.5 * top * (nodes + 1.0)
         gain = layer_gain(q * h, q * z)

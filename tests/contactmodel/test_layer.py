@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.special import jv
+from scipy.special import jv, roots_legendre
 
 from contactmodel import (
     Contact,
@@ -119,7 +119,7 @@ def test_difference_of_layer_and_half_space_has_no_cancellation(nu, depth):
 def test_kernels_against_quadrature():
     rho, nu = np.array([0.02, 0.7, 4.0, 20.0, 39.0]), 0.48
     kernel = base_kernels(rho, nu, 0.0, 0.0)
-    nodes, weights = np.polynomial.legendre.leggauss(3000)  # 260 waves of the Bessel functions
+    nodes, weights = roots_legendre(3000)  # 260 waves of the Bessel functions
     x, weights = 15.0 * (nodes + 1.0), 15.0 * weights
     base = base_transfer(x, nu, 0.0)
     turn = jv(0, np.outer(rho, x)) @ (weights * base.normal)
@@ -131,7 +131,7 @@ def test_kernels_against_quadrature():
 @lru_cache
 def first_term(nu):
     """∫δ_z dx / 2π, by which a force sinks less, times Gh."""
-    nodes, weights = np.polynomial.legendre.leggauss(200)
+    nodes, weights = roots_legendre(200)
     return float(weights @ base_transfer(15.0 * (nodes + 1.0), nu, 0.0).normal) * 7.5 / np.pi
 
 
