@@ -32,6 +32,17 @@ class Contact(eqx.Module):
     Raises:
         ValueError: two rigid bodies, numbers of the friction that are no map of the grid, a layer
             thinner than a cell, or markers below the base of one.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
+        >>> gel, ball = HalfSpace(shear_modulus=0.2, poisson_ratio=0.5), Sphere(radius=20.0)
+        >>> grid = Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), ball, grid, friction_coefficient=0.5)
+        >>> for depth in (0.5, 1.0):
+        ...     solution = solve_contact(contact, Pose(approach=depth))
+        ...     print(f"{depth} mm deep takes {-solution.force[2]:.2f} N")
+        0.5 mm deep takes 1.70 N
+        1.0 mm deep takes 4.75 N
     """
 
     elastomer: AbstractBody

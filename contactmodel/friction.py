@@ -16,7 +16,20 @@ from contactmodel.common.checks import Numbers, known, non_negative, positive
 
 
 class AbstractFriction(eqx.Module):
-    """The friction between two bodies. Its numbers may be maps of the grid."""
+    """The friction between two bodies. Its numbers may be maps of the grid.
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import AbstractFriction
+        >>> class Limited(AbstractFriction):  # Coulomb's law up to a largest traction
+        ...     coefficient: float
+        ...     largest: float
+        ...     def limit(self, pressure):
+        ...         return jnp.minimum(self.coefficient * pressure, self.largest)
+        >>> law, pressure = Limited(0.5, largest=0.03), jnp.array([0.02, 0.1])
+        >>> print(law.limit(pressure), law.slope(pressure))  # MPa, and its slope by JAX
+        [0.01 0.03] [0.5 0. ]
+    """
 
     @abc.abstractmethod
     def limit(self, pressure: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
@@ -36,6 +49,12 @@ class Coulomb(AbstractFriction):
 
     Attributes:
         coefficient: μ, a number or a map of the grid [-].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import Coulomb
+        >>> print(Coulomb(0.5).limit(jnp.array([0.02, 0.1])))  # MPa
+        [0.01 0.05]
     """
 
     coefficient: Float[Array, "..."] = eqx.field(converter=non_negative)
@@ -52,6 +71,14 @@ class PowerLawFriction(AbstractFriction):
         coefficient: μ₀, at the reference pressure [-].
         reference_pressure: p_ref [MPa].
         exponent: γ, from 0 (Coulomb's law) to below 1; ⅓ where smooth spheres touch [-].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import PowerLawFriction
+        >>> law = PowerLawFriction(0.5, reference_pressure=0.1, exponent=1 / 3)
+        >>> pressure = jnp.array([0.1, 0.8])  # MPa
+        >>> print(law.limit(pressure) / pressure)  # μ halves at eight times the pressure
+        [0.5  0.25]
     """
 
     coefficient: Float[Array, "..."]

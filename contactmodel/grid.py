@@ -24,6 +24,14 @@ class Grid:
     Raises:
         ValueError: not two whole numbers of at least 2 cells, more cells than `MOST_CELLS`, or not
             two positive lengths.
+
+    Examples:
+        >>> from contactmodel import Grid
+        >>> grid = Grid(shape=(16, 8), size=(8.0, 6.0))
+        >>> grid.spacing, grid.points.shape
+        ((0.5, 0.75), (2, 16, 8))
+        >>> grid.x[:3]
+        array([-3.75, -3.25, -2.75])
     """
 
     shape: tuple[int, int]

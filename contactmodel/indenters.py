@@ -20,7 +20,21 @@ _SIDE_SLOPE = 1e3
 
 
 class AbstractIndenter(eqx.Module):
-    """The shape of an object, its lowest point at the origin."""
+    """The shape of an object, its lowest point at the origin.
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import AbstractIndenter, Contact, Grid, HalfSpace, Pose, Rigid
+        >>> from contactmodel import solve_contact
+        >>> class Cone(AbstractIndenter):
+        ...     slope: float
+        ...     def height(self, points):
+        ...         return self.slope * jnp.hypot(*points)
+        >>> grid = Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(HalfSpace(0.2, 0.5), Rigid(), Cone(0.2), grid, 0.5)
+        >>> print(f"{-solve_contact(contact, Pose(approach=1.0)).force[2]:.2f} N")
+        2.56 N
+    """
 
     @abc.abstractmethod
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
@@ -43,6 +57,12 @@ class Paraboloid(AbstractIndenter):
 
     Attributes:
         radius: R [mm].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import Paraboloid
+        >>> print(Paraboloid(radius=10.0).height(jnp.array([[0.0, 3.0], [0.0, 4.0]])))  # mm
+        [0.   1.25]
     """
 
     radius: Float[Array, ""] = eqx.field(converter=positive)
@@ -57,6 +77,12 @@ class Sphere(AbstractIndenter):
 
     Attributes:
         radius: R [mm].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import Sphere
+        >>> print(Sphere(radius=10.0).height(jnp.array([[0.0, 3.0], [0.0, 4.0]])).round(3))  # mm
+        [0.   1.34]
     """
 
     radius: Float[Array, ""] = eqx.field(converter=positive)
@@ -71,6 +97,12 @@ class Cylinder(AbstractIndenter):
 
     Attributes:
         radius: R [mm].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import Cylinder
+        >>> print(Cylinder(radius=10.0).height(jnp.array([[0.0, 6.0], [5.0, 0.0]])))  # mm
+        [0. 2.]
     """
 
     radius: Float[Array, ""] = eqx.field(converter=positive)
@@ -85,6 +117,13 @@ class Ellipsoid(AbstractIndenter):
 
     Attributes:
         semi_axes: half its length along x, y and z [mm].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import Ellipsoid
+        >>> egg = Ellipsoid(semi_axes=(10.0, 5.0, 4.0))
+        >>> print(egg.height(jnp.array([[6.0, 0.0], [0.0, 3.0]])).round(3))  # mm
+        [0.8 0.8]
     """
 
     semi_axes: Float[Array, "3"] = eqx.field(converter=positive)
@@ -102,6 +141,13 @@ class RoundPunch(AbstractIndenter):
     Attributes:
         radius: of the whole [mm].
         edge_radius: of the rounding, 0 for a sharp edge [mm].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import RoundPunch
+        >>> punch = RoundPunch(radius=4.0, edge_radius=1.0)
+        >>> print(punch.height(jnp.array([[0.0, 2.5, 4.0], [0.0, 0.0, 0.0]])))  # mm
+        [0. 0. 1.]
     """
 
     radius: Float[Array, ""]
@@ -124,6 +170,13 @@ class SquarePunch(AbstractIndenter):
     Attributes:
         width: of the face, roundings included [mm].
         edge_radius: of the rounding, 0 for sharp edges [mm].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import SquarePunch
+        >>> cube = SquarePunch(width=8.0, edge_radius=1.0)
+        >>> print(cube.height(jnp.array([[0.0, 2.5, 4.0], [0.0, 2.5, 0.0]])))  # mm
+        [0. 0. 1.]
     """
 
     width: Float[Array, ""]
@@ -149,6 +202,14 @@ class HeightMap(AbstractIndenter):
 
     Raises:
         ValueError: heights that are NaN or not a map of at least 2×2.
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import HeightMap
+        >>> heights = jnp.array([[1.0, 1.0], [0.0, 0.0], [1.0, 1.0]])
+        >>> ridge = HeightMap(heights, spacing=(2.0, 2.0))
+        >>> print(ridge.height(jnp.array([[0.0, 0.5, 2.0], [0.0, 0.0, 0.0]])))  # mm
+        [0.   0.25 1.  ]
     """
 
     heights: Float[Array, "mx my"]
@@ -189,6 +250,14 @@ class Placed(AbstractIndenter):
         indenter: the shape.
         position: of its origin [mm].
         angle: by which it is turned, counter-clockwise [rad].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> import numpy as np
+        >>> from contactmodel import Cylinder, Placed
+        >>> rod = Placed(Cylinder(radius=10.0), position=(1.0, 0.0), angle=np.radians(90.0))
+        >>> print(rod.height(jnp.array([[5.0, 1.0], [0.0, 6.0]])).round(3))  # mm
+        [0. 2.]
     """
 
     indenter: AbstractIndenter
@@ -208,6 +277,15 @@ class Domed(AbstractIndenter):
     Attributes:
         indenter: the shape.
         pad_radius: of the pad, its top at the origin [mm].
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from contactmodel import Domed, Paraboloid
+        >>> points = jnp.array([[0.0, 3.0], [0.0, 0.0]])
+        >>> print(Domed(Paraboloid(radius=10.0), pad_radius=30.0).height(points).round(2))  # mm
+        [0.  0.6]
+        >>> print(Paraboloid(radius=7.5).height(points).round(2))
+        [0.  0.6]
     """
 
     indenter: AbstractIndenter

@@ -30,6 +30,15 @@ class Pose(eqx.Module):
         corotated: whether the contact is solved in a frame that turns with the object about the
             origin, where it touched first, so that twists of tens of degrees load friction truly
             and the gel turns on circles (see `turning`). Tractions and slip are the frame's.
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> import numpy as np
+        >>> from contactmodel import Pose
+        >>> pose = Pose(approach=0.4, shift=(0.1, 0.0), twist=np.radians(90.0))
+        >>> print(pose.displacement(jnp.array([[2.0], [0.0]])).round(2))  # (2, 0) goes to (0.1, 2)
+        [[-1.9]
+         [ 2. ]]
     """
 
     approach: Float[Array, "*path"]
@@ -121,6 +130,15 @@ class Resultants(eqx.Module):
             do not touch [N].
         shear_force: on the elastomer along x and y, in place of the shift [N].
         moment: on the elastomer about z through the pose's centre, in place of the twist [N·mm].
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Resultants, Rigid, Sphere
+        >>> from contactmodel import solve_contact
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, 0.0)
+        >>> solution = solve_contact(contact, Pose(approach=1.0), Resultants(normal_force=3.0))
+        >>> print(f"3 N press {solution.pose.approach:.3f} mm deep")
+        3 N press 0.733 mm deep
     """
 
     normal_force: Float[Array, "*path"] | None
@@ -193,6 +211,12 @@ def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:
 
     Raises:
         ValueError: fewer than two poses, or steps that are not one whole number from 1 per leg.
+
+    Examples:
+        >>> from contactmodel import Pose, make_path
+        >>> path = make_path([Pose(0.0), Pose(0.4), Pose(0.4, twist=0.06)], steps=[2, 3])
+        >>> print(path.approach, path.twist)
+        [0.2 0.4 0.4 0.4 0.4] [0.   0.   0.02 0.04 0.06]
     """
     if len(poses) < 2 or len(steps) != len(poses) - 1:
         raise ValueError(

@@ -43,6 +43,16 @@ class ContactSolution(eqx.Module):
         result: how the solve ended.
         normal: iterations of the pressure.
         friction: iterations of the traction, and those of both at once.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, 0.5)
+        >>> solution = solve_contact(contact, Pose(approach=1.0, twist=0.15))
+        >>> print(f"{solution.moment:.3f} N·mm, {100 * solution.stick_ratio:.0f} % of it sticks")
+        5.674 N·mm, 18 % of it sticks
+        >>> solution.elastomer_displacement().shape
+        (3, 24, 24)
     """
 
     problem: Contact

@@ -74,6 +74,15 @@ def solve_contact(
             pose, or a tolerance below what the precision can reach.
         RuntimeError: a failure. Where friction cannot carry the resultants, the message, and the
             force and moment of the solution with `throw=False`, give the limit.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> pressed = solve_contact(contact, Pose(approach=1.0))
+        >>> twisted = solve_contact(contact, Pose(approach=1.0, twist=0.15), previous=pressed)
+        >>> print(f"{-pressed.force[2]:.3f} N, then {twisted.moment:.3f} N·mm")
+        4.750 N, then 5.674 N·mm
     """
     _check(contact, pose, resultants, rtol, path=False)
     task = _prepare(contact, pose, previous, sliding, (rtol, max_steps))
@@ -114,6 +123,15 @@ def solve_path(
     Raises:
         ValueError: as for `solve_contact`, or numbers of steps that differ.
         RuntimeError: a failure in any step.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere
+        >>> from contactmodel import make_path, solve_path
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(1.0), Pose(1.0, twist=0.2), Pose(1.0)], steps=[2, 2])
+        >>> print(solve_path(contact, path).moment.round(3))  # N·mm; friction keeps some of it
+        [ 4.966  5.992 -0.768 -3.915]
     """
     _check(contact, path, resultants, rtol, path=True)
     task = _prepare(contact, path, previous, sliding, (rtol, max_steps))

@@ -104,10 +104,11 @@ def skip_member(
 def add_arguments(
     app: Sphinx, what: str, name: str, member: Any, options: Any, lines: list[str]
 ) -> None:
-    """A class is described with the arguments of its constructor, where they have a text."""
+    """A class is described with the arguments of its constructor, before its examples."""
     text = (inspect.getdoc(member.__init__) or "") if what == "class" else ""
     if "Args:" in text:
-        lines += ["", *text[text.index("Args:") :].splitlines()]
+        end = lines.index("Examples:") if "Examples:" in lines else len(lines)
+        lines[end:end] = ["", *text[text.index("Args:") :].splitlines(), ""]
 
 
 def tidy_docstring(

@@ -25,6 +25,15 @@ class ContactSettings:
 
     Raises:
         ValueError: a value out of range.
+
+    Examples:
+        >>> from estimation import ContactSettings, estimate_angles, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> for onset in (0.1, 0.5):  # mm
+        ...     result = estimate_angles(recording, contact=ContactSettings(onset_mm=onset))
+        ...     print(f"{onset} mm: {(result.contact_markers > 0).sum()} frames in contact")
+        0.1 mm: 33 frames in contact
+        0.5 mm: 29 frames in contact
     """
 
     onset_mm: float = ONSET_MM

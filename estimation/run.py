@@ -12,12 +12,13 @@ import numpy as np
 from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
+from estimation.frames.noise import expect_unit
 from estimation.output.answer import describe_run
 from estimation.output.found import Run, find_in_record
 from estimation.output.missing import describe_answers
 from estimation.output.overview import write_overview
 from estimation.output.preview import find_encoder, write_preview
-from estimation.output.record import FORMAT_VERSION, NAME, RecordReader, RecordWriter
+from estimation.output.record import NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
 from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
 from estimation.output.sinks.by_name import check_sinks, finish_files, growing_files, open_sinks
@@ -26,7 +27,7 @@ from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
 from estimation.sources import UNFINISHED, Input, identity_of, name_folders
-from estimation.tracking.stream import Sink, Stream, expect_unit, make_trackers
+from estimation.tracking.stream import Sink, Stream, make_trackers
 
 CHECKPOINT_S = 5.0
 """Longest work that is done again after a run was killed [s]."""
@@ -211,7 +212,6 @@ class _Job:
         writer.cut(rows)
         truth = self.input.truth
         writer.tell(
-            format_version=FORMAT_VERSION,
             identity=identity_of(self.input.place or source.source, settings),
             name=self.name,
             source=source.source,

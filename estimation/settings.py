@@ -24,6 +24,12 @@ class Settings(RunChoices):
         noise: of the markers; estimated from each recording unless given.
         constants: of the chosen method.
         images: properties of the pictures.
+
+    Examples:
+        >>> from estimation import Noise, Settings, Stream, simulate_pivot
+        >>> settings = Settings(method="rigid", noise=Noise.given(1e-3))
+        >>> print(*settings.methods)  # all are run, the chosen one first
+        rigid tracked incremental paper paper_strict
     """
 
     softness: Softness = RIGID_OBJECT

@@ -49,6 +49,15 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
         FileNotFoundError: there is nothing there, or an array is missing.
         ValueError: no recording, several, or a damaged one.
         OSError: something there cannot be read.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import estimate_angles, read_recording, simulate_pivot, write_archive
+        >>> write_archive(simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))[0], "lift.npz")
+        >>> recording = read_recording("lift.npz")
+        >>> angle = estimate_angles(recording).angle[-1]
+        >>> print(f"{recording.name}: {len(recording)} frames, {np.degrees(angle):.1f}° at the end")
+        lift: 43 frames, 10.0° at the end
     """
     found = find_recordings(path)
     if len(found) > 1:
@@ -161,6 +170,15 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         FileNotFoundError: there is nothing there.
         ValueError: there is something else there.
         OSError: the folder cannot be read.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from estimation import find_recordings, simulate_pivot, write_archive
+        >>> Path("grasps").mkdir()
+        >>> for name in ("grasp10", "grasp2"):
+        ...     write_archive(simulate_pivot(frames=(2, 2, 2))[0], f"grasps/{name}.npz")
+        >>> print([path.name for path in find_recordings("grasps")])
+        ['grasp2.npz', 'grasp10.npz']
     """
     path = Path(path)
     if split_place(path):

@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float
 
 from estimation.fields.stencils import Stencils, make_stencils
 from estimation.frames import datasets
-from estimation.frames.recording import Frame, MarkerLayout, Recording, grid_neighbours
+from estimation.frames.neighbours import grid_neighbours
+from estimation.frames.recording import Frame, MarkerLayout, Recording
 
 
 def find_published(name: str) -> Path:

@@ -1,6 +1,8 @@
 """The site's pages name what there is, link to what there is, and its tutorials read easily."""
 
 import ast
+import doctest
+import inspect
 import re
 from importlib import import_module
 from pathlib import Path
@@ -10,6 +12,8 @@ import pytest
 from contactmodel import equations
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("contactmodel", "estimation", "calibration")
+PUBLIC = [(package, name) for package in PACKAGES for name in import_module(package).__all__]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.py"))
 FOLDERS = ("calibration", "contactmodel", "estimation", "examples", "papers")
 PAGES = sorted(
@@ -24,12 +28,34 @@ def read(*path):
     return ROOT.joinpath(*path).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("package", ["contactmodel", "estimation", "calibration"])
+@pytest.mark.parametrize("package", PACKAGES)
 def test_every_public_name_is_in_the_reference_once(package):
     listed = re.findall(
         r"^\.\. (?:auto|py:)\w+:: (\w+)$", read("docs/reference", f"{package}.md"), re.M
     )
     assert sorted(listed) == sorted(import_module(package).__all__)
+
+
+def describe(package, name):
+    """The text of a public name: the reference's own where it has one, else the docstring."""
+    page = read("docs/reference", f"{package}.md")
+    own = re.search(rf"^\.\. py:\w+:: {name}\n\n((?: {{3}}.*\n|\n)+)", page, re.M)
+    member = getattr(import_module(package), name)
+    return own[1] if own else inspect.cleandoc(member.__doc__ or "")
+
+
+@pytest.mark.parametrize(("package", "name"), PUBLIC, ids=[".".join(each) for each in PUBLIC])
+def test_every_public_name_has_an_example_that_runs(package, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # examples write their files where they are run
+    case = doctest.DocTestParser().get_doctest(
+        describe(package, name), {"__name__": "__main__"}, f"{package}.{name}", None, 0
+    )
+    assert any(example.want for example in case.examples), "no example that shows a result"
+    report, runner = [], doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    runner.run(case, out=report.append, clear_globs=False)
+    assert not runner.failures, "".join(report)
+    member, made = getattr(import_module(package), name), case.globs.values()
+    assert name in case.globs or any(isinstance(each, member) for each in made), "another's example"
 
 
 def anchors(page):

@@ -102,6 +102,22 @@ class SoftnessFit:
         undetermined: quantities that the data cannot determine, in sentences.
         notes: remarks for readers, in sentences.
         line: the fit behind it.
+
+    Examples:
+        >>> import numpy as np
+        >>> from calibration import Reference, fit_softness, make_trials
+        >>> from estimation import PivotModel, estimate_angles, simulate_pivot
+        >>> soft = PivotModel(stiffness_ratio=0.5, friction_ratio=0.3)
+        >>> recording, truth = simulate_pivot(soft, angles_deg=(0.0, 10.0), frames=(30,))
+        >>> error = np.full(len(recording), np.radians(0.05))
+        >>> about = {"zeroed": True, "same_clock": True, "source": "stage"}
+        >>> stage = Reference(recording.time, truth.angle, error, **about)
+        >>> fit = fit_softness(make_trials(recording, stage))
+        >>> print(f"95 % interval of k ± {(fit.high - fit.low) / 2:.3f}")
+        95 % interval of k ± 0.001
+        >>> result = estimate_angles(recording, softness=fit.softness)
+        >>> print(f"{np.degrees(result.angle[-1]):.1f}°")  # 10° is true
+        10.0°
     """
 
     softness: ScalarSoftness | LayeredSoftness
@@ -140,6 +156,18 @@ def fit_softness(
 
     Raises:
         ValueError: the trials cannot determine k; the message says what to measure instead.
+
+    Examples:
+        >>> from calibration import Reference, fit_softness, make_trials
+        >>> from estimation import PivotModel, simulate_pivot
+        >>> soft = PivotModel(stiffness_ratio=0.5, friction_ratio=0.3)
+        >>> recording, truth = simulate_pivot(soft, angles_deg=(0.0, 10.0), frames=(30,))
+        >>> error = 1e-3 + 0 * recording.time  # rad
+        >>> about = {"zeroed": True, "same_clock": True, "source": "stage"}
+        >>> stage = Reference(recording.time, truth.angle, error, **about)
+        >>> fit = fit_softness(make_trials(recording, stage))
+        >>> print(f"k = {fit.stiffness_ratio:.2f}")  # 0.5 is true
+        k = 0.50
     """
     if not trials:
         raise ValueError(f"no trial: {NO_REFERENCE}")
@@ -162,15 +190,20 @@ def fit_softness(
     lines = {name: fit_line(Problem(series, one, pad), offsets) for name, one in columns.items()}
     candidates = _rank(lines)
     chosen = model or candidates[0].model
-    if chosen not in lines:
-        raise ValueError(
-            f"there is no model {chosen!r} of L for these trials, only {', '.join(lines)}: L takes "
-            "references that count from the contact; 'by force' takes recorded forces that differ "
-            "from trial to trial, 'per grasp' more than one trial"
-        )
+    _expect_model(chosen, lines)
     slope = combine_slopes(trials, single, lines[chosen])
     grasps = list(zip(trials, single, strict=True))
     return _conclude(grasps, slope, chosen, candidates, lines[chosen], layered=layer is not None)
+
+
+def _expect_model(model: str, lines: Mapping[str, Line]) -> None:
+    """Check that a model of L can be fitted to the trials."""
+    if model not in lines:
+        raise ValueError(
+            f"there is no model {model!r} of L for these trials, only {', '.join(lines)}: L takes "
+            "references that count from the contact; 'by force' takes recorded forces that differ "
+            "from trial to trial, 'per grasp' more than one trial"
+        )
 
 
 def _alone(trial: Trial, model: str | None) -> Columns:

@@ -58,6 +58,22 @@ def fit_layered_softness(
 
     Raises:
         ValueError: the grasps cannot determine k; the message says what to measure instead.
+
+    Examples:
+        >>> import numpy as np
+        >>> from calibration import Reference, fit_layered_softness
+        >>> from calibration.softness.layered import Grasp
+        >>> from calibration.softness.readings import Layer
+        >>> from estimation import PivotModel, simulate_pivot
+        >>> few = {"grid_shape": (10, 10), "pitch": 2.0}
+        >>> soft = PivotModel(stiffness_ratio=0.5, friction_ratio=0.3, **few)
+        >>> recording, truth = simulate_pivot(soft, angles_deg=(0.0, 10.0), frames=(30,))
+        >>> error = np.full(len(recording), np.radians(0.05))
+        >>> about = {"zeroed": True, "same_clock": True, "source": "stage"}
+        >>> stage = Reference(recording.time, truth.angle, error, **about)
+        >>> fit = fit_layered_softness([Grasp(recording, stage)], Layer(thickness=100.0))
+        >>> print(f"k = {fit.stiffness_ratio:.2f}")  # 0.5 is true
+        k = 0.51
     """
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")

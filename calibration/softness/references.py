@@ -34,6 +34,20 @@ class Reference:
             changes are used: Eq. (12).
         same_clock: whether its time stamps are those of the recording's clock.
         source: what it is, for readers.
+
+    Examples:
+        >>> import numpy as np
+        >>> from calibration import Reference
+        >>> stage = Reference(
+        ...     time=np.array([0.0, 0.5, 1.0]),
+        ...     angle=np.radians([0.0, 5.0, 10.0]),
+        ...     error=np.full(3, np.radians(0.05)),
+        ...     zeroed=True,
+        ...     same_clock=False,
+        ...     source="rotary stage",
+        ... )
+        >>> print(f"{stage.source}: {np.degrees(stage.angle[-1]):.1f}° after {stage.time[-1]} s")
+        rotary stage: 10.0° after 1.0 s
     """
 
     time: Float[np.ndarray, " readings"]
@@ -53,6 +67,14 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     Raises:
         OSError: the file cannot be read.
         ValueError: a column is missing, a value is no number, or the clock goes back.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> from calibration import read_reference
+        >>> _ = Path("stage.csv").write_text("time_s,angle_deg\\n0.0,0.0\\n0.5,5.0\\n")
+        >>> print(np.degrees(read_reference(Path("stage.csv"), zeroed=True).angle))
+        [0. 5.]
     """
     rows = read_rows(path)
     names = set(rows[0][1]) if rows else set()
@@ -101,6 +123,17 @@ def outline_reference(recording: Recording) -> Reference:
 
     Raises:
         ValueError: neither can be followed.
+
+    Examples:
+        >>> from dataclasses import replace
+        >>> import numpy as np
+        >>> from calibration import outline_reference
+        >>> from estimation import simulate_pivot
+        >>> recording, truth = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> imprint = np.stack([truth.angle, np.full(len(recording), 1e-3)], axis=1)  # rad
+        >>> reference = outline_reference(replace(recording, imprint=imprint))
+        >>> print(f"{reference.source}: {np.degrees(reference.angle[-1]):.1f}° at the end")
+        imprint: 10.0° at the end
     """
     outline = follow_outline(recording)
     known = np.isfinite(outline.angle)

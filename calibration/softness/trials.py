@@ -69,6 +69,19 @@ class Trial:
         lifted_for: softness that the frames were lifted for; None on a thick elastomer.
         seen: displacements of the markers in those frames; empty where they were not lifted.
         held: sticking markers in all those frames together; 0 where unknown.
+
+    Examples:
+        >>> from calibration import Reference, make_trials
+        >>> from estimation import PivotModel, simulate_pivot
+        >>> soft = PivotModel(stiffness_ratio=0.5, friction_ratio=0.3)
+        >>> recording, truth = simulate_pivot(soft, angles_deg=(0.0, 10.0), frames=(30,))
+        >>> error = 1e-3 + 0 * recording.time  # rad
+        >>> about = {"zeroed": True, "same_clock": True, "source": "stage"}
+        >>> stage = Reference(recording.time, truth.angle, error, **about)
+        >>> (trial,) = make_trials(recording, stage)
+        >>> ratio = trial.reference.angle[-1] / trial.rotation[-1]
+        >>> print(f"the object turned {ratio:.2f} times as far as the gel")  # by 1 + k
+        the object turned 1.50 times as far as the gel
     """
 
     name: str
@@ -111,13 +124,21 @@ def make_trials(
     Raises:
         ValueError: the recording is too short to tell its noise, no frame can be used, or the gel
             stands still while the reference turns.
+
+    Examples:
+        >>> from calibration import Reference, make_trials
+        >>> from estimation import PivotModel, simulate_pivot
+        >>> soft = PivotModel(stiffness_ratio=0.5, friction_ratio=0.3)
+        >>> recording, truth = simulate_pivot(soft, angles_deg=(0.0, 10.0), frames=(30,))
+        >>> error = 1e-3 + 0 * recording.time  # rad
+        >>> about = {"zeroed": True, "same_clock": True, "source": "stage"}
+        >>> stage = Reference(recording.time, truth.angle, error, **about)
+        >>> (trial,) = make_trials(recording, stage)
+        >>> print(f"{len(trial.time)} frames, {sum(trial.excluded.values())} excluded")
+        44 frames, 0 excluded
     """
-    result = estimate_angles(
-        recording,
-        METHOD,
-        noise=noise or estimate_noise(recording),
-        softness=lifted_for or RIGID_OBJECT,
-    )
+    noise, softness = noise or estimate_noise(recording), lifted_for or RIGID_OBJECT
+    result = estimate_angles(recording, METHOD, noise=noise, softness=softness)
     frames = _sort_frames(recording, result, reference, selection)
     numbers, counts = _find_contacts(recording, frames, selection)
     short = counts < FEWEST_POINTS
@@ -132,21 +153,29 @@ def make_trials(
         if touched and not trials:
             excluded["of a touch too short to fit"] = touched
         place = f", contact {len(trials) + 1}" if len(kept) > 1 else ""
-        trials.append(
-            Trial(
-                name=recording.name + place,
-                thing=thing,
-                start=float(recording.time[0]),
-                time=recording.time[rows],
-                reference=reference,
-                excluded=dict(excluded),
-                **_describe_markers(recording.layout),
-                lifted_for=lifted_for,
-                held=int(result.stick[rows].sum()),
-                **_columns(recording, result, rows, lifted_for),
-            )
-        )
+        about = {"name": recording.name + place, "thing": thing, "reference": reference}
+        trial = _make_trial(recording, result, rows, lifted_for, excluded=dict(excluded), **about)
+        trials.append(trial)
     return trials
+
+
+def _make_trial(
+    recording: Recording,
+    result: Result,
+    rows: Int[np.ndarray, " rows"],
+    lifted_for: LayeredSoftness | None,
+    **about: Any,
+) -> Trial:
+    """The trial of some of the frames."""
+    return Trial(
+        start=float(recording.time[0]),
+        time=recording.time[rows],
+        **_describe_markers(recording.layout),
+        lifted_for=lifted_for,
+        held=int(result.stick[rows].sum()),
+        **_columns(recording, result, rows, lifted_for),
+        **about,
+    )
 
 
 class _Frames(NamedTuple):

@@ -31,6 +31,21 @@ class TwoFingers(NamedTuple):
         high: upper ends; infinite where the data put no bound [-].
         ratio: of the fingers' rotations, φ₂/φ₁, and its 95 % interval [-].
         fit: of the second finger's rotation over the first's.
+
+    Examples:
+        >>> from calibration import Reference, fit_two_fingers, make_trials
+        >>> from estimation import PivotModel, simulate_pivot
+        >>> def grasp(k, turn):  # as a finger sees it
+        ...     soft = PivotModel(stiffness_ratio=k, friction_ratio=0.3)
+        ...     recording, truth = simulate_pivot(soft, angles_deg=(0.0, turn), frames=(30,))
+        ...     unused = Reference(recording.time, truth.angle, truth.angle, True, True, "")
+        ...     return make_trials(recording, unused)
+        >>> both = fit_two_fingers(grasp(0.8, 10.0), grasp(0.2, -10.0), stiffness=4.0)
+        >>> low, ratio, high = both.ratio
+        >>> print(f"the second finger turns {ratio:.2f} times as far as the first")
+        the second finger turns 1.50 times as far as the first
+        >>> print(f"first k between {both.low[0]:.2f} and {both.high[0]:.2f}")
+        first k between 0.79 and 0.81
     """
 
     first: ScalarSoftness
@@ -54,6 +69,18 @@ def fit_two_fingers(
 
     Raises:
         ValueError: fingers alike, or rotations that no such pair of k explains.
+
+    Examples:
+        >>> from calibration import Reference, fit_two_fingers, make_trials
+        >>> from estimation import PivotModel, simulate_pivot
+        >>> def grasp(k, turn):  # as a finger sees it
+        ...     soft = PivotModel(stiffness_ratio=k, friction_ratio=0.3)
+        ...     recording, truth = simulate_pivot(soft, angles_deg=(0.0, turn), frames=(30,))
+        ...     unused = Reference(recording.time, truth.angle, truth.angle, True, True, "")
+        ...     return make_trials(recording, unused)
+        >>> both = fit_two_fingers(grasp(0.8, 10.0), grasp(0.2, -10.0), stiffness=4.0)
+        >>> print(f"k = {both.first.stiffness_ratio:.2f} and {both.second.stiffness_ratio:.2f}")
+        k = 0.80 and 0.20
     """
     if not (np.isfinite(stiffness) and stiffness > 0.0):
         raise ValueError(f"k₁/k₂ is {stiffness}; it must be above 0")
@@ -65,15 +92,7 @@ def fit_two_fingers(
         )
     if stiffness < 1.0:  # let the first be the stiffer one, which turns less
         return _swap(fit_two_fingers(second, first, 1.0 / stiffness, clock_search))
-    try:
-        fit = fit_softness(
-            [_beside(one, two) for one, two in zip(first, second, strict=True)],
-            clock_search=clock_search,
-        )
-    except ValueError as error:
-        raise ValueError(
-            f"the second finger as reference of the first, which should turn less: {error}"
-        ) from error
+    fit = _fit_beside(first, second, clock_search)
     slope = 1.0 + fit.stiffness_ratio
     if not slope < stiffness:
         raise ValueError(
@@ -82,24 +101,38 @@ def fit_two_fingers(
             "is which, and that the object does not twist between them"
         )
     ends = [max(_second_k(end, stiffness), 0.0) for end in (1.0 + fit.low, slope, 1.0 + fit.high)]
-    rate = (stiffness - 1.0) / (stiffness - slope) ** 2
-    error = 0.5 * (fit.high - fit.low) / Z95 * rate
-    made = [
-        ScalarSoftness(
-            stiffness_ratio=scale * ends[1],
-            covariance=((float((scale * error) ** 2), 0.0), (0.0, 0.0)),
-            provenance=dict(fit.softness.provenance) | {"stiffness_of_fingers": stiffness},
-        )
+    error = 0.5 * (fit.high - fit.low) / Z95 * (stiffness - 1.0) / (stiffness - slope) ** 2
+    given = dict(fit.softness.provenance) | {"stiffness_of_fingers": stiffness}
+    first_k, second_k = (
+        ScalarSoftness(scale * ends[1], covariance=_of_k(scale * error), provenance=given)
         for scale in (stiffness, 1.0)
-    ]
+    )
     return TwoFingers(
-        first=made[0],
-        second=made[1],
+        first=first_k,
+        second=second_k,
         low=(stiffness * ends[0], ends[0]),
         high=(stiffness * ends[2], ends[2]),
         ratio=(1.0 + fit.low, slope, 1.0 + fit.high),
         fit=fit,
     )
+
+
+def _of_k(error: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The covariance of (k, L) where only k has an error."""
+    return (float(error**2), 0.0), (0.0, 0.0)
+
+
+def _fit_beside(
+    first: Sequence[Trial], second: Sequence[Trial], clock_search: float
+) -> SoftnessFit:
+    """The second finger's rotation over the first's."""
+    pairs = [_beside(one, two) for one, two in zip(first, second, strict=True)]
+    try:
+        return fit_softness(pairs, clock_search=clock_search)
+    except ValueError as error:
+        raise ValueError(
+            f"the second finger as reference of the first, which should turn less: {error}"
+        ) from error
 
 
 def _swap(found: TwoFingers) -> TwoFingers:

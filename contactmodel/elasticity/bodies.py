@@ -17,7 +17,22 @@ from contactmodel.elasticity.pad import Material
 
 
 class AbstractBody(eqx.Module):
-    """A body with a plane surface: the elastomer S or the object B."""
+    """A body with a plane surface: the elastomer S or the object B.
+
+    Examples:
+        >>> import jax
+        >>> from contactmodel import AbstractBody, HalfSpace, stiffness_ratio
+        >>> class Twice(AbstractBody):  # twice as stiff as another body
+        ...     body: AbstractBody
+        ...     def coefficients(self, cell, spacing):
+        ...         return jax.tree.map(lambda c: c / 2, self.body.coefficients(cell, spacing))
+        ...     @property
+        ...     def softness(self):
+        ...         return self.body.softness / 2
+        >>> gel = HalfSpace(shear_modulus=0.2, poisson_ratio=0.5)
+        >>> print(f"k = {stiffness_ratio(gel, Twice(gel)):.2f}")
+        k = 0.50
+    """
 
     @abc.abstractmethod
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
@@ -52,6 +67,18 @@ class HalfSpace(AbstractBody):
     Attributes:
         shear_modulus: G [MPa].
         poisson_ratio: ν [-], from 0 to 0.5.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Paraboloid, Pose, Rigid
+        >>> from contactmodel import solve_contact
+        >>> grid, pose = Grid((24, 24), (24.0, 24.0)), Pose(approach=1.0)
+        >>> for modulus in (0.2, 0.4):
+        ...     gel = HalfSpace(shear_modulus=modulus, poisson_ratio=0.5)
+        ...     solution = solve_contact(Contact(gel, Rigid(), Paraboloid(20.0), grid, 0.5), pose)
+        ...     hertz = 16 / 3 * modulus * 20.0**0.5  # N
+        ...     print(f"{-solution.force[2]:.2f} N, Hertz {hertz:.2f} N")
+        4.78 N, Hertz 4.77 N
+        9.55 N, Hertz 9.54 N
     """
 
     shear_modulus: Float[Array, ""] = eqx.field(converter=positive)
@@ -89,6 +116,16 @@ class Layer(AbstractBody):
         shear_modulus: G [MPa].
         poisson_ratio: ν [-], from 0 to 0.5.
         thickness: h, not below the length of a cell of the grid [mm].
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, Layer, Pose, Rigid, Sphere, solve_contact
+        >>> grid, pose = Grid((24, 24), (24.0, 24.0)), Pose(approach=1.0)
+        >>> for thickness in (3.0, 300.0):
+        ...     gel = Layer(shear_modulus=0.2, poisson_ratio=0.5, thickness=thickness)
+        ...     solution = solve_contact(Contact(gel, Rigid(), Sphere(20.0), grid, 0.0), pose)
+        ...     print(f"{thickness:.0f} mm thick: {-solution.force[2]:.2f} N")
+        3 mm thick: 47.32 N
+        300 mm thick: 4.83 N
     """
 
     shear_modulus: Float[Array, ""] = eqx.field(converter=positive)
@@ -155,7 +192,17 @@ class Layer(AbstractBody):
 
 
 class Rigid(AbstractBody):
-    """A rigid body; at most one of the two bodies can be rigid."""
+    """A rigid body; at most one of the two bodies can be rigid.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> for object_ in (Rigid(), gel):  # as soft as the gel: half the force
+        ...     solution = solve_contact(Contact(gel, object_, Sphere(20.0), grid, 0.5), Pose(1.0))
+        ...     print(f"{-solution.force[2]:.3f} N")
+        4.750 N
+        2.375 N
+    """
 
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """All 0."""
@@ -168,7 +215,14 @@ class Rigid(AbstractBody):
 
 
 def stiffness_ratio(elastomer: AbstractBody, object_: AbstractBody) -> Float[Array, ""]:
-    """k = G_S/G_B; 0 for a rigid object. Of a layer, see `layer_gain`."""
+    """k = G_S/G_B; 0 for a rigid object. Of a layer, see `layer_gain`.
+
+    Examples:
+        >>> from contactmodel import HalfSpace, stiffness_ratio
+        >>> gel, foam = HalfSpace(0.2, poisson_ratio=0.5), HalfSpace(0.4, poisson_ratio=0.3)
+        >>> print(f"k = {stiffness_ratio(gel, foam):.2f}")
+        k = 0.50
+    """
     return object_.softness / elastomer.softness
 
 
@@ -177,6 +231,15 @@ def make_body(material: Material) -> HalfSpace | Layer:
 
     Raises:
         ValueError: the modulus or Poisson's ratio is unknown.
+
+    Examples:
+        >>> from contactmodel import Material, make_body
+        >>> body = make_body(Material(shear_modulus=0.2, poisson_ratio=0.48, thickness=3.0))
+        >>> print(f"{type(body).__name__}, {body.thickness:.1f} mm thick")
+        Layer, 3.0 mm thick
+        >>> body = make_body(Material(shear_modulus=0.2, poisson_ratio=0.48))
+        >>> print(type(body).__name__)
+        HalfSpace
     """
     modulus, ratio, thickness = material.shear_modulus, material.poisson_ratio, material.thickness
     if modulus is None or ratio is None:

@@ -40,6 +40,15 @@ class Material:
 
     Raises:
         ValueError: a value that no body has.
+
+    Examples:
+        >>> from contactmodel import Material
+        >>> Material(shear_modulus=0.2, poisson_ratio=0.48)
+        Material(shear_modulus=0.2, poisson_ratio=0.48, thickness=None)
+        >>> Material(shear_modulus=-0.2)
+        Traceback (most recent call last):
+            ...
+        ValueError: shear_modulus_mpa is -0.2; it must be a number above 0
     """
 
     shear_modulus: float | None = field(default=None, metadata=unit("mpa", above=0.0))
@@ -65,6 +74,12 @@ class Pad(Material):
 
     Raises:
         ValueError: a value that no pad has, or markers below its base.
+
+    Examples:
+        >>> from contactmodel import Pad, make_body
+        >>> pad = Pad(shear_modulus=0.2, poisson_ratio=0.48, thickness=3.0, marker_depth=0.3)
+        >>> print(f"G = {make_body(pad).shear_modulus} MPa, markers {pad.marker_depth} mm deep")
+        G = 0.2 MPa, markers 0.3 mm deep
     """
 
     marker_depth: float | None = field(default=None, metadata=unit("mm", least=0.0))
@@ -87,6 +102,13 @@ def read_pad(path: Path) -> Pad:
     Raises:
         OSError: the file cannot be read.
         ValueError: its table `pad` is wrong.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from contactmodel import read_pad
+        >>> _ = Path("sensor.toml").write_text("format_version = 1\\npad.thickness_mm = 3.0")
+        >>> print(f"{read_pad(Path('sensor.toml')).thickness} mm thick")
+        3.0 mm thick
     """
     content = read_toml(path, SENSOR_VERSION, RENAMED)
     with naming(path):

@@ -116,6 +116,14 @@ def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -
     Args:
         x: qh, thickness times wave number; infinite for a half-space [-].
         depth: qz, depth times wave number, below qh [-].
+
+    Examples:
+        >>> import numpy as np
+        >>> from contactmodel import layer_gain
+        >>> thickness, wavelength = 3.0, np.array([6.0, 12.0, 24.0])  # mm
+        >>> x = 2 * np.pi / wavelength * thickness
+        >>> print(1 + layer_gain(x, np.zeros(3)).transverse.round(2))  # k of the layer over k
+        [1.   1.09 1.52]
     """
     xp, x, depth = as_arrays(x, depth)
     x = xp.minimum(x, 1e3)  # nothing is left of the base there
@@ -139,6 +147,13 @@ def ball_gain(x: Float[AnyArray, "*waves"]) -> AnyArray:
 
     Args:
         x: qR, radius times wave number; infinite for a flat object [-].
+
+    Examples:
+        >>> import numpy as np
+        >>> from contactmodel import ball_gain
+        >>> radius, wavelength = 10.0, np.array([5.0, 10.0, 20.0])  # mm
+        >>> print(1 + ball_gain(2 * np.pi / wavelength * radius).round(2))  # k of the ball over k
+        [1.14 1.31 1.91]
     """
     xp, x = as_arrays(x)
     return 1.5 / (xp.maximum(x, 2.5) - 1.5)
@@ -152,6 +167,15 @@ class ScalarTransfer(NamedTuple):
         load_term: L = L_xy − L_yx, in the paper's sign as everywhere: the object turns by
             (1 + k) φ − L/2, counter-clockwise [rad].
         residual: root mean square of what they leave of the object's rotation [rad].
+
+    Examples:
+        >>> import numpy as np
+        >>> from contactmodel import fit_scalar_transfer
+        >>> gel, every = np.radians([4.0, 5.0, 6.0]), np.full(3, True)
+        >>> transfer = fit_scalar_transfer(gel, -0.5 * gel, every)
+        >>> turned = (1 + transfer.stiffness_ratio) * gel - transfer.load_term / 2
+        >>> print(np.degrees(turned).round(2))  # of the object
+        [6.  7.5 9. ]
     """
 
     stiffness_ratio: Float[AnyArray, ""]
@@ -173,6 +197,16 @@ def fit_scalar_transfer(
         elastomer_rotation: ½ rot u_S, as `ContactSolution.elastomer_rotation` has it [rad].
         object_rotation: ½ rot u_B [rad].
         region: cells to fit, those in contact for example.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Sphere
+        >>> from contactmodel import fit_scalar_transfer, solve_contact
+        >>> gel, object_ = HalfSpace(0.2, poisson_ratio=0.5), HalfSpace(0.4, poisson_ratio=0.5)
+        >>> contact = Contact(gel, object_, Sphere(20.0), Grid((24, 24), (24.0, 24.0)), 0.5)
+        >>> solved = solve_contact(contact, Pose(approach=1.0, twist=0.15))
+        >>> rotations = solved.elastomer_rotation(), solved.object_rotation()
+        >>> print(f"k = {fit_scalar_transfer(*rotations, solved.contact).stiffness_ratio:.3f}")
+        k = 0.500
     """
     xp, phi, turned, inside = as_arrays(elastomer_rotation, object_rotation, region)
     weight, opposite = inside.astype(phi.dtype), -turned

@@ -4,7 +4,17 @@ import equinox as eqx
 
 
 class RESULTS(eqx.Enumeration):
-    """How a solve ended. All but `successful` and `no_contact` are failures."""
+    """How a solve ended. All but `successful` and `no_contact` are failures.
+
+    Examples:
+        >>> from contactmodel import RESULTS, Contact, Grid, HalfSpace, Pose, Rigid, Sphere
+        >>> from contactmodel import solve_contact
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, 0.5)
+        >>> solution = solve_contact(contact, Pose(approach=-0.1), throw=False)
+        >>> print(RESULTS[solution.result])
+        the bodies do not touch: the approach is too small
+    """
 
     successful = ""
     no_contact = "the bodies do not touch: the approach is too small"

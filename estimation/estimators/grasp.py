@@ -84,6 +84,18 @@ class Grasp(NamedTuple):
         free: the fit with the slope free.
         own_clocks: the clock offset is 0 because the angles give no reason for another one.
         raw: the fingers' difference before offsets are fitted; None without a common frame.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import compare_fingers, estimate_angles, simulate_pivot
+        >>> tracks = [
+        ...     estimate_angles(simulate_pivot(angles_deg=(0.0, turn), frames=(20,), seed=seed)[0])
+        ...     for seed, turn in ((0, 10.0), (1, -10.0))  # the fingers face each other
+        ... ]
+        >>> grasp = compare_fingers(*tracks)
+        >>> half = np.degrees(grasp.high[-1] - grasp.low[-1]) / 2
+        >>> print(f"{np.degrees(grasp.joint[-1]):.1f}° ± {half:.2f}° by both fingers")
+        10.0° ± 0.02° by both fingers
     """
 
     time: Float[np.ndarray, " frames"]
@@ -109,6 +121,18 @@ def compare_fingers(first: Track, second: Track, short_s: float = 0.4) -> Grasp:
 
     Raises:
         ValueError: the two have too little time in common without macro slip.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import compare_fingers, estimate_angles, simulate_pivot
+        >>> tracks = [
+        ...     estimate_angles(simulate_pivot(angles_deg=(0.0, turn), frames=(20,), seed=seed)[0])
+        ...     for seed, turn in ((0, 10.0), (1, -10.0))  # the fingers face each other
+        ... ]
+        >>> grasp = compare_fingers(*tracks)
+        >>> apart = np.degrees(np.nanmax(np.abs(grasp.first - grasp.second)))
+        >>> print(f"the fingers differ by {apart:.1f}° at most")
+        the fingers differ by 0.1° at most
     """
     pair = _Pair(first, second, short_s)
     clock, own_clocks, doubt = pair.find_clock()

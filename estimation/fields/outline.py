@@ -130,6 +130,13 @@ def follow_outline(recording: Recording) -> Outline:
     """Follow the long axis of the contact through a recording, anew with every contact.
 
     Where the source has the object's imprint, that is followed in its place.
+
+    Examples:
+        >>> from estimation import follow_outline, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> outline = follow_outline(recording)  # of a ball, whose contact has no long axis
+        >>> print(outline.elongation[-3:].round(2), outline.angle[-3:])
+        [1. 1. 1.] [nan nan nan]
     """
     if recording.imprint is not None:
         nothing = np.full(len(recording), np.nan)

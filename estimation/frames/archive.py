@@ -58,6 +58,13 @@ def write_archive(recording: Recording, path: str | Path) -> None:
     Raises:
         ValueError: the file's name does not end in `.npz`.
         OSError: the folder cannot be written to, or the disk is full.
+
+    Examples:
+        >>> from estimation import read_recording, simulate_pivot, write_archive
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> write_archive(recording, "pivot.npz")
+        >>> read_recording("pivot.npz").positions.shape  # frames, markers, coordinates
+        (43, 400, 3)
     """
     path = Path(path)
     if path.suffix != SUFFIX:

@@ -46,6 +46,16 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
     Raises:
         ValueError: there is no such data set, or the download differs from the published files.
         OSError: the download failed, or the cache cannot be written; the message says what to do.
+
+    Examples:
+        The first line downloads the data set once.
+
+        >>> from estimation import fetch
+        >>> folder = fetch("tac3d-pivot")  # doctest: +SKIP
+        >>> fetch("tac3d")
+        Traceback (most recent call last):
+            ...
+        ValueError: there is no data set 'tac3d': choose from tac3d-pivot, ...
     """
     unlicensed = (
         "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"

@@ -46,6 +46,16 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
         ImportError: the extra `lerobot` is not installed.
         ValueError: there are no frames.
         OSError: it cannot be written.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from estimation import simulate_pivot, write_lerobot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> write_lerobot(Path("pivot"), recording)
+        >>> for file in sorted(Path("pivot").rglob("file-*.parquet")):
+        ...     print(file.as_posix())
+        pivot/data/chunk-000/file-000.parquet
+        pivot/meta/episodes/chunk-000/file-000.parquet
     """
     require_extra("lerobot", f"writing {path}")
     import pyarrow

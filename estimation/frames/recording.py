@@ -6,8 +6,9 @@ from functools import cache
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
-import scipy
 from jaxtyping import AbstractArray, Bool, Float, Int
+
+from estimation.frames.neighbours import delaunay_neighbours, find_grid, grid_neighbours
 
 
 def _expect_shape(name: str, array: np.ndarray, *shape: int) -> None:
@@ -67,6 +68,16 @@ class MarkerLayout:
     Raises:
         ValueError: the arrays do not fit each other, a reference position is not finite, or a
             neighbour is not a marker.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import MarkerLayout
+        >>> corners = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]])  # mm
+        >>> around = np.array([[1, 2], [0, 3], [0, 3], [1, 2]])
+        >>> layout = MarkerLayout(corners, around, grid_shape=(2, 2))
+        >>> print(layout.reference[layout.neighbours[0]])  # next to the first marker
+        [[2. 0.]
+         [0. 2.]]
     """
 
     reference: Float[np.ndarray, "n d"]
@@ -97,89 +108,19 @@ class MarkerLayout:
             )
 
 
-def grid_neighbours(shape: tuple[int, int]) -> Int[np.ndarray, "n 4"]:
-    """The four neighbours of each marker of a regular grid.
-
-    Args:
-        shape: rows and columns.
-
-    Returns:
-        For marker `row * columns + column` the ones in the row before, the row after, the column
-        before and the column after; −1 beyond the rim.
-    """
-    rows, columns = shape
-    index = np.pad(np.arange(rows * columns).reshape(shape), 1, constant_values=-1)
-    around = (index[:-2, 1:-1], index[2:, 1:-1], index[1:-1, :-2], index[1:-1, 2:])
-    return np.stack(around, axis=-1).reshape(-1, 4)
-
-
-def delaunay_neighbours(
-    reference: Float[np.ndarray, "n d"], longest: float = 1.8
-) -> Int[np.ndarray, "n k"]:
-    """The neighbours of each marker in the Delaunay triangulation of x and y.
-
-    Args:
-        reference: unloaded positions [mm].
-        longest: edges longer than this multiple of the median edge are left out: they span gaps
-            and the hollows of the hull. The diagonal of a square cell, √2, stays.
-
-    Returns:
-        Indices in ascending order, filled up with −1.
-
-    Raises:
-        ValueError: fewer than three markers, or all on one line.
-    """
-    try:
-        simplices = scipy.spatial.Delaunay(reference[:, :2]).simplices
-    except (scipy.spatial.QhullError, ValueError) as error:
-        raise ValueError(
-            f"{len(reference)} markers give no triangulation: at least three are needed, not all "
-            "on one line"
-        ) from error
-    edges = np.concatenate([simplices[:, [0, 1]], simplices[:, [1, 2]], simplices[:, [2, 0]]])
-    edges = np.unique(np.sort(edges, axis=1), axis=0)
-    length = np.linalg.norm(np.diff(reference[edges, :2], axis=1)[:, 0], axis=-1)
-    edges = edges[length <= longest * np.median(length)]
-    edges = np.concatenate([edges, edges[:, ::-1]])
-    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
-    count = np.bincount(edges[:, 0], minlength=len(reference))
-    slot = np.arange(len(edges)) - np.repeat(np.cumsum(count) - count, count)
-    neighbours = np.full((len(reference), count.max(initial=0)), -1)
-    neighbours[edges[:, 0], slot] = edges[:, 1]
-    return neighbours
-
-
-def find_grid(reference: Float[np.ndarray, "n d"]) -> tuple[int, int] | None:
-    """Rows and columns of markers that lie row by row on a regular grid, else None.
-
-    The grid may be turned, mirrored and distorted: every step along a row, and every step along a
-    column, must be within 0.35 of the mean step (published pads reach 0.08), and the two mean steps
-    must be neither nearly parallel nor of very different length.
-    """
-    points = reference[:, :2]
-    for rows in range(2, len(points) // 2 + 1):
-        columns, rest = divmod(len(points), rows)
-        if rest:
-            continue
-        lattice = points.reshape(rows, columns, 2)
-        means, regular = [], True
-        for step in (np.diff(lattice, axis=0), np.diff(lattice, axis=1)):
-            mean = step.mean(axis=(0, 1))
-            off = np.linalg.norm(step - mean, axis=-1)
-            regular &= bool((off < 0.35 * np.linalg.norm(mean)).all())
-            means.append(mean)
-        (ax, ay), (bx, by) = means
-        area = abs(ax * by - ay * bx)
-        if regular and area > 0.5 * max(ax**2 + ay**2, bx**2 + by**2):
-            return rows, columns
-    return None
-
-
 def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
     """The layout of markers at `reference` [mm]: a regular grid where there is one, else Delaunay.
 
     Raises:
         ValueError: a position is not finite or too far away, or the markers span no plane.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import layout_markers
+        >>> x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))  # mm
+        >>> layout = layout_markers(np.stack([x.ravel(), y.ravel()], axis=1))
+        >>> print(layout.grid_shape, layout.neighbours[6])  # four around marker 6
+        (4, 5) [ 1 11  5  7]
     """
     expect_places(reference)
     shape = find_grid(reference)
@@ -212,6 +153,15 @@ class Frame:
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Frame, Tracker, simulate_pivot
+        >>> layout = simulate_pivot()[0].layout
+        >>> valid = np.full(len(layout.reference), True)
+        >>> frame = Frame(layout.reference, valid, time=0.0, source_index=0)
+        >>> print(Tracker(layout).update(frame).reason)
+        no contact: moved by less than 0.1 mm
     """
 
     positions: Float[np.ndarray, "n d"]
@@ -278,6 +228,17 @@ class Recording:
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Recording, layout_markers
+        >>> x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))  # mm
+        >>> layout = layout_markers(np.stack([x.ravel(), y.ravel()], axis=1))
+        >>> positions = np.stack([layout.reference, layout.reference + 0.01])  # two frames
+        >>> valid, time = np.isfinite(positions).all(axis=-1), np.array([0.0, 0.04])
+        >>> recording = Recording(layout, positions, valid, time, source_index=np.array([0, 1]))
+        >>> print(len(recording), [frame.time for frame in recording])
+        2 [0.0, 0.04]
     """
 
     layout: MarkerLayout

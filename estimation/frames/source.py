@@ -12,7 +12,22 @@ SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
 
 @runtime_checkable
 class Source(Protocol):
-    """Whatever gives frames one after the other; a `Recording` is one."""
+    """Whatever gives frames one after the other; a `Recording` is one.
+
+    Examples:
+        >>> from estimation import Source, simulate_pivot
+        >>> class EverySecond:  # of another source's frames
+        ...     def __init__(self, source):
+        ...         self.all = source
+        ...     def __getattr__(self, name):  # layout, name, unit and the others
+        ...         return getattr(self.all, name)
+        ...     def __iter__(self):
+        ...         return (frame for row, frame in enumerate(self.all) if row % 2 == 0)
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> source: Source = EverySecond(recording)
+        >>> print(f"{len(list(source))} of {len(recording)} frames, lengths in {source.unit}")
+        22 of 43 frames, lengths in mm
+    """
 
     @property
     def live(self) -> bool:
@@ -83,6 +98,19 @@ class FrameStream:
         warnings: assumptions and doubts, in sentences.
         live: whether the frames come as they are taken, as from a socket; see `Source`.
         provisional: whether a better reference may still be detected.
+
+    Examples:
+        >>> from estimation import FrameStream, Settings, Stream, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> def receive():  # frames, as from a socket
+        ...     yield from recording
+        >>> source = FrameStream(recording.layout, receive(), name="left finger")
+        >>> for answer in Stream(source, Settings()).answers():
+        ...     if answer.row % 20 == 0:
+        ...         print(answer.row, answer.estimates["tracked"].state)
+        0 no_contact
+        20 stick
+        40 incipient
     """
 
     layout: MarkerLayout
@@ -107,6 +135,14 @@ def record_source(source: Source, frames: Sequence[Frame]) -> Recording:
     Args:
         source: that has given the frames.
         frames: in order.
+
+    Examples:
+        >>> from estimation import FrameStream, record_source, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> source = FrameStream(recording.layout, recording, name="left finger")
+        >>> kept = record_source(source, list(source)[:20])
+        >>> print(kept.name, kept.positions.shape)
+        left finger (20, 400, 3)
     """
     about = {name: getattr(source, name) for name in SOURCE_FACTS}
     return record_frames(source.layout, frames, **about)

@@ -31,6 +31,15 @@ def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] 
     Raises:
         ImportError: the extra `zarr` is not installed.
         OSError: it cannot be written.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> import zarr
+        >>> from estimation import simulate_pivot, write_zarr
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> write_zarr(Path("pivot.zarr"), recording)
+        >>> zarr.open_group("pivot.zarr")["positions"].shape
+        (43, 400, 3)
     """
     require_extra("zarr", f"writing {path}")
     import zarr

@@ -33,6 +33,13 @@ def plot_angles(
         results: by method.
         method: the one drawn with its interval and state.
         references: other angles over the same frames, by label [rad].
+
+    Examples:
+        >>> from estimation import estimate_angles, plot_angles, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> figure = plot_angles({"tracked": estimate_angles(recording)}, "tracked")
+        >>> print([axis.get_ylabel() for axis in figure.axes])
+        ["object's angle [°]", 'markers', 'moment [N·mm]']
     """
     main = results[method]
     time = main.time - main.time[0]
@@ -63,11 +70,7 @@ def plot_angles(
         top.plot(time, gone, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
     top.set_ylabel("object's angle [°]")
     _scale_to(top, main, (references or {}).get("truth", np.empty(0)))
-    handles, labels = top.get_legend_handles_labels()
-    present = [state for state in STATE_COLOURS if state in main.state]
-    handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
-    labels += [str(state) for state in present]
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    _explain(figure, top, main.state)
     axes[1].plot(time, main.contact_markers, color="0.5", lw=1, label="in contact")
     axes[1].plot(time, main.stick_markers, color="#08306b", lw=1.3, label="sticking")
     axes[1].set_ylabel("markers")
@@ -79,6 +82,15 @@ def plot_angles(
     return figure
 
 
+def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> None:
+    """A legend of an axis's curves and of the states behind them, beside the figure."""
+    handles, labels = axis.get_legend_handles_labels()
+    present = [state for state in STATE_COLOURS if state in states]
+    handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
+    labels += [str(state) for state in present]
+    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+
+
 def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Figure:
     """Rotation, stick and slip, and curl of the slip at chosen frames, seen from the object.
 
@@ -86,6 +98,15 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
         recording: the recording.
         result: of one method.
         frames: rows of the recording.
+
+    Examples:
+        >>> from estimation import estimate_angles, plot_maps, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> figure = plot_maps(recording, estimate_angles(recording), frames=[30, 40])
+        >>> figure.savefig("maps.png")
+        >>> print(figure.axes[0].get_title())
+        1.07 s
+        incipient
     """
     turned = turned_since_counted(result)
     markers = [
@@ -161,6 +182,15 @@ def plot_overview(
     Args:
         results: by recording.
         outlines: what has been followed beside the markers, and its angle [rad], by recording.
+
+    Examples:
+        >>> from estimation import estimate_angles, follow_outline, plot_overview, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> outlines = {"lift": ("outline", follow_outline(recording).angle)}
+        >>> figure = plot_overview({"lift": estimate_angles(recording)}, outlines)
+        >>> figure.savefig("overview.png")
+        >>> print(figure.axes[0].get_title())
+        thick bars on the zero line: macro slip
     """
     size = (9.0, 4.5)
     figure, axis = plt.subplots(figsize=size, gridspec_kw=_margins(size))
@@ -194,6 +224,17 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     Args:
         grasp: the comparison.
         names: of the two recordings.
+
+    Examples:
+        >>> from estimation import compare_fingers, estimate_angles, plot_grasp, simulate_pivot
+        >>> tracks = [
+        ...     estimate_angles(simulate_pivot(angles_deg=(0.0, turn), frames=(20,), seed=seed)[0])
+        ...     for seed, turn in ((0, 10.0), (1, -10.0))  # the fingers face each other
+        ... ]
+        >>> figure = plot_grasp(compare_fingers(*tracks), ["left", "right"])
+        >>> figure.savefig("grasp.png")
+        >>> print([axis.get_ylabel() for axis in figure.axes])
+        ["object's angle [°]", 'difference [°]']
     """
     size = (9.0, 5.4)
     margins = _margins(size, top=0.15, hspace=0.06)

@@ -55,6 +55,17 @@ class TableWriter:
     """The sink that writes `angles.csv` row by row, as frames are answered.
 
     It has the columns of the finished table, and nothing in those that take the whole recording.
+
+    Examples:
+        >>> from contextlib import closing
+        >>> from pathlib import Path
+        >>> from estimation import Settings, Stream, TableWriter, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> with closing(TableWriter(Path("angles.csv"), "tracked", recording.unit)) as table:
+        ...     for answer in Stream(recording, Settings()).answers(table):
+        ...         pass  # its row is on the disc
+        >>> print(len(Path("angles.csv").read_text().splitlines()), "lines, the header included")
+        44 lines, the header included
     """
 
     def __init__(self, path: Path, method: str, unit: str, rows: int = 0) -> None:

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from estimation.frames.recording import MarkerLayout, delaunay_neighbours
+from estimation.frames.neighbours import delaunay_neighbours
+from estimation.frames.recording import MarkerLayout
 
 NEAR = 0.4
 """Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""

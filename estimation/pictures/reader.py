@@ -35,6 +35,20 @@ class ImageSettings:
 
     Raises:
         ValueError: the rate is not above 0, or a part is given of pictures that mirrors split.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+        >>> from estimation import ImageSettings, PictureSource, Scene, Sensor, VirtualClip
+        >>> from estimation import write_pictures
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(0.0), Pose(0.0), Pose(1.0)], steps=[2, 2])
+        >>> write_pictures(VirtualClip(Scene(contact=contact, path=path)), Path("clip"))
+        >>> settings = ImageSettings(Sensor(mm_per_px=0.06, marker="dots"), unloaded=1)
+        >>> source = PictureSource(Path("clip"), settings)
+        >>> print(f"{len(source.layout.reference)} markers, lengths in {source.unit}")
+        80 markers, lengths in mm
     """
 
     sensor: Sensor = field(default_factory=Sensor)

@@ -63,6 +63,20 @@ class PictureSource:
         convention: how the axes lie.
         warnings: assumptions about the pictures and doubts about them, in sentences.
         live: whether the pictures come as they are taken.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+        >>> from estimation import PictureSource, Scene, VirtualClip, write_pictures
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(0.0), Pose(0.0), Pose(1.0)], steps=[2, 2])
+        >>> write_pictures(VirtualClip(Scene(contact=contact, path=path)), Path("clip"))
+        >>> source = PictureSource(Path("clip"))
+        >>> for frame in source:
+        ...     pass  # its markers are found and followed
+        >>> print(f"{frame.valid.sum()} of {len(frame.valid)} markers followed, in {source.unit}")
+        80 of 80 markers followed, in px
     """
 
     def __init__(

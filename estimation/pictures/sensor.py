@@ -69,6 +69,15 @@ class Lens:
 
     Raises:
         ValueError: no matrix of a camera, or a number of coefficients that OpenCV does not have.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Lens
+        >>> matrix = np.array([[300.0, 0.0, 160.0], [0.0, 300.0, 120.0], [0.0, 0.0, 1.0]])  # px
+        >>> lens = Lens(matrix, distortion=np.array([-0.2, 0.0, 0.0, 0.0]))
+        >>> print(lens.straighten(np.array([[160.0, 120.0], [310.0, 120.0]])).round(1))
+        [[160.  120. ]
+         [318.9 120. ]]
     """
 
     matrix: Float[np.ndarray, "rows columns"]
@@ -141,6 +150,14 @@ class Sensor:
     Raises:
         ValueError: a length that is not above 0, an unknown kind of markers, or a reference that is
             none.
+
+    Examples:
+        >>> import numpy as np
+        >>> from contactmodel import Pad
+        >>> from estimation import Sensor
+        >>> sensor = Sensor(mm_per_px=0.05, marker="dots", pad=Pad(shear_modulus=0.2))
+        >>> print(sensor.to_lengths(np.array([[320.0, 240.0]])), sensor.unit)
+        [[16. 12.]] mm
     """
 
     mm_per_px: float | None = field(default=None, metadata=unit(above=0.0))
@@ -269,6 +286,13 @@ def write_sensor(sensor: Sensor, path: Path) -> None:
 
     Raises:
         OSError: it cannot be written.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from estimation import Sensor, write_sensor
+        >>> write_sensor(Sensor(mm_per_px=0.05, marker="dots"), Path("sensor.toml"))
+        >>> print(*filter(None, Path("sensor.toml").read_text().splitlines()), sep=", ")
+        format_version = 1, [camera], mm_per_px = 0.05, [markers], kind = "dots"
     """
     lens, (width, height) = sensor.lens, sensor.size or (None, None)
     matrix, distortion = (None, None) if lens is None else (lens.matrix, lens.distortion)
@@ -290,6 +314,13 @@ def read_sensor(path: Path) -> Sensor:
     Raises:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from estimation import Sensor, read_sensor, write_sensor
+        >>> write_sensor(Sensor(mm_per_px=0.05), Path("sensor.toml"))
+        >>> print(read_sensor(Path("sensor.toml")).mm_per_px, "mm/px")
+        0.05 mm/px
     """
     content = read_toml(path, SENSOR_VERSION)
     camera = content.get("camera")

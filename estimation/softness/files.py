@@ -18,7 +18,19 @@ FORMAT_VERSION = 1
 
 @runtime_checkable
 class Softness(Protocol):
-    """Turns the rotation of an elastomer into that of the object that sticks to it."""
+    """Turns the rotation of an elastomer into that of the object that sticks to it.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import ScalarSoftness, Softness, estimate_angles, simulate_pivot
+        >>> class Stiffening(ScalarSoftness):  # k falls as the grasp gets harder
+        ...     def at(self, contact):
+        ...         return ScalarSoftness(self.stiffness_ratio / (1 + contact.normal_force))
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> softness: Softness = Stiffening(0.5)
+        >>> print(f"{np.degrees(estimate_angles(recording, softness=softness).angle[-1]):.1f}°")
+        10.7°
+    """
 
     @property
     def stiffness_ratio(self) -> float:
@@ -60,6 +72,13 @@ def write_softness(softness: Softness, path: Path) -> None:
 
     Raises:
         OSError: the file cannot be written.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from estimation import ScalarSoftness, write_softness
+        >>> write_softness(ScalarSoftness(stiffness_ratio=0.5), Path("softness.toml"))
+        >>> print(*Path("softness.toml").read_text().splitlines()[:3], sep=", ")
+        format_version = 1, kind = "scalar", stiffness_ratio = 0.5
     """
     write_whole(path, toml_text(softness.content(), FORMAT_VERSION))
 
@@ -75,6 +94,14 @@ def read_softness(path: Path) -> Softness:
     Raises:
         OSError: the file cannot be read.
         ValueError: it is not such a file.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from estimation import LayeredSoftness, read_softness, write_softness
+        >>> write_softness(LayeredSoftness(0.5, thickness=4.0), Path("softness.toml"))
+        >>> softness = read_softness(Path("softness.toml"))
+        >>> print(f"k = {softness.stiffness_ratio}, {softness.thickness} mm thick")
+        k = 0.5, 4.0 mm thick
     """
     content = read_toml(path, FORMAT_VERSION, RENAMED)
     with naming(path):

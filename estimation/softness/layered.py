@@ -61,6 +61,17 @@ class LayeredSoftness:
 
     Raises:
         ValueError: a value out of range, or a covariance that is none.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import LayeredSoftness, PivotModel, estimate_angles, simulate_pivot
+        >>> few = PivotModel(stiffness_ratio=0.5, grid_shape=(10, 10), pitch=2.0)
+        >>> recording, _ = simulate_pivot(few, angles_deg=(0.0, 10.0), frames=(20,))
+        >>> for thickness in (np.inf, 4.0):  # mm
+        ...     result = estimate_angles(recording, softness=LayeredSoftness(0.5, thickness))
+        ...     print(f"{thickness} mm: {np.degrees(result.angle[-1]):.1f}°")
+        inf mm: 10.0°
+        4.0 mm: 10.2°
     """
 
     stiffness_ratio: float = field(metadata=RATIO)

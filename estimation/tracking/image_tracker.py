@@ -27,6 +27,19 @@ class ImageTracker:
         settings: of method, noise, softness and pictures.
         reader: of the markers; None before the first usable picture.
         tracker: of the angle; None before the first usable picture.
+
+    Examples:
+        >>> import numpy as np
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+        >>> from estimation import ImageTracker, Scene, VirtualClip
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(0.0), Pose(0.0), Pose(1.0), Pose(1.0, twist=0.15)], [2, 3, 9])
+        >>> tracker = ImageTracker()
+        >>> for picture in VirtualClip(Scene(contact=contact, path=path)):
+        ...     answer = tracker.update(picture.image, picture.time)
+        >>> print(f"{answer.state}: {np.degrees(answer.angle):.0f}°")
+        incipient: 9°
     """
 
     def __init__(self, settings: Settings | None = None) -> None:

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from estimation.estimators.result import Estimate
 from estimation.fields.outline import OutlineFollower
-from estimation.frames.noise import Noise, find_noise
+from estimation.frames.noise import Noise, expect_unit, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 from estimation.frames.source import Source
 from estimation.frames.state import save_state
@@ -53,6 +53,13 @@ class Answer(NamedTuple):
         friction: in use, and its coefficient.
         alert: when all of the contact will slip, and what a gripper should do.
         layout: markers, and the reference that the answer is relative to.
+
+    Examples:
+        >>> from estimation import Settings, Stream, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> *_, last = Stream(recording, Settings()).answers()
+        >>> print(last.row, last.estimates["tracked"].state, last.alert.level)
+        42 incipient act
     """
 
     row: int
@@ -88,23 +95,22 @@ def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None)
     )
 
 
-def expect_unit(noise: Noise | None, source: Source) -> None:
-    """Check that a noise that is given is in the unit of a source's lengths.
-
-    Raises:
-        ValueError: it is not.
-    """
-    if noise is not None and noise.unit != source.unit:
-        raise ValueError(
-            f"{source.name}: the noise is given in {noise.unit}, lengths are in {source.unit}: "
-            "give it in the same unit (--noise-um, --noise-px), or the scale of the pictures "
-            "(--mm-per-px)"
-        )
-
-
 @runtime_checkable
 class Sink(Protocol):
-    """Whatever takes answers: a table on the disc, a screen, a robot."""
+    """Whatever takes answers: a table on the disc, a screen, a robot.
+
+    Examples:
+        >>> from estimation import Settings, Sink, Stream, simulate_pivot
+        >>> class States(list):
+        ...     def put(self, answer):
+        ...         self.append(answer.estimates["tracked"].state)
+        ...     restart = list.clear
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> sink: Sink = States()
+        >>> _ = list(Stream(recording, Settings()).answers(sink))
+        >>> print(len(sink), "states, the last", sink[-1])
+        43 states, the last incipient
+    """
 
     def put(self, answer: Answer) -> None:
         """Take the next answer."""
@@ -263,6 +269,14 @@ class Stream:
         follower: that answers them.
         done: frames whose answers have gone to every sink.
         interrupted: whether Ctrl-C came while it read, answered or looked ahead.
+
+    Examples:
+        >>> from estimation import Settings, Stream, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> for answer in Stream(recording, Settings()).answers():
+        ...     state = answer.estimates["tracked"].state
+        >>> print(answer.row, state)
+        42 incipient
     """
 
     def __init__(

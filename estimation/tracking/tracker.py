@@ -39,6 +39,17 @@ class Trackers:
         observation: fields and contact of the last frame; None before the first.
         shear: of the gel in the last frame, and whether the object slips along it.
         friction: share in use, and coefficient from earlier slips, by the first method.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Trackers, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> trackers = Trackers(recording.layout, {"tracked": {}, "kabsch": {}})
+        >>> *_, last = (trackers.update(frame) for frame in recording)
+        >>> for method, estimate in last.items():
+        ...     print(f"{method}: {np.degrees(estimate.angle):.1f}°")  # 10° is true
+        tracked: 10.0°
+        kabsch: 4.9°
     """
 
     def __init__(
@@ -194,6 +205,17 @@ class Tracker:
         layout: the markers of the sensor.
         estimator: of the method.
         constants: of the method.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Noise, Tracker, layout_markers, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> tracker = Tracker(layout_markers(recording.layout.reference), noise=Noise.given(5e-3))
+        >>> for positions, time in zip(recording.positions, recording.time):
+        ...     last = tracker.update_positions(positions, time)
+        >>> half = np.degrees(last.high - last.low) / 2
+        >>> print(f"{last.state}, {np.degrees(last.angle):.1f}° ± {half:.2f}°")
+        incipient, 10.0° ± 0.12°
     """
 
     def __init__(
@@ -304,6 +326,15 @@ def estimate_angles(
 
     Raises:
         ValueError: a wrong setting.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import estimate_angles, simulate_pivot
+        >>> recording, truth = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> result = estimate_angles(recording)
+        >>> half = np.degrees(result.high[-1] - result.low[-1]) / 2
+        >>> print(f"{np.degrees(result.angle[-1]):.1f}° ± {half:.2f}°")
+        10.0° ± 0.02°
     """
     noise, notes = (noise, ()) if noise else find_noise(recording)
     tracker = Tracker(recording.layout, method, noise=noise, **settings)

@@ -55,6 +55,17 @@ class Scene:
 
     Raises:
         ValueError: fewer than two poses that are left, or a share or length out of range.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+        >>> from estimation import Scene, VirtualClip
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(0.0), Pose(0.0), Pose(1.0)], steps=[2, 2])
+        >>> scene = Scene(contact=contact, path=path, relief="edges", pitch=1.2, rate=50.0)
+        >>> clip = VirtualClip(scene)
+        >>> print(f"{len(clip.dots)} dots, {len(clip) / scene.rate:.2f} s")
+        252 dots, 0.08 s
     """
 
     contact: Contact
@@ -108,6 +119,16 @@ class ClipTruth(NamedTuple):
         stick_ratio: share of the contact that sticks [-].
         force: on the gel [N].
         moment: on the gel about the object's axis [N·mm].
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+        >>> from estimation import Scene, VirtualClip
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(0.0), Pose(0.0), Pose(1.0), Pose(1.0, twist=0.15)], [2, 3, 9])
+        >>> truth = VirtualClip(Scene(contact=contact, path=path)).truth
+        >>> print(f"{truth.state[-1]}, {truth.moment[-1]:.1f} N·mm, onset {truth.onset}")
+        incipient, 5.7 N·mm, onset None
     """
 
     state: tuple[State, ...]
@@ -140,6 +161,16 @@ class VirtualClip:
         dots: where they are in the undeformed gel, from the middle of the view [mm].
         gel: in each frame.
         truth: of each frame.
+
+    Examples:
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+        >>> from estimation import Scene, VirtualClip
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(0.0), Pose(0.0), Pose(1.0)], steps=[2, 2])
+        >>> clip = VirtualClip(Scene(contact=contact, path=path))
+        >>> print(f"{len(clip)} pictures of {len(clip.dots)} dots, {clip.draw(0).shape}")
+        4 pictures of 120 dots, (240, 320, 3)
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -271,6 +302,17 @@ def write_pictures(clip: VirtualClip, folder: Path) -> None:
 
     Raises:
         OSError: it cannot be written to.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
+        >>> from estimation import Scene, VirtualClip, write_pictures
+        >>> gel, grid = HalfSpace(0.2, poisson_ratio=0.5), Grid((24, 24), (24.0, 24.0))
+        >>> contact = Contact(gel, Rigid(), Sphere(20.0), grid, friction_coefficient=0.5)
+        >>> path = make_path([Pose(0.0), Pose(0.0), Pose(1.0)], steps=[2, 2])
+        >>> write_pictures(VirtualClip(Scene(contact=contact, path=path)), Path("clip"))
+        >>> print(*sorted(file.name for file in Path("clip").iterdir())[-3:])
+        0002.png 0003.png times.csv
     """
     folder.mkdir(parents=True, exist_ok=True)
     lines = ["frame,time_s"]

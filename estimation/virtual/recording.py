@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float, Int
 
 from contactmodel import analytic
 from estimation.fields.stick import MIN_STICK_MARKERS
-from estimation.frames.recording import Frame, MarkerLayout, Recording, grid_neighbours
+from estimation.frames.neighbours import grid_neighbours
+from estimation.frames.recording import Frame, MarkerLayout, Recording
 
 
 class PivotModel(NamedTuple):
@@ -36,6 +37,13 @@ class PivotModel(NamedTuple):
         grid_angle: by which the markers' rows are turned [rad].
         noise: of each marker's x and y [mm].
         normal_noise: of z [mm].
+
+    Examples:
+        >>> from estimation import PivotModel, simulate_pivot
+        >>> model = PivotModel(contact_radius=4.0, grid_shape=(10, 12), pitch=1.5)
+        >>> recording, truth = simulate_pivot(model)
+        >>> print(recording.layout.grid_shape, f"{truth.contact[-1].sum()} markers in contact")
+        (10, 12) 21 markers in contact
     """
 
     contact_radius: float = 5.0
@@ -66,6 +74,14 @@ class Truth(NamedTuple):
         macro_slip: frames with contact in which fewer than three markers do not slip.
         stiffness_ratio: k [-].
         load_term: L = L_xy − L_yx [rad]; half-spaces have none.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import simulate_pivot
+        >>> _, truth = simulate_pivot()
+        >>> first = np.flatnonzero(truth.macro_slip)[0]
+        >>> print(f"macro slip from frame {first} on, at {np.degrees(truth.angle[first]):.1f}°")
+        macro slip from frame 158 on, at -18.3°
     """
 
     angle: Float[np.ndarray, " frames"]
@@ -96,6 +112,14 @@ class Timing(NamedTuple):
         rate: frames per second.
         dropped: share of frames that are lost.
         jitter: standard deviation of the clock [s].
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Timing, simulate_pivot
+        >>> exact = Timing(rate=50.0, dropped=0.0, jitter=0.0)
+        >>> recording, _ = simulate_pivot(timing=exact)
+        >>> print(np.diff(recording.time)[:3].round(3))  # s
+        [0.02 0.02 0.02]
     """
 
     rate: float = 30.0
@@ -149,6 +173,12 @@ def simulate_pivot(
 
     Raises:
         ValueError: a leg without frames.
+
+    Examples:
+        >>> from estimation import simulate_pivot
+        >>> recording, truth = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> print(recording.positions.shape, f"{truth.sticking[-1].sum()} markers stick")
+        (43, 400, 3) 13 markers stick
     """
     model, timing = model or PivotModel(), timing or Timing()
     if min(frames) < 1:
@@ -159,8 +189,7 @@ def simulate_pivot(
     twist = np.r_[np.full(unloaded, np.nan), np.zeros(pressing), twist]
     layout = lay_out_markers(model)
     positions, truth = deform(model, layout, load, twist)
-    force = np.zeros((len(load), 3))
-    force[:, 2] = -_normal_force(model, load)
+    force = np.pad(-_normal_force(model, load)[:, None], ((0, 0), (2, 0)))
     camera = Camera((model.noise, model.normal_noise), timing, noise_window, seed)
     perfect = Recording(
         layout=layout,

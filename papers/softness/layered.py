@@ -18,8 +18,9 @@ from matplotlib.patches import Rectangle
 from calibration.softness.layered import Grasp, fit_layered_softness
 from calibration.softness.readings import Layer
 from calibration.softness.references import Reference
+from estimation.frames.neighbours import grid_neighbours
 from estimation.frames.noise import Noise
-from estimation.frames.recording import MarkerLayout, Recording, grid_neighbours
+from estimation.frames.recording import MarkerLayout, Recording
 from estimation.softness import ScalarSoftness, Softness
 from estimation.tracking.tracker import estimate_angles
 from papers.items import Track

@@ -40,7 +40,15 @@ class Seen(NamedTuple):
 
 
 def stamp_message(content: Any, number: int = 0) -> Stamped:
-    """A message that has just come, as from a subscription; its time is that of its header."""
+    """A message that has just come, as from a subscription; its time is that of its header.
+
+    Examples:
+        >>> from types import SimpleNamespace as Message  # stands for ROS's own classes
+        >>> from estimation import stamp_message
+        >>> message = Message(header=Message(stamp=Message(sec=5, nanosec=40_000_000)))
+        >>> print(f"{stamp_message(message).time} s")
+        5.04 s
+    """
     stamp = content.header.stamp
     return Stamped(content, stamp.sec + 1e-9 * stamp.nanosec, number)
 
@@ -72,6 +80,25 @@ def read_points(message: Stamped) -> Seen:
 
     Raises:
         ValueError: it has no x, y and z, or fewer bytes than it declares.
+
+    Examples:
+        >>> from types import SimpleNamespace as Message  # stands for ROS's own classes
+        >>> import numpy as np
+        >>> from estimation import read_points, stamp_message
+        >>> points = np.array([[0.001, 0.0, 0.0], [0.002, 0.0, 0.0]], "f4")  # m
+        >>> cloud = Message(
+        ...     header=Message(stamp=Message(sec=5, nanosec=0)),
+        ...     fields=[Message(name=n, datatype=7, offset=4 * i) for i, n in enumerate("xyz")],
+        ...     height=1,
+        ...     width=2,
+        ...     point_step=12,
+        ...     row_step=24,
+        ...     is_bigendian=False,
+        ...     data=points.view("u1").ravel(),
+        ... )
+        >>> print(read_points(stamp_message(cloud)).positions.round(3))  # mm
+        [[1. 0. 0.]
+         [2. 0. 0.]]
     """
     cloud, mm = message.content, 1e3
     codes = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")

@@ -42,6 +42,18 @@ class BagSource:
         warnings: assumptions about the messages, in sentences.
         live: no: all messages are there.
         provisional: no: the reference is known.
+
+    Examples:
+        >>> from contextlib import closing
+        >>> from pathlib import Path
+        >>> from estimation import BagSource, Settings, Stream, simulate_pivot
+        >>> from estimation.output.sinks.bag import BagWriter  # the sink of `run --sink mcap`
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> with closing(BagWriter(Path("lift.mcap"), recording, "tracked")) as bag:
+        ...     _ = list(Stream(recording, Settings()).answers(bag))
+        >>> source = BagSource(Path("lift.mcap"))
+        >>> print(source.name, sum(1 for frame in source), "frames")
+        lift 43 frames
     """
 
     live, provisional = False, False

@@ -3,7 +3,8 @@ import pytest
 
 from estimation.fields.measure import measure_fields, rotation_sensitivity
 from estimation.fields.stencils import make_stencils
-from estimation.frames.recording import Frame, MarkerLayout, delaunay_neighbours
+from estimation.frames.neighbours import delaunay_neighbours
+from estimation.frames.recording import Frame, MarkerLayout
 from tests.cases import domed_pad, frame_of, pad_stencils, turn_about_z, twisted_pad
 
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from estimation.fields.measure import Fields
 from estimation.fields.stick import grow_stick_region, normalized_difference
-from estimation.frames.recording import grid_neighbours
+from estimation.frames.neighbours import grid_neighbours
 
 FLOOR = np.radians(0.5)
 rotations = st.floats(-0.5, 0.5)

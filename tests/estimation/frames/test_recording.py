@@ -10,15 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from estimation.frames.inspection import FROZEN_STEPS, disordered_times, inspect_recording
-from estimation.frames.recording import (
-    Frame,
-    MarkerLayout,
-    Recording,
-    delaunay_neighbours,
-    find_grid,
-    grid_neighbours,
-    layout_markers,
-)
+from estimation.frames.neighbours import delaunay_neighbours, find_grid, grid_neighbours
+from estimation.frames.recording import Frame, MarkerLayout, Recording, layout_markers
 
 
 def grid(rows: int = 6, columns: int = 6, pitch: float = 1.0) -> np.ndarray:

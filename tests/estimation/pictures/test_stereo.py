@@ -15,7 +15,8 @@ from estimation.__main__ import app as run_app
 from estimation.fields.contact import SHARE
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
-from estimation.frames.recording import ONSET_MM, Frame, MarkerLayout, grid_neighbours
+from estimation.frames.neighbours import grid_neighbours
+from estimation.frames.recording import ONSET_MM, Frame, MarkerLayout
 from estimation.pictures.corners.pattern import Pattern, render_pattern
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.render import Camera
