@@ -31,7 +31,10 @@ def run(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
     topics: Annotated[
-        bool, typer.Option("--topics", help="List the topics of bags, and run over none.")
+        bool,
+        typer.Option(
+            "--topics", help="List the topics of bags and the videos of LeRobot sets; run nothing."
+        ),
     ] = False,
     resume: Annotated[
         bool,
@@ -44,15 +47,14 @@ def run(
     """
     from rich.progress import Progress
 
-    from estimation.frames.bags.topics import list_topics
     from estimation.run import run_all
     from estimation.settings import read_settings
-    from estimation.sources import open_inputs
+    from estimation.sources import list_contents, open_inputs
 
     if topics:
         for name in recordings or []:
-            for found in list_topics(Path(name)):
-                print(found.describe())
+            for found in list_contents(Path(name)):
+                print(found)
         return
     settings = read_settings(choices, known, constants)
     inputs = open_inputs(recordings or [], settings, say, out if resume else None)

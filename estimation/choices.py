@@ -93,7 +93,8 @@ class Choices:
         method: method that fills angles.csv; angles_all.csv has those of the other estimators too.
         keep_withdrawn: keep the angles that were reported while the object may have been sliding
             unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
-        topic: topic of a bag to read. Give it twice for two topics, such as the fingers of a grasp.
+        topic: topic of a bag to read, or video of a LeRobot data set. Give it twice for two, such
+            as the fingers of a grasp.
         sink: further output for each frame; can be given several times. mcap writes frames.mcap, an
             MCAP file of ROS messages; zarr writes frames.zarr; lerobot writes a LeRobot data set.
             All three can be run again. rrd writes frames.rrd for Rerun's viewer; rerun opens

@@ -13,9 +13,10 @@ from estimation.frames import datasets
 from estimation.frames.archive import SUFFIX, read_archive
 from estimation.frames.bags.bag import is_bag, split_place
 from estimation.frames.bags.source import BagSource
-from estimation.frames.bags.topics import find_topic
+from estimation.frames.bags.topics import find_topic, list_topics
+from estimation.frames.episodes import find_clip, is_lerobot, list_episodes, list_features
 from estimation.frames.inspection import inspect_recording
-from estimation.frames.lerobot import is_lerobot, open_lerobot
+from estimation.frames.lerobot import is_ours, open_lerobot
 from estimation.frames.names import name_recordings, natural_key, number_alike
 from estimation.frames.recording import Recording
 from estimation.frames.rows import stream_rows
@@ -33,8 +34,8 @@ from estimation.virtual.recording import Truth, simulate_pivot
 
 EXPECTED = (
     f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
-    "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, lerobot) "
-    "or a camera (camera:0)"
+    "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, "
+    "lerobot), a LeRobot data set or a camera (camera:0)"
 )
 
 
@@ -149,9 +150,25 @@ def open_source(
         return FrameStream(recording.layout, islice(recording, row, None), **about)
 
 
+def list_contents(path: Path) -> list[str]:
+    """What can be named as a topic at a path, in a line each: topics of a bag, videos of a LeRobot
+    data set.
+
+    Raises:
+        ImportError: an extra is not installed.
+        ValueError: it is neither, or damaged.
+        OSError: it cannot be read.
+    """
+    if not is_lerobot(path):
+        return [one.describe() for one in list_topics(path)]
+    videos = list_features(path)
+    counts = [len(list_episodes(path, (one,))) for one in videos]
+    return [f"{one}: video ({n} episodes)" for one, n in zip(videos, counts, strict=True)]
+
+
 def is_rows(path: Path) -> bool:
-    """Whether there is a Zarr group or a LeRobot data set at the path."""
-    return is_zarr(path) or is_lerobot(path)
+    """Whether there is a Zarr group at the path, or a LeRobot data set of ours."""
+    return is_zarr(path) or is_ours(path)
 
 
 def _open_rows(path: Path, name: str, skip: int = 0) -> FrameStream:
@@ -164,7 +181,8 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
 
     Args:
         path: of a recording, a folder of recordings, or a bag.
-        topics: of the bag; may be omitted if only one can be read.
+        topics: of the bag, or videos of the LeRobot data set; may be omitted if only one can be
+            read.
 
     Raises:
         FileNotFoundError: there is nothing there.
@@ -186,9 +204,14 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         for place in places:
             find_topic(place)
         return places
+    if is_lerobot(path) and not is_ours(path):
+        return list_episodes(path, tuple(topics))
     if topics:
-        raise ValueError(f"{path} is no bag: topics (--topic) are those of a bag")
-    if is_camera(path):
+        raise ValueError(
+            f"{path} is no bag and no LeRobot data set of another program, which have the topics "
+            "that --topic names"
+        )
+    if is_camera(path) or find_clip(path):
         return [path]
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: give {EXPECTED}")
@@ -206,13 +229,18 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         if one.suffix == SUFFIX
         or is_bag(one)
         or is_rows(one)
+        or is_lerobot(one)
         or is_pictures(one)
         or (one.is_dir() and is_tac3d(one))
     ]
     if not found:
         what = "holds no recording" if inside else "is empty"
         raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of those")
-    return found
+    return [
+        place
+        for one in found
+        for place in (list_episodes(one) if is_lerobot(one) and not is_ours(one) else [one])
+    ]
 
 
 UNFINISHED = "unfinished"
@@ -331,7 +359,8 @@ def find_earlier(
 def identity_of(source: str, settings: Settings) -> dict[str, str]:
     """What must be the same for a run to be resumed, by name."""
     split = split_place(Path(source)) if source else None
-    path = Path(source) if split is None else split[0]
+    clip = find_clip(Path(source))
+    path = clip.video if clip else Path(source) if split is None else split[0]
     stamp = hashlib.sha256()
     if source and path.exists() and not is_camera(path):
         files = sorted(path.iterdir()) if path.is_dir() else [path, path.with_suffix(".csv")]

@@ -29,9 +29,9 @@ ABOUT = "meta/contactmodel.json"
 TASK = "hold and turn an object"
 
 
-def is_lerobot(path: Path) -> bool:
-    """Whether there is a LeRobot data set at the path."""
-    return (path / "meta" / "info.json").is_file()
+def is_ours(path: Path) -> bool:
+    """Whether there is a LeRobot data set at the path that `write_lerobot` has written."""
+    return (path / ABOUT).is_file()
 
 
 def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] = ()) -> None:
@@ -88,15 +88,10 @@ def open_lerobot(path: Path) -> RowFile:
 
     Raises:
         ImportError: the extra `lerobot` is not installed.
-        ValueError: it is another's, of several episodes, or damaged.
+        ValueError: it is damaged.
         OSError: it cannot be read.
     """
     require_extra("lerobot", f"reading {path}")
-    if not (path / ABOUT).is_file():
-        raise ValueError(
-            f"{path} is a LeRobot data set of another program, without {ABOUT}: run over its "
-            "videos (videos/…/file-000.mp4), or write its markers as an archive (write_archive)"
-        )
     with naming(path, "no data set of ours, or damaged"):
         try:
             about = json.loads((path / ABOUT).read_text(encoding="utf-8"))

@@ -22,6 +22,7 @@ from jaxtyping import Shaped
 from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.frames.bags.bag import split_place
 from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
+from estimation.frames.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
 from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
 from estimation.pictures.part import SMALLEST, WHOLE, Part
@@ -73,7 +74,7 @@ def is_pictures(path: Path) -> bool:
         OSError: a bag cannot be read.
     """
     videos = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
-    if is_camera(path) or path.suffix.lower() in videos:
+    if is_camera(path) or path.suffix.lower() in videos or find_clip(path):
         return True
     return holds_pictures(path) or (path.is_dir() and bool(_list_images(path)))
 
@@ -84,6 +85,8 @@ def count_pictures(path: Path) -> int:
         return 0
     if split_place(path):
         return find_topic(path)[1].channel.messages
+    if clip := find_clip(path):
+        return clip.pictures
     if path.is_dir():
         return len(_list_images(path))
     with _open_video(path) as container:
@@ -151,6 +154,8 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> 
         source = _read_camera(str(path))
     elif split_place(path):
         source = _read_bag(path)
+    elif clip := find_clip(path):
+        source = _read_clip(clip)
     elif path.is_dir():
         source = _read_folder(path, RATE if rate is None else rate)
     else:
@@ -257,7 +262,8 @@ def _open_video(path: Path) -> Iterator["InputContainer"]:
         yield container
 
 
-def _read_video(path: Path) -> Iterator[Picture]:
+def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
+    """The pictures of a video, from the last key frame before `start` [s] on."""
     with _open_video(path) as container:
         import av
         from av.error import FFmpegError
@@ -274,6 +280,8 @@ def _read_video(path: Path) -> Iterator[Picture]:
                 return stamps.get(number, np.nan)
             return number / rate if own is None else own
 
+        if start:
+            container.seek(int(start * av.time_base))
         number, colours = -1, VideoReformatter()  # one for all is made ready once
         try:
             for frame in container.decode(stream):
@@ -293,6 +301,26 @@ def _read_video(path: Path) -> Iterator[Picture]:
         if short > 0:
             why = f"the video ends here: {short} of the {declared} frames it declares are missing"
             yield Picture(None, stamp_of(number + 1), number + 1, why)
+
+
+def _read_clip(clip: Clip) -> Iterator[Picture]:
+    """The pictures of a part of a video, counted and timed from its start."""
+    half = 0.5 * (clip.stop - clip.start) / clip.pictures  # time of half a picture
+    number, why = 0, "the video ends here"
+    for picture in _read_video(clip.video, clip.start):
+        if picture.image is None:
+            why = picture.flaw
+            break
+        if picture.time < clip.start - half:
+            continue  # between the key frame before and the start
+        if number == clip.pictures or picture.time > clip.stop - half:
+            break
+        yield picture._replace(time=picture.time - clip.start, number=number)
+        number += 1
+    if number < clip.pictures:
+        missing = clip.pictures - number
+        why = f"{missing} of the episode's {clip.pictures} frames are missing: {why}"
+        yield Picture(None, number * 2.0 * half, number, why)
 
 
 def _read_bag(place: Path) -> Iterator[Picture]:

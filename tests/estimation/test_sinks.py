@@ -378,5 +378,5 @@ def test_what_is_no_group_of_ours_is_refused(tmp_path):
         read_recording(path)
     (tmp_path / "set" / "meta").mkdir(parents=True)
     (tmp_path / "set" / "meta" / "info.json").write_text("{}")
-    with pytest.raises(ValueError, match="LeRobot data set of another program"):
+    with pytest.raises(ValueError, match=r"info\.json is not of a LeRobot data set, or damaged"):
         read_recording(tmp_path / "set")

@@ -96,12 +96,13 @@ def find_topic(place: Path) -> tuple[Path, Topic]:
                     return bag, topic
                 raise ValueError(
                     f"{bag}: {topic.describe()}: a topic of {EXPECTED} is expected; it holds {held}"
+                    + _explain(topics)
                 )
         raise ValueError(f"{bag} has no topic {name}; it holds {held}")
     kinds = [topic.kind for topic in topics]
     first = next((kind for kind in KINDS if kind in kinds), None)
     if first is None:
-        raise ValueError(f"{bag} has no topic of {EXPECTED}; it holds {held}")
+        raise ValueError(f"{bag} has no topic of {EXPECTED}; it holds {held}{_explain(topics)}")
     found = [topic for topic in topics if topic.kind == first]
     if len(found) > 1:
         names = ", ".join(topic.name for topic in found)
@@ -133,6 +134,15 @@ def read_topic(place: Path) -> Generator[Stamped, None, None]:
             if topic.field:
                 content = getattr(content, topic.field)
             yield Stamped(content, 1e-9 * time, number)
+
+
+def _explain(topics: list[Topic]) -> str:
+    """Why messages of a sensor that is known are not read."""
+    if any("papillarray" in topic.channel.type.lower() for topic in topics):
+        return (
+            ". The nine pillars of a PapillArray are too few: rotation is read from a field of dots"
+        )
+    return ""
 
 
 def _kind_of(channel: Channel) -> str:

@@ -172,7 +172,7 @@ def test_markers_go_before_pictures_and_a_topic_is_named(tmp_path, arrays):
         find_recordings(path, ["/other"])
     with pytest.raises(ValueError, match=r"/clock: not tactile .*is expected"):
         find_recordings(path, ["/clock"])
-    with pytest.raises(ValueError, match="is no bag: topics"):
+    with pytest.raises(ValueError, match="is no bag and no LeRobot data set"):
         find_recordings(tmp_path, ["/scene"])
 
 
@@ -180,6 +180,21 @@ def test_a_bag_without_a_sensor_is_refused_with_what_it_holds(tmp_path):
     path = bags.write_mcap(tmp_path / "drive.mcap", sent("/clock", [bags.header(0)]))
     with pytest.raises(ValueError, match=r"drive\.mcap has no topic of Tac3D frames.*/clock"):
         find_recordings(path)
+
+
+def test_pillars_are_refused_with_a_reason(tmp_path):
+    path = tmp_path / "hub.mcap"
+    with path.open("wb") as file:
+        writer = bags.McapWriter(file)
+        writer.start("ros2")
+        name = "papillarray_ros_v2/msg/SensorState"
+        schema = writer.register_schema(name, "ros2msg", b"float64 gfX\n")
+        channel = writer.register_channel("/hub_0/sensor_0", "cdr", schema)
+        writer.add_message(channel, 0, bytes(12), 0)
+        writer.finish()
+    for topics in ([], ["/hub_0/sensor_0"]):
+        with pytest.raises(ValueError, match="nine pillars of a PapillArray are too few"):
+            find_recordings(path, topics)
 
 
 def test_messages_of_wrong_length_are_flawed_frames(tmp_path, arrays):

@@ -1,0 +1,155 @@
+"""Episodes in the videos of LeRobot data sets that other programs have written, version 3.
+
+Such a set is like a folder: `set/observation.images.gel/episode_7` is what the feature
+`observation.images.gel` shows of episode 7. The videos hold many episodes one after the other;
+where each begins is in `meta/episodes`.
+"""
+
+import json
+import re
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from contactmodel.common.inputs import naming
+from estimation.frames.extras import require_extra
+
+EPISODE = re.compile(r"episode_(\d+)")
+
+
+class Clip(NamedTuple):
+    """Part of a video.
+
+    Attributes:
+        video: its path.
+        start: time at which the part begins [s].
+        stop: time at which it ends [s].
+        pictures: in the part.
+    """
+
+    video: Path
+    start: float
+    stop: float
+    pictures: int
+
+
+def is_lerobot(path: Path) -> bool:
+    """Whether there is a LeRobot data set at the path."""
+    return (path / "meta" / "info.json").is_file()
+
+
+def list_features(path: Path) -> list[str]:
+    """The features of a data set that are videos.
+
+    Raises:
+        ValueError: it is of another version, or damaged.
+        OSError: it cannot be read.
+    """
+    features = _read_info(path)["features"]
+    return [name for name, one in features.items() if one.get("dtype") == "video"]
+
+
+def list_episodes(path: Path, features: tuple[str, ...] = ()) -> list[Path]:
+    """The places of all episodes, feature by feature.
+
+    Args:
+        path: of the data set.
+        features: that are meant; may be omitted if only one is a video.
+
+    Raises:
+        ImportError: the extra `lerobot` is not installed.
+        ValueError: no such feature, several that could be meant, or a damaged data set.
+        OSError: it cannot be read.
+    """
+    known = list_features(path)
+    if not known:
+        held = ", ".join(_read_info(path)["features"]) or "no features"
+        raise ValueError(
+            f"{path} has no videos, but {held}: features of points have no places at rest, so that "
+            "they are read only from the data sets of `--sink lerobot`; write the markers of "
+            "others as an archive (write_archive)"
+        )
+    if not features and len(known) > 1:
+        names = ", ".join(known)
+        raise ValueError(
+            f"{path} has {len(known)} videos: name that of the sensor (--topic): {names}"
+        )
+    if unknown := [one for one in features if one not in known]:
+        names = ", ".join(known)
+        raise ValueError(f"{path} has no video {unknown[0]} (--topic); it has {names}")
+    return [
+        path / feature / f"episode_{episode}"
+        for feature in features or known
+        for episode in sorted(_read_episodes(path, feature))
+    ]
+
+
+def find_clip(place: Path) -> Clip | None:
+    """What a place shows; None where it is no place in a data set.
+
+    Args:
+        place: `SET/FEATURE/episode_N`.
+
+    Raises:
+        ImportError: the extra `lerobot` is not installed.
+        ValueError: there is no such episode, or the data set is damaged.
+        OSError: it cannot be read.
+    """
+    episode = EPISODE.fullmatch(place.name)
+    if episode is None or len(place.parts) < 3 or not is_lerobot(place.parents[1]):
+        return None
+    path = place.parents[1]
+    clips, number = _read_episodes(path, place.parent.name), int(episode[1])
+    if number not in clips:
+        raise ValueError(f"{path} has no episode {number} of {place.parent.name}")
+    return clips[number]
+
+
+def _read_info(path: Path) -> dict[str, Any]:
+    file = path / "meta" / "info.json"
+    with naming(file, "not of a LeRobot data set, or damaged"):
+        info = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
+            raise ValueError("it has no features")
+        if not all(isinstance(one, dict) for one in info["features"].values()):
+            raise ValueError("its features are not described")
+    version = str(info.get("codebase_version"))
+    if not version.startswith("v3"):
+        raise ValueError(
+            f"{path} is a LeRobot data set of version {version}, and 3 is read: run over its "
+            "videos (videos/…/episode_000000.mp4), or convert it with LeRobot"
+        )
+    return info
+
+
+@lru_cache(maxsize=8)
+def _read_episodes(path: Path, feature: str) -> dict[int, Clip]:
+    """Where each episode of a feature is."""
+    require_extra("lerobot", f"reading {path}")
+    from pyarrow import ArrowException, parquet
+
+    info, clips = _read_info(path), dict[int, Clip]()
+    template = str(info.get("video_path", ""))
+    about = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
+    named = [f"videos/{feature}/{name}" for name in about]
+    for file in sorted((path / "meta" / "episodes").rglob("*.parquet")):
+        try:
+            table = parquet.read_table(file, columns=["episode_index", "length", *named])
+            for number, length, chunk, part, start, stop in zip(
+                *(table[name].to_pylist() for name in table.column_names), strict=True
+            ):
+                video = template.format(video_key=feature, chunk_index=chunk, file_index=part)
+                place = (path / video).resolve()
+                if not place.is_relative_to(path.resolve()):
+                    raise ValueError(f"the video {video} is outside the data set")
+                if not (0.0 <= start < stop and length > 0):
+                    raise ValueError(
+                        f"episode {number} is {length} frames from {start} to {stop} s"
+                    )
+                clips[int(number)] = Clip(place, float(start), float(stop), int(length))
+        except (ArrowException, LookupError, TypeError, ValueError) as error:
+            why = " ".join(str(error).split())
+            raise ValueError(f"{file} is damaged, or of another version ({why})") from error
+    if not clips:
+        raise ValueError(f"{path} has no episodes: meta/episodes is missing, or empty")
+    return clips
