@@ -308,7 +308,7 @@ def calibrate(
 
     check_writable(out)
     lens, lines = None, []
-    with errors.status("looking for boards and dots"):
+    with errors.status("detecting boards and dots"):
         if boards is not None:
             lens, error = fit_lens(boards, (rows, columns))
             lines.append(f"Lens: reprojection error {error:.3f} px rms.")

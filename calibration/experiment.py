@@ -210,7 +210,7 @@ def _make(name: str, file: _File, pad: Pad) -> Experiment:
 def _number(key: str, value: Any, *, frames: int) -> tuple[str, Any]:
     """A number's name and what is known of it; degrees become rad."""
     if key not in NUMBERS:
-        raise ValueError(f"numbers: no number {key!r}; there are {', '.join(NUMBERS)}")
+        raise ValueError(f"numbers: unknown number {key!r}; choose from {', '.join(NUMBERS)}")
     name, where = NUMBERS[key], f"numbers.{key}"
     scale = SCALES.get(key.rpartition("_")[2], 1.0)
     if not isinstance(value, dict):

@@ -131,9 +131,9 @@ def plot_residuals(
         moved, left = data.displacement[row], 1e3 * fit.residual[row]
         shown = (
             (axes[row, 0], 1e3 * moved[:, 2], moved, f"frame {frame}: u_z [µm]", "viridis"),
-            (axes[row, 1], left[:, 0], None, "left of u_x [µm]", "RdBu"),
-            (axes[row, 2], left[:, 1], None, "left of u_y [µm]", "RdBu"),
-            (axes[row, 3], left[:, 2], None, "left of u_z [µm]", "RdBu"),
+            (axes[row, 1], left[:, 0], None, "residual of u_x [µm]", "RdBu"),
+            (axes[row, 2], left[:, 1], None, "residual of u_y [µm]", "RdBu"),
+            (axes[row, 3], left[:, 2], None, "residual of u_z [µm]", "RdBu"),
         )
         top = np.nanmax(np.abs(left))
         for axis, value, arrows, title, colours in shown:

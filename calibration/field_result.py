@@ -111,7 +111,7 @@ class FieldFit:
         return lost if self.determined[index] else []
 
     @property
-    def left(self) -> float:
+    def residual_share(self) -> float:
         """Root mean square displacement that the model leaves, over that of what was measured."""
         known = np.isfinite(self.residual)
         measured = (self.predicted.displacement + self.residual)[known]
@@ -130,13 +130,13 @@ def _judge(fit: FieldFit) -> Sequence[str]:
         said.append(f"The data do not determine {', '.join(lost)}: no number is given.")
     if FRICTION in lost and fit.predicted.slip_width < LEAST_SLIP:
         said.append(
-            f"What slips is a ring of {fit.predicted.slip_width:.1f} cells at its widest, too "
-            "narrow to tell μ: twist or shift the object further, or take smaller cells."
+            f"The slipping ring is {fit.predicted.slip_width:.1f} cells wide at most, too narrow "
+            "to determine μ: twist or shift the object further, or use smaller cells."
         )
     rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
     where = (
         f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z, "
-        f"{100.0 * fit.left:.2g} % of the motion"
+        f"{100.0 * fit.residual_share:.2g} % of the motion"
     )
     if fit.trusted:
         said.append(
@@ -149,15 +149,14 @@ def _judge(fit: FieldFit) -> Sequence[str]:
             "The model does not describe the data within the errors given for them (χ² "
             f"{fit.misfit:.3g} per degree of freedom instead of 1, {_show_p(fit.p_value)}; "
             f"{kinds}): {where}.",
-            "No intervals are given: part of the model's error is in the numbers and not in the "
-            "residuals, and the data do not tell how much. The values are those of the model that "
-            "comes nearest. How far they move when part of the data is left out is a least error, "
-            "no interval.",
+            "No intervals are given: part of the model's error moves the numbers without showing "
+            "in the residuals. The values are those of the closest model. Their change when part "
+            "of the data is left out is a lower bound of the error, not an interval.",
         ]
     if not fit.converged:
-        said.append("The fit did not come to an end: start nearer, or allow more steps.")
+        said.append("The fit did not converge: start closer, or allow more steps.")
     if fit.agreeing < 1.0:
-        said.append(f"{100 * fit.agreeing:.0f} % of the starts came to this minimum.")
+        said.append(f"{100 * fit.agreeing:.0f} % of the starts reached this minimum.")
     return said
 
 

@@ -140,7 +140,7 @@ def press_and_move(shape: str) -> MakeScene:
         ValueError: no such shape.
     """
     if shape not in _SHAPES:
-        raise ValueError(f"no shape {shape!r}; there are {', '.join(SHAPES)}")
+        raise ValueError(f"unknown shape {shape!r}; choose from {', '.join(SHAPES)}")
 
     def scene(numbers: Mapping[str, Any], grid: Grid) -> Scene:
         modulus, nu = numbers["shear_modulus"], numbers["poisson_ratio"]

@@ -236,7 +236,7 @@ def _redesign(
     found = {}
     for name in design:
         if name not in numbers:
-            raise ValueError(f"no number {name!r} to change; there are {', '.join(numbers)}")
+            raise ValueError(f"unknown number {name!r} to change; choose from {', '.join(numbers)}")
         slopes = [
             np.log(_errors_of(problem.model, _scaled(numbers, name, 1.0 + step), data))
             for step in (-_DESIGN_STEP, _DESIGN_STEP)

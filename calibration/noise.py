@@ -175,12 +175,12 @@ def _warn(seconds: float, variance: float, fast: Noise) -> tuple[str, ...]:
     """What a reader should know, in sentences."""
     notes = []
     if seconds < ENOUGH_SECONDS:
-        notes.append(f"{seconds:.1f} s only: drift and slow errors are better seen in ten seconds")
+        notes.append(f"{seconds:.1f} s are too short for drift and slow errors: record ten seconds")
     if variance > 2.0 * fast.in_plane**2:
         notes.append(
-            f"slow errors: in all {1e3 * variance**0.5:.3g} against {1e3 * fast.in_plane:.3g} "
+            f"slow errors: total noise {1e3 * variance**0.5:.3g} against {1e3 * fast.in_plane:.3g} "
             f"thousandths of a {fast.unit} from frame to frame; the estimators' intervals "
-            "hold the latter"
+            "cover the latter only"
         )
     return tuple(notes)
 
@@ -242,7 +242,7 @@ def write_noise(found: RestNoise, known: Sensor, out: Path) -> list[str]:
         for name, one in found.rotation.items()
     )
     lines = [
-        f"noise {1e3 * found.fast.in_plane:.3g} {fine} in the plane from frame to frame; in all "
+        f"noise {1e3 * found.fast.in_plane:.3g} {fine} in the plane from frame to frame; total "
         + ", ".join(f"{1e3 * one:.3g}" for one in found.axes)
         + " along each axis",
         f"correlation {', '.join(f'{rho:.2f}' for rho in found.temporal[:4])} over 1 to 4 frames, "
@@ -251,7 +251,7 @@ def write_noise(found: RestNoise, known: Sensor, out: Path) -> list[str]:
         + f" {fine}/s",
         f"{100 * found.dropped:.1f} % of the frames are missing, the longest gap is "
         f"{1e3 * found.longest_gap:.0f} ms",
-        f"smallest rotation between two frames that is no noise (95 %): {smallest}",
+        f"smallest rotation between two frames that exceeds the noise (95 %): {smallest}",
         f"suggested: --angle-floor-deg {found.angle_floor_deg:.2g} --onset-mm {found.onset:.2g}",
     ]
     caption = "Noise by axis about mean and drift; its correlation in time."

@@ -136,7 +136,7 @@ def calibrate_sensor(
     if moves > MOST_MOTION * pitch:
         raise ValueError(
             f"{unloaded}: the dots move by {moves:.1f} px between the pictures, {pitch:.1f} px "
-            "apart: take pictures of the resting pad, nothing touching it"
+            "apart: take pictures of the pad at rest with nothing on it"
         )
     sensor = sensor if pitch_mm is None else replace(sensor, mm_per_px=pitch_mm / pitch)
     remarks = [
@@ -149,7 +149,9 @@ def calibrate_sensor(
         noise = Noise.given(sensor.scale * scatter, sensor.unit)
         remarks.append(f"Noise {noise.in_plane:.2g} {noise.unit} in {len(track)} pictures.")
     else:
-        remarks.append(f"{len(track)} pictures: {FEWEST_STILLS} or more would tell the noise.")
+        remarks.append(
+            f"{len(track)} pictures: {FEWEST_STILLS} or more are needed to estimate the noise."
+        )
     described = replace(sensor, reference=sensor.scale * place, noise=noise)
     return Calibrated(described, tuple(remarks), images[0], place, off)
 
@@ -197,9 +199,9 @@ def write_calibration(found: Calibrated, lines: Sequence[str], out: Path) -> Non
     """
     lens = found.sensor.lens
     caption = (
-        "The first picture and the dots found in it; how far each is off a regular lattice, which "
-        "may be bent a little: all alike, a lens not taken off; one by itself, misprinted or found "
-        "badly" + ("." if lens is None else "; how far the lens moves points.")
+        "The first picture with its dots, and the distance of each from a slightly bent regular "
+        "lattice. A common pattern shows a lens that is not corrected, a single outlier a dot that "
+        "is misprinted or badly fitted." + ("" if lens is None else " Right: the lens's shifts.")
     )
     write_findings(
         out,

@@ -25,11 +25,11 @@ def simulate(
             help="TOML file, or a shipped example: pivoting_cube, cube_on_layer, shifted_sphere.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder to write to; an interrupted run goes on.")],
+    out: Annotated[Path, typer.Option(help="Folder to write to; an interrupted run resumes.")],
     sensor: Annotated[
         Path | None,
         typer.Option(
-            help="TOML file that describes the sensor: its pad, where CONFIG does not.",
+            help="TOML file of the sensor; its pad is used where CONFIG gives none.",
             show_default="none",
         ),
     ] = None,
@@ -58,7 +58,7 @@ def simulate(
     apart = sum(not bool(solution.contact.any()) for solution in solutions)
     if apart:
         errors.print(
-            f"{apart} of {len(solutions)} steps do not touch: a larger approach would",
+            f"the bodies do not touch in {apart} of {len(solutions)} steps: use a larger approach",
             highlight=False,
         )
     console.print(f"{len(solutions)} steps, path.csv and pictures in {out}", highlight=False)

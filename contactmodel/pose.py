@@ -161,7 +161,7 @@ class Resultants(eqx.Module):
         self.normal_force = None
         if normal_force is not None:
             pressing = number(normal_force)
-            message = "a normal force presses: it must not be below 0 N"
+            message = "the normal force presses, so it must not be below 0 N"
             self.normal_force = refuse(pressing, known(pressing) < 0.0, message)
         self.shear_force = None if shear_force is None else number(shear_force)
         self.moment = None if moment is None else number(moment)

@@ -227,12 +227,14 @@ def _recall(previous: ContactSolution | None, contact: Contact, pose: Pose) -> M
     if previous is None:
         return rest(pose, contact.grid)
     if previous.grid != contact.grid:
-        raise ValueError(f"the contact before has the {previous.grid}, this one the {contact.grid}")
+        raise ValueError(
+            f"the previous contact has the {previous.grid}, this contact the {contact.grid}"
+        )
     if previous.pressure.ndim != 2:
         raise ValueError("previous is a path; take its last step: at_step(-1)")
     for kind in ("linear", "corotated"):
         if getattr(previous.pose, kind) != getattr(pose, kind):
-            raise ValueError(f"this pose and the one before must both be {kind}, or neither")
+            raise ValueError(f"this pose and the previous pose must both be {kind}, or neither")
     return remember(Step(**{name: getattr(previous, name) for name in Step._fields}))
 
 
@@ -251,8 +253,8 @@ def raise_failure(solution: ContactSolution, where: str = "") -> ContactSolution
     if bool(worst == RESULTS.beyond_friction):
         x, y, _ = solution.force.tolist()
         limit = (
-            f"; at most a shear force of ({x:.4g}, {y:.4g}) N and a moment of "
-            f"{float(solution.moment):.4g} N·mm, together, on this way"
+            f"; it carries at most a shear force of ({x:.4g}, {y:.4g}) N together with a moment of "
+            f"{float(solution.moment):.4g} N·mm in this direction"
         )
     raise RuntimeError(where + RESULTS[worst] + limit)
 
@@ -269,11 +271,11 @@ def _check(
     if pose.approach.dtype == jnp.float32 and rtol < _SINGLE_PRECISION_FLOOR:
         raise ValueError(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
-            'call jax.config.update("jax_enable_x64", True) first, or ask for a larger rtol'
+            'call jax.config.update("jax_enable_x64", True) first, or use a larger rtol'
         )
     if resultants is not None and pose.corotated:
         raise ValueError(
-            "force and moment are sought in space: give a motion alone, or leave out corotated"
+            "forces and moments cannot be corotated: give a motion only, or leave out corotated"
         )
     sheared = resultants is not None and any(resultants.given[1:])
     if sheared and is_smooth(contact.friction_coefficient):

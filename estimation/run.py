@@ -118,7 +118,7 @@ def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
             frames = len(record)
         if frames:
             raise ValueError(
-                f"{place.parent} has {frames} frames of a run that goes on, or was cut off: go on "
+                f"{place.parent} has {frames} frames of an unfinished run: continue it "
                 "with the same command and --resume, give another folder (--out), or remove "
                 f"{out / UNFINISHED}"
             )
@@ -262,7 +262,7 @@ class _Job:
         """Write what was found; the summary, and lines for the terminal."""
         if self.record.parent == self.shown:
             self.results.keep_earlier(self.inner)
-            done = f"{self.name}: was done before; see {self.shown / 'report.html'}"
+            done = f"{self.name}: already done; see {self.shown / 'report.html'}"
             return summarise(run), [done]
         summary = write_run(run, self.folder)
         lines = _tell(run, summary, self.shown)
@@ -290,7 +290,7 @@ def report_all(folder: Path) -> list[str]:
     """
     if folder.name == UNFINISHED:
         raise ValueError(
-            f"{folder} is of a run: give the folder that it writes to, {folder.parent}"
+            f"{folder} belongs to a run: give the folder that the run writes to, {folder.parent}"
         )
     places = [
         place

@@ -208,8 +208,8 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         return list_episodes(path, tuple(topics))
     if topics:
         raise ValueError(
-            f"{path} is no bag and no LeRobot data set of another program, which have the topics "
-            "that --topic names"
+            f"{path} is neither a bag nor a LeRobot data set of another program: --topic applies "
+            "to these only"
         )
     if is_camera(path) or find_clip(path):
         return [path]
@@ -375,5 +375,5 @@ def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None
     if changed:
         raise ValueError(
             f"{place} was made with another command or from other files ({', '.join(changed)}): "
-            "give the same, or leave --resume out and give another folder (--out)"
+            "repeat the same command, or leave --resume out and give another folder (--out)"
         )

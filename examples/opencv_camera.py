@@ -10,7 +10,7 @@ from estimation import ImageTracker
 
 
 def main(device: str) -> None:
-    """Print the angle of each picture until the camera has gone."""
+    """Print the angle of each picture until the camera is disconnected."""
     tracker = ImageTracker()
     camera = cv2.VideoCapture(int(device) if device.isdigit() else device)
     while True:

@@ -51,7 +51,7 @@ def choose_items(paper: str | None, item: str | None) -> list[tuple[str, str]]:
         ValueError: there is no such one.
     """
     if paper is not None and paper not in ITEMS:
-        raise ValueError(f"no paper {paper!r}; there are {', '.join(ITEMS)}")
+        raise ValueError(f"unknown paper {paper!r}; choose from {', '.join(ITEMS)}")
     if paper is not None and item is not None and item not in ITEMS[paper]:
         raise ValueError(f"{paper} has no item {item!r}; it has {', '.join(ITEMS[paper])}")
     return [

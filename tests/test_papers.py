@@ -119,7 +119,7 @@ def test_an_item_without_its_data_does_not_stop_the_others(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "smith1999"], "no paper 'smith1999'; there are li2024"),
+        (["run", "smith1999"], "unknown paper 'smith1999'; choose from li2024"),
         (["run", "li2024", "fig99"], "li2024 has no item 'fig99'; it has method"),
         (["sweep", "papers.nothing"], "no study 'papers.nothing'"),
     ],

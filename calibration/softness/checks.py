@@ -212,16 +212,16 @@ def _undetermined(
     correlation = np.abs(line.covariance[0, 1:] / (errors[0] * np.maximum(errors[1:], 1e-300)))
     if loads and (correlation[:loads] > 0.99).any():
         found.append(
-            "k and L apart: their errors are correlated by more than 0.99; turn both ways from the "
-            "zero, and through more angle"
+            "k and L separately: their errors are correlated by more than 0.99; turn both ways "
+            "from the zero, and through more angle"
         )
     if loads == 1 and len(line.covariance) > 1 + len(line.coefficients):
         clocks = slice(1 + len(line.coefficients), None)
         mixed = np.abs(line.covariance[1, clocks]) / (errors[1] * errors[clocks])
         if (mixed > 0.99).any():
             found.append(
-                "L and the clock offset apart: at a steady rate they are the same; hold the object "
-                "still for a moment or turn it back"
+                "L and the clock offset separately: at a steady rate they have the same effect; "
+                "hold the object still for a moment or turn it back"
             )
     return tuple(found)
 
@@ -230,8 +230,8 @@ def _tell_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
     """How k differs between the grasps, and that it is not below 0."""
     if len(trials) == 1:
         yield (
-            "one grasp: the interval holds the noise of the readings, not how k differs from grasp "
-            "to grasp; take three or more"
+            "one grasp only: the interval covers the noise of the readings, not the scatter of k "
+            "between grasps; record three or more"
         )
     elif slope.scatter > 0.0:
         yield (
@@ -242,8 +242,8 @@ def _tell_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
         yield f"the grasps agree within their errors (chance {slope.chance:.2g})"
     if slope.value < 1.0:
         yield (
-            f"k was fitted as {slope.value - 1.0:.3g}, which no object has; 0 lies within its "
-            "interval and is applied"
+            f"the fitted k is {slope.value - 1.0:.3g}, which is impossible; its interval includes "
+            "0, which is used"
         )
 
 

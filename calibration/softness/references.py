@@ -85,7 +85,7 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
         )
     time = _column(rows, "time_s")
     if not (np.diff(time) > 0).all():
-        raise ValueError(f"{path}: time_s does not grow from row to row")
+        raise ValueError(f"{path}: time_s must increase from row to row")
     angle = _angle(rows, names, "angle")
     if angle is None:
         raise ValueError(

@@ -139,12 +139,15 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
     lists = {
         f"{name}: {what}": lines
         for name, fit in fits.items()
-        for what, lines in (("what the data cannot tell", fit.undetermined), ("notes", fit.notes))
+        for what, lines in (
+            ("what the data cannot determine", fit.undetermined),
+            ("notes", fit.notes),
+        )
     }
     tables = {}
     for name, fit in fits.items():
         tables[f"{name}: grasps"] = _grasps(fit)
-        tables[f"{name}: ways to take L"] = _candidates(fit)
+        tables[f"{name}: models of L"] = _candidates(fit)
     lines = [f"{name}: {_state(fit)}" for name, fit in fits.items()]
     write_findings(
         out,
@@ -169,9 +172,9 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
 
 
 CAPTION = (
-    "left, reference over the elastomer's rotation, zeros and loads taken off, with the line 1 + k;"
-    " middle, what the line leaves; right, k of each grasp by itself with its 95 % interval, and "
-    "that of all (band)."
+    "Left: reference against the elastomer's rotation, zeros and loads subtracted, with the line "
+    "of slope 1 + k. Middle: residuals of the line. Right: k of each grasp with its 95 % interval, "
+    "and that of all grasps (band)."
 )
 
 

@@ -207,7 +207,7 @@ def squeeze_by_curvature(
     error = float(np.hypot(spread / np.sqrt(freedom + 1.0), FINITE_STRAIN))
     notes = (
         "the radius, the marker depth and the scale enter in full: 1 % of either shifts the share "
-        "by 1 %; finite strain bends the pad by 1 to 2 % more, which the interval takes in",
+        "by 1 %; finite strain bends the pad by 1 to 2 % more, which the interval includes",
     )
     labels = ("indentation [mm]", "share of the curvature that the pad takes")
     source = f"curvature, {recording.name}"
@@ -277,7 +277,7 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
     lines = [
         f"k = {found.stiffness_ratio:.4f} (95 %, any Poisson's ratio of the object in its range: "
         f"{found.low:.4f} to {found.high:.4f})",
-        f"the object takes {found.share:.4f} of the elastomer's share of the approach",
+        f"the object takes {found.share:.4f} of the elastomer's deformation",
     ]
     write_findings(
         out,

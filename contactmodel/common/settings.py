@@ -141,7 +141,7 @@ def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path)
             place, _, name = new.rpartition(".")
             table = content.setdefault(place, {}) if place else content
             if not isinstance(table, dict) or name in table:
-                raise ValueError(f"{path}: {old} and {new} are one key: leave {old} out")
+                raise ValueError(f"{path}: {old} and {new} are the same key: remove {old}")
             table[name] = value
         notes.append(f"{old} is now called {new}" if new else f"{old} is no longer used")
     if notes:

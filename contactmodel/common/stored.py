@@ -68,6 +68,8 @@ def _read(file: IO[bytes] | io.BufferedIOBase, size: int) -> Shaped[np.ndarray, 
     shape, _, kind = read_header(file)
     needed = math.prod(shape) * kind.itemsize
     if min(shape, default=0) < 0 or needed > size - file.tell():
-        raise ValueError(f"it declares {needed} bytes and has {size - file.tell()}: it is cut off")
+        raise ValueError(
+            f"it declares {needed} bytes and has {size - file.tell()}: it is truncated"
+        )
     file.seek(0)
     return np.lib.format.read_array(file, allow_pickle=False)

@@ -295,7 +295,7 @@ def _make_path(motion: _Motion) -> tuple[Pose, Resultants | None]:
     if ("normal_force" in used) != (motion.first_approach is not None):
         raise ValueError("first_approach_mm, at which the bodies touch, goes with normal_force_n")
     if (count := sum(leg.steps for leg in motion.legs)) > MOST_STEPS:
-        raise ValueError(f"the legs have {count} steps; {MOST_STEPS} are the most there may be")
+        raise ValueError(f"the legs have {count} steps; {MOST_STEPS} are allowed at most")
     state: dict[str, Any] = {"shift": (0.0, 0.0), "shear_force": (0.0, 0.0)}
     state |= dict.fromkeys(("twist", "normal_force", "moment"), 0.0)
     states = [state | {"approach": motion.first_approach or 0.0}]

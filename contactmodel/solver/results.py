@@ -30,15 +30,14 @@ class RESULTS(eqx.Enumeration):
         "path in smaller steps"
     )
     coupling_max_turns = (
-        "pressure and traction did not settle on each other: take the path in smaller steps, or a "
+        "pressure and traction did not converge together: take the path in smaller steps, or a "
         "smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
     )
     out_of_touch = (
         "the bodies do not touch, and carry no force and no moment: give a larger approach, or a "
         "normal force"
     )
-    beyond_friction = "friction cannot carry the force or moment asked for"
+    beyond_friction = "friction cannot carry the requested force or moment"
     resultant_max_steps = (
-        "no motion was found for the force or moment asked for: give a first guess nearer to it, "
-        "or go there in smaller steps"
+        "no motion gives the requested force or moment: start closer to it, or take smaller steps"
     )

@@ -94,7 +94,7 @@ def method_settings(method: str) -> Any:
         ValueError: there is no such method.
     """
     if method not in METHODS | RIVALS:
-        raise ValueError(f"no method {method!r}; there are {', '.join(METHODS | RIVALS)}")
+        raise ValueError(f"unknown method {method!r}; choose from {', '.join(METHODS | RIVALS)}")
     settings = signature((METHODS | RIVALS)[method]).parameters.get("settings")
     return None if settings is None else settings.default
 

@@ -200,7 +200,7 @@ class Incremental:
             and 2 * sum(self._firm) > len(self._firm)
         ):
             self._hidden += 1
-            reason = "nothing seems to stick, though a dozen markers or more just did"
+            reason = "no marker seems to stick, but a dozen or more did just before"
             return Measurement.none(np.zeros_like(fields.contact), reason, self.anew)
         self._hidden = 0
         if found is None and self.number - self._free <= self.settings.patience:

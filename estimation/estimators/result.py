@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 TOO_FEW_STICK = "too few markers stick"
-UNSEEN_TURN = "holds again, but how far the object turned before is unseen"
+UNSEEN_TURN = "holds again after an unobserved rotation"
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
-UNTOLD_TURN = "holds, but too few markers move as one body to say how far it has turned"
+UNTOLD_TURN = "holds, but too few markers move as one body to give an angle"
 """Reasons why an angle is missing, or in doubt, that more than one place gives."""
 
 

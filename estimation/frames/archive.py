@@ -100,7 +100,7 @@ def read_archive(path: str | Path) -> Recording:
     entries = _read_entries(path)
     version = entries.get("format_version")
     if version is None or version.shape != () or version.dtype.kind not in "iu":
-        raise ValueError(f"{path} has no `format_version`: it is no recording archive")
+        raise ValueError(f"{path} has no `format_version`: it is not a recording archive")
     if version > FORMAT_VERSION:
         raise ValueError(
             f"{path} has format version {version}; this contactmodel reads up to "
@@ -117,7 +117,7 @@ def read_archive(path: str | Path) -> Recording:
 def _read_entries(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
     """All arrays of the file; pickled objects are refused."""
     if path.stat().st_size and not zipfile.is_zipfile(path):
-        raise ValueError(f"{path} is no recording archive, or only the beginning of one")
+        raise ValueError(f"{path} is not a recording archive, or is truncated")
     return read_arrays(path)
 
 

@@ -71,6 +71,6 @@ def load_state(data: bytes) -> Any:
         ) from error
     if version != __version__:
         raise ValueError(
-            f"the run cannot be resumed: version {version} wrote its state, this is {__version__}"
+            f"the run cannot be resumed: its state is of version {version}, this is {__version__}"
         )
     return state

@@ -100,4 +100,6 @@ def _read_columns(path: Path, arrays: dict[str, Any]) -> Iterator[Columns]:
 
 
 def _damaged(path: Path, error: Exception) -> ValueError:
-    return ValueError(f"{path} is no Zarr group of frames, or damaged: {error or type(error)}")
+    return ValueError(
+        f"{path} is not a Zarr group of frames, or is damaged: {error or type(error)}"
+    )

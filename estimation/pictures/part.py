@@ -43,7 +43,8 @@ class Part:
             )
         if self.mask is not None and not (_light(self.mask) > DARKEST).any():
             raise ValueError(
-                f"{self.mask.path}, given as mask, is black all over: black is left out (--mask)"
+                f"{self.mask.path}, given as mask, is completely black, and black parts are left "
+                "out (--mask)"
             )
 
     def _told(self) -> str:
@@ -59,7 +60,7 @@ class Part:
     def note(self) -> str:
         """What is read, in a sentence; empty for all."""
         kept = "" if self.crop is None else f", {self._told()}"
-        hidden = "" if self.mask is None else f", without what {self.mask.path.name} shows black"
+        hidden = "" if self.mask is None else f", without the black parts of {self.mask.path.name}"
         if not kept + hidden:
             return ""
         return f"A part of the pictures is read{kept}{hidden}; positions are in the whole picture."
@@ -84,7 +85,7 @@ class Part:
                 "give a mask of their size (--mask)"
             )
         if self.seen is not None and not self.seen.any():
-            raise ValueError("the mask leaves nothing of the crop (--mask, --crop)")
+            raise ValueError("the mask covers the whole crop (--mask, --crop)")
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, "h w"] | None:

@@ -65,8 +65,8 @@ class ImageSettings:
             )
         if self.rig is not None and self.part != WHOLE:
             raise ValueError(
-                "the calibration of two views (--stereo) is of whole pictures: leave --crop and "
-                "--mask out"
+                "the calibration of two views (--stereo) applies to whole pictures: leave out "
+                "--crop and --mask"
             )
 
     @property

@@ -176,7 +176,7 @@ class PictureSource:
         raise ValueError(
             f"the markers of the unloaded picture {still.path} are not those of {self.path}: "
             f"{flaws[0]} in its first usable frame, and none of {len(flaws)} was recognised; give "
-            "a picture of the same sensor that nothing touches (--unloaded)"
+            "a picture of the same sensor with nothing on it (--unloaded)"
         )
 
     @property
@@ -343,13 +343,13 @@ def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
         except ValueError as error:
             refusals.append(f"{kind}: {error}")
             continue
-        found.chosen = f"The kind of markers was not given; {kind} were found."
+        found.chosen = f"Marker type detected: {kind} (set --marker to choose)."
         if refusals:
-            found.chosen += f" Not found: {'; '.join(refusals)}."
+            found.chosen += f" Not detected: {'; '.join(refusals)}."
         return found
     raise ValueError(
-        "no markers were found in the first usable frame, so that this sensor cannot be read by "
-        f"them. {'; '.join(refusals)}. Say what the markers are if they are there (--marker)"
+        "no markers were detected in the first usable frame. "
+        f"{'; '.join(refusals)}. Set the marker type if there are markers (--marker)"
     )
 
 
@@ -365,8 +365,8 @@ def _doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str,
     if least < doubtful * pitch:
         return ()
     return (
-        f"Of the markers in the first frame {1.0 - resting:.0%} are {least:.3g} {reader.unit} or "
-        f"more from where the unloaded picture {still.path} has them: is it of the same sensor, "
+        f"{1.0 - resting:.0%} of the markers in the first frame lie {least:.3g} {reader.unit} or "
+        f"more from their place in the unloaded picture {still.path}: is it of the same sensor, "
         "and has the camera stayed in its place?",
     )
 
@@ -382,6 +382,6 @@ def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
             return make_reader(picture, settings)
     known = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
     raise ValueError(
-        f"{path} has no frame {settings.unloaded}, which should be the unloaded one: its frames "
-        f"are {known}"
+        f"{path} has no frame {settings.unloaded} to take as unloaded (--unloaded-frame): its "
+        f"frames are {known}"
     )

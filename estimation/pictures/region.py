@@ -145,7 +145,7 @@ def find_unseen_flaw(
     middle = region[np.argsort(far)[:MIDDLE]]
     if seen[middle].any():
         return ""
-    return f"none of the {len(middle)} markers in the contact's middle is seen"
+    return f"none of the {len(middle)} markers in the contact's centre is visible"
 
 
 def find_tear_flaw(

@@ -114,7 +114,7 @@ class Lens:
             )[:, 0]
             if not (np.abs(straight[known]) < LARGEST).all():
                 raise ValueError(
-                    "the lens takes points of the picture to infinity: calibrate it again"
+                    "the lens model maps points of the picture to infinity: calibrate it again"
                 )
         return straight
 
@@ -174,7 +174,7 @@ class Sensor:
         """Check the values."""
         if self.marker not in (None, *MARKER_KINDS):
             raise ValueError(
-                f"no markers of kind {self.marker!r}; there are {', '.join(MARKER_KINDS)}"
+                f"unknown marker type {self.marker!r}; choose from {', '.join(MARKER_KINDS)}"
             )
         check_limits(self)
         if self.reference is not None and (

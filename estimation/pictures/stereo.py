@@ -113,7 +113,7 @@ class StereoReader(MarkerReader):
             f"The reference is {self.reference}, which must be unloaded.",
             f"The two views fit the calibration to {self.misfit:.3f} px (median); its own error is "
             f"{self.rig.error:.3f} px. The pad at rest is tilted by {np.degrees(self.tilt):.1f}° "
-            "against the left view: more than a few degrees speak for another camera's "
+            "against the left view: more than a few degrees indicate another camera's "
             "calibration.",
             "Rotation is that of the lines to the neighbours, in space; the edges' own angles, "
             "four times as uncertain, are used only where there is one view.",

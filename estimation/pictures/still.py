@@ -46,7 +46,7 @@ def read_still(path: Path, what: str) -> Still:
         ValueError: it is no picture, a damaged or too large one.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"{path}, given as {what}, does not exist or is no file")
+        raise FileNotFoundError(f"{path}, given as {what}, does not exist or is not a file")
     image, flaw = load_picture(path)
     if image is None:
         raise ValueError(f"{path}, given as {what}: {flaw}; give a picture of 8 or 16 bit (PNG, …)")
@@ -62,7 +62,7 @@ def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, 
     try:
         return decode_picture(path.read_bytes(), path)
     except OSError:
-        return None, f"{path.name} is no image or damaged"
+        return None, f"{path.name} is not an image, or is damaged"
 
 
 def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
@@ -79,7 +79,7 @@ def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *co
         with Image.open(io.BytesIO(data)) as header:
             check_size(*header.size, what)
     except (UnidentifiedImageError, OSError):
-        return None, f"{what.name} is no image or damaged"
+        return None, f"{what.name} is not an image, or is damaged"
     except Image.DecompressionBombError as error:
         raise ValueError(f"{what}: {error}") from error
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR

@@ -251,7 +251,7 @@ def _open_video(path: Path) -> Iterator["InputContainer"]:
     try:
         container = av.open(str(path))
     except (FFmpegError, OSError) as error:
-        raise ValueError(f"{path} is no video, or damaged ({error})") from error
+        raise ValueError(f"{path} is not a video, or is damaged ({error})") from error
     with container:
         if not container.streams.video:
             raise ValueError(f"{path} has no pictures in it, only sound or text")
@@ -344,7 +344,7 @@ def _read_camera(name: str) -> Iterator[Picture]:
             there, image = capture.read()
             now = time.monotonic() - start
             if not there:
-                yield Picture(None, now, number, "the camera has gone")
+                yield Picture(None, now, number, "the camera was disconnected")
                 return
             yield Picture(image, now, number)
             number += 1

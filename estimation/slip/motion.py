@@ -176,5 +176,5 @@ def describe_counts(track: Track) -> tuple[str, ...]:
     more = ", …" if len(times) > 5 else ""
     return (
         f"The angle was unknown and is counted anew from {shown}{more} s (columns since_s and "
-        "counted_anew): what the object turned before is not in it.",
+        "counted_anew): earlier rotation is not included.",
     )

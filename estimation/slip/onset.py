@@ -88,7 +88,7 @@ def _describe(slip: MacroSlip, start: float) -> str:
             "markers that stuck before: the object may have rested with it or slid on."
         )
     return (
-        f"Looking back, macro slip began at {slip.onset - start:.3f} s "
+        f"Macro slip began at {slip.onset - start:.3f} s "
         f"(95 %: {slip.low - start:.3f} to {slip.high - start:.3f} s), counted from the first frame"
         + (f", and markers stuck again at {slip.regained - start:.3f} s." if slip.ended else ".")
     )

@@ -107,5 +107,5 @@ def read_softness(path: Path) -> Softness:
     with naming(path):
         kind = content.pop("kind", "scalar")
         if not isinstance(kind, str) or kind not in KINDS:
-            raise ValueError(f"no kind {kind!r} of softness; there are {', '.join(KINDS)}")
+            raise ValueError(f"unknown kind of softness {kind!r}; choose from {', '.join(KINDS)}")
         return from_table(content, KINDS[kind])

@@ -300,7 +300,7 @@ class Stream:
             self.follower, self._held = resumed.follower, resumed.held
             if source.live:
                 self._held = []
-                self.follower.relay(source.layout, "nothing was seen while the run stood still")
+                self.follower.relay(source.layout, "nothing was observed during the interruption")
             self.follower.layout, self.done = source.layout, self.follower.row
             return
         noise, notes = settings.noise, ()
@@ -372,7 +372,10 @@ class Stream:
         """Go on with the source's new reference; the frames that are to be answered anew."""
         held, self._held = self._held, []
         if held is None or len(held) < self.follower.row:
-            self.follower.relay(self.source.layout, "a better one was found, too late to go back")
+            self.follower.relay(
+                self.source.layout,
+                "a better reference appeared too late to answer earlier frames again",
+            )
             return []
         self.follower.relay(self.source.layout)
         for sink in sinks:

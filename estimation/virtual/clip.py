@@ -319,7 +319,7 @@ def write_pictures(clip: VirtualClip, folder: Path) -> None:
     for picture in clip:
         name = folder / f"{picture.number:04d}.png"
         if picture.image is None or not cv2.imwrite(str(name), picture.image):
-            raise OSError(f"{name} cannot be written: is there room, and may you write there?")
+            raise OSError(f"{name} cannot be written: check free space and permissions")
         lines.append(f"{picture.number},{picture.time:.6f}")
     (folder / "times.csv").write_text("\n".join(lines) + "\n")
 

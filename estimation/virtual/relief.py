@@ -60,7 +60,7 @@ def make_relief(
     """
     coarse_step = 0.1  # step in which reliefs are drawn at random, before they are refined [mm]
     if kind not in RELIEFS:
-        raise ValueError(f"no relief {kind!r}; there are {', '.join(RELIEFS)}")
+        raise ValueError(f"unknown relief {kind!r}; choose from {', '.join(RELIEFS)}")
     count = round(size / step)
     place = coarse_step * (np.arange(round(size / coarse_step)) + 0.5) - 0.5 * size
     if kind == "smooth":

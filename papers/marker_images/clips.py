@@ -86,8 +86,8 @@ class Turn(NamedTuple):
         why = f", {self.reason}" if self.reason else ""
         return (
             f"{self.clip}, frames {self.start} to {self.stop}: the reference is "
-            f"{self.reference:+.1f}°, we say {self.angle:+.1f} ± {half:.1f}°, {verdict}; {own}; "
-            f"{self.state}{why}."
+            f"{self.reference:+.1f}°, we measure {self.angle:+.1f} ± {half:.1f}°, {verdict}; "
+            f"{own}; {self.state}{why}."
         )
 
 
@@ -264,7 +264,7 @@ def _row_of_frame(clip: str, frame: int, answer: Answer) -> dict[str, object]:
         "angle [°]": _number(np.degrees(one.angle), 1),
         "± [°]": _number(np.degrees(0.5 * (one.high - one.low)), 1),
         "imprint [°]": _number(np.degrees(answer.frame.imprint[0]), 1),
-        "registered by others [°]": settings.REGISTERED.get(clip, {}).get(frame),
+        "registered reference [°]": settings.REGISTERED.get(clip, {}).get(frame),
         "reason": one.reason,
     }
 

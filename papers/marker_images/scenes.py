@@ -44,7 +44,7 @@ def shape_of(name: str, rng: np.random.Generator) -> tuple[AbstractIndenter, flo
         return Domed(Cylinder(rng.uniform(8.0, 12.0)), 40.0), rng.uniform(0.6, 0.9)
     if name == "cube":
         return SquarePunch(rng.uniform(6.0, 8.0), 1.0), rng.uniform(0.4, 0.7)
-    raise ValueError(f"no shape {name!r}; there are sphere, cylinder and cube")
+    raise ValueError(f"unknown shape {name!r}; choose from sphere, cylinder, cube")
 
 
 def _held(rng: np.random.Generator) -> list[Leg]:

@@ -142,7 +142,7 @@ def _plot_collapse(left, right, result: Maps) -> None:
                 axis.semilogx(result.thickness[rows], shown, style, ms=4, lw=1, color=f"C{i}",
                               label=name)  # fmt: skip
     left.set(ylabel="1 − φ/θ [%]", title="full, dots: large contacts; dashed, crosses: small")
-    right.set(ylabel="k'/k, with θ = (1 + k') φ [-]", title="the k that a layer seems to have")
+    right.set(ylabel="k'/k, with θ = (1 + k') φ [-]", title="apparent k of a layer")
     for axis in (left, right):
         axis.set_xlabel("thickness over contact radius h/a [-]")
         axis.grid(alpha=0.3, which="both")

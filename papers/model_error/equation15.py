@@ -218,5 +218,5 @@ def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: 
     bias.set_ylabel("mean error [°]")
     error.set_ylabel("mean absolute error [°]")
     shares.legend(fontsize=8)
-    bias.set_title("angles that there are", fontsize=10)
+    bias.set_title("share of frames answered", fontsize=10)
     error.set_title("no angle: as if 0°; dotted: Cramér–Rao bound", fontsize=10)

@@ -92,7 +92,7 @@ def tables(result: list[Press]) -> dict[str, list[dict[str, object]]]:
                 "force [N]": round(one.force, 2),
                 "moment [N·mm]": round(one.moment, 1),
                 **{_TITLES[name]: _show(one.fit, name) for name in _SHOWN},
-                "left of motion [%]": round(100 * one.fit.left, 1),
+                "residual motion [%]": round(100 * one.fit.residual_share, 1),
                 "χ² by freedom": round(one.fit.misfit),
             }
             for one in result
@@ -128,7 +128,7 @@ def plot(result: list[Press]) -> Figure:
     shown = (
         (1e3 * one.moved[:, 2], "u_z [µm]", {"cmap": "viridis"}),
         *(
-            (left[:, i], f"left of u_{axis} [µm]", {"cmap": "RdBu", "vmin": -top, "vmax": top})
+            (left[:, i], f"residual of u_{axis} [µm]", {"cmap": "RdBu", "vmin": -top, "vmax": top})
             for i, axis in enumerate("xyz")
         ),
     )

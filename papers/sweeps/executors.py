@@ -65,8 +65,8 @@ def local_processes(count: int) -> Executor:
                     yield futures[future], future.result()
             except BrokenProcessPool as error:
                 raise OSError(
-                    "a worker process died, perhaps for want of memory; what was done is stored: "
-                    "run the same command again to go on"
+                    "a worker process died, perhaps out of memory; finished cases are stored: "
+                    "run the same command again to continue"
                 ) from error
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
@@ -122,8 +122,8 @@ def on_cluster(address: str, patience: float = 10.0) -> Executor:
                     yield batch, [Failure(f"KilledWorker: {error}"[:200])] * len(batch.cases)
                 except FutureCancelledError as error:
                     raise OSError(
-                        f"the scheduler at {address} went away; what was done is stored: run the "
-                        "same command again to go on"
+                        f"the scheduler at {address} disconnected; finished cases are stored: "
+                        "run the same command again to continue"
                     ) from error
 
     return execute
@@ -167,7 +167,9 @@ def _work(name: str, version: str | None, table: Table) -> Sequence[Values | Fai
         os.environ.setdefault(key, value)
     jax.config.update("jax_enable_x64", True)
     if version is not None and code_version(name) != version:  # a worker that came late
-        raise ValueError(f"a worker has not version {version} of the code: stop it and run again")
+        raise ValueError(
+            f"a worker does not have version {version} of the code: stop it and run again"
+        )
     return evaluate_batch(name, table)
 
 

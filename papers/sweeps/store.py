@@ -68,7 +68,7 @@ class Store:
             if self._group.attrs.get(key) != value:
                 raise ValueError(
                     f"{path} is of {key} {self._group.attrs.get(key)}, this sweep of {value}: "
-                    "write to another folder, or remove that one"
+                    "write to another folder, or remove the old store"
                 )
 
     @property
@@ -187,7 +187,7 @@ def _open(path: Path, mode) -> zarr.Group:
 
 
 def _broken(path: Path) -> str:
-    return f"{path} is no whole store of a sweep: look what it is, and remove it to start anew"
+    return f"{path} is not a complete store of a sweep: check it, and remove it to start again"
 
 
 def _array(group: zarr.Group, name: str) -> zarr.Array:

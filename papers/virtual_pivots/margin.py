@@ -93,7 +93,7 @@ def plot(result: Foretold) -> Figure:
         axis.errorbar(ahead + width, result.error[:, i], bars, fmt=".", lw=0.5, color="C0")
     axis.axhline(0.0, color="0.6", lw=1)
     axis.invert_xaxis()
-    axis.set_xlabel("true angle left [°]")
-    axis.set_ylabel("foretold less true [°]")
+    axis.set_xlabel("true remaining angle [°]")
+    axis.set_ylabel("predicted less true [°]")
     axis.grid(alpha=0.3)
     return figure

@@ -144,7 +144,7 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
                 "worst draw [°]": round(float(result.error.max()), 4),
                 "unanswered [%]": round(100 * float(result.unanswered.mean()), 2),
                 "interval holds [%]": round(100 * float(result.inside.mean()), 1),
-                "macro slip seen [%]": round(100 * len(late) / len(result.late), 1),
+                "macro slip noticed live [%]": round(100 * len(late) / len(result.late), 1),
                 "late, median [frames]": float(np.median(late)) if len(late) else None,
                 "late, 5 to 95 % [frames]": (
                     " to ".join(f"{q:.0f}" for q in np.percentile(late, [5, 95]))

@@ -81,7 +81,7 @@ def test_files_of_version_0_1_0_are_read_and_say_what_changed(tmp_path):
         ("format_version = 1\nsize = 3", "unknown key 'size'"),
         ("format_version = 2", "format_version is 2"),
         ("format_version = 1\nshape = 'cube'\ncells = 8", "the key 'frames' is missing"),
-        (MINIMAL + "colour = 3", "no number 'colour'; there are shear_modulus_mpa"),
+        (MINIMAL + "colour = 3", "unknown number 'colour'; choose from shear_modulus_mpa"),
         (
             MINIMAL.replace("high = 20.0", "high = 2.0"),
             "numbers.twist_deg: the start .* between the bounds",

@@ -112,7 +112,7 @@ def test_what_is_written_of_a_wrong_model(model, wrong, tmp_path):
     summary = json.loads((tmp_path / "field.json").read_text())
     assert not summary["model_describes_data"]
     assert all(row["low"] is None and row["high"] is None for row in summary["numbers"])
-    assert "no interval" in (tmp_path / "report.html").read_text()
+    assert "No intervals are given" in (tmp_path / "report.html").read_text()
     assert tell_numbers(fit)[0].endswith("undetermined without forces)")
 
 
@@ -157,7 +157,7 @@ def test_what_does_not_fit_is_refused(model, data):
         fit_fields(model, TRUTH | SOUGHT, data._replace(displacement=data.displacement[:1]))
     with pytest.raises(ValueError, match="larger grid"):
         FieldModel(press_and_move("sphere"), Grid((18, 18), (5.0, 5.0)), np.array([[3.0, 0.0]]))
-    with pytest.raises(ValueError, match="no shape"):
+    with pytest.raises(ValueError, match="unknown shape"):
         press_and_move("banana")
     with pytest.raises(ValueError, match="between the bounds"):
         Unknown(3.0, 1.0, 2.0)

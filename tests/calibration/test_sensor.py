@@ -103,7 +103,7 @@ def test_dots_that_move_between_the_pictures_are_not_at_rest(tmp_path):
     rng = np.random.default_rng(0)
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"{i}.png"), picture(REST + 2.0 * i, rng))
-    with pytest.raises(ValueError, match="resting pad"):
+    with pytest.raises(ValueError, match="pad at rest"):
         calibrate_sensor(tmp_path, pitch_mm=1.2)
 
 

@@ -288,7 +288,7 @@ def test_a_gel_that_stands_still_under_a_turning_object_slips():
         ("time_s,angle\n0,1\n1,2\n", "must be called angle_deg or angle_rad"),
         ("t,angle_deg\n0,1\n1,2\n", "time_s and angle_deg"),
         ("time_s,angle_deg\n0,1\n", "1 readings"),
-        ("time_s,angle_deg\n0,1\n0,2\n", "does not grow"),
+        ("time_s,angle_deg\n0,1\n0,2\n", "must increase"),
         ("time_s,angle_deg\n0,1\n1,x\n", "line 3: angle_deg is 'x'"),
     ],
 )

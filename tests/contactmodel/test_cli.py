@@ -219,7 +219,7 @@ def test_without_contact_it_says_so(config, tmp_path):
     config.write_text(SMALL.replace("approach_mm = 0.5", "approach_mm = -0.5"), encoding="utf-8")
     result = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(tmp_path / "out")])
     assert result.exit_code == 0  # and no picture warns of an empty mean: warnings are errors
-    assert "3 of 3 steps do not touch" in " ".join(result.stderr.split())
+    assert "do not touch in 3 of 3 steps" in " ".join(result.stderr.split())
 
 
 def test_a_missing_file_names_the_examples(tmp_path):

@@ -190,7 +190,7 @@ def test_too_few_steps_are_told():
         (lambda: solve(pose=make_path([Pose(0.0), Pose(0.1)], [2])), "solve_path"),
         (lambda: solve_path(CONTACT, Pose(0.1)), "make_path"),
         (lambda: solve_contact(Contact(STEEL, STEEL, BALL, GRID, 0.5), Pose(0.1)), "rigid"),
-        (lambda: solve(previous=solve(grid=Grid((16, 16), (10.0, 10.0)))), "the contact before"),
+        (lambda: solve(previous=solve(grid=Grid((16, 16), (10.0, 10.0)))), "the previous contact"),
     ],
 )
 def test_wrong_values_are_refused(wrong, words):

@@ -63,7 +63,10 @@ def test_lines_of_json_are_all_there_is_on_standard_output(tmp_path, monkeypatch
     [
         (("{archive}", "--sink", "cvs"), "there is no sink 'cvs'"),
         (("nowhere.npz",), "nowhere.npz"),
-        (("{archive}", "--method", "magic"), "no method 'magic'; there are tracked, incremental"),
+        (
+            ("{archive}", "--method", "magic"),
+            "unknown method 'magic'; choose from tracked, incremental",
+        ),
         (("{archive}", "--softness", "nowhere.toml"), "nowhere.toml"),
         (("{archive}", "--noise-um", "-1"), "must be a number above 0"),
         (("{archive}", "--threshold", "0"), "threshold is 0.0"),

@@ -144,8 +144,8 @@ def test_errors_come_through_flaws_at_the_end_are_said_and_nothing_is_left_open(
         list(given)
 
     said = []
-    list(Feed("camera-0", LiveChoices(), said.append)(items(3, flaw="the camera has gone")))
-    assert said == ["camera-0: the camera has gone"]
+    list(Feed("camera-0", LiveChoices(), said.append)(items(3, flaw="the camera was disconnected")))
+    assert said == ["camera-0: the camera was disconnected"]
 
     released = threading.Event()
 
@@ -242,10 +242,10 @@ def test_an_unplugged_camera_ends_with_its_report(tmp_path, plain, monkeypatch):
     known = ImageSettings(Sensor(dark=True))
     settings = Settings(noise=Noise.given(0.01, "px"), images=known)
     follow("camera:0", tmp_path, settings, LiveChoices(), said.append)
-    assert said == ["camera-0: the camera has gone"]
+    assert said == ["camera-0: the camera was disconnected"]
     assert released
     rows = rows_of(tmp_path / "angles.csv")
-    assert rows[-1]["reason"] == "the camera has gone"
+    assert rows[-1]["reason"] == "the camera was disconnected"
     assert len(rows) == len(shown) + 1
     assert (tmp_path / "report.html").is_file()
 

@@ -374,7 +374,9 @@ def test_a_recording_is_written_without_answers(tmp_path):
 def test_what_is_no_group_of_ours_is_refused(tmp_path):
     path = tmp_path / "other.zarr"
     zarr.create_group(path)
-    with pytest.raises(ValueError, match=r"other\.zarr is no Zarr group of frames, or damaged"):
+    with pytest.raises(
+        ValueError, match=r"other\.zarr is not a Zarr group of frames, or is damaged"
+    ):
         read_recording(path)
     (tmp_path / "set" / "meta").mkdir(parents=True)
     (tmp_path / "set" / "meta" / "info.json").write_text("{}")

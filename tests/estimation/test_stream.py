@@ -133,7 +133,7 @@ def test_a_state_that_could_run_something_is_refused():
             load_state(state)
     with pytest.raises(ValueError, match="is not read"):
         load_state(save_state(TableWriter))
-    with pytest.raises(ValueError, match="version 0 wrote"):
+    with pytest.raises(ValueError, match="its state is of version 0"):
         load_state(pickle.dumps(("0", 1.0)))
 
 
@@ -163,9 +163,9 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
     assert f"{out / 'unfinished' / 'report.html'}" in told[0]
     page = (out / "unfinished" / "report.html").read_text()
     assert f"Interrupted: 10 of {len(recording)} frames were done." in page
-    with pytest.raises(ValueError, match="go on with the same command and --resume"):
+    with pytest.raises(ValueError, match="continue it with the same command and --resume"):
         run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
-    with pytest.raises(ValueError, match="has 10 frames of a run"):  # of another command
+    with pytest.raises(ValueError, match="has 10 frames of an unfinished run"):  # of another command
         run_all([Input(recording)] * 2, out, SETTINGS, Progress(disable=True), resume=True)
     (out / "unfinished" / ".angles.csv.half").write_text("time_s,fr")  # as write_whole leaves it
     with RecordReader(out / "unfinished" / "record.sqlite") as record:
@@ -287,7 +287,7 @@ def test_a_record_of_other_settings_is_not_resumed(recording, tmp_path):
     run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
     with pytest.raises(FileNotFoundError, match="give the folder that a run"):
         report_all(tmp_path)  # whose run this is not
-    with pytest.raises(ValueError, match="give the folder that it writes to"):
+    with pytest.raises(ValueError, match="give the folder that the run writes to"):
         report_all(out / "unfinished")
     assert find_earlier(out, "", recording.source, SETTINGS) == (None, out / "record.sqlite")
     with pytest.raises(ValueError, match=r"other files \(method\)"):

@@ -130,7 +130,9 @@ def test_lost_markers_cost_accuracy_not_answers():
 
 def test_wrong_settings_are_refused():
     layout = domed_pad()
-    with pytest.raises(ValueError, match="no method 'magic'; there are tracked, incremental"):
+    with pytest.raises(
+        ValueError, match="unknown method 'magic'; choose from tracked, incremental"
+    ):
         Tracker(layout, "magic")
     with pytest.raises(ValueError, match="window_frames is 0"):
         Tracker(layout, "paper", window_frames=0)

@@ -167,5 +167,5 @@ def test_wrong_scenes_are_refused():
         replace(SCENE, first=20)
     with pytest.raises(ValueError, match="share from 0 to 1"):
         replace(SCENE, kinetic=1.2)
-    with pytest.raises(ValueError, match="no relief 'wood'"):
+    with pytest.raises(ValueError, match="unknown relief 'wood'"):
         make_relief("wood", 0.1, 12.0, 0.03, np.random.default_rng(1))

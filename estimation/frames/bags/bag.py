@@ -78,7 +78,7 @@ def describe_bag(path: Path) -> Contents:
 
     Raises:
         ImportError: the extra `bags` is not installed.
-        ValueError: it is no bag, or damaged.
+        ValueError: it is not a bag, or is damaged.
         OSError: it cannot be read.
     """
     require_extra("bags", f"reading the bag {path}")
@@ -119,7 +119,7 @@ def _describe(path: Path, size: int, newest: int) -> Contents:
         raise
     except _damage() as error:
         why = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path} is no bag, or damaged ({why}): copy it again") from error
+        raise ValueError(f"{path} is not a bag, or is damaged ({why}): copy it again") from error
     if not contents.channels:
         raise ValueError(f"{path} holds no messages: it is empty, or damaged from its start")
     return contents

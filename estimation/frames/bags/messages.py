@@ -189,7 +189,9 @@ class PlainMessages:
         for one in (first, *later):
             if one.number == unloaded:
                 return one.positions, ()
-        raise ValueError(f"no message {unloaded}, which should be the unloaded one, shows markers")
+        raise ValueError(
+            f"no message {unloaded} with markers to take as unloaded (--unloaded-frame)"
+        )
 
     def frame(self, message: Stamped) -> Frame:
         """The frame of a message.
@@ -228,7 +230,7 @@ class WholeMessages:
         """
         first = next((message.content for message in messages), None)
         if first is None or not len(first.reference):
-            raise ValueError("its first message does not say where the markers are at rest")
+            raise ValueError("its first message does not give the markers at rest")
         self.layout = restore_layout(_attributes(first, LAYOUT_FIELDS), first.dimensions)
         self.unit, self.convention = first.unit, first.convention
 

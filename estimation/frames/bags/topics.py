@@ -58,7 +58,7 @@ def list_topics(bag: Path) -> list[Topic]:
 
     Raises:
         ImportError: the extra `bags` is not installed.
-        ValueError: it is no bag, or damaged.
+        ValueError: it is not a bag, or is damaged.
         OSError: it cannot be read.
     """
     topics = []

@@ -89,7 +89,9 @@ class CornerTracker:
         style = find_corner_style(grey)
         corners, board, pieces = _look(grey, style, part)
         if not pieces:
-            raise ValueError(f"fewer than {SMALLEST} corners of a checkerboard are read whole")
+            raise ValueError(
+                f"fewer than {SMALLEST} complete corners of a checkerboard were detected"
+            )
         cells = pieces[0]
         index = np.argwhere(cells.corner >= 0)
         members = cells.corner[tuple(index.T)]
@@ -192,10 +194,12 @@ class CornerTracker:
             f"blur {self.style.blur:.2f} px. "
         )
         if self.plan.coded:
-            return what + "The cells carry a code: each piece of the pattern tells its own place."
+            return (
+                what + "The cells carry a code: each piece of the pattern identifies its own place."
+            )
         return what + (
-            "The cells carry no code: the pattern repeats, and its place is told by the corners "
-            "that rest. A jump of the whole view by two cells between pictures could not be seen."
+            "The cells carry no code: the pattern repeats, and its place follows from the corners "
+            "at rest. A jump of the whole view by two cells between pictures goes unnoticed."
         )
 
 

@@ -124,13 +124,13 @@ class DotReader(MarkerReader):
         """What the dots look like, what the reference is, and what tells the contact region."""
         by = "the dispersion of the translation field"
         if self.prints:
-            by = f"what the object prints, where it prints something, else by {by}"
+            by = f"the object's print where there is one, else from {by}"
         by = "the change of light" if self.light else by
         return (
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
             self.reference.note,
-            f"The contact region is found by {by}.",
+            f"The contact region is estimated from {by}.",
         )
 
     def _find(self, image: Shaped[np.ndarray, "h w *colour"]) -> Dots:

@@ -74,7 +74,7 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
                 best, most = DotStyle(polarity, found / scale), score
     if best is None:
         raise ValueError(
-            "no dots that lie in rows were found in the first usable frame: this sensor seems to "
+            "no rows of dots were detected in the first usable frame: this sensor seems to "
             "have no printed dots, or they are smaller than 2 px or larger than 18 px in radius; "
             "if there are dots, give radius and polarity (--dot-radius-px, --dark or --bright), "
             "or leave out what is not the pad (--crop, --mask)"

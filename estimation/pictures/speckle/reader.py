@@ -36,8 +36,8 @@ class SpeckleReader(MarkerReader):
         note = (
             "The reference is the frame that was given."
             if self.given
-            else "Speckle does not tell whether the gel rests: the first usable frame is the "
-            "reference, and angles count from it; name an unloaded frame if there is one."
+            else "Speckle does not show whether the gel is at rest: the first usable frame is the "
+            "reference, and angles count from it; give an unloaded frame if there is one."
         )
         around = np.full((len(rest), 0), -1)
         position = self.sensor.straighten(rest)
@@ -73,7 +73,7 @@ class SpeckleReader(MarkerReader):
         left = [f"{count} {why}" for why, count in lattice.left_out.items() if count]
         masked = f" Left out of the lattice: {', '.join(left)}." if left else ""
         seeds = (
-            f" Features had to be looked for in {self.tracker.searched} pictures."
+            f" Features were searched in {self.tracker.searched} pictures."
             if self.tracker.searched
             else ""
         )
@@ -82,7 +82,7 @@ class SpeckleReader(MarkerReader):
             f"grain, {style.pitch} px apart, each with the {2 * style.radius + 1} px square around "
             f"it.{masked}{seeds}",
             self.reference.note,
-            "The contact region is found by the dispersion of the translation field.",
+            "The contact region is estimated from the dispersion of the translation field.",
         )
 
     def _straighten(self, match: Match) -> Match:

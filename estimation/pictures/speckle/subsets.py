@@ -107,7 +107,7 @@ def make_subsets(
 def count_clipped(
     grey: Float32[np.ndarray, "h w"], centre: Float[np.ndarray, "n 2"], radius: float
 ) -> Float[np.ndarray, " n"]:
-    """Share of the pixels about each centre that are as good as black or white [-]."""
+    """Share of the pixels about each centre that are nearly black or white [-]."""
     clipped = ((grey < CLIPPED[0]) | (grey > CLIPPED[1])).astype(np.float32)
     size = 2 * round(radius) + 1
     share = cv2.blur(clipped, (size, size), borderType=cv2.BORDER_REPLICATE)

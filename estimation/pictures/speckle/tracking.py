@@ -249,7 +249,7 @@ class SpeckleTracker:
             self.last = None
             flaw = f"only {seen} of {len(match.good)} points of the speckle were recognised"
             if clipped.sum() > seen:
-                flaw += f", {clipped.sum()} are as good as black or white"
+                flaw += f", {clipped.sum()} are nearly black or white"
             return _blank(match, np.zeros_like(match.good)), flaw
         return match, ""
 

@@ -105,7 +105,7 @@ def test_frames_in_which_noise_hides_what_sticks_are_passed_over(pivot, spoilt):
     result = estimate_angles(replace(recording, positions=positions), "incremental", noise=noise)
     firm = (truth.sticking.sum(axis=1) >= 10) & ~rows
     assert [result.state[i] for i in np.flatnonzero(rows)] == [State.UNKNOWN] * len(spoilt)
-    assert all("nothing seems to stick" in result.reason[i] for i in np.flatnonzero(rows))
+    assert all("no marker seems to stick" in result.reason[i] for i in np.flatnonzero(rows))
     assert result.answered[firm].all()
     assert np.degrees(np.abs(result.angle - truth.angle))[firm].mean() < 0.05  # as without
 

@@ -114,7 +114,7 @@ def test_points_are_markers_in_metres(tmp_path):
     assert "1 markers were never seen and are left out" in found.notes
     later = read_recording(path, ImageSettings(unloaded=1))
     np.testing.assert_array_equal(later.layout.reference, found.positions[1])
-    with pytest.raises(ValueError, match=r"points\.bag: no message 9, .*unloaded"):
+    with pytest.raises(ValueError, match=r"points\.bag: no message 9 with markers .*unloaded"):
         read_recording(path, ImageSettings(unloaded=9))
 
 
@@ -172,7 +172,7 @@ def test_markers_go_before_pictures_and_a_topic_is_named(tmp_path, arrays):
         find_recordings(path, ["/other"])
     with pytest.raises(ValueError, match=r"/clock: not tactile .*is expected"):
         find_recordings(path, ["/clock"])
-    with pytest.raises(ValueError, match="is no bag and no LeRobot data set"):
+    with pytest.raises(ValueError, match="is neither a bag nor a LeRobot data set"):
         find_recordings(tmp_path, ["/scene"])
 
 

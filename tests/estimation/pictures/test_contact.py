@@ -100,8 +100,8 @@ def test_the_way_is_chosen_and_told(tmp_path):
         )
         for unloaded in (0, None)
     }
-    assert "found by the change of light" in told[0]
-    assert "found by the dispersion" in told[None]
+    assert "estimated from the change of light" in told[0]
+    assert "estimated from the dispersion" in told[None]
 
 
 def test_a_contact_whose_middle_is_not_seen_is_not_judged():
@@ -110,7 +110,7 @@ def test_a_contact_whose_middle_is_not_seen_is_not_judged():
     assert not find_unseen_flaw(REFERENCE.position, region, np.ones_like(region))
     few = from_middle < 0.5 * PITCH
     assert not find_unseen_flaw(REFERENCE.position, region & ~few, ~few)
-    assert "contact's middle" in find_unseen_flaw(REFERENCE.position, region & ~blurred, ~blurred)
+    assert "contact's centre" in find_unseen_flaw(REFERENCE.position, region & ~blurred, ~blurred)
     rim = region & (from_middle > 45.0)  # a jump of a pivot tears it
     ends = from_middle > 60.0
     assert not find_unseen_flaw(REFERENCE.position, region & (~rim | ends), ~rim | ends)

@@ -78,7 +78,7 @@ def test_a_code_tells_the_place_after_any_motion(coded):
 
 def test_a_plain_pattern_that_may_have_moved_by_its_period_is_refused(plain):
     tracker = CornerTracker.learn(plain.image)
-    assert "could not be seen" in tracker.describe()
+    assert "goes unnoticed" in tracker.describe()
     for steps in ((1, 1), (2, 0), (3, -1)):
         shift = tuple(PITCH * one for one in steps)
         now = scene(PLAIN, twist(0.0, shift=shift), seed=3)
@@ -157,7 +157,7 @@ def test_run_reads_a_checkerboard(coded, tmp_path):
     recording = read_recording(folder, settings)
     assert recording.layout.grid_shape in ((9, 12), (12, 9))
     assert recording.flaws[1] == "the picture is black"
-    assert "contact's middle is seen" in recording.flaws[5]
+    assert "contact's centre is visible" in recording.flaws[5]
     assert "torn" in recording.flaws[6]
     assert "code" in " ".join(recording.notes)
     middle = (

@@ -100,7 +100,7 @@ def test_dots_of_any_size_are_found(radius, dark, uneven):
 @pytest.mark.parametrize("level", [0, 128])
 def test_a_picture_without_dots_is_refused(level):
     flat = np.clip(_rng().normal(level, 2.0, (240, 320)), 0, 255).astype(np.uint8)
-    with pytest.raises(ValueError, match="no dots that lie in rows"):
+    with pytest.raises(ValueError, match="no rows of dots"):
         find_style(flat)
 
 

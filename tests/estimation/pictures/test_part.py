@@ -120,7 +120,7 @@ def test_a_crop_keeps_scale_and_lens_right(tmp_path):
         (lambda _: Part((300, 0, 40, 40)), "reaches beyond the pictures, which are 320×240"),
         (lambda _: Part((-1, 0, 40, 40)), "must begin within the picture"),
         (lambda _: Part((0, 0, 9, 40)), "at least 16 px"),
-        (lambda path: Part(mask=Still(path, np.zeros((240, 320)))), "black all over"),
+        (lambda path: Part(mask=Still(path, np.zeros((240, 320)))), "completely black"),
         (lambda path: Part(mask=Still(path, np.full((24, 32), 255))), "32×24, the pictures are"),
     ],
 )
@@ -145,7 +145,7 @@ def test_an_unloaded_picture_is_the_reference(tmp_path):
     with pytest.raises(ValueError, match=r"rest\.png is 640×480, those of .* are 320×240"):
         read_images(folder, replace(settings, unloaded=large))
     (tmp_path / "bad.png").write_bytes(b"no picture")
-    with pytest.raises(ValueError, match=r"bad\.png, given as x: bad\.png is no image"):
+    with pytest.raises(ValueError, match=r"bad\.png, given as x: bad\.png is not an image"):
         read_still(tmp_path / "bad.png", "x")
 
 

@@ -215,7 +215,7 @@ def test_what_is_wrong_with_a_view_is_labelled(pictures, tmp_path):
     torn[:, 480:] = np.roll(torn, 11, axis=0)[:, 480:]
     recording = read(tmp_path / "pads", [pictures[0], pictures[3], spot, torn])
     assert recording.flaws[:2] == ("", "")
-    assert "contact's middle is seen" in recording.flaws[2]
+    assert "contact's centre is visible" in recording.flaws[2]
     assert "torn" in recording.flaws[3] or "is ambiguous" in recording.flaws[3]
     first_dark = read(tmp_path / "first", [dark, *pictures[:2]])
     assert first_dark.flaws == ("the right view is black", "", "")

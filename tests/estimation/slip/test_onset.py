@@ -45,7 +45,7 @@ def test_the_onset_is_dated_to_two_frames(seed):
     assert slip.low < slip.onset < slip.high
     assert not slip.ended
     (sentence,) = describe_slips([slip], recording.time[0])
-    assert "macro slip began at" in sentence
+    assert "Macro slip began at" in sentence
 
 
 def test_a_turn_back_ends_macro_slip():

@@ -139,7 +139,7 @@ def test_a_half_written_store_is_refused_and_left_as_it_is(tmp_path, lost):
     path = store / lost
     shutil.rmtree(path) if path.is_dir() else path.unlink()
     before = sorted(store.rglob("*"))
-    with pytest.raises(ValueError, match="no whole store"):
+    with pytest.raises(ValueError, match="not a complete store"):
         run_sweep(SQUARES, store, quick=True)
     assert sorted(store.rglob("*")) == before
 
