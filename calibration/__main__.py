@@ -66,7 +66,7 @@ def softness(
             show_default="none",
         ),
     ] = None,
-    thing: Annotated[
+    object_name: Annotated[
         list[str] | None,
         typer.Option(
             "--object",
@@ -100,7 +100,9 @@ def softness(
             lines = write_two_fingers(found, choices.second_ratio, noise, search, folder)
             files = ["first.toml", "second.toml"]
         else:
-            grasps = gather_grasps(found, reference or [], thing or [], choices.references, noise)
+            grasps = gather_grasps(
+                found, reference or [], object_name or [], choices.references, noise
+            )
             with Progress(console=errors) as progress:
                 track = partial(progress.track, description="recordings")
                 fits = fit_objects(grasps, choices.load, search, layer, track)

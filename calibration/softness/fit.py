@@ -61,7 +61,7 @@ class GraspFit(NamedTuple):
 
     Attributes:
         name: of the trial.
-        thing: name of the object.
+        object_name: name of the object.
         stiffness_ratio: k of this trial [-]; NaN where it turned too little.
         standard_error: of k [-].
         load_term: L of this trial with the common k [rad]; NaN where the reference has no zero.
@@ -73,7 +73,7 @@ class GraspFit(NamedTuple):
     """
 
     name: str
-    thing: str
+    object_name: str
     stiffness_ratio: float
     standard_error: float
     load_term: float
@@ -277,7 +277,7 @@ def _conclude(
     provenance = {
         "contactmodel": version("contactmodel"),
         "recordings": [trial.name for trial in trials],
-        "objects": sorted({trial.thing for trial in trials}),
+        "objects": sorted({trial.object_name for trial in trials}),
         "references": sorted({trial.reference.source for trial in trials}),
         "load_model": model,
         "scatter_between_grasps": slope.scatter,
@@ -383,7 +383,7 @@ def _grasp(trial: Trial, line: Line, load: float) -> GraspFit:
     free = len(line.covariance) > 1 + len(line.coefficients)
     return GraspFit(
         name=trial.name,
-        thing=trial.thing,
+        object_name=trial.object_name,
         stiffness_ratio=line.slope - 1.0,
         standard_error=float(np.sqrt(line.covariance[0, 0])),
         load_term=load,

@@ -34,13 +34,13 @@ class Grasp(NamedTuple):
         recording: from the unloaded state on.
         reference: the object's angle.
         noise: of the markers; estimated from the recording unless given.
-        thing: name of the object.
+        object_name: name of the object.
     """
 
     recording: Recording
     reference: Reference
     noise: Noise | None = None
-    thing: str = "object"
+    object_name: str = "object"
 
 
 def fit_layered_softness(
@@ -115,7 +115,7 @@ def _gather(grasps: Sequence[Grasp], guess: LayeredSoftness) -> list[Trial]:
         for trial in make_trials(
             one.recording,
             one.reference,
-            thing=one.thing,
+            object_name=one.object_name,
             noise=one.noise,
             lifted_for=guess,
             selection=SELECTION,

@@ -33,7 +33,7 @@ POOLED = "all objects"
 def gather_grasps(
     recordings: Sequence[Recording],
     references: Sequence[str],
-    things: Sequence[str],
+    object_names: Sequence[str],
     settings: ReferenceSettings,
     noise: Noise | None,
 ) -> list[Grasp]:
@@ -42,7 +42,7 @@ def gather_grasps(
     Args:
         recordings: the recordings.
         references: a CSV for each recording, or `outline` once for all.
-        things: name of the object in each recording, or one for all.
+        object_names: name of the object in each recording, or one for all.
         settings: how the CSVs are read.
         noise: of the markers; estimated from each recording unless given.
 
@@ -53,7 +53,7 @@ def gather_grasps(
     if not references:
         raise ValueError(f"no --reference: {NO_REFERENCE}")
     each = list(references) * (len(recordings) if len(references) == 1 else 1)
-    named = list(things or ["object"]) * (len(recordings) if len(things) <= 1 else 1)
+    named = list(object_names or ["object"]) * (len(recordings) if len(object_names) <= 1 else 1)
     for what, found in (("references", each), ("objects", named)):
         if len(found) != len(recordings):
             raise ValueError(
@@ -62,8 +62,8 @@ def gather_grasps(
     if len(recordings) > 1 and len(references) == 1 and references[0] != "outline":
         raise ValueError(f"one CSV for {len(recordings)} recordings: give one for each")
     return [
-        Grasp(recording, _read(recording, source, settings), noise, thing)
-        for recording, source, thing in zip(recordings, each, named, strict=True)
+        Grasp(recording, _read(recording, source, settings), noise, name)
+        for recording, source, name in zip(recordings, each, named, strict=True)
     ]
 
 
@@ -93,9 +93,9 @@ def fit_objects(
     Raises:
         ValueError: what the grasps hold cannot give k.
     """
-    things = list(dict.fromkeys(grasp.thing for grasp in grasps))
-    groups = {thing: [one for one in grasps if one.thing == thing] for thing in things}
-    if len(things) > 1:
+    names = list(dict.fromkeys(grasp.object_name for grasp in grasps))
+    groups = {name: [one for one in grasps if one.object_name == name] for name in names}
+    if len(names) > 1:
         groups[POOLED] = list(grasps)
     if layer is not None:
         if not all(one.reference.zeroed and one.reference.same_clock for one in grasps):
@@ -114,7 +114,9 @@ def fit_objects(
             for name, group in groups.items()
         }
     trials = {
-        id(one): make_trials(one.recording, one.reference, thing=one.thing, noise=one.noise)
+        id(one): make_trials(
+            one.recording, one.reference, object_name=one.object_name, noise=one.noise
+        )
         for one in track(grasps)
     }
     return {
@@ -264,7 +266,7 @@ def _grasps(fit: SoftnessFit) -> list[dict[str, object]]:
     return [
         {
             "recording": one.name,
-            "object": one.thing,
+            "object": one.object_name,
             "k": round(one.stiffness_ratio, 4),
             "standard error": round(one.standard_error, 4),
             "L [rad]": None if np.isnan(one.load_term) else round(one.load_term, 5),

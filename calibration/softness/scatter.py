@@ -30,10 +30,12 @@ class Slope(NamedTuple):
 def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) -> Slope:
     """The common slope; where trials, or objects, disagree the mean of the scattered ones."""
     common = Slope(line.slope, float(line.covariance[0, 0]), line.freedom, 0.0, float("nan"))
-    things = sorted({trial.thing for trial in trials})
+    names = sorted({trial.object_name for trial in trials})
     parts = [
-        _average([one for one, trial in zip(single, trials, strict=True) if trial.thing == thing])
-        for thing in things
+        _average(
+            [one for one, trial in zip(single, trials, strict=True) if trial.object_name == name]
+        )
+        for name in names
     ]
     whole = parts[0] if len(parts) == 1 else _average(parts)
     if any(part.scatter for part in (*parts, whole)):

@@ -55,7 +55,7 @@ class Trial:
 
     Attributes:
         name: of the recording.
-        thing: name of the object.
+        object_name: name of the object.
         start: time of the recording's first frame [s].
         time: of the usable frames [s].
         rotation: φ of the markers that stick, lifted for `lifted_for` [rad, counter-clockwise].
@@ -85,7 +85,7 @@ class Trial:
     """
 
     name: str
-    thing: str
+    object_name: str
     start: float
     time: Float[np.ndarray, " frames"]
     rotation: Float[np.ndarray, " frames"]
@@ -105,7 +105,7 @@ def make_trials(
     recording: Recording,
     reference: Reference,
     *,
-    thing: str = "object",
+    object_name: str = "object",
     noise: Noise | None = None,
     lifted_for: LayeredSoftness | None = None,
     selection: Selection = ALL_FIRM,
@@ -115,7 +115,7 @@ def make_trials(
     Args:
         recording: of an object that turns in the grasp.
         reference: its angle.
-        thing: name of the object.
+        object_name: name of the object.
         noise: of the markers; estimated from the recording unless given.
         lifted_for: softness that the frames are lifted for before any fit: soft objects
             on thin elastomers do not seem to stick to markers that are not lifted.
@@ -153,7 +153,7 @@ def make_trials(
         if touched and not trials:
             excluded["of a touch too short to fit"] = touched
         place = f", contact {len(trials) + 1}" if len(kept) > 1 else ""
-        about = {"name": recording.name + place, "thing": thing, "reference": reference}
+        about = {"name": recording.name + place, "object_name": object_name, "reference": reference}
         trial = _make_trial(recording, result, rows, lifted_for, excluded=dict(excluded), **about)
         trials.append(trial)
     return trials

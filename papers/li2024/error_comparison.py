@@ -24,7 +24,7 @@ from papers.li2024.fig9b import (
 __all__ = ["compute", "numbers", "plot", "tables"]
 
 ELONGATED = np.array(
-    [thing.semi_axes[0] != thing.semi_axes[1] for thing in settings.THINGS.values()]
+    [shape.semi_axes[0] != shape.semi_axes[1] for shape in settings.OBJECTS.values()]
 )
 """Objects whose contact has an axis."""
 

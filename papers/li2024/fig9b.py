@@ -34,7 +34,7 @@ class Lifts(NamedTuple):
     """One value per lift.
 
     Attributes:
-        thing: row of the object.
+        object_index: row of the object.
         reference: the angular sensor's angle [deg].
         error: of each method, and of ours calibrated [deg].
         limit: mean absolute error at the Cramér–Rao bound of one frame, of the object's angle with
@@ -42,7 +42,7 @@ class Lifts(NamedTuple):
         stick: markers that truly stick at the end.
     """
 
-    thing: Int[np.ndarray, " lifts"]
+    object_index: Int[np.ndarray, " lifts"]
     reference: Float[np.ndarray, " lifts"]
     error: dict[str, Float[np.ndarray, " lifts"]]
     limit: Float[np.ndarray, " lifts"]
@@ -54,24 +54,24 @@ def compute(quick: bool = False, track: Track = iter) -> Lifts:
     results = run_study("papers.li2024.lifts", quick, track)
     if results.failures:
         raise ValueError(f"{len(results.failures)} lifts failed: {results.failures}")
-    thing, reference = results.table["thing"], results.values["reference"]
+    object_index, reference = results.table["object_index"], results.values["reference"]
     elastomer = dict(zip(METHODS, results.values["elastomer"].T, strict=True))
     error = {method: np.nan_to_num(phi) - reference for method, phi in elastomer.items()}
-    corrected = calibrate_on_others(elastomer[DEFAULT_METHOD], reference, thing)
+    corrected = calibrate_on_others(elastomer[DEFAULT_METHOD], reference, object_index)
     error[CALIBRATED] = np.nan_to_num(corrected) - reference
     limit = MEAN_ABSOLUTE * results.values["limit"] * reference / elastomer[DEFAULT_METHOD]
-    return Lifts(thing, reference, error, limit, results.values["stick"])
+    return Lifts(object_index, reference, error, limit, results.values["stick"])
 
 
 def calibrate_on_others(
     elastomer: Float[np.ndarray, " lifts"],
     reference: Float[np.ndarray, " lifts"],
-    thing: Int[np.ndarray, " lifts"],
+    object_index: Int[np.ndarray, " lifts"],
 ) -> Float[np.ndarray, " lifts"]:
     """The object's angle by Eq. (13), k and L fitted to the object's other lifts [deg]."""
-    angle = np.full(len(thing), np.nan)
-    for lift in range(len(thing)):
-        others = (thing == thing[lift]) & np.isfinite(elastomer)
+    angle = np.full(len(object_index), np.nan)
+    for lift in range(len(object_index)):
+        others = (object_index == object_index[lift]) & np.isfinite(elastomer)
         others[lift] = False
         phi, theta = elastomer[others], reference[others]
         fit = least_squares(
@@ -105,7 +105,7 @@ def limit_per_object(result: Lifts) -> Float[np.ndarray, " objects"]:
 
 
 def _by_object(values: Float[np.ndarray, " lifts"], result: Lifts) -> np.ndarray:
-    return np.array([values[result.thing == i].mean() for i in range(len(settings.THINGS))])
+    return np.array([values[result.object_index == i].mean() for i in range(len(settings.OBJECTS))])
 
 
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
@@ -115,13 +115,13 @@ def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
     rows: list[dict[str, object]] = [
         {
             "object": name,
-            "k": told.stiffness_ratio,
-            "elastomer [mm]": told.thickness,
-            "lifts": int((result.thing == i).sum()),
-            "sticking markers": round(float(result.stick[result.thing == i].mean()), 1),
+            "k": shape.stiffness_ratio,
+            "elastomer [mm]": shape.thickness,
+            "lifts": int((result.object_index == i).sum()),
+            "sticking markers": round(float(result.stick[result.object_index == i].mean()), 1),
             **{f"{method} [°]": round(float(mean[i]), 3) for method, mean in means.items()},
         }
-        for i, (name, told) in enumerate(settings.THINGS.items())
+        for i, (name, shape) in enumerate(settings.OBJECTS.items())
     ]
     pooled: dict[str, object] = {
         f"{method} [°]": round(float(mean.mean()), 3) for method, mean in means.items()
@@ -134,12 +134,14 @@ def plot(result: Lifts) -> Figure:
     """Box plots of the absolute error by object, as measured and calibrated, over the bound."""
     figure, axes = plt.subplots(3, 1, figsize=(10, 11), sharex=True, sharey=True,
                                 layout="constrained")  # fmt: skip
-    place = np.arange(1, len(settings.THINGS) + 1)
+    place = np.arange(1, len(settings.OBJECTS) + 1)
     limit = limit_per_object(result)
     for axis, method in zip(axes, ("paper", DEFAULT_METHOD, CALIBRATED), strict=True):
         error = np.abs(result.error[method])
         axis.boxplot(
-            [error[result.thing == i] for i in range(len(place))], widths=0.6, flierprops={"ms": 3}
+            [error[result.object_index == i] for i in range(len(place))],
+            widths=0.6,
+            flierprops={"ms": 3},
         )
         axis.hlines(limit, place - 0.4, place + 0.4, colors="k", linestyles="--",
                     label="Cramér–Rao bound of one frame")  # fmt: skip
@@ -154,6 +156,6 @@ def plot(result: Lifts) -> Figure:
         axis.grid(alpha=0.3)
     axes[-1].legend(fontsize=8, loc="upper left")
     labels = [f"{name}\nk = {t.stiffness_ratio:g}, {t.thickness:g} mm"
-              for name, t in settings.THINGS.items()]  # fmt: skip
+              for name, t in settings.OBJECTS.items()]  # fmt: skip
     axes[-1].set_xticks(place, labels, fontsize=8)
     return figure

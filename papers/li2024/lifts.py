@@ -42,14 +42,14 @@ def cases(quick: bool) -> dict[str, np.ndarray]:
     """
     rng = np.random.default_rng(settings.SEED)
     low, high = settings.QUICK_LIFTS if quick else settings.LIFTS
-    things = [i for i in range(len(settings.THINGS)) for _ in range(rng.integers(low, high + 1))]
-    count = len(things)
+    objects = [i for i in range(len(settings.OBJECTS)) for _ in range(rng.integers(low, high + 1))]
+    count = len(objects)
     angle_deg = rng.uniform(*settings.LIFT_RANGE_DEG, count)
     if quick:
         part = np.arange(count) % high
         angle_deg = np.interp(part + rng.random(count), (0, high), settings.LIFT_RANGE_DEG)
     return {
-        "thing": np.array(things),
+        "object_index": np.array(objects),
         "angle_deg": angle_deg,
         "offset": rng.uniform(-0.5, 0.5, (count, 2)),
         "grid_angle": rng.uniform(0.0, np.pi / 2, count),
@@ -58,14 +58,14 @@ def cases(quick: bool) -> dict[str, np.ndarray]:
 
 
 def evaluate(
-    thing: int, angle_deg: float, offset: list[float], grid_angle: float, seed: int
+    object_index: int, angle_deg: float, offset: list[float], grid_angle: float, seed: int
 ) -> dict[str, np.ndarray]:
     """At the end of the lift: reference, and the elastomer's rotation by each of `METHODS` [deg].
 
     `limit` is the Cramér–Rao bound of that rotation, from one frame of what has always stuck [deg].
     """
-    told = list(settings.THINGS.values())[thing]
-    solution = _lift(told, float(np.radians(angle_deg)))
+    shape = list(settings.OBJECTS.values())[object_index]
+    solution = _lift(shape, float(np.radians(angle_deg)))
     layout = lay_out_markers(
         PivotModel(
             grid_shape=settings.LIFT_MARKERS,
@@ -78,7 +78,7 @@ def evaluate(
     recording, truth = simulate_recording(solution, layout, camera, unloaded=_UNLOADED)
     answers = [estimate_angles(recording, method).angle[-1] for method in METHODS]
     return {
-        "reference": np.array(angle_deg + np.degrees(told.deflection * truth.moment[-1])),
+        "reference": np.array(angle_deg + np.degrees(shape.deflection * truth.moment[-1])),
         "elastomer": np.degrees(answers),
         "limit": np.degrees(angle_limit(layout.reference[:, :2], truth.stick[-1], camera.noise[0])),
         "stick": truth.stick[-1].sum(),
@@ -86,18 +86,18 @@ def evaluate(
     }
 
 
-def _lift(told: settings.Thing, angle: float) -> ContactSolution:
+def _lift(shape: settings.ObjectShape, angle: float) -> ContactSolution:
     """Pressed, turned and held, a contact per frame; the outline goes along with what slips."""
     twists = [np.zeros(1), np.linspace(0.0, angle, _TURN + 1), np.full(_HOLD, angle)]
     return solve_path(
         Contact(
-            Layer(_SHEAR_MODULUS, _POISSON_RATIO, told.thickness),
-            HalfSpace(_SHEAR_MODULUS / max(told.stiffness_ratio, _RIGID), _POISSON_RATIO),
-            Domed(Ellipsoid(told.semi_axes), settings.DOME_MM),
+            Layer(_SHEAR_MODULUS, _POISSON_RATIO, shape.thickness),
+            HalfSpace(_SHEAR_MODULUS / max(shape.stiffness_ratio, _RIGID), _POISSON_RATIO),
+            Domed(Ellipsoid(shape.semi_axes), settings.DOME_MM),
             _GRID,
-            told.friction_coefficient,
+            shape.friction_coefficient,
         ),
-        Pose(told.approach, twist=np.concatenate(twists)),
+        Pose(shape.approach, twist=np.concatenate(twists)),
         rtol=1e-6,
         sliding=True,
     )

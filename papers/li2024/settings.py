@@ -55,7 +55,7 @@ QUICK_REPETITIONS = (3, 4)
 SEED = 20
 
 
-class Thing(NamedTuple):
+class ObjectShape(NamedTuple):
     """One of the ten objects; which household objects the paper's are is not printed.
 
     Attributes:
@@ -77,17 +77,17 @@ class Thing(NamedTuple):
 
 
 _FLAT = 1e4
-THINGS = {
-    "1 box": Thing((_FLAT, _FLAT, _FLAT), 0.6),
-    "2 can": Thing((30.0, _FLAT, 30.0), 0.7, thickness=5.0),
-    "3 ball": Thing((25.0, 25.0, 25.0), 0.9, thickness=5.0),
-    "4 bottle": Thing((40.0, 80.0, 20.0), 0.8, 0.05),
-    "5 light box": Thing((_FLAT, _FLAT, _FLAT), 0.4, 0.02, thickness=3.0),
-    "6 heavy box": Thing((_FLAT, _FLAT, _FLAT), 0.8, 0.02, thickness=5.0),
-    "7 slender": Thing((_FLAT, 40.0, 40.0), 0.7, 0.0, deflection=6e-4),
-    "8 soft tube": Thing((20.0, 60.0, 20.0), 1.2, 1.0, thickness=3.0),
-    "9 sponge": Thing((_FLAT, _FLAT, _FLAT), 0.7, 0.3, thickness=2.0),
-    "10 rubber": Thing((30.0, 30.0, 30.0), 1.0, 0.5, thickness=5.0),
+OBJECTS = {
+    "1 box": ObjectShape((_FLAT, _FLAT, _FLAT), 0.6),
+    "2 can": ObjectShape((30.0, _FLAT, 30.0), 0.7, thickness=5.0),
+    "3 ball": ObjectShape((25.0, 25.0, 25.0), 0.9, thickness=5.0),
+    "4 bottle": ObjectShape((40.0, 80.0, 20.0), 0.8, 0.05),
+    "5 light box": ObjectShape((_FLAT, _FLAT, _FLAT), 0.4, 0.02, thickness=3.0),
+    "6 heavy box": ObjectShape((_FLAT, _FLAT, _FLAT), 0.8, 0.02, thickness=5.0),
+    "7 slender": ObjectShape((_FLAT, 40.0, 40.0), 0.7, 0.0, deflection=6e-4),
+    "8 soft tube": ObjectShape((20.0, 60.0, 20.0), 1.2, 1.0, thickness=3.0),
+    "9 sponge": ObjectShape((_FLAT, _FLAT, _FLAT), 0.7, 0.3, thickness=2.0),
+    "10 rubber": ObjectShape((30.0, 30.0, 30.0), 1.0, 0.5, thickness=5.0),
 }
 
 LIFT_MARKERS = (16, 16)

@@ -245,7 +245,7 @@ def test_references_that_are_not_the_objects_angle_are_told(angle, message):
     def fit(phi, theta):
         reference = Reference(time, theta, unknown, True, True, "stage")
         error = np.full(20, 1e-4)
-        trial = Trial("a", "thing", 0.0, time, phi, error, unknown, unknown, reference, {})
+        trial = Trial("a", "ball", 0.0, time, phi, error, unknown, unknown, reference, {})
         return fit_softness([trial], layer=HALF_SPACE)
 
     with pytest.raises(ValueError, match=message):

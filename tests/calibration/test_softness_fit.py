@@ -54,7 +54,7 @@ def trial(
     unknown = np.full(frames, np.nan)
     return Trial(
         name=name,
-        thing="thing",
+        object_name="ball",
         start=0.0,
         time=time,
         rotation=turned(time) + rotation_error * noise(),
