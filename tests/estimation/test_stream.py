@@ -165,7 +165,7 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
     assert f"Interrupted: 10 of {len(recording)} frames were done." in page
     with pytest.raises(ValueError, match="continue it with the same command and --resume"):
         run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
-    with pytest.raises(ValueError, match="has 10 frames of an unfinished run"):  # of another command
+    with pytest.raises(ValueError, match="has 10 frames of an unfinished run"):
         run_all([Input(recording)] * 2, out, SETTINGS, Progress(disable=True), resume=True)
     (out / "unfinished" / ".angles.csv.half").write_text("time_s,fr")  # as write_whole leaves it
     with RecordReader(out / "unfinished" / "record.sqlite") as record:
