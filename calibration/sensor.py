@@ -149,9 +149,7 @@ def calibrate_sensor(
         noise = Noise.given(sensor.scale * scatter, sensor.unit)
         remarks.append(f"Noise {noise.in_plane:.2g} {noise.unit} in {len(track)} pictures.")
     else:
-        remarks.append(
-            f"{len(track)} pictures: {FEWEST_STILLS} or more are needed to estimate the noise."
-        )
+        remarks.append(f"{len(track)} pictures: the noise requires {FEWEST_STILLS} or more.")
     described = replace(sensor, reference=sensor.scale * place, noise=noise)
     return Calibrated(described, tuple(remarks), images[0], place, off)
 
