@@ -13,8 +13,9 @@ from estimation.frames.archive import write_archive as write_archive
 from estimation.frames.bags.messages import read_points as read_points
 from estimation.frames.bags.messages import stamp_message as stamp_message
 from estimation.frames.bags.source import BagSource as BagSource
+from estimation.frames.columns.lerobot import write_lerobot as write_lerobot
+from estimation.frames.columns.zarr_folder import write_zarr as write_zarr
 from estimation.frames.datasets import fetch as fetch
-from estimation.frames.lerobot import write_lerobot as write_lerobot
 from estimation.frames.noise import Noise as Noise
 from estimation.frames.noise import estimate_noise as estimate_noise
 from estimation.frames.recording import Frame as Frame
@@ -24,7 +25,6 @@ from estimation.frames.recording import layout_markers as layout_markers
 from estimation.frames.source import FrameStream as FrameStream
 from estimation.frames.source import Source as Source
 from estimation.frames.source import record_source as record_source
-from estimation.frames.zarr_folder import write_zarr as write_zarr
 from estimation.output.plots import plot_angles as plot_angles
 from estimation.output.plots import plot_grasp as plot_grasp
 from estimation.output.plots import plot_maps as plot_maps

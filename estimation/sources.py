@@ -14,16 +14,16 @@ from estimation.frames.archive import SUFFIX, read_archive
 from estimation.frames.bags.bag import is_bag, split_place
 from estimation.frames.bags.source import BagSource
 from estimation.frames.bags.topics import find_topic, list_topics
-from estimation.frames.episodes import find_clip, is_lerobot, list_episodes, list_features
+from estimation.frames.columns.episodes import find_clip, is_lerobot, list_episodes, list_features
+from estimation.frames.columns.lerobot import is_ours, open_lerobot
+from estimation.frames.columns.rows import stream_rows
+from estimation.frames.columns.zarr_folder import is_zarr, open_zarr
 from estimation.frames.inspection import inspect_recording
-from estimation.frames.lerobot import is_ours, open_lerobot
 from estimation.frames.names import name_recordings, natural_key, number_alike
 from estimation.frames.recording import Recording
-from estimation.frames.rows import stream_rows
 from estimation.frames.source import SOURCE_FACTS, FrameStream, Source, record_source
 from estimation.frames.state import load_state
 from estimation.frames.tac3d import is_tac3d, read_tac3d
-from estimation.frames.zarr_folder import is_zarr, open_zarr
 from estimation.output.record import NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
@@ -222,6 +222,11 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
     if is_tac3d(path) or is_rows(path) or is_pictures(path):
         return [path]
+    return _find_inside(path)
+
+
+def _find_inside(path: Path) -> list[Path]:
+    """The recordings in a folder."""
     inside = sorted(path.iterdir(), key=natural_key)
     found = [
         one

@@ -22,7 +22,7 @@ from jaxtyping import Shaped
 from contactmodel.common.inputs import cell_number, cell_whole, read_rows
 from estimation.frames.bags.bag import split_place
 from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
-from estimation.frames.episodes import Clip, find_clip
+from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
 from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
 from estimation.pictures.part import SMALLEST, WHOLE, Part

@@ -97,7 +97,7 @@ def withdraw(
         where the outline is in sight.
     """
     state, reason = list(result.state), list(result.reason)
-    gone = np.zeros(len(result.time), dtype=bool)
+    gone, answered = np.zeros(len(result.time), dtype=bool), result.answered
     for slip in slips:
         begun = np.flatnonzero(result.time >= slip.onset)
         if not len(begun) or not _lets_go(result, int(begun[0]), settings):
@@ -107,7 +107,7 @@ def withdraw(
         if np.isfinite(outline[rows][sliding]).sum() > 0.5 * sliding.sum():
             continue
         for row, slides in zip(rows, sliding, strict=True):
-            if not result.answered[row] or gone[row]:
+            if not answered[row] or gone[row]:
                 continue
             gone[row] = True
             if slides and slip.certain:

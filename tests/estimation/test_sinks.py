@@ -18,12 +18,12 @@ from rich.progress import Progress
 from rosbags.highlevel import AnyReader
 
 from estimation.frames.archive import write_archive
+from estimation.frames.columns.zarr_folder import write_zarr
 from estimation.frames.flat import FRAME_FIELDS
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, Recording, layout_markers
 from estimation.frames.source import record_source
-from estimation.frames.zarr_folder import write_zarr
 from estimation.output.record import RecordWriter
 from estimation.output.sinks.by_name import (
     FILES,

@@ -16,9 +16,9 @@ from contactmodel import Pad
 from contactmodel.common.settings import to_table
 from contactmodel.common.stored import read_arrays
 from estimation.frames.archive import write_archive
-from estimation.frames.lerobot import write_lerobot
+from estimation.frames.columns.lerobot import write_lerobot
+from estimation.frames.columns.zarr_folder import write_zarr
 from estimation.frames.recording import Recording
-from estimation.frames.zarr_folder import write_zarr
 from estimation.pictures.render import Camera, render_dots
 from tests import bags
 from tests.cases import domed_pad, lift

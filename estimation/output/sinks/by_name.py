@@ -6,10 +6,10 @@ from functools import partial
 from pathlib import Path
 
 from estimation.frames.bags.source import BagSource
+from estimation.frames.columns.lerobot import write_lerobot
+from estimation.frames.columns.zarr_folder import write_zarr
 from estimation.frames.extras import require_extra
-from estimation.frames.lerobot import write_lerobot
 from estimation.frames.source import Source
-from estimation.frames.zarr_folder import write_zarr
 from estimation.output.sinks.bag import BagWriter, read_answers
 from estimation.output.sinks.lines import JsonWriter
 from estimation.output.sinks.outlet import close_outlet, open_stdout, open_udp

@@ -9,7 +9,7 @@ import pyarrow
 import pytest
 from pyarrow import parquet
 
-from estimation.frames.episodes import find_clip, list_episodes
+from estimation.frames.columns.episodes import find_clip, list_episodes
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import count_pictures, is_pictures, read_pictures

@@ -14,10 +14,17 @@ from typing import Any
 import numpy as np
 
 from contactmodel.common.inputs import naming
+from estimation.frames.columns.rows import (
+    ANSWER,
+    Columns,
+    RowFile,
+    batch_rows,
+    describe_rows,
+    open_rows,
+)
 from estimation.frames.extras import require_extra
 from estimation.frames.files import write_folder
 from estimation.frames.flat import FRAME_FIELDS
-from estimation.frames.rows import ANSWER, Columns, RowFile, batch_rows, describe_rows, open_rows
 from estimation.frames.source import Source
 
 DATA = "data/chunk-000/file-000.parquet"

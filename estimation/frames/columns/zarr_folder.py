@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from estimation.frames.columns.rows import Columns, RowFile, batch_rows, describe_rows, open_rows
 from estimation.frames.extras import require_extra
 from estimation.frames.files import write_folder
 from estimation.frames.flat import FRAME_FIELDS
-from estimation.frames.rows import Columns, RowFile, batch_rows, describe_rows, open_rows
 from estimation.frames.source import Source
 
 SUFFIX = ".zarr"

@@ -1,0 +1,1 @@
+"""Frames as columns in files: LeRobot data sets and Zarr groups."""
