@@ -280,10 +280,10 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
                 return stamps.get(number, np.nan)
             return number / rate if own is None else own
 
-        if start:
-            container.seek(int(start * av.time_base))
         number, colours = -1, VideoReformatter()  # one for all is made ready once
         try:
+            if start:
+                container.seek(int(start * av.time_base))
             for frame in container.decode(stream):
                 number += 1
                 check_size(frame.width, frame.height, path)

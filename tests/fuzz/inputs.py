@@ -22,6 +22,7 @@ from estimation.frames.recording import Recording
 from estimation.pictures.render import Camera, render_dots
 from tests import bags
 from tests.cases import domed_pad, lift
+from tests.estimation.frames.lerobot_sets import GEL, write_set, write_video
 from tests.estimation.pictures.rigs import make_rig
 from tests.fuzz.contents import Input
 
@@ -128,6 +129,17 @@ def make_rows(name: str) -> Input:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
         (write_zarr if name.endswith(".zarr") else write_lerobot)(path, pressed())
+        inside = [one for one in sorted(path.rglob("*")) if one.is_file()]
+        return {str(one.relative_to(folder)): one.read_bytes() for one in inside}
+
+
+@cache
+def make_episodes() -> Input:
+    """A LeRobot data set of another program, with two episodes."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, images = Path(folder) / "set", list(dots())
+        write_set(path, {GEL: {"dtype": "video"}}, [2, len(images)])
+        write_video(path, images[:2] + images)
         inside = [one for one in sorted(path.rglob("*")) if one.is_file()]
         return {str(one.relative_to(folder)): one.read_bytes() for one in inside}
 

@@ -147,6 +147,7 @@ KINDS = {
         name: Kind(partial(inputs.make_rows, name), use_recording, name)
         for name in ("lift.zarr", *(["lerobot"] if find_spec("pyarrow") else []))
     },
+    "episodes": Kind(inputs.make_episodes, use_recording, f"set/{inputs.GEL}/episode_1"),
     "scalar softness": Kind(inputs.make_softness, use_softness, "softness.toml"),
     "layered softness": Kind(inputs.make_layered, use_softness, "softness.toml"),
     "sensor": Kind(inputs.make_sensor, use_sensor, "sensor.toml"),

@@ -147,7 +147,7 @@ def _read_episodes(path: Path, feature: str) -> dict[int, Clip]:
                         f"episode {number} is {length} frames from {start} to {stop} s"
                     )
                 clips[int(number)] = Clip(place, float(start), float(stop), int(length))
-        except (ArrowException, LookupError, TypeError, ValueError) as error:
+        except (ArrowException, LookupError, TypeError, ValueError, OSError) as error:
             why = " ".join(str(error).split())
             raise ValueError(f"{file} is damaged, or of another version ({why})") from error
     if not clips:

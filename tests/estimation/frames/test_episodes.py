@@ -1,13 +1,7 @@
 """Episodes of LeRobot data sets of other programs: each is what its part of a video shows."""
 
-import json
-from fractions import Fraction
-
-import av
 import numpy as np
-import pyarrow
 import pytest
-from pyarrow import parquet
 
 from estimation.frames.columns.episodes import find_clip, list_episodes
 from estimation.pictures.reader import ImageSettings
@@ -15,10 +9,8 @@ from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import count_pictures, is_pictures, read_pictures
 from estimation.settings import Settings
 from estimation.sources import find_recordings, list_contents, open_inputs, read_recording
+from tests.estimation.frames.lerobot_sets import GEL, RATE, write_set, write_video
 from tests.test_examples import pictures as turned_pictures
-
-GEL = "observation.images.gel"
-RATE = 25
 
 
 @pytest.fixture(scope="module")
@@ -34,34 +26,8 @@ def data_set(tmp_path_factory, shown):
     path = tmp_path_factory.mktemp("sets") / "pivots"
     features = {GEL: {"dtype": "video"}, "observation.images.top": {"dtype": "video"}}
     write_set(path, features | {"action": {"dtype": "float32"}}, [len(one) for one in shown])
-    video = path / "videos" / GEL / "chunk-000" / "file-000.mp4"
-    video.parent.mkdir(parents=True)
-    with av.open(str(video), "w") as container:
-        stream = container.add_stream("libx264", rate=RATE, options={"qp": "4", "g": "100"})
-        stream.height, stream.width = shown[0][0].shape[:2]
-        stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, RATE)
-        for image in (one for episode in shown for one in episode):
-            frame = av.VideoFrame.from_ndarray(image, format="gray").reformat(format="yuv420p")
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
+    write_video(path, [one for episode in shown for one in episode])
     return path
-
-
-def write_set(path, features, lengths, version="v3.0", video="file-{file_index:03d}.mp4"):
-    folder = path / "meta" / "episodes" / "chunk-000"
-    folder.mkdir(parents=True)
-    template = "videos/{video_key}/chunk-{chunk_index:03d}/" + video
-    info = {"codebase_version": version, "video_path": template, "features": features}
-    (path / "meta" / "info.json").write_text(json.dumps(info))
-    ends = np.cumsum(lengths) / RATE
-    count = len(lengths)
-    columns = {"episode_index": range(count), "length": lengths}
-    for name in features:
-        columns |= {f"videos/{name}/{one}_index": [0] * count for one in ("chunk", "file")}
-        columns[f"videos/{name}/from_timestamp"] = ends - np.array(lengths) / RATE
-        columns[f"videos/{name}/to_timestamp"] = ends
-    table = pyarrow.table({name: pyarrow.array(list(one)) for name, one in columns.items()})
-    parquet.write_table(table, folder / "file-000.parquet")
 
 
 def test_every_episode_is_a_recording(data_set, shown):
