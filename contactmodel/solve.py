@@ -47,27 +47,28 @@ def solve_contact(
 ) -> ContactSolution:
     """Press an object onto an elastomer, then shift and twist it.
 
-    Pressure and friction act on each other unless the bodies have the same (1−2ν)/G, a rigid
-    object on an incompressible half-space among them; both are solved together (`alternating`).
+    Pressure and friction are solved together. They are independent if both bodies have the same
+    (1−2ν)/G, for example a rigid object on an incompressible half-space.
 
-    Derivatives are first ones, on the cells that touch, stick and slide: a second derivative misses
-    what their change adds, and so does a first one where only the contact's edge moves, as of the
-    moment with respect to the approach under full stick.
+    Gradients are exact for the cells that touch, stick and slide at the solution. They leave out
+    that these sets change: a second derivative lacks that part, and so does a first derivative
+    where only the edge of the contact moves (that of the moment by the approach, in full stick).
 
     Args:
         contact: bodies, shape, grid and friction.
-        pose: how B has moved since it touched. Where a resultant is given it is a first guess, any
-            approach will do; with `previous`, unknown motions start from that solution's.
+        pose: motion of the object since first touch. If resultants are given, the motion they
+            replace is only a first guess, and any approach will do; with `previous`, the guess is
+            that solution's motion.
         resultants: force and moment that the contact carries, in place of some of the motion. The
-            pose of the solution is the motion found.
-        previous: the contact before this step; the friction depends on it. Without it, the object
-            is pressed and moved from rest in one step. To press first and move then, solve both
-            in turn: it differs if pressing causes slip.
-        sliding: whether the object's shape goes along with what has slipped until the step before.
-        rtol: on the residuals of pressure and traction (see `normal`, `friction`); ten times as
-            much on the resultants, by what friction carries [-].
-        max_steps: of each of the solvers.
-        throw: raise an error at a failure; else only `result` reports it.
+            solution's pose is the motion that carries them.
+        previous: solution of the step before, since friction depends on history. Without it, the
+            object is pressed and moved in a single step from rest. Pressing first and moving
+            second takes two calls, and gives another result if pressing causes slip.
+        sliding: let the object's shape move by what slipped up to the step before.
+        rtol: tolerance of the residuals of pressure and traction (see `normal`, `friction`) [-].
+            The resultants have ten times that tolerance, relative to what friction can carry.
+        max_steps: largest number of iterations of each solver.
+        throw: raise an error on failure; if False, only `result` reports it.
 
     Raises:
         ValueError: shapes that do not fit, force or moment without friction or with a corotated
@@ -108,17 +109,18 @@ def solve_path(
 
     Args:
         contact: bodies, shape, grid and friction.
-        path: poses, the steps along the first axis (`make_path`); where a resultant is given, the
-            first one is a first guess.
-        resultants: of each step, or one for all; otherwise as for `solve_contact`.
-        previous: the contact before the path; without it, the path starts from rest.
-        sliding: whether the object's shape goes along with what slides; it lags by one step.
+        path: poses, with the steps along the first axis (`make_path`). If resultants are given,
+            the first pose is a first guess.
+        resultants: of each step, or one for all steps; otherwise as for `solve_contact`.
+        previous: solution before the path. Without it, the path starts from rest.
+        sliding: let the object's shape move with what slides, one step later.
         rtol: as for `solve_contact`.
         max_steps: as for `solve_contact`.
         throw: as for `solve_contact`.
 
     Returns:
-        The contacts; every array has the steps as its first axis, those of the problem excepted.
+        The solutions of all steps. Arrays have the steps as their first axis, except those of
+        `problem`.
 
     Raises:
         ValueError: as for `solve_contact`, or numbers of steps that differ.
