@@ -17,8 +17,12 @@ and ranks it beside ours and the published ones.
 #    python -m papers leaderboard --export recordings
 #
 # The folder ``tuning`` has recordings to try your method on, with their truth in ``truth.csv``. The
-# folder ``scored`` has those that are ranked, without it. To keep this page short, we make two
-# tuning cases here.
+# folder ``scored`` has those that are ranked, without it. Real recordings are left out unless they
+# are on your machine: run ``python -m estimation fetch NAME`` first, with the ``NAME`` of each data
+# set that the command names. To keep this page short, we make two tuning cases here.
+#
+# You can try the scoring without the export. Copy ``papers/leaderboard/baseline.csv``, change its
+# angles, and give it to the command below, without ``--split``.
 
 import tempfile
 from pathlib import Path
@@ -87,7 +91,11 @@ print(*rows[:3], sep="\n")
 #
 # The command checks the file first. A wrong case, frame or number ends in an error that names the
 # line. Without ``--alone`` it also runs all other methods, which takes some minutes. Without
-# ``--split tuning`` it ranks by the scored cases. In Python the same takes two calls:
+# ``--split tuning`` it ranks by the scored cases. Cases without rows count as wrong, and a note
+# says how many there are.
+#
+# In Python scoring takes two calls. The numbers printed here come from these calls, and not from
+# the command. They are of the two cases made above:
 
 entry = read_entry(entry_file, cases)
 for row in tabulate(score_all([entry], sources), "case"):

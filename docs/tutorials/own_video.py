@@ -104,6 +104,11 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # - *Lengths are in px* unless you give the scale: ``--mm-per-px 0.06``. Angles do not need it.
 # - *The sign.* Look from the object at the gel: a turn to the left counts as positive. A camera
 #   under the gel sees the same turn to the right.
-# - *A frame has no angle.* Its row gives the reason. The end of the output counts the reasons.
+# - *A frame has no angle.* Its ``reason`` says why. A reason beside an angle is a warning. The end
+#   of the output counts the frames without an angle. The page :doc:`Recordings to angles
+#   </estimation/README>` lists the most frequent reasons.
+# - *When it slipped.* ``macro_slip_s`` in ``summary.json`` has four times for each stretch of macro
+#   slip, in s from the first frame. They are those of the last frame before it, its first, its
+#   last, and the first frame after it.
 # - *Mirrors or frames are in the picture.* Cut them off with ``--crop`` or cover them with
 #   ``--mask``.

@@ -23,7 +23,8 @@ class State(StrEnum):
     `macro_slip`: fewer than three; frame by frame it is seen some frames late (3 in the median of
     round virtual pivots, up to 9 in 95 %), since the last markers slip alike, and only
     `estimation.slip.lookback` dates it, looking back. `unknown`: the frame cannot be
-    used, or what seems to stick moves as no one body; the reason says which.
+    used, or the markers that seem to stick do not move together as one rigid body; the reason says
+    which.
 
     Where pictures show what the object prints on the gel, the print comes first
     (`estimation.slip.shear`): `stick` where nine tenths of it have stayed on the gel lately,

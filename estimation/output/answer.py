@@ -99,14 +99,15 @@ def describe_outcome(run: Run) -> str:
         likely = f" (probability of a slip {outcome.probability:.2f})"
     if outcome.word == "held":
         return f"held to the end{likely}"
+    word = "first slipped" if outcome.slips > 1 else "slipped"
     dated = [slip for slip in run.slips if slip.certain and slip.onset <= outcome.onset]
     if np.isnan(outcome.probability) and dated:
         # the one that was going on when macro slip was first seen
         slip = dated[-1]
-        words = f"slipped at {slip.onset - start:.2f} s"
+        words = f"{word} at {slip.onset - start:.2f} s"
         return words + (f", held again from {slip.regained - start:.2f} s" if slip.ended else "")
-    first = "" if likely else ", first seen"
-    return f"slipped{first} at {outcome.onset - start:.2f} s{_describe_slide(run)}{likely}"
+    when = f"{word} at" if likely else "slipped, first seen at"
+    return f"{when} {outcome.onset - start:.2f} s{_describe_slide(run)}{likely}"
 
 
 def _describe_slide(run: Run) -> str:
@@ -118,7 +119,8 @@ def _describe_slide(run: Run) -> str:
     if slip < 1.5 * error:
         return ""
     digits = _count_digits(error, 0)
-    return f", slid by {slip:.{digits}f} ± {error:.{digits}f} {run.unit}"
+    end = " by the end" if run.outcome.slips > 1 else ""
+    return f", slid by {slip:.{digits}f} ± {error:.{digits}f} {run.unit}{end}"
 
 
 def _describe_turns_of(run: Run) -> str:

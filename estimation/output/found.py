@@ -191,15 +191,15 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
     if all(state == State.NO_CONTACT for state in states):
         return (f"There is no contact in the {len(states)} usable frames of {len(track.state)}.",)
     if states[0] != State.NO_CONTACT:
-        start = "There is contact from the first usable frame on: "
+        start = "There is contact from the first usable frame on"
         first = next(i for i, state in enumerate(track.state) if state != State.UNKNOWN)
         if track.anew[first]:
             return (
-                start + "it had already slipped against the unloaded reference shape, so angles "
-                "are counted from that frame.",
+                start + ", and how far the object had turned before is unknown: all angles are "
+                "relative to that frame.",
             )
         return (
-            start + "angles are relative to the unloaded reference shape that came with the "
+            start + ": angles are relative to the unloaded reference shape that came with the "
             "recording, not to that frame, and what the object turned before it stuck is not in "
             "them.",
         )

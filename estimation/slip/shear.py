@@ -138,11 +138,13 @@ class Outcome(NamedTuple):
             states of the contact tell.
         onset: when that became more likely than not, or macro slip was first seen [s]; NaN if it
             was held.
+        slips: stretches of frames in which it slipped.
     """
 
     word: str
     probability: float
     onset: float
+    slips: int = 0
 
 
 class ShearWatch:
@@ -282,7 +284,8 @@ def conclude(slipped: Float[np.ndarray, " frames"], track: Track) -> Outcome:
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         return Outcome("held", probability, np.nan)
-    return Outcome("slipped", probability, float(track.time[over.argmax()]))
+    slips = int((np.diff(over.astype(int), prepend=0) > 0).sum())
+    return Outcome("slipped", probability, float(track.time[over.argmax()]), slips)
 
 
 def _middle(values: Sequence[float]) -> float:

@@ -16,7 +16,7 @@ from papers.leaderboard.cases import SPLITS, Case, list_cases
 
 COLUMNS = ("case", "frame", "angle_deg")
 FEW, SMALL = 20, 1.0
-"""From so many answers on, angles that are all below so many degrees are taken for radians."""
+"""From so many answers on, angles that vary, all below so many degrees, are taken for radians."""
 
 
 class Entry(NamedTuple):
@@ -132,7 +132,7 @@ def _read_chance(row: Mapping[str, str], where: str) -> float:
 def _refuse_radians(path: Path, angle: dict[str, Float[np.ndarray, " frames"]]) -> None:
     values = np.degrees(np.concatenate([*angle.values(), np.zeros(0)]))
     values = values[np.isfinite(values)]
-    if len(values) >= FEW and np.abs(values).max() < SMALL:
+    if len(values) >= FEW and np.ptp(values) > 0.0 and np.abs(values).max() < SMALL:
         raise ValueError(
             f"{path}: all {len(values)} angles are within ±{np.abs(values).max():.2g}°, though the "
             "objects turn by several degrees: are they in radians? `angle_deg` is in degrees"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from contactmodel.common.command_line import say_error
+from contactmodel.common.command_line import say
 from estimation.output.report import figure_png
 from papers.items import Track
 from papers.leaderboard import alarms, board, settings
@@ -63,6 +63,8 @@ def rank_entries(
         track: wraps the outer loop, to show progress.
     """
     sources = _open(split, seed, track)
+    for entry in given:
+        _note_missing(entry, sources)
     entries = [*([] if alone else answer_all(sources, track)), *given]
     scores = board.score_all(entries, sources)
     tables = {
@@ -79,4 +81,18 @@ def rank_entries(
 def _open(split: str, seed: int | None, track: Track) -> list[Source]:
     scored = settings.PRACTICE_SEED if seed is None else seed
     own = settings.TUNING_SEED if split == "tuning" else scored
-    return list(track(open_cases(list_cases(split), own, say_error)))
+    return list(track(open_cases(list_cases(split), own, _note)))
+
+
+def _note_missing(entry: Entry, sources: Sequence[Source]) -> None:
+    names = {source.case.name for source in sources}
+    missing = len(names - set(entry.angle) - set(entry.slipped))
+    if missing:
+        _note(
+            f"{entry.name} has no rows for {missing} of the {len(names)} ranked cases: they count "
+            "as wrong"
+        )
+
+
+def _note(line: str) -> None:
+    say(f"note: {line}")

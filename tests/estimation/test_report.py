@@ -138,6 +138,12 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             "(probability of a slip 0.90)",
         ),
         (
+            [0, 9, 0, 9],
+            {"slipped": [0, 0.9, 0, 0.9], "slide": {"slip": 0.734, "slip_error": 0.06}},
+            "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; first slipped at "
+            "0.10 s, slid by 0.73 ± 0.06 mm by the end (probability of a slip 0.90)",
+        ),
+        (
             [0, 9],
             {"slipped": 0.9, "slide": {"slip": 0.734, "slip_error": 0.06}},
             "Turned to +9.0° ± 0.1°; slipped at 0.00 s, slid by 0.73 ± 0.06 mm (probability of a "

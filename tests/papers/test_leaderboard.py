@@ -177,6 +177,12 @@ def test_a_wrong_entry_is_refused_with_its_line(monkeypatch, tmp_path, capsys, t
     assert message in " ".join(capsys.readouterr().err.split())
 
 
+def test_an_entry_of_zeros_is_not_taken_for_radians(tmp_path):
+    path = tmp_path / "zero.csv"
+    path.write_text(f"{HEADER}\n" + "".join(f"virtual/gappy-1,{i},0\n" for i in range(30)))
+    assert not np.nanmax(np.abs(read_entry(path, SCORED).angle[GAPPY.name]))
+
+
 def test_an_entry_that_is_no_file_is_named(monkeypatch, tmp_path, capsys):
     assert run(monkeypatch, "--out", tmp_path, "--angles", tmp_path / "none.csv") == 2
     assert "none.csv" in capsys.readouterr().err
@@ -210,20 +216,23 @@ def test_the_baseline_is_an_entry_to_all_simulated_cases():
 
 
 def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
-    monkeypatch, tmp_path
+    monkeypatch, tmp_path, capsys
 ):
     cases = {name: list_cases(split) for name, split in (("t", "tuning"), ("s", "scored"))}
     few = {"tuning": {"virtual/gappy-0": cases["t"]["virtual/gappy-0"]}}
-    few["scored"] = {GAPPY.name: GAPPY}
+    few["scored"] = {name: SCORED[name] for name in (GAPPY.name, "virtual/noisy-1", LIFT.name)}
     monkeypatch.setattr(publish, "list_cases", few.__getitem__)
-    monkeypatch.setattr(opened.real, "find_group", lambda group, say: None)
+    monkeypatch.setattr(opened.real.datasets, "find", lambda name: None)
     theirs = tmp_path / "theirs.csv"
     theirs.write_text(write_entry(answer(open_one(GAPPY, 9), 0.1)))
     given = ("--angles", theirs, "--seed", 9, "--out", tmp_path)
     assert not run(monkeypatch, *given, "--alone")
     with (tmp_path / "leaderboard" / "leaderboard.csv").open(encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
-    assert (row["entry"], row["virtual, right [%]"]) == ("theirs", "100.0")
+    assert (row["entry"], row["virtual, right [%]"]) == ("theirs", "50.0")  # of two groups
+    said = capsys.readouterr().err
+    assert "note: slip-lifts left out" in said
+    assert "note: theirs has no rows for 1 of the 2 ranked cases: they count as wrong" in said
     assert {path.name for path in (tmp_path / "leaderboard").iterdir()} == {
         *(f"{name}.csv" for name in ("leaderboard", "groups", "cases")),
         "entries",
