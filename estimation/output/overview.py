@@ -110,6 +110,7 @@ def _describe_raw(raw: Disagreement) -> dict[str, Any]:
     """The fingers' difference before offsets are fitted, in the units of the command line."""
     return {
         "disagree": raw.clear,
+        "rms_difference_deg": json_number(np.degrees(raw.rms)),
         "largest_difference_deg": json_number(np.degrees(raw.largest)),
         "half_width_deg": json_number(np.degrees(raw.interval)),
         "time_s": json_number(raw.time),

@@ -56,6 +56,23 @@ def test_a_slope_is_seen_and_the_clock_not_confused_with_it(fingers):
     assert abs(grasp.free.correlation) < 1.0
 
 
+def test_time_stamps_alone_are_no_disagreement(fingers):
+    """A clean pair is beyond its intervals in most frames, as these leave out jitter of clocks."""
+    model, legs = PivotModel(friction_ratio=0.3), {"frames": (30, 12, 50), "pressing": 10}
+    mirrored, _ = simulate_pivot(model, angles_deg=[-angle for angle in PATH], seed=2, **legs)
+    first, second = estimate_angles(fingers[0]), estimate_angles(mirrored)
+    clean = compare_fingers(first, second).raw
+    assert clean.share > 0.5
+    assert np.degrees(clean.rms) < 0.1
+    assert not clean.clear
+    turned = np.radians(2.0) * (second.time - second.time[0] > 1.0)
+    moved = {name: getattr(second, name) + turned for name in ("angle", "low", "high")}
+    raw = compare_fingers(first, replace(second, **moved)).raw
+    assert abs(np.degrees(raw.largest)) == pytest.approx(2.0, abs=0.1)
+    assert raw.clear
+    assert f"by {np.degrees(raw.rms):.2f}° rms" in raw.describe()
+
+
 def test_fingers_that_never_hold_together_are_refused(fingers):
     first, second, _ = fingers
     one, other = estimate_angles(first), estimate_angles(second)
