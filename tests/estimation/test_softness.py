@@ -60,10 +60,10 @@ def test_softness_files(tmp_path):
         ("format_version = 1\nstiffness_ratio = true", "stiffness_ratio must be a number"),
         ("format_version = 2", "format_version is 2"),
         ("format_version = 1\nk = 0.3", "unknown key 'k'"),
-        ("format_version = 1\nkind = 'magic'", "no kind 'magic'"),
+        ("format_version = 1\nkind = 'magic'", "unknown kind of softness 'magic'"),
         (
             "format_version = 1\nkind = ['scalar']",
-            r"soft.toml: no kind \['scalar'\] of softness",
+            r"soft.toml: unknown kind of softness \['scalar'\]",
         ),
         ("format_version = 1\nstiffness_ratio = 1\nvalidity = 3", "validity must be a table"),
         (f"format_version = 1\nstiffness_ratio = {10**400}", "too large a number"),

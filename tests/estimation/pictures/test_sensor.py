@@ -94,7 +94,9 @@ def test_files_of_version_0_1_0_are_read_and_say_what_changed(tmp_path):
     assert "elastomer.thickness is now called pad.thickness_mm" in said
     assert "elastomer.friction_coefficient is no longer used" in said
     path.write_text(OLD + "\n[pad]\nthickness_mm = 2.0\n")
-    with pytest.raises(ValueError, match=r"elastomer\.thickness and pad\.thickness_mm are one key"):
+    with pytest.raises(
+        ValueError, match=r"elastomer\.thickness and pad\.thickness_mm are the same key"
+    ):
         read_sensor(path)
 
 
@@ -128,7 +130,7 @@ def test_an_empty_description_knows_nothing(tmp_path):
             "format_version = 1\n[markers]\nreference_px = [[1.0], [2.0]]",
             "reference must have two or three",
         ),
-        ("format_version = 1\n[markers]\nkind = 'stars'", "there are corners, dots, speckle"),
+        ("format_version = 1\n[markers]\nkind = 'stars'", "choose from corners, dots, speckle"),
         ("format_version = 1\n[markers]\nreference_px = [[1, 2], [2]]", "rows of one length"),
         ("format_version = 1\n[markers]\nreference_mm = [[1, 2]]", "give mm_per_px"),
         ("format_version = 1\n[noise]\nnormal_mm = 1.0", "noise: give in_plane_mm"),
