@@ -47,8 +47,8 @@ class Disagreement(NamedTuple):
         time: of that frame, since the first finger's first frame [s].
         share: of the compared frames whose difference exceeds its interval [-].
         rms: of the difference over all compared frames [rad].
-        clear: whether it matters: the rms is above the least difference, and more than a third of
-            the frames exceed their intervals.
+        clear: whether it matters: the rms is above the least difference, and more frames exceed
+            their intervals, or one by more, than by chance.
     """
 
     largest: float
@@ -202,7 +202,7 @@ def _compare_raw(first: Track, second: Track, least: float) -> Disagreement | No
         time=float(time[worst]),
         share=share,
         rms=rms,
-        clear=rms > least and share > 1.0 / 3.0,
+        clear=rms > least and (share > 0.05 or abs(left[worst]) > 2.0 * interval[worst]),
     )
 
 
