@@ -36,7 +36,7 @@ class Viewing:
     - `/angle`: the angle and its interval [°]; `/margin`: the angle that remains before macro slip
       and its interval [°]; `/slip`: the probability of a slip; `/markers`: how many stick, and how
       many are in contact.
-    - `/state` and `/alert`: their words; `/reason`: why there is no angle.
+    - `/state` and `/alert`: their words; `/reason`: why there is no angle, or a warning about the angle.
     """
 
     def __init__(self, source: Source, method: str, stream: Any) -> None:
@@ -252,7 +252,7 @@ def lay_out() -> Any:
     }
     curves = [rrb.TimeSeriesView(origin=path, name=name) for path, name in lines.items()]
     words = rrb.StateTimelineView(contents=["/state", "/alert"], name="state and alert")
-    reasons = rrb.TextLogView(origin="reason", name="why there is no angle")
+    reasons = rrb.TextLogView(origin="reason", name="reason")
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial2DView(origin="view", name="markers"),
