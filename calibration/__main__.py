@@ -62,7 +62,8 @@ def softness(
     reference: Annotated[
         list[str] | None,
         typer.Option(
-            help="Reference angles: a CSV (time_s, angle_deg) for each recording, or `outline`.",
+            help="Reference angles: a CSV (time_s, angle_deg), or `outline`. Repeat the option to "
+            "give a CSV for each recording.",
             show_default="none",
         ),
     ] = None,

@@ -22,6 +22,8 @@ _SIDE_SLOPE = 1e3
 class AbstractIndenter(eqx.Module):
     """The shape of an object, its lowest point at the origin.
 
+    This is not checked: an approach counts from height 0, so a higher lowest point presses less.
+
     Examples:
         >>> import jax.numpy as jnp
         >>> from contactmodel import AbstractIndenter, Contact, Grid, HalfSpace, Pose, Rigid

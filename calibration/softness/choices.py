@@ -11,7 +11,7 @@ class ReferenceSettings:
     """How references are read.
 
     Attributes:
-        flip: change the sign of the reference angles.
+        flip: change the sign of the angles in all references.
         zeroed: the reference angles count from the onset of contact; L is fitted too.
         same_clock: reference and recording share a clock; no offset is fitted.
     """

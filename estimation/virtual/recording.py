@@ -24,6 +24,9 @@ from estimation.frames.recording import Frame, MarkerLayout, Recording
 class PivotModel(NamedTuple):
     """Sphere, elastomer and markers of a virtual pivot.
 
+    Both bodies twist like half-spaces, also the sphere. So do not fit its data with a ball's radius
+    (`calibration softness --radius-mm`).
+
     Attributes:
         contact_radius: a under full load [mm].
         approach: the elastomer's share of δ under full load [mm].
