@@ -36,7 +36,7 @@ class Viewing:
     - `/angle`: the angle and its interval [°]; `/margin`: the angle that remains before macro slip
       and its interval [°]; `/slip`: the probability of a slip; `/markers`: how many stick, and how
       many are in contact.
-    - `/state` and `/alert`: their words; `/reason`: why there is no angle, or a warning about the angle.
+    - `/state` and `/alert`: their words; `/reason`: why there is no angle, or a warning about it.
     """
 
     def __init__(self, source: Source, method: str, stream: Any) -> None:
