@@ -154,18 +154,11 @@ def compare_fingers(
     half = np.stack([_half_width(first), _at(second, _half_width(second), there)])
     half[1] = np.hypot(half[1], Z95 * fixed.errors[2])
     angles = np.stack([first.angle, other])
-    weight = np.where(np.isfinite(angles), 1.0 / np.maximum(half, 1e-6) ** 2, 0.0)
-    total = weight.sum(axis=0)
-    known = total > 0
-    joint = np.full(len(time), np.nan)
-    joint[known] = np.nansum(weight * np.nan_to_num(angles), axis=0)[known] / total[known]
     holds = _sticks(first) & (_at(second, _sticks(second).astype(float), there) == 1.0)
-    if holds.any():  # an angle offset that one finger gained since then is doubt
-        start = np.argmax(holds)
-        angles = np.vstack([angles, raw_second + first.angle[start] - raw_second[start]])
-    width = np.full(len(time), np.nan)
-    spread = np.abs(np.nan_to_num(angles - joint)).max(axis=0)
-    width[known] = np.hypot(1.0 / np.sqrt(total[known]), spread[known])
+    start = np.argmax(holds)
+    # an angle offset that one finger gained since both held is doubt
+    gained = raw_second + first.angle[start] - raw_second[start] if holds.any() else other
+    joint, width = _join(angles, half, gained)
     return Grasp(
         time=time,
         first=first.angle,
@@ -179,6 +172,22 @@ def compare_fingers(
         own_clocks=own_clocks,
         raw=_compare_raw(first, second, least_difference),
     )
+
+
+def _join(
+    angles: Float[np.ndarray, "2 frames"],
+    half: Float[np.ndarray, "2 frames"],
+    gained: Float[np.ndarray, " frames"],
+) -> tuple[Float[np.ndarray, " frames"], Float[np.ndarray, " frames"]]:
+    """The fingers' mean by their half-widths, and its half-width; it covers both, and a third."""
+    weight = np.where(np.isfinite(angles), 1.0 / np.maximum(half, 1e-6) ** 2, 0.0)
+    total = weight.sum(axis=0)
+    known = total > 0
+    joint, width = np.full((2, len(total)), np.nan)
+    joint[known] = np.nansum(weight * np.nan_to_num(angles), axis=0)[known] / total[known]
+    spread = np.abs(np.nan_to_num(np.vstack([angles, gained]) - joint)).max(axis=0)
+    width[known] = np.hypot(1.0 / np.sqrt(total[known]), spread[known])
+    return joint, width
 
 
 def _compare_raw(first: Track, second: Track, least: float) -> Disagreement | None:

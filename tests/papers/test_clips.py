@@ -22,7 +22,9 @@ def test_the_table_beside_the_clips_is_read(tmp_path):
 def test_a_turn_is_outside_beyond_what_the_reference_is_good_to():
     assert not TURN.outside
     assert TURN._replace(reference=5.4).outside
-    assert "frames 5 to 40: the reference is +6.0°, we say +6.5 ± 0.3°, inside" in TURN.describe()
+    assert (
+        "frames 5 to 40: the reference is +6.0°, we measure +6.5 ± 0.3°, inside" in TURN.describe()
+    )
 
 
 def test_the_worst_are_of_several_clips_and_missing_answers_are_counted():
