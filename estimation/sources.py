@@ -171,6 +171,11 @@ def is_rows(path: Path) -> bool:
     return is_zarr(path) or is_ours(path)
 
 
+def _holds_episodes(path: Path) -> bool:
+    """Whether there is a LeRobot data set of another program at the path."""
+    return is_lerobot(path) and not is_ours(path)
+
+
 def _open_rows(path: Path, name: str, skip: int = 0) -> FrameStream:
     file = open_zarr(path) if is_zarr(path) else open_lerobot(path)
     return stream_rows(file, str(path), name, skip)
@@ -204,7 +209,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         for place in places:
             find_topic(place)
         return places
-    if is_lerobot(path) and not is_ours(path):
+    if _holds_episodes(path):
         return list_episodes(path, tuple(topics))
     if topics:
         raise ValueError(
@@ -242,9 +247,7 @@ def _find_inside(path: Path) -> list[Path]:
         what = "holds no recording" if inside else "is empty"
         raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of those")
     return [
-        place
-        for one in found
-        for place in (list_episodes(one) if is_lerobot(one) and not is_ours(one) else [one])
+        place for one in found for place in (list_episodes(one) if _holds_episodes(one) else [one])
     ]
 
 

@@ -19,7 +19,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
@@ -209,7 +209,7 @@ class Castano:
         if not self._recent:
             self._first = axis
         last = self._recent[-1] if self._recent else axis
-        self._recent.append(float(axis + np.pi * np.round((last - axis) / np.pi)))
+        self._recent.append(_follow(axis, last))
         return _without_interval(float(np.mean(self._recent) - self._first), fields.contact)
 
 
@@ -280,11 +280,10 @@ class InvariantCloud:
         covered = self.cloud[fields.contact[seen[nearest]]]
         far = np.linalg.norm(covered - covered.mean(axis=0), axis=1)
         covered = covered[far <= far.mean() + 2.0 * far.std()]
-        squared = ((covered - covered.mean(axis=0)) @ np.array([1.0, 1j])) ** 2
-        axis = float(0.5 * np.angle(squared.sum()))
+        axis = float(0.5 * np.angle(_squares(covered).sum()))
         if np.isnan(self._first):
             self._first = self._last = self._smooth = axis
-        self._last = float(axis + np.pi * np.round((self._last - axis) / np.pi))
+        self._last = _follow(axis, self._last)
         self._smooth += self.newest_weight * (self._last - self._smooth)
         return _without_interval(self._smooth - self._first, fields.contact)
 
@@ -305,11 +304,21 @@ def _long_axis(
     rim stands for an area of which the outline cuts off any share: the variance of its w is
     |w|²/12, half of it across Σw.
     """
-    squared = ((points - points.mean(axis=0)) @ np.array([1.0, 1j])) ** 2
+    squared = _squares(points)
     spread, across = squared.sum(), np.sqrt(np.sum(np.abs(squared[rim]) ** 2) / 24.0)
     known = len(points) >= LEAST_MARKERS and abs(spread) > 0.0
     error = 0.5 * across / abs(spread) if known else np.inf
     return float(0.5 * np.angle(spread)), float(error)
+
+
+def _squares(points: Float[np.ndarray, "m 2"]) -> Complex[np.ndarray, " m"]:
+    """w = (x + iy)² of points, from their mean."""
+    return ((points - points.mean(axis=0)) @ np.array([1.0, 1j])) ** 2
+
+
+def _follow(axis: float, last: float) -> float:
+    """A direction, turned by half turns until it is the nearest to the last one [rad]."""
+    return float(axis + np.pi * np.round((last - axis) / np.pi))
 
 
 def _without_interval(angle: float, stick: Bool[np.ndarray, " n"]) -> Measurement:

@@ -297,14 +297,19 @@ class Recording:
 
     def head(self, frames: int) -> "Recording":
         """The recording's first frames."""
+        return self.take(slice(frames))
+
+    def take(self, rows: slice | Int[np.ndarray, " rows"]) -> "Recording":
+        """Some of the recording's frames.
+
+        Args:
+            rows: of the frames.
+        """
         arrays = declared_arrays(Recording).items()
         per_frame = [name for name, kind in arrays if kind.dim_str.split()[0] == "frames"]
-        cut = {
-            name: value[:frames]
-            for name in (*per_frame, "flaws")
-            if (value := getattr(self, name)) is not None
-        }
-        return replace(self, **cut)
+        known = {name: value for name in per_frame if (value := getattr(self, name)) is not None}
+        flaws = tuple(np.array(self.flaws, dtype=object)[rows]) if self.flaws else ()
+        return replace(self, flaws=flaws, **{name: value[rows] for name, value in known.items()})
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order, as `Tracker.update` takes them."""

@@ -12,7 +12,7 @@ import numpy as np
 from estimation.frames.source import Source
 from estimation.live.feed import Feed
 from estimation.output.scene import (
-    kept_pictures,
+    keep_pictures,
     picture_url,
     show_markers,
     show_numbers,
@@ -62,7 +62,7 @@ class Window:
         longest = 4000  # points of the curve that a new browser is given
         self.dropped = self.events = 0
         self._source, self._feed, self._method = source, feed, method
-        self._pictures = kept_pictures(source)
+        self._find_picture = keep_pictures(source)
         self._changed, self._drawing = threading.Condition(), threading.Lock()
         self._points: deque[Point] = deque(maxlen=longest)
         self._latest: Latest | None = None
@@ -72,7 +72,7 @@ class Window:
     def put(self, answer: Answer) -> None:
         """Take an answer; nothing is drawn here."""
         found = answer.estimates[self._method]
-        picture = None if self._pictures is None else self._pictures.find_picture(answer.frame)
+        picture = self._find_picture(answer.frame)
         with self._changed:
             if np.isfinite(found.time):
                 self._began = found.time if np.isnan(self._began) else self._began

@@ -6,13 +6,14 @@ slip are crosses, too.
 """
 
 import base64
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from estimation.estimators.result import State
+from estimation.frames.recording import Frame
 from estimation.frames.source import Source
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.still import Shown
@@ -77,12 +78,19 @@ class Field(NamedTuple):
         return spots if self.down else np.stack([spots[:, 0], self.size[1] - spots[:, 1]], axis=1)
 
 
-def kept_pictures(source: Source) -> PictureSource | None:
-    """A source of pictures, which keeps each until its frame is answered; None where it is none."""
+def keep_pictures(source: Source) -> Callable[[Frame], Shown | None]:
+    """Let a source keep each picture until its frame has been answered.
+
+    Args:
+        source: of pictures, or of anything else.
+
+    Returns:
+        What finds a frame's picture; of other sources it finds none.
+    """
     if not isinstance(source, PictureSource):
-        return None
+        return lambda frame: None
     source.keep_pictures()
-    return source
+    return source.find_picture
 
 
 class View(NamedTuple):

@@ -6,7 +6,7 @@ so have all cases of a group.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -18,7 +18,7 @@ from papers.leaderboard.cases import Case
 from papers.leaderboard.entries import Entry
 from papers.leaderboard.sources import Source
 
-Row = dict[str, object]
+Row = dict[str, Any]
 
 
 class Score(NamedTuple):
@@ -119,7 +119,7 @@ def tabulate(scores: Sequence[Score], by: str) -> list[Row]:
         pooled.setdefault((score.group, getattr(score, by), score.entry), []).append(score)
     rows = [_pool(place, entry, some) for (_, place, entry), some in pooled.items()]
     order = list(dict.fromkeys((row["group"], row["of"]) for row in rows))
-    rows.sort(key=lambda row: (order.index((row["group"], row["of"])), -float(str(row[RIGHT]))))
+    rows.sort(key=lambda row: (order.index((row["group"], row["of"])), -row[RIGHT]))
     return rows
 
 
@@ -148,11 +148,11 @@ def _pool(place: str, entry: str, scores: Sequence[Score]) -> Row:
 def plot(scores: Sequence[Score]) -> Figure:
     """Right answers of every entry in every group [%]."""
     rows = tabulate(scores, "group")
-    entries = [str(row["entry"]) for row in rank(scores)]
-    groups = list(dict.fromkeys(str(row["group"]) for row in rows))
+    entries = [row["entry"] for row in rank(scores)]
+    groups = list(dict.fromkeys(row["group"] for row in rows))
     right = np.full((len(entries), len(groups)), np.nan)
     for row in rows:
-        place = entries.index(str(row["entry"])), groups.index(str(row["group"]))
+        place = entries.index(row["entry"]), groups.index(row["group"])
         right[place] = row[RIGHT]
     size = 2.5 + 0.6 * len(groups), 1.8 + 0.35 * len(entries)
     figure, axis = plt.subplots(figsize=size, layout="constrained")

@@ -99,8 +99,6 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
         valid=np.ones((len(kept), len(layout.reference)), dtype=bool),
         time=kept / 30.0,
         source_index=kept,
-        name=case.name,
-        source=f"leaderboard case {case.name}",
     )
     angle = np.append(np.full(nothing, np.nan), twist)[kept]
     sticking = np.append(np.zeros(nothing, dtype=int), holding)[kept]

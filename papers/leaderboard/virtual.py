@@ -92,7 +92,7 @@ def _simulate_pivot(
     positions = np.where(valid[..., None], recording.positions + shift, np.nan)
     spoilt = replace(recording, positions=positions, valid=valid)
     kept = keep_frames(len(recording), case.frames, rng)
-    return _name(spoilt, case, kept), _judge(case, truth.take(kept))
+    return spoilt.take(kept), _judge(case, truth.take(kept))
 
 
 def _simulate_elongated(case: Case, rng: np.random.Generator) -> tuple[Recording, Truth]:
@@ -102,7 +102,7 @@ def _simulate_elongated(case: Case, rng: np.random.Generator) -> tuple[Recording
     camera = Camera(timing=COMPLETE, seed=int(rng.integers(2**31)))
     recording, truth = simulate_recording(path, lay_out_markers(model), camera)
     kept = keep_frames(len(recording), case.frames, rng)
-    recording, right = _name(recording, case, kept), _judge(case, truth.take(kept))
+    recording, right = recording.take(kept), _judge(case, truth.take(kept))
     return mirror(recording, right) if rng.random() < 0.5 else (recording, right)
 
 
@@ -122,16 +122,6 @@ def mirror(recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
         moment=None if recording.moment is None else recording.moment * z,
     )
     return mirrored, truth._replace(angle=-truth.angle)
-
-
-def _name(recording: Recording, case: Case, kept: Int[np.ndarray, " kept"]) -> Recording:
-    """Those frames, under the name of the case in place of a source that names the seed."""
-    arrays = {
-        name: value[kept]
-        for name in ("positions", "valid", "time", "source_index", "force", "moment")
-        if (value := getattr(recording, name)) is not None
-    }
-    return replace(recording, name=case.name, source=f"leaderboard case {case.name}", **arrays)
 
 
 def _judge(case: Case, truth: PivotTruth) -> Truth:

@@ -15,7 +15,7 @@ from estimation.frames.files import growing
 from estimation.frames.flat import LAYOUT_FIELDS, flatten_frame, flatten_layout
 from estimation.frames.recording import MarkerLayout
 from estimation.frames.source import Source
-from estimation.output.scene import kept_pictures
+from estimation.output.scene import keep_pictures
 from estimation.output.table import read_cells, tabulate_answer
 from estimation.tracking.stream import Answer
 
@@ -50,7 +50,7 @@ class BagWriter:
         """
         require_extra("bags", f"writing {path}")
         self._path, self._method, self._source = path, method, source
-        self._pictures, self._types = kept_pictures(source), ros_types()
+        self._find_picture, self._types = keep_pictures(source), ros_types()
         self._definitions: dict[str, str] = {}
         earlier = path.with_name(f".{path.name}")
         if rows and not earlier.is_file():
@@ -136,8 +136,7 @@ class BagWriter:
             both = (make(*vector.tolist()) for vector in vectors)
             made = self._types.types["geometry_msgs/msg/Wrench"](*both)
             yield "wrench", WRENCH, {"header": header, "wrench": made}
-        shown = None if self._pictures is None else self._pictures.find_picture(answer.frame)
-        if shown is not None:
+        if (shown := self._find_picture(answer.frame)) is not None:
             jpeg = np.frombuffer(shown.copy.jpeg, np.uint8)
             yield "picture", PICTURE, {"header": header, "format": "jpeg", "data": jpeg}
 

@@ -13,7 +13,7 @@ from estimation.frames.source import Source
 from estimation.output.scene import (
     MARKER_COLOURS,
     STATE_COLOURS,
-    kept_pictures,
+    keep_pictures,
     marker_signs,
     view_markers,
 )
@@ -94,16 +94,17 @@ class Viewing:
 
         frame, reference = answer.frame, answer.layout.reference
         found = answer.estimates[self._method]
-        view = view_markers(self._source, frame.positions, reference, shown)
+        both = np.concatenate([frame.positions, reference])
+        view = view_markers(self._source, both, reference, shown)
+        now, rest = np.split(view.spots, 2, axis=1)
         if view.jpeg is not None:
             jpeg = rr.EncodedImage(contents=view.jpeg, media_type="image/jpeg")
             self._stream.log("view/picture", jpeg)
-        rest = view_markers(self._source, reference, reference, shown)
-        seen = frame.valid & np.isfinite(view.spots + rest.spots).all(axis=(0, 2))
+        seen = frame.valid & np.isfinite(now + rest).all(axis=(0, 2))
         colours = dict(zip("ox.", MARKER_COLOURS.values(), strict=True))
         kinds = [colours[sign] for sign in marker_signs(found.stick, found.contact)[seen]]
-        colour = [int(f"{one[1:]}ff", 16) for one in kinds] * len(view.spots)
-        spots, before = view.spots[:, seen].reshape(-1, 2), rest.spots[:, seen].reshape(-1, 2)
+        colour = [int(f"{one[1:]}ff", 16) for one in kinds] * len(now)
+        spots, before = now[:, seen].reshape(-1, 2), rest[:, seen].reshape(-1, 2)
         self._stream.log("view/markers", rr.Points2D(spots, colors=colour, radii=3.0))
         arrows = rr.Arrows2D(origins=before, vectors=spots - before, colors=colour)
         self._stream.log("view/motion", arrows)
@@ -146,7 +147,7 @@ class ViewerFile:
         """
         require_extra("view", f"writing {path}")
         self._path, self._source, self._method = path, source, method
-        self._pictures = kept_pictures(source)
+        self._find_picture = keep_pictures(source)
         earlier = path.with_name(f".{path.name}")
         if rows and not earlier.is_file():
             path.rename(earlier)
@@ -168,8 +169,7 @@ class ViewerFile:
 
     def put(self, answer: Answer) -> None:
         """Write an answer; it is on the disc a fifth of a second later."""
-        shown = None if self._pictures is None else self._pictures.find_picture(answer.frame)
-        self._viewing.show(answer, shown)
+        self._viewing.show(answer, self._find_picture(answer.frame))
 
     def close(self) -> None:
         """Write what is not yet on the disc."""
@@ -188,7 +188,7 @@ class LiveViewer:
             method: whose answers are shown.
             connect: connects a stream of Rerun to the viewer.
         """
-        self._pictures = kept_pictures(source)
+        self._find_picture = keep_pictures(source)
         stream = open_stream()
         connect(stream)
         viewing, longest = Viewing(source, method, stream), 16
@@ -196,8 +196,7 @@ class LiveViewer:
 
     def put(self, answer: Answer) -> None:
         """Pass an answer on; returns at once."""
-        shown = None if self._pictures is None else self._pictures.find_picture(answer.frame)
-        self.outlet.send((answer, shown))
+        self.outlet.send((answer, self._find_picture(answer.frame)))
 
     def restart(self) -> None:
         """Go on: answers that are given anew take the place of the earlier ones."""
