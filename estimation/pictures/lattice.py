@@ -1,6 +1,5 @@
 """Lattice indices of dots, and a reference to count from."""
 
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +11,10 @@ from estimation.frames.recording import MarkerLayout
 
 NEAR = 0.4
 """Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
+MOST_AT_REST = 0.02
+"""Largest mean distance of dots at rest from rows that only a lens bends [pitches]."""
 AROUND = 12
-"""Most of them."""
+"""Neighbours of a dot among which the next in its row is sought."""
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -51,26 +52,28 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     spots = centre[:, None] + STEPS @ basis
     off = nearest(tree, spots.reshape(-1, 2))[0].reshape(len(centre), 4)
     start = int(np.argmin(np.sort(off, axis=1)[:, 3]))
+    place, local = centre @ np.array([1.0, 1.0j]), np.zeros((len(centre), 2), dtype=complex)
+    front, local[start] = np.array([start]), basis @ np.array([1.0, 1.0j])
     number = {start: (0, 0)}
-    place = (centre @ np.array([1.0, 1.0j])).tolist()  # plain numbers: few are computed at a time
-    local = {start: (basis @ np.array([1.0, 1.0j])).tolist()}
-    around, steps = near.tolist(), STEPS.astype(int).tolist()
-    taken = {(0, 0)}
-    queue = deque([start])
-    while queue:
-        i = queue.popleft()
-        for along, across in steps:
-            ahead = place[i] + along * local[i][0] + across * local[i][1]
-            j = min(around[i], key=lambda k, ahead=ahead: abs(place[k] - ahead))
-            index = (number[i][0] + along, number[i][1] + across)
-            if abs(place[j] - ahead) > NEAR * pitch or index in taken or j in number:
-                continue
-            number[j] = index
-            taken.add(index)
-            frame, axis = local[i].copy(), int(along == 0)
-            frame[axis] = 0.5 * frame[axis] + 0.5 * (along + across) * (place[j] - place[i])
-            local[j] = frame
-            queue.append(j)
+    taken, steps = {(0, 0)}, STEPS.tolist()
+    while len(front):
+        around, row = near[front], np.arange(len(front))[:, None]
+        ahead = place[front, None] + local[front] @ STEPS.T
+        off = np.abs(place[around][:, None] - ahead[:, :, None])
+        closest = off.argmin(axis=2)
+        close = off[row, np.arange(4), closest] < NEAR * pitch
+        beside, found = around[row, closest], list[tuple[int, int, int]]()
+        for k, step in np.argwhere(close).tolist():
+            i, j = int(front[k]), int(beside[k, step])
+            index = (number[i][0] + steps[step][0], number[i][1] + steps[step][1])
+            if index not in taken and j not in number:
+                number[j] = index
+                taken.add(index)
+                found.append((i, j, step))
+        behind, front, step = np.array(found, dtype=int).reshape(-1, 3).T
+        local[front] = local[behind]
+        half = 0.5 * STEPS[step].sum(axis=1) * (place[front] - place[behind])
+        local[front, step % 2] = 0.5 * local[front, step % 2] + half
     dots = np.array(sorted(number))
     return Lattice(dots, np.array([number[i] for i in dots]), pitch)
 
@@ -85,14 +88,14 @@ def _common_basis(
     if len(vectors) < 8:
         return None
     both = np.concatenate([vectors, -vectors])
-    tree = KDTree(both)
-    popular = np.asarray(tree.query_ball_point(both, 0.15 * pitch, return_length=True))
-    first = _mean_near(both, both[np.argmax(popular)], 0.15 * pitch)
-    across = np.abs(first[0] * both[:, 1] - first[1] * both[:, 0]) / np.linalg.norm(first)
+    popular = KDTree(both).query_ball_point(vectors, 0.15 * pitch, return_length=True)
+    popular = np.asarray(popular)  # as many are around the opposite ones
+    first = _mean_near(both, vectors[np.argmax(popular)], 0.15 * pitch)
+    across = np.abs(first[0] * vectors[:, 1] - first[1] * vectors[:, 0]) / np.linalg.norm(first)
     popular = np.where(across > 0.6 * pitch, popular, 0)
     if popular.max() < 4:
         return None
-    second = _mean_near(both, both[np.argmax(popular)], 0.15 * pitch)
+    second = _mean_near(both, vectors[np.argmax(popular)], 0.15 * pitch)
     if abs(first[0]) < abs(second[0]):
         first, second = second, first
     return np.stack([first * np.sign(first[0]), second * np.sign(second[1])])
@@ -175,7 +178,18 @@ class Irregularity(NamedTuple):
     @property
     def rests(self) -> bool:
         """Whether the gel is unloaded then."""
-        return self.largest < 0.065 and self.mean < 0.02
+        return self.largest < 0.065 and self.mean < MOST_AT_REST
+
+    @property
+    def reach(self) -> float:
+        """Distance up to which no motion of the dots brings them to rest [pitches].
+
+        Motions of up to d change `mean` by d √(n / (n − 10)) at most, n ≥ 30 the number of dots.
+        None is certain where a dot may have been counted to a wrong row.
+        """
+        if self.largest > NEAR:
+            return 0.0
+        return max(self.mean - MOST_AT_REST, 0.0) / np.sqrt(1.5)
 
 
 def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irregularity:

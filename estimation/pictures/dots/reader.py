@@ -71,6 +71,8 @@ class DotReader(MarkerReader):
         self.size = first.size
         self.by_dots: deque[int] = deque(maxlen=MOST_JUDGED)
         self.resting, self.before = 0, self.reference.position
+        self.uneven = np.zeros((0, 2))  # dots that did not rest when they were last counted
+        self.reach = 0.0  # motion of those up to which they cannot rest [px]
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
 
@@ -228,8 +230,12 @@ class DotReader(MarkerReader):
             NaN for dots that are not there, and for all where the dots do not lie regularly.
         """
         nowhere = np.full_like(self.reference.position, np.nan)
+        if self.reach and nearest(KDTree(self.uneven), dots)[0].max(initial=0.0) < self.reach:
+            return nowhere
         found = index_lattice(dots)
-        if not find_irregularity(found, dots[found.dot]).rests:
+        irregularity = find_irregularity(found, dots[found.dot])
+        if not irregularity.rests:
+            self.uneven, self.reach = dots, irregularity.reach * found.pitch
             return nowhere
         near = nearest(KDTree(dots[found.dot]), self.reference.position[self.lattice.dot])[1]
         begins = found.coordinates[near] - self.lattice.coordinates

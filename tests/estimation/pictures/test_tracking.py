@@ -5,7 +5,12 @@ import pytest
 
 from estimation.pictures.dots.matching import match_dots
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.lattice import fit_lattice, index_lattice, make_reference
+from estimation.pictures.lattice import (
+    find_irregularity,
+    fit_lattice,
+    index_lattice,
+    make_reference,
+)
 from tests.estimation.pictures.scenes import GRID, PITCH, REST, twisted
 
 SIZE = (320, 240)
@@ -39,6 +44,17 @@ def test_lattice_is_fitted_to_what_rests():
     # the twist is small, not zero, where dots still count as resting: 0.06 pitches
     assert np.abs(place - REST[lattice.dot]).max() < 0.06 * PITCH
     assert "starts loaded" in make_reference(points, SIZE).note
+
+
+@pytest.mark.parametrize("degrees", [5.0, 10.0, 20.0])
+def test_dots_that_do_not_rest_must_move_by_their_reach_before_they_can(degrees):
+    twist, lattice = twisted(degrees), index_lattice(REST)
+    reach = find_irregularity(lattice, twist[lattice.dot]).reach * lattice.pitch
+    far = np.linalg.norm(twist - REST, axis=1).max()
+    assert 0.0 < reach < far  # all of `far` does bring them to rest
+    back = twist + 0.99 * reach / far * (REST - twist)  # what makes them regular soonest
+    assert not find_irregularity(lattice, back[lattice.dot]).rests
+    assert find_irregularity(lattice, REST[lattice.dot]).reach == 0.0
 
 
 @pytest.mark.parametrize("degrees", [10.0, 30.0, -30.0])
