@@ -94,9 +94,8 @@ class Viewing:
 
         frame, reference = answer.frame, answer.layout.reference
         found = answer.estimates[self._method]
-        both = np.concatenate([frame.positions, reference])
-        view = view_markers(self._source, both, reference, shown)
-        now, rest = np.split(view.spots, 2, axis=1)
+        view = view_markers(self._source, frame.positions, reference, shown)
+        now, rest = view.spots, view_markers(self._source, reference, reference, shown).spots
         if view.jpeg is not None:
             jpeg = rr.EncodedImage(contents=view.jpeg, media_type="image/jpeg")
             self._stream.log("view/picture", jpeg)
