@@ -148,9 +148,10 @@ def fit_disc(
             motion.residual,
             start,
             Dfun=motion.jacobian,
+            col_deriv=True,
             full_output=True,  # and no warning where the steps are used up
-            ftol=1e-8,
-            xtol=1e-8,
+            ftol=1e-6,
+            xtol=1e-6,
             gtol=1e-8,
             maxfev=settings.most_steps,
             diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01]),  # typical changes, pitches and rad
@@ -172,7 +173,7 @@ def fit_disc(
             for radius in (1.0, 2.0, 4.0)
         ]
     found, residual = min(solutions, key=_squares)
-    return DiscFit(found, residual, motion.jacobian(found))
+    return DiscFit(found, residual, motion.jacobian(found).T)
 
 
 def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
@@ -180,56 +181,87 @@ def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
     return float(solution[1] @ solution[1])
 
 
-class _Motion(NamedTuple):
-    """What a disc is fitted to: points before and after, their noise, and the axis so far."""
+class _Motion:
+    """The motion a disc is fitted to: points before and after, their noise, and the axis so far.
 
-    before: Complex[np.ndarray, " m"]
-    after: Complex[np.ndarray, " m"]
-    scale: float
-    axis: np.ndarray | None
-    axis_drift: float
+    Residuals are the real and imaginary parts of each point in turn, then the axis' drift.
+    """
+
+    def __init__(
+        self,
+        before: Complex[np.ndarray, " m"],
+        after: Complex[np.ndarray, " m"],
+        scale: float,
+        axis: np.ndarray | None,
+        axis_drift: float,
+    ) -> None:
+        self._before, self._moved, self._scale = before, after - before, scale
+        self._drift = np.zeros((0, 4)) if axis is None else np.eye(2, 4) / axis_drift
+        self._axis = np.zeros(2) if axis is None else axis
+        self._turn: _Turn | None = None
 
     def residual(self, parameters: np.ndarray) -> np.ndarray:
-        """What a disc leaves of the motion, over the noise."""
-        x, y, radius, turned = parameters
-        arm = self.before - complex(x, y)
-        spin = np.expm1(1j * turned * _share(np.abs(arm), abs(radius)))
-        left = self.after - self.before - spin * arm
-        return self._stack(left, parameters[:2] - (0.0 if self.axis is None else self.axis))
+        """The motion that a disc does not explain, over the noise."""
+        turn = self._turn_by(parameters)
+        left = (self._moved - turn.moved * turn.arm) / self._scale
+        drift = self._drift[:, :2] @ (parameters[:2] - self._axis)
+        return np.concatenate([left.view(float), drift])
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
-        """Derivatives of the residual by axis, radius and rotation."""
-        x, y, radius, turned = parameters
-        arm = self.before - complex(x, y)
-        distance = np.maximum(np.abs(arm), 1e-12)
-        share, slope = _share(distance, abs(radius)), _share_slope(distance, abs(radius))
-        spin = np.exp(1j * turned * share)
-        outwards = 1j * turned * slope * spin * arm  # by d ln(radius), less d ln(distance)
-        moved = spin - 1.0
-        columns = (
-            moved - outwards * arm.real / distance**2,
-            1j * moved - outwards * arm.imag / distance**2,
-            -outwards / radius,
-            -1j * share * spin * arm,
-        )
-        return self._stack(np.stack(columns, axis=1), np.eye(2, 4))
+        """Derivatives of the residual by axis, radius and rotation, a row each."""
+        *_, radius, turned = parameters
+        turn = self._turn_by(parameters)
+        spin = turn.moved + 1.0
+        outwards = 1j * turned * _share_slope(turn.within) * spin * turn.arm
+        tilted = outwards / turn.distance**2  # `outwards`: by d ln(radius), less d ln(distance)
+        rows = np.empty((4, len(turn.arm)), dtype=complex)
+        rows[0] = turn.moved - tilted * turn.arm.real
+        rows[1] = 1j * turn.moved - tilted * turn.arm.imag
+        rows[2] = -outwards / radius
+        rows[3] = -1j * turn.share * spin * turn.arm
+        rows /= self._scale
+        return np.concatenate([rows.view(float), self._drift.T], axis=1)
 
-    def _stack(
-        self, left: Complex[np.ndarray, "m ..."], drift: Float[np.ndarray, "2 ..."]
-    ) -> np.ndarray:
-        parts = [np.real(left) / self.scale, np.imag(left) / self.scale]
-        return np.concatenate(parts if self.axis is None else [*parts, drift / self.axis_drift])
+    def _turn_by(self, parameters: np.ndarray) -> "_Turn":
+        """How a disc turns the points; kept, as residual and derivatives are asked for in turn."""
+        if self._turn is None or not np.array_equal(self._turn.parameters, parameters):
+            x, y, radius, turned = parameters
+            arm = self._before - complex(x, y)
+            distance = np.maximum(np.abs(arm), 1e-12)
+            within = np.minimum(abs(radius) / distance, 1.0)
+            share = _share(within)
+            moved = np.expm1(1j * turned * share)
+            self._turn = _Turn(parameters.copy(), arm, distance, within, share, moved)
+        return self._turn
 
 
-def _share(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:
+class _Turn(NamedTuple):
+    """How a disc turns points.
+
+    Attributes:
+        parameters: of the disc.
+        arm: from the axis to each point.
+        distance: of each point from the axis.
+        within: radius over distance, up to 1.
+        share: rotation of each point over the disc's.
+        moved: displacement of each point over its arm.
+    """
+
+    parameters: np.ndarray
+    arm: Complex[np.ndarray, " m"]
+    distance: Float[np.ndarray, " m"]
+    within: Float[np.ndarray, " m"]
+    share: Float[np.ndarray, " m"]
+    moved: Complex[np.ndarray, " m"]
+
+
+def _share(within: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """Rotation about the axis, over that of the disc, of points of the surface ([Jaeger1995])."""
-    q = np.minimum(radius / np.maximum(distance, 1e-12), 1.0)
-    return 2.0 / np.pi * (np.arcsin(q) - q * np.sqrt(1.0 - q * q))
+    return 2.0 / np.pi * (np.arcsin(within) - within * np.sqrt(1.0 - within * within))
 
 
-def _share_slope(distance: Float[np.ndarray, " m"], radius: float) -> Float[np.ndarray, " m"]:
+def _share_slope(within: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """Derivative of the share by the logarithm of the radius; at the rim, where it has no bound,
     that of a twentieth."""
-    q = np.minimum(radius / np.maximum(distance, 1e-12), 1.0)
-    root = np.sqrt(1.0 - q * q)
-    return np.where(q < 1.0, 4.0 / np.pi * q**3 / np.maximum(root, 0.05), 0.0)
+    root = np.sqrt(1.0 - within * within)
+    return np.where(within < 1.0, 4.0 / np.pi * within**3 / np.maximum(root, 0.05), 0.0)
