@@ -1,7 +1,7 @@
 """From frames of a tactile sensor to the angle of the object it holds.
 
-Angles are counter-clockwise, seen from the object looking at the pad, in rad (degrees only where a
-name ends in `_deg`); lengths are in mm.
+Angles are counter-clockwise, seen from the object, in rad unless a name ends in `_deg`. Lengths
+are in mm.
 """
 
 from contactmodel.common.lazy import public_names

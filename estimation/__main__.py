@@ -24,26 +24,27 @@ def run(
         typer.Argument(
             metavar="[RECORDING|DATASET]...",
             help="Tac3D folders, .npz recordings, videos, folders of images, bags (MCAP, ROS 1, "
-            "ROS 2) or data set names; the virtual pivot if none. Pictures "
-            "take their times from a table with columns frame and time_s, if there is one: "
-            "times.csv in the folder, CLIP.csv beside CLIP.avi.",
+            "ROS 2) or data set names; the virtual pivot if none is named. Times of pictures come "
+            "from a table with columns frame and time_s, if there is one: times.csv in the folder "
+            "of images, CLIP.csv beside CLIP.avi.",
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
     topics: Annotated[
         bool,
         typer.Option(
-            "--topics", help="List the topics of bags and the videos of LeRobot sets; run nothing."
+            "--topics",
+            help="Only list the topics of bags and the videos of LeRobot data sets.",
         ),
     ] = False,
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Go on where the same command was cut off before."),
+        typer.Option("--resume", help="Resume the same command after an interruption."),
     ] = False,
 ) -> None:
     """Estimate the object's angle in recordings and write tables, a summary and a report.
 
-    While it runs, every frame adds its row to unfinished/angles.csv in the folder it writes to.
+    During the run, each frame adds a row to unfinished/angles.csv in the output folder.
     """
     from rich.progress import Progress
 
@@ -53,12 +54,12 @@ def run(
 
     if topics:
         for name in recordings or []:
-            for found in list_contents(Path(name)):
-                print(found)
+            for content in list_contents(Path(name)):
+                print(content)
         return
     settings = read_settings(choices, known, constants)
     inputs = open_inputs(recordings or [], settings, say, out if resume else None)
-    as_json = "json" in settings.sink  # then there is nothing else on standard output
+    as_json = "json" in settings.sink  # standard output then carries JSON only
     with Progress(console=errors) as progress:
         outcome = run_all(inputs, out, settings, progress, resume=resume)
     for line in outcome.lines:
@@ -79,20 +80,20 @@ def live(
             metavar="[SOURCE]",
             show_default="the virtual pivot",
             help="A camera (camera:0), a Tac3D sensor whose desktop program sends to a UDP port "
-            "(tac3d:PORT), or a recording as for `run`, which is played.",
+            "(tac3d:PORT), or a recording to play, as for `run`.",
         ),
     ] = "",
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("out"),
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Go on with a camera where the same command was cut off."),
+        typer.Option("--resume", help="Resume the same command on a camera after an interruption."),
     ] = False,
 ) -> None:
-    """Follow a camera, a sensor or a recording that is played, and answer while it goes on.
+    """Estimate angles live from a camera, a sensor or a recording that is played.
 
-    Each frame is a line of comma-separated values on standard output. The source is read beside the
-    answers: who answers too slowly leaves out the oldest frames, and the end says how many. Ctrl-C
-    ends it; then tables, summary and report are made, as by `run`.
+    Each frame prints a line of comma-separated values on standard output. If estimation is slower
+    than the source, the oldest waiting frames are dropped, and their number is printed at the end.
+    Ctrl-C ends the run and writes tables, a summary and a report, as `run` does.
     """
     from estimation.live.command import follow
     from estimation.settings import read_settings
@@ -105,11 +106,11 @@ def live(
 
 @app.command()
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder that a run writes to, or has written to.")],
+    folder: Annotated[Path, typer.Argument(help="Output folder of a run, finished or not.")],
 ) -> None:
-    """Make the tables and reports of a run anew from its record, as far as it has got.
+    """Make the tables and reports of a run again from its record.
 
-    Those of a run that goes on, or was cut off, are written to its folder `unfinished`.
+    Reports of a run that is going on or was interrupted go to `unfinished` in its output folder.
     """
     from estimation.run import report_all
 
@@ -123,7 +124,7 @@ def fetch(
         list[str], typer.Argument(metavar="DATASET...", help=f"{', '.join(datasets.NAMES)}")
     ],
 ) -> None:
-    """Bring published data sets into the cache, unless they are there and intact."""
+    """Download published data sets to the cache, unless it holds them intact."""
     for name in names:
         print(datasets.fetch(name, say=say))
 

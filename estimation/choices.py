@@ -1,4 +1,4 @@
-"""Options of a run, as the command line takes them: plain values with units, and files."""
+"""Options of a run as the command line takes them: plain values with units, and paths."""
 
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
@@ -87,20 +87,21 @@ DEFAULT_ALERT = AlertSettings()
 
 @dataclass(frozen=True)
 class Choices:
-    """Choices of every run, apart from sensor, object and method.
+    """Choices of every run; `Known` describes the sensor and the object.
 
     Attributes:
-        method: method that fills angles.csv; angles_all.csv has those of the other estimators too.
+        method: method whose angles go to angles.csv; angles_all.csv also has the angles of the
+            other estimators.
         keep_withdrawn: keep the angles that were reported while the object may have been sliding
             unnoticed. By default they are moved to the columns withdrawn_… of angles.csv.
         topic: topic of a bag to read, or video of a LeRobot data set. Give it twice for two, such
             as the fingers of a grasp.
         sink: further output for each frame; can be given several times. mcap writes frames.mcap, an
             MCAP file of ROS messages; zarr writes frames.zarr; lerobot writes a LeRobot data set.
-            All three can be run again. rrd writes frames.rrd for Rerun's viewer; rerun opens
-            the viewer and shows every frame as it comes, rerun:PORT or rerun:HOST:PORT shows it
-            in one that is open. json prints a line of JSON for each frame; udp:PORT or
-            udp:HOST:PORT sends the same lines as packets.
+            `run` reads all three. rrd writes frames.rrd for Rerun's viewer; rerun opens the viewer
+            and shows each frame at once; rerun:PORT or rerun:HOST:PORT sends the frames to an open
+            viewer. json prints a line of JSON for each frame; udp:PORT or udp:HOST:PORT sends the
+            same lines as packets.
         seed: random seed of the virtual pivot.
         contact: thresholds of contact and state.
         alert: thresholds of the alerts.
@@ -130,7 +131,7 @@ class RunChoices(Choices):
     """Further choices of a run over recordings.
 
     Attributes:
-        grasp: join two recordings of fingers that hold one object.
+        grasp: compare and join two recordings, of two fingers that hold one object.
         preview: write an annotated video, preview.mp4 (needs the extra `video`).
     """
 
@@ -145,8 +146,8 @@ class LiveChoices:
     Attributes:
         fast: play a recording as fast as its frames are answered, without dropping any. By default
             it plays at its own pace.
-        queue: frames that may wait for their answer. Above, the oldest is dropped and counted.
-            Larger values drop fewer frames and may answer later [frames].
+        queue: largest number of frames that wait for their answer; when there are more, the oldest
+            is dropped and counted. Larger values drop fewer frames and may answer later [frames].
         silent_s: time without a frame after which the source is reported as silent [s].
         window: show picture or markers, angle, state and alert on a page in the browser; its
             address is printed at the start.
@@ -155,7 +156,7 @@ class LiveChoices:
         window_port: port of the page; 0 chooses a free one.
 
     Raises:
-        ValueError: a queue without room, a time that is not above 0, or no port.
+        ValueError: a queue below 1, a time that is not above 0, or a port outside 0 to 65535.
     """
 
     fast: bool = False
@@ -168,7 +169,7 @@ class LiveChoices:
     def __post_init__(self) -> None:
         """Check the ranges."""
         if self.queue < 1:
-            raise ValueError(f"the queue is {self.queue} frames (--queue): it takes 1 or more")
+            raise ValueError(f"the queue is {self.queue} frames (--queue): give 1 or more")
         check_positive("silent_s", self.silent_s)
         if not 0 <= self.window_port < 65536:
             raise ValueError(f"{self.window_port} is no port (--window-port): give 0 to 65535")
@@ -176,7 +177,7 @@ class LiveChoices:
 
 @dataclass(frozen=True)
 class Known:
-    """What the user knows of object and sensor.
+    """Properties of object and sensor that the user knows.
 
     Attributes:
         softness: TOML file with the object's softness, from `calibration softness`.
@@ -186,18 +187,19 @@ class Known:
         dark_dots: whether the dots are darker or brighter than the pad.
         unloaded_frame: number of a frame with nothing on the pad: the number in the picture's name,
             or its count from 0 (source_index in angles.csv).
-        unloaded: picture of the same sensor with nothing on it, as large as the recording's
+        unloaded: picture of the same sensor with nothing on it, of the same size as the recording's
             pictures. It is the reference of markers, light and contact.
-        crop: part of the pictures to read: left column, upper row, width and height. Positions stay
-            those of the whole picture [px].
-        mask: picture as large as the recording's, black where nothing is read: mirrors, frames,
-            covers.
+        crop: part of the pictures to read: left column, upper row, width and height. Positions
+            still count from the corner of the whole picture [px].
+        mask: picture of the same size as the recording's, black over the parts to ignore: mirrors,
+            frames, covers.
         fps: frame rate of a folder of pictures without times.csv [1/s].
         marker: kind of markers: corners, dots or speckle.
         stereo: TOML file of a stereo calibration, for pictures that mirrors split into two views.
         noise_um: standard deviation of a marker's in-plane coordinates. Larger values widen the
             intervals [µm].
-        noise_px: the same for pictures without a scale [px].
+        noise_px: standard deviation of a marker's coordinates in pictures without a scale. Larger
+            values widen the intervals [px].
     """
 
     softness: Path | None = field(default=None, metadata=option("a rigid object"))
@@ -219,16 +221,15 @@ class Known:
 
 
 def _make_constants() -> type:
-    """A dataclass of the constants of all methods, described as the methods describe them."""
-    said: dict[str, str] = {}
+    """A dataclass of the constants of all methods, with the methods' own descriptions."""
+    described: dict[str, str] = {}
     defaults: dict[str, dict[Any, list[str]]] = {}
     for name in METHODS | RIVALS:
         docs = describe_parameters(type(method_settings(name)))
         for constant, value in method_constants(name).items():
-            said.setdefault(constant, docs.get(constant, ""))
-            said[constant] = said[constant] or docs.get(constant, "")
+            described[constant] = described.get(constant) or docs.get(constant, "")
             defaults.setdefault(constant, {}).setdefault(value, []).append(name)
-    made = make_dataclass(
+    constants = make_dataclass(
         "Constants",
         [
             (
@@ -240,18 +241,18 @@ def _make_constants() -> type:
         ],
         frozen=True,
     )
-    lines = [f"    {name}: {text}" for name, text in said.items()]
-    made.__doc__ = "\n".join(["Constants of the chosen method.", "", "Attributes:", *lines])
-    return made
+    lines = [f"    {name}: {text}" for name, text in described.items()]
+    constants.__doc__ = "\n".join(["Constants of the chosen method.", "", "Attributes:", *lines])
+    return constants
 
 
 def _show_defaults(values: dict[Any, list[str]]) -> str:
-    """Defaults of a constant, with the methods that have it."""
+    """Default values of a constant, each with the names of its methods."""
 
     def show(value: Any) -> str:
         return ("off", "on")[value] if isinstance(value, bool) else f"{value:.4g}"
 
-    return "; ".join(f"{show(value)} {', '.join(those)}" for value, those in values.items())
+    return "; ".join(f"{show(value)} {', '.join(methods)}" for value, methods in values.items())
 
 
 Constants = _make_constants()

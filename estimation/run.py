@@ -1,4 +1,4 @@
-"""Run the estimators over recordings and streams and write what they find as they find it."""
+"""Run the estimators over recordings and streams and write their results frame by frame."""
 
 import shutil
 import time
@@ -30,11 +30,11 @@ from estimation.sources import UNFINISHED, Input, identity_of, name_folders
 from estimation.tracking.stream import Sink, Stream, make_trackers
 
 CHECKPOINT_S = 5.0
-"""Longest work that is done again after a run was killed [s]."""
+"""Time between checkpoints; a killed run repeats at most this much work [s]."""
 
 
 class Outcome(NamedTuple):
-    """What to tell the user, and whether the run was interrupted."""
+    """Lines for the terminal, and whether the run was interrupted."""
 
     lines: list[str]
     interrupted: bool
@@ -48,47 +48,47 @@ def run_all(
     sinks: Sequence[Sink] = (),
     resume: bool = False,
 ) -> Outcome:
-    """Run every method over every recording and write what is found, frame by frame.
+    """Run every method over every recording and write the results, frame by frame.
 
-    While a recording is run, `out/unfinished` has `angles.csv`, to which every frame adds its row,
-    and the record that everything else is made from. A run that is killed leaves them whole, and is
-    resumed by `resume`. What is done goes to `out`: one recording to `out` itself, several to
-    a folder each, named after the recording. Ctrl-C ends the run early: what was computed is
-    written, and so labelled.
+    During a recording, `out/unfinished` holds `angles.csv`, to which each frame adds a row, and the
+    record, from which all other files are made. A killed run leaves both intact, and `resume`
+    continues it. Finished results go to `out`: one recording to `out` itself, several to one folder
+    each, named after the recording. Ctrl-C ends the run early; the results so far are written and
+    labelled as interrupted.
 
     Args:
-        inputs: what to run over.
+        inputs: recordings and streams to run over.
         out: folder to write to.
-        settings: of the run.
-        progress: that shows how far it is.
-        sinks: that take the answers beside those of the settings.
-        resume: go on where an earlier run was cut off.
+        settings: settings of the run.
+        progress: display of the progress.
+        sinks: further sinks for the answers, in addition to those of the settings.
+        resume: continue an interrupted run.
 
     Raises:
-        ValueError: a wrong setting, or an unfinished run in the folder that is not resumed.
-        OSError: something cannot be written; what was written before stays.
+        ValueError: a wrong setting, or the folder holds an unfinished run that is not resumed.
+        OSError: a file cannot be written; files written before remain.
     """
     if settings.grasp and len(inputs) != 2:
         raise ValueError(f"a grasp requires the recordings of two fingers, got {len(inputs)}")
     _check_all(inputs, settings)
-    names = name_folders([one.source.name for one in inputs])
+    names = name_folders([item.source.name for item in inputs])
     inner = names if len(inputs) > 1 else [""]
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
     with renew_results(out, "estimation run", lines.append, draft=UNFINISHED) as results:
         _expect_finished(out, inner if resume else [])
-        for one, name, folder in zip(inputs, names, inner, strict=True):
-            job = _Job(one, name, folder, results, settings)
+        for item, name, folder in zip(inputs, names, inner, strict=True):
+            job = _Job(item, name, folder, results, settings)
             interrupted = job.follow(progress, sinks)
             if job.record.is_file():
                 with RecordReader(job.record) as record:
-                    found = find_in_record(record)
-                    summary, told = job.conclude(found)
-                done.append((found, summary))
-                lines += [*told, *(f"  {line}" for line in job.told)]
+                    finished = find_in_record(record)
+                    summary, description = job.conclude(finished)
+                done.append((finished, summary))
+                lines += [*description, *(f"  {note}" for note in job.notes)]
                 results.publish()
             if interrupted:
-                lines.append("interrupted: the frames done so far are written")
+                lines.append("interrupted: the results of the frames so far are written")
                 results.keep_earlier()
                 return Outcome(lines, True)
         if len(done) > 1:
@@ -99,17 +99,17 @@ def run_all(
 
 
 def _check_all(inputs: Sequence[Input], settings: Settings) -> None:
-    """Check what can be checked before anything is computed."""
+    """Check settings, sinks and layouts before the first frame is computed."""
     check_sinks(settings.sink)
     if settings.preview:
         find_encoder()
-    for one in inputs:
-        expect_unit(settings.noise, one.source)
-        make_trackers(one.source.layout, settings, settings.noise)
+    for item in inputs:
+        expect_unit(settings.noise, item.source)
+        make_trackers(item.source.layout, settings, settings.noise)
 
 
 def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
-    """Expect no frames of an unfinished run, but in folders that are resumed."""
+    """Expect no frames of an unfinished run, except in folders that are resumed."""
     folders = [out / UNFINISHED / inner for inner in resumed]
     for place in sorted((out / UNFINISHED).rglob(NAME)):
         if place.parent in folders:
@@ -122,14 +122,14 @@ def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
                 "with the same command and --resume, give another folder (--out), or remove "
                 f"{out / UNFINISHED}"
             )
-        place.unlink()  # of a run that answered nothing
+        place.unlink()  # the record of a run without a frame
 
 
 @dataclass
 class _Job:
     """One recording of a run.
 
-    `inner` is its folder within that of the results, `told` what there is to say of its sinks.
+    `inner` is its folder within that of the results; `notes` are messages of its sinks.
     """
 
     input: Input
@@ -137,44 +137,44 @@ class _Job:
     inner: str
     results: ResultFolder
     settings: Settings
-    told: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def folder(self) -> Path:
-        """That it writes to."""
+        """Folder that the files are written to."""
         return self.results.draft / self.inner
 
     @property
     def shown(self) -> Path:
-        """That what was written is moved to."""
+        """Folder that the finished files are moved to."""
         return self.results.path / self.inner
 
     @property
     def record(self) -> Path:
-        """Of its frames."""
+        """Path of the record of its frames."""
         return self.input.record or self.folder / NAME
 
     def follow(self, progress: Progress, more: Sequence[Sink]) -> bool:
-        """Answer the frames that are not answered yet; whether Ctrl-C came."""
+        """Answer the remaining frames; return whether Ctrl-C interrupted them."""
         if self.input.record is not None:
             return False
         source, settings = self.input.source, self.settings
         stream = Stream(source, settings, self.input.checkpoint)
         rows = stream.follower.row
         self.folder.mkdir(parents=True, exist_ok=True)
-        if rows and not self.record.is_file():  # Ctrl-C ended that run, which put it in its place
+        if rows and not self.record.is_file():  # Ctrl-C ended that run, and its files were moved
             for name in self._files:
                 shutil.copyfile(self.shown / name, self.folder / name)
         with ExitStack() as opened:
             writer = opened.enter_context(closing(self._open_record(rows)))
             table = TableWriter(self.folder / "angles.csv", settings.method, source.unit, rows)
             at = (self.folder, source, settings.method, rows)
-            readers, files = open_sinks(settings.sink, *at, opened, self.told.append)
-            # who waits for an answer comes first, what takes longest to write last
+            readers, files = open_sinks(settings.sink, *at, opened, self.notes.append)
+            # programs that wait for an answer come first, the slowest files last
             sinks = [*readers, writer, opened.enter_context(closing(table)), *more, *files]
-            self._tell_state(writer, stream)
+            self._write_state(writer, stream)
             interrupted = self._answer(stream, writer, sinks, progress)
-            self._tell_state(writer, stream, complete=not interrupted)
+            self._write_state(writer, stream, complete=not interrupted)
         if not stream.done:
             for name in self._files:
                 (self.folder / name).unlink()
@@ -190,19 +190,19 @@ class _Job:
     def _answer(
         self, stream: Stream, writer: RecordWriter, sinks: list[Sink], progress: Progress
     ) -> bool:
-        """Let the sinks have all answers; whether Ctrl-C came."""
+        """Pass all answers to the sinks; return whether Ctrl-C interrupted a recording."""
         total = len(stream.source) if isinstance(stream.source, Sized) else 0
         task = progress.add_task(self.name, total=total or None, completed=stream.follower.row)
-        kept = time.monotonic()
+        saved = time.monotonic()
         try:
             for _ in stream.answers(*sinks):
                 progress.advance(task)
-                if time.monotonic() > kept + CHECKPOINT_S:
-                    self._tell_state(writer, stream)
-                    kept = time.monotonic()
+                if time.monotonic() > saved + CHECKPOINT_S:
+                    self._write_state(writer, stream)
+                    saved = time.monotonic()
         except KeyboardInterrupt:
             writer.cut(stream.done)
-            return not stream.source.live  # which has no other end
+            return not stream.source.live  # Ctrl-C is the regular end of a live source
         return stream.interrupted and not stream.source.live
 
     def _open_record(self, rows: int) -> RecordWriter:
@@ -225,8 +225,8 @@ class _Job:
         )
         return writer
 
-    def _tell_state(self, writer: RecordWriter, stream: Stream, complete: bool = False) -> None:
-        """Keep what is known by now, and what is needed to go on."""
+    def _write_state(self, writer: RecordWriter, stream: Stream, complete: bool = False) -> None:
+        """Write the facts about the run so far, and the checkpoint for resuming it."""
         follower, source, settings = stream.follower, stream.source, self.settings
         noise, row = follower.noise, stream.done
         notes = [*follower.notes, *(f"{n} frames: {flaw}" for flaw, n in follower.flaws.items())]
@@ -259,38 +259,38 @@ class _Job:
         writer.commit()
 
     def conclude(self, run: Run) -> tuple[dict[str, Any], list[str]]:
-        """Write what was found; the summary, and lines for the terminal."""
+        """Write the results; return the summary and lines for the terminal."""
         if self.record.parent == self.shown:
             self.results.keep_earlier(self.inner)
             done = f"{self.name}: already done; see {self.shown / 'report.html'}"
             return summarise(run), [done]
         summary = write_run(run, self.folder)
-        lines = _tell(run, summary, self.shown)
+        lines = _describe_results(run, summary, self.shown)
         if self.settings.preview:
             lines.append(_preview(run, self.folder, self.shown, self.settings))
         return summary, lines
 
 
 def report_all(folder: Path) -> list[str]:
-    """Make the reports of a run anew from its records, as far as it has got.
+    """Make the reports of a run again from its records.
 
-    The reports of a run that goes on, or was cut off, are written to its folder `unfinished`.
-    Results of other runs in folders inside are left alone.
+    Reports of a run that is going on or was interrupted go to its folder `unfinished`. Results of
+    other runs in folders inside are not touched.
 
     Args:
-        folder: that the run writes to.
+        folder: output folder of the run.
 
     Returns:
         Lines for the terminal.
 
     Raises:
-        FileNotFoundError: there is no record in the folder.
+        FileNotFoundError: the folder holds no record.
         ValueError: a record is damaged, or of a later version, or the folder is `unfinished`.
-        OSError: something cannot be written.
+        OSError: a file cannot be written.
     """
     if folder.name == UNFINISHED:
         raise ValueError(
-            f"{folder} belongs to a run: give the folder that the run writes to, {folder.parent}"
+            f"{folder} belongs to a run: give the output folder of the run, {folder.parent}"
         )
     places = [
         place
@@ -298,7 +298,7 @@ def report_all(folder: Path) -> list[str]:
         if not any((up / MANIFEST).exists() for up in place.parents if folder in up.parents)
     ]
     if not places:
-        raise FileNotFoundError(f"{folder} has no {NAME}: give the folder that a run writes to")
+        raise FileNotFoundError(f"{folder} has no {NAME}: give the output folder of a run")
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
     with renew_results(folder, "estimation run", lines.append) as results:
@@ -314,7 +314,7 @@ def report_all(folder: Path) -> list[str]:
                 else:
                     summary = write_run(run, results.draft / inner)
                     done.append((run, summary))
-            lines += _tell(run, summary, place.parent)
+            lines += _describe_results(run, summary, place.parent)
         if len(done) > 1:
             first, more = _put_side_by_side(done, results.draft)
             lines[:0] = first
@@ -327,10 +327,10 @@ def _put_side_by_side(
 ) -> tuple[list[str], list[str]]:
     """Write the angles of several recordings side by side, and two fingers as one grasp.
 
-    Where the fingers cannot be brought together, the report and a line say so.
+    If the fingers cannot be compared, the report and a line give the reason.
 
     Returns:
-        A line that comes before all others, if the fingers disagree; the lines that come last.
+        Lines to print first, if the fingers disagree, and lines to print last.
     """
     if not all(run.settings["grasp"] for run, _ in done) or len(done) != 2:
         write_overview(done, folder)
@@ -357,26 +357,25 @@ def _put_side_by_side(
 
 
 def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
-    """Write the annotated video, where the recording was read from pictures.
+    """Write the annotated video of a recording of pictures; return a line for the terminal.
 
     Args:
-        run: over the recording.
-        folder: to write to.
-        shown: the folder that it is published in.
-        settings: of the run.
+        run: the run over the recording.
+        folder: folder to write to.
+        shown: folder that the video is moved to in the end.
+        settings: settings of the run.
     """
     name = "preview.mp4"
     if not is_pictures(Path(run.source)):
         return f"no preview: {run.name} was not read from pictures"
-    told = settings.images
     try:
-        write_preview(run, told, folder / name)
+        write_preview(run, settings.images, folder / name)
     except ValueError as error:
         return f"no preview: {error}"
     return f"annotated video: {shown / name}"
 
 
-def _tell(run: Run, summary: dict[str, Any], folder: Path) -> list[str]:
+def _describe_results(run: Run, summary: dict[str, Any], folder: Path) -> list[str]:
     """Lines for the terminal."""
     answers = f"{describe_run(run)}; {describe_answers(run.main)}"
     lines = [f"{run.name}: {answers}; see {folder / 'report.html'}"]

@@ -1,4 +1,4 @@
-"""What a run is told: the one settings object of command line, summary and Python."""
+"""Settings of a run, shared by command line, summary and Python."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,12 +17,12 @@ from estimation.softness import RIGID_OBJECT, Softness, read_softness
 
 @dataclass(frozen=True)
 class Settings(RunChoices):
-    """Settings of a run; `Choices` and `RunChoices` describe the others.
+    """Settings of a run; `Choices` and `RunChoices` describe the inherited ones.
 
     Attributes:
-        softness: correction by Eq. (13), for every method.
-        noise: of the markers; estimated from each recording unless given.
-        constants: of the chosen method.
+        softness: correction of all methods' angles by Eq. (13).
+        noise: noise of the markers; estimated from each recording unless given.
+        constants: constants of the chosen method, by name.
         images: properties of the pictures.
 
     Examples:
@@ -39,24 +39,24 @@ class Settings(RunChoices):
 
     @property
     def methods(self) -> dict[str, Mapping[str, Any]]:
-        """All methods that are run, the chosen one first, each with its constants."""
+        """All methods of the run, the chosen one first, each with its constants."""
         others = {name: {} for name in METHODS if name != self.method}
         return {self.method: self.constants} | others
 
 
 def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
-    """The settings of a run, as the command line tells them, with the files read.
+    """Settings of a run from the command line's options, with the named files read.
 
     Args:
-        choices: plain values.
-        known: of object and sensor.
-        constants: of the chosen method, a `Constants`; None for its own.
+        choices: options with plain values.
+        known: properties of object and sensor.
+        constants: constants of the chosen method, a `Constants`; None in it keeps the default.
 
     Raises:
-        ValueError: a wrong value, or a file that does not say what it should.
+        ValueError: a value is out of range, or a file's content is wrong.
         OSError: a file cannot be read.
     """
-    told = {
+    overrides = {
         "mm_per_px": known.mm_per_px,
         "radius": known.dot_radius_px,
         "dark": known.dark_dots,
@@ -64,7 +64,7 @@ def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
     }
     sensor = replace(
         Sensor() if known.sensor is None else read_sensor(known.sensor),
-        **{name: value for name, value in told.items() if value is not None},
+        **{name: value for name, value in overrides.items() if value is not None},
     )
     if known.unloaded is not None and known.unloaded_frame is not None:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Recordings opened by name, and what an earlier run has made of them."""
+"""Recordings opened by name, and the records of earlier runs over them."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
@@ -40,16 +40,17 @@ EXPECTED = (
 
 
 def read_recording(path: str | Path, images: ImageSettings | None = None) -> Recording:
-    """Read the one recording at `path` and inspect it; it is named after its file or folder.
+    """Read the recording at `path`, name it after its file or folder, and inspect it.
 
     Args:
-        path: a folder of Tac3D arrays, an archive of ours, a bag, or pictures of markers.
+        path: a folder of Tac3D arrays, an archive by `write_archive`, a bag, or pictures of
+            markers.
         images: properties of the pictures.
 
     Raises:
-        FileNotFoundError: there is nothing there, or an array is missing.
-        ValueError: no recording, several, or a damaged one.
-        OSError: something there cannot be read.
+        FileNotFoundError: the path does not exist, or an array is missing.
+        ValueError: the path holds no recording, several, or a damaged one.
+        OSError: a file cannot be read.
 
     Examples:
         >>> import numpy as np
@@ -60,21 +61,22 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
         >>> print(f"{recording.name}: {len(recording)} frames, {np.degrees(angle):.1f}° at the end")
         lift: 43 frames, 10.0° at the end
     """
-    found = find_recordings(path)
-    if len(found) > 1:
-        names = ", ".join(one.name for one in found)
-        raise ValueError(f"{path} holds {len(found)} recordings ({names}): name one of them")
-    with naming(found[0]):
-        if is_pictures(found[0]):
-            return inspect_recording(read_images(found[0], images))
-        if split_place(found[0]):
-            source = BagSource(found[0], unloaded=_unloaded_number(images))
+    places = find_recordings(path)
+    if len(places) > 1:
+        names = ", ".join(place.name for place in places)
+        raise ValueError(f"{path} holds {len(places)} recordings ({names}): name one of them")
+    place, (name,) = places[0], name_recordings(places)
+    with naming(place):
+        if is_pictures(place):
+            return inspect_recording(read_images(place, images))
+        if split_place(place):
+            source = BagSource(place, unloaded=_unloaded_number(images))
             return inspect_recording(record_source(source, list(source)))
-        if is_rows(found[0]):
-            source = _open_rows(found[0], name_recordings(found)[0])
+        if is_rows(place):
+            source = _open_rows(place, name)
             return inspect_recording(record_source(source, list(source)))
-        reader = read_tac3d if found[0].is_dir() else read_archive
-        recording = replace(reader(found[0]), name=name_recordings(found)[0])
+        reader = read_tac3d if place.is_dir() else read_archive
+        recording = replace(reader(place), name=name)
         if images is not None:
             warnings = () if images.rate is None else (ignored_rate(images.rate, "the recording"),)
             if unused := ", ".join(images.content()):
@@ -84,7 +86,7 @@ def read_recording(path: str | Path, images: ImageSettings | None = None) -> Rec
 
 
 def _unloaded_number(images: ImageSettings | None) -> int | None:
-    """The number of the unloaded frame, where one was given."""
+    """The number of the unloaded frame, if the settings name one."""
     unloaded = None if images is None else images.unloaded
     return unloaded if isinstance(unloaded, int) else None
 
@@ -92,15 +94,15 @@ def _unloaded_number(images: ImageSettings | None) -> int | None:
 def read_recordings(
     paths: Sequence[Path], images: ImageSettings, say: Callable[[str], None]
 ) -> list[Recording]:
-    """Read recordings, each with a name of its own.
+    """Read recordings and give each a unique name.
 
     Args:
-        paths: of one recording each.
+        paths: one path for each recording.
         images: properties of the pictures.
-        say: told what is assumed about a recording or looks wrong with it.
+        say: receives the warnings of each recording.
 
     Raises:
-        ValueError: a path is of no recording, or of a damaged one.
+        ValueError: a path holds no recording, several, or a damaged one.
         OSError: a file cannot be read.
     """
     recordings = []
@@ -118,18 +120,19 @@ def open_source(
     checkpoint: Checkpoint | None = None,
     feed: Callable[[Iterator[Picture]], Iterator[Picture]] | None = None,
 ) -> Source:
-    """Open the one recording at a path: pictures give their frames as they are read.
+    """Open the recording at a path; pictures are read one by one.
 
     Args:
-        path: a folder of Tac3D arrays, an archive of ours, a bag, or pictures of markers.
+        path: a folder of Tac3D arrays, an archive by `write_archive`, a bag, or pictures of
+            markers.
         images: properties of the pictures.
-        name: of the recording.
-        checkpoint: where an earlier run got to; the frames after it are given.
-        feed: passes pictures on while they come; see `PictureSource`.
+        name: name of the recording.
+        checkpoint: state of an earlier run; the source starts with the frame after it.
+        feed: passes pictures on as they arrive; see `PictureSource`.
 
     Raises:
-        ValueError: no recording, or a damaged one.
-        OSError: it cannot be read.
+        ValueError: the path holds no recording, or a damaged one.
+        OSError: a file cannot be read.
     """
     with naming(path):
         if is_camera(path):
@@ -151,28 +154,27 @@ def open_source(
 
 
 def list_contents(path: Path) -> list[str]:
-    """What can be named as a topic at a path, in a line each: topics of a bag, videos of a LeRobot
-    data set.
+    """The topics of a bag or the videos of a LeRobot data set, one line each.
 
     Raises:
         ImportError: an extra is not installed.
-        ValueError: it is neither, or damaged.
-        OSError: it cannot be read.
+        ValueError: the path holds neither, or a damaged one.
+        OSError: a file cannot be read.
     """
     if not is_lerobot(path):
-        return [one.describe() for one in list_topics(path)]
+        return [topic.describe() for topic in list_topics(path)]
     videos = list_features(path)
-    counts = [len(list_episodes(path, (one,))) for one in videos]
-    return [f"{one}: video ({n} episodes)" for one, n in zip(videos, counts, strict=True)]
+    counts = [len(list_episodes(path, (video,))) for video in videos]
+    return [f"{video}: video ({n} episodes)" for video, n in zip(videos, counts, strict=True)]
 
 
 def is_rows(path: Path) -> bool:
-    """Whether there is a Zarr group at the path, or a LeRobot data set of ours."""
+    """Whether the path holds a Zarr group, or a LeRobot data set that `--sink` wrote."""
     return is_zarr(path) or is_ours(path)
 
 
 def _holds_episodes(path: Path) -> bool:
-    """Whether there is a LeRobot data set of another program at the path."""
+    """Whether the path holds a LeRobot data set of another program."""
     return is_lerobot(path) and not is_ours(path)
 
 
@@ -182,16 +184,16 @@ def _open_rows(path: Path, name: str, skip: int = 0) -> FrameStream:
 
 
 def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
-    """The recordings at `path`: itself, or those in it, in the natural order of their names.
+    """Paths of the recordings at `path` or in its folder, in the natural order of their names.
 
     Args:
-        path: of a recording, a folder of recordings, or a bag.
-        topics: of the bag, or videos of the LeRobot data set; may be omitted if only one can be
-            read.
+        path: a recording, a folder of recordings, or a bag.
+        topics: topics of the bag, or videos of the LeRobot data set; may be omitted if only one can
+            be read.
 
     Raises:
-        FileNotFoundError: there is nothing there.
-        ValueError: there is something else there.
+        FileNotFoundError: the path does not exist.
+        ValueError: the path holds no recording.
         OSError: the folder cannot be read.
 
     Examples:
@@ -233,38 +235,40 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
 def _find_inside(path: Path) -> list[Path]:
     """The recordings in a folder."""
     inside = sorted(path.iterdir(), key=natural_key)
-    found = [
-        one
-        for one in inside
-        if one.suffix == SUFFIX
-        or is_bag(one)
-        or is_rows(one)
-        or is_lerobot(one)
-        or is_pictures(one)
-        or (one.is_dir() and is_tac3d(one))
+    recordings = [
+        entry
+        for entry in inside
+        if entry.suffix == SUFFIX
+        or is_bag(entry)
+        or is_rows(entry)
+        or is_lerobot(entry)
+        or is_pictures(entry)
+        or (entry.is_dir() and is_tac3d(entry))
     ]
-    if not found:
+    if not recordings:
         what = "holds no recording" if inside else "is empty"
-        raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of those")
+        raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of these")
     return [
-        place for one in found for place in (list_episodes(one) if _holds_episodes(one) else [one])
+        place
+        for entry in recordings
+        for place in (list_episodes(entry) if _holds_episodes(entry) else [entry])
     ]
 
 
 UNFINISHED = "unfinished"
-"""The folder, in that of the results, of a run that goes on or was cut off."""
+"""Folder within the output folder that holds a run until it is finished."""
 
 
 class Input(NamedTuple):
-    """What to run over.
+    """An input of a run.
 
     Attributes:
-        source: of the frames.
-        truth: of a virtual recording.
-        checkpoint: where an earlier run got to.
-        record: of an earlier run that has finished this.
-        place: path that the source was opened at; what the source calls it unless given.
-        notes: what else there is to note, in sentences, as known by now.
+        source: source of the frames.
+        truth: true angles and sticking markers of a virtual recording.
+        checkpoint: state of an earlier, interrupted run over this input.
+        record: path of the record of an earlier run that finished this input.
+        place: path that the source was opened at; empty if it is the source's own.
+        notes: returns further notes up to now, in sentences.
     """
 
     source: Source
@@ -278,15 +282,15 @@ class Input(NamedTuple):
 def find_paths(
     names: Sequence[str], say: Callable[[str], None], topics: Sequence[str] = ()
 ) -> list[Path]:
-    """The recordings that were asked for.
+    """Paths of the recordings that the names stand for.
 
     Args:
         names: paths of recordings or names of data sets.
-        say: told what a data set's fetching has to say.
-        topics: of the bags, where they are named.
+        say: receives the messages of a data set's download.
+        topics: topics to read from bags; may be omitted if only one can be read.
 
     Raises:
-        ValueError: what is there is no recording, or a data set cannot be fetched.
+        ValueError: a path holds no recording, or a data set cannot be fetched.
         OSError: a folder cannot be read.
     """
     paths: list[Path] = []
@@ -303,21 +307,21 @@ def open_inputs(
     say: Callable[[str], None],
     resume: Path | None = None,
 ) -> list[Input]:
-    """Open every recording that was asked for, before anything is computed.
+    """Open all recordings of a run before it starts.
 
     Args:
         names: paths of recordings or names of data sets; none for the virtual pivot.
-        settings: of the run.
-        say: told what is assumed about a recording or looks wrong with it.
-        resume: the folder of the run that is resumed.
+        settings: settings of the run.
+        say: receives the warnings of each recording.
+        resume: output folder of the run to resume.
 
     Returns:
-        The recordings, each with a name of its own: that of its file or folder, and as much of what
-        is above it as tells it apart.
+        The recordings, each with a unique name: its file or folder, and as much of the path above
+        as makes the name unique.
 
     Raises:
-        ValueError: what is there is no recording, a data set cannot be fetched, or the earlier run
-            was given another command.
+        ValueError: a path holds no recording, a data set cannot be fetched, or the earlier run had
+            another command.
         OSError: a file cannot be read.
     """
     if not names:
@@ -342,14 +346,14 @@ def open_inputs(
 
 
 def name_folders(names: Sequence[str]) -> list[str]:
-    """The names, numbered where two are the same or one is that of the unfinished run."""
+    """The names, numbered where two are equal or one equals that of the unfinished run's folder."""
     return number_alike([UNFINISHED, *names])[1:]
 
 
 def find_earlier(
     folder: Path | None, inner: str, source: str, settings: Settings
 ) -> tuple[Checkpoint | None, Path | None]:
-    """Where an earlier run over a source got to, or the record of one that has finished."""
+    """The checkpoint of an earlier run over a source, or the record if that run finished."""
     if folder is None:
         return None, None
     for place in (folder / UNFINISHED / inner / NAME, folder / inner / NAME):
@@ -365,17 +369,17 @@ def find_earlier(
 
 
 def identity_of(source: str, settings: Settings) -> dict[str, str]:
-    """What must be the same for a run to be resumed, by name."""
+    """Values, by name, that must be equal for a run to be resumed."""
     split = split_place(Path(source)) if source else None
     clip = find_clip(Path(source))
     path = clip.video if clip else Path(source) if split is None else split[0]
     stamp = hashlib.sha256()
     if source and path.exists() and not is_camera(path):
         files = sorted(path.iterdir()) if path.is_dir() else [path, path.with_suffix(".csv")]
-        for one in filter(Path.exists, files):
-            stamp.update(repr((one.name, one.stat().st_size, one.stat().st_mtime_ns)).encode())
-    told = {name: repr(value) for name, value in vars(settings).items()}
-    return {"source": source, "files": stamp.hexdigest(), "version": __version__} | told
+        for file in filter(Path.exists, files):
+            stamp.update(repr((file.name, file.stat().st_size, file.stat().st_mtime_ns)).encode())
+    choices = {name: repr(value) for name, value in vars(settings).items()}
+    return {"source": source, "files": stamp.hexdigest(), "version": __version__} | choices
 
 
 def _expect_same(then: dict[str, str], now: dict[str, str], place: Path) -> None:

@@ -255,7 +255,7 @@ class RecordReader:
             OSError: it cannot be read.
         """
         if not path.is_file():
-            raise FileNotFoundError(f"{path} does not exist: give the folder that a run writes to")
+            raise FileNotFoundError(f"{path} does not exist: give the output folder of a run")
         self.path = path
         with _telling(path):
             self._database = sqlite3.connect(path)

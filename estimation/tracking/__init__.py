@@ -1,1 +1,1 @@
-"""Follows the angle frame by frame."""
+"""Angle estimates frame by frame."""

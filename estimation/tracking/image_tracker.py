@@ -1,4 +1,4 @@
-"""Run the chosen method over pictures, one at a time."""
+"""Run the chosen method over pictures, one by one."""
 
 from collections import deque
 
@@ -17,16 +17,16 @@ from estimation.tracking.tracker import Tracker, label_frame
 
 
 class ImageTracker:
-    """Estimates the object's angle picture by picture, from the past alone.
+    """Estimates the object's angle picture by picture, causally.
 
-    Markers and reference are learnt from the first usable picture, unless an unloaded one is given
-    in the settings. Where a better reference is found later, the pictures so far are answered anew
-    within, and the next answer counts from it.
+    Markers and their reference come from the first usable picture, unless the settings give an
+    unloaded picture. If a later picture gives a better reference, the tracker re-evaluates the
+    earlier pictures internally, and the next answer is relative to the new reference.
 
     Attributes:
-        settings: of method, noise, softness and pictures.
-        reader: of the markers; None before the first usable picture.
-        tracker: of the angle; None before the first usable picture.
+        settings: method, noise, softness and properties of the pictures.
+        reader: reader of the markers; None before the first usable picture.
+        tracker: tracker of the angle; None before the first usable picture.
 
     Examples:
         >>> import numpy as np
@@ -46,10 +46,10 @@ class ImageTracker:
         """Make a tracker.
 
         Args:
-            settings: as of a run; the defaults unless given.
+            settings: settings as of a run; the defaults if None.
 
         Raises:
-            ValueError: a wrong setting, or an unloaded picture without markers.
+            ValueError: a wrong setting, or no markers in the unloaded picture.
         """
         self.settings = Settings() if settings is None else settings
         self.reader: MarkerReader | None = None
@@ -57,31 +57,31 @@ class ImageTracker:
         self._inspector = LiveInspector()
         self._held: deque[Frame] = deque(maxlen=MOST_HELD)
         self._size: tuple[int, int] | None = None
-        self._given = 0
+        self._count = 0
         images = self.settings.images
         if isinstance(images.unloaded, int):
             raise ValueError(
-                "pictures that are given one by one have no unloaded frame to look up: give the "
-                "unloaded picture itself, ImageSettings(unloaded=read_still(path, …))"
+                "the number of an unloaded frame cannot be used with pictures that come one by "
+                "one: give the unloaded picture, ImageSettings(unloaded=read_still(path, …))"
             )
         if images.unloaded is not None:
             rest = fit_picture(Picture(images.unloaded.image, np.nan, -1), images.part, None)
             self.reader, self._size = make_reader(rest, images), rest.whole
 
     def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:
-        """The answer for the next picture; one that cannot be used is labelled.
+        """The estimate for the next picture; for an unusable picture, the reason instead.
 
         Args:
-            image: grey or BGR, of 8 or 16 bit.
+            image: grey or BGR picture of 8 or 16 bit.
             time: time stamp [s].
 
         Raises:
-            ValueError: that is no picture, or the first usable one shows no markers.
+            ValueError: `image` is not a picture, or the first usable picture shows no markers.
         """
         if not isinstance(image, np.ndarray) or image.ndim not in (2, 3):
             got = image.shape if isinstance(image, np.ndarray) else type(image).__name__
             raise ValueError(f"a picture is expected, an array (h, w) or (h, w, 3), got {got}")
-        images, number, self._given = self.settings.images, self._given, self._given + 1
+        images, number, self._count = self.settings.images, self._count, self._count + 1
         picture = fit_picture(Picture(image, time, number), images.part, self._size)
         self._size = self._size or picture.whole
         if self.reader is None and picture.flaw:
@@ -99,11 +99,17 @@ class ImageTracker:
         return tracker.update(frame)
 
     def _follow(self, layout: MarkerLayout) -> Tracker:
-        """The tracker of a layout; if it is new, after the frames that it may answer."""
+        """The tracker of a layout; a new one has been given the frames held so far."""
         if self.tracker is None or layout is not self.tracker.layout:
-            told = self.settings
-            about = {"noise": told.noise, "softness": told.softness, "contact": told.contact}
-            self.tracker = Tracker(layout, told.method, **about, **told.constants)
+            settings = self.settings
+            self.tracker = Tracker(
+                layout,
+                settings.method,
+                noise=settings.noise,
+                softness=settings.softness,
+                contact=settings.contact,
+                **settings.constants,
+            )
             for frame in self._held:
                 self.tracker.update(frame)
         return self.tracker

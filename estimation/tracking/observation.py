@@ -1,4 +1,4 @@
-"""What one frame shows, found once for every estimator and for the contact's outline."""
+"""Inspection of a frame and measurement of its fields, done once for all estimators."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -17,15 +17,14 @@ from estimation.softness.lifting import displacement_as_seen
 
 
 class Observation(NamedTuple):
-    """What one frame shows.
+    """A frame and the fields measured on it.
 
     Attributes:
-        frame: the frame, as the softness wants to see it.
-        fields: measured on it; None where the frame cannot be used.
-        flaw: why it cannot be used; empty where it can.
+        frame: the frame, with marker positions lifted to the surface if the softness requires it.
+        fields: fields of the frame; None if the frame cannot be used.
+        flaw: reason why the frame cannot be used; empty if it can.
         cut: whether the contact reaches the edge of the view.
-        as_seen: displacement of the markers in the plane, before a softness has lifted it [mm];
-            None where none has.
+        as_seen: in-plane displacement of the markers before lifting [mm]; None without lifting.
     """
 
     frame: Frame
@@ -48,20 +47,21 @@ class Observer:
 
         Args:
             layout: the markers of the sensor.
-            softness: what the object's softness adds to what the markers show.
-            contact: how the contact is told.
+            softness: the object's softness, which may lift marker positions to the surface.
+            contact: thresholds of the contact.
 
         Raises:
             ValueError: too few markers.
         """
         if not isinstance(layout, MarkerLayout):
             raise ValueError(
-                f"a layout is expected, got {type(layout).__name__}: make one of the unloaded "
+                f"a layout is expected, got {type(layout).__name__}: make one from the unloaded "
                 "positions, `layout_markers(reference)`"
             )
         if len(layout.reference) < MIN_STICK_MARKERS:
             raise ValueError(
-                f"{len(layout.reference)} markers; at least {MIN_STICK_MARKERS} are needed"
+                f"{len(layout.reference)} markers in the layout; at least {MIN_STICK_MARKERS} are "
+                "needed"
             )
         self.stencils = make_stencils(layout)
         self.contact = contact
@@ -73,14 +73,12 @@ class Observer:
         """Inspect the next frame and measure its fields.
 
         Raises:
-            ValueError: the frame is not of this layout.
+            ValueError: `frame` is not a frame of this layout.
         """
-        # markers of a contact that is cut by the edge of the view below which too little of it is
-        # seen
-        least_in_view = 12
+        least_in_view = 12  # markers of a contact that the edge of the view cuts
         if not isinstance(frame, Frame):
             raise ValueError(
-                f"a frame is expected, got {type(frame).__name__}: make one with `Frame`, or give "
+                f"a frame is expected, got {type(frame).__name__}: make one with `Frame`, or pass "
                 "the positions to `Tracker.update_positions`"
             )
         if frame.positions.shape[0] != len(self.stencils.reference):
@@ -90,9 +88,9 @@ class Observer:
             )
         if flaw := frame.flaw or self._find_flaw(frame):
             return Observation(frame, None, flaw)
-        told = frame.contact
-        cut = told is not None and reaches_edge(self.stencils.neighbours, told)
-        if told is not None and cut and told.sum() < least_in_view:
+        contact = frame.contact
+        cut = contact is not None and reaches_edge(self.stencils.neighbours, contact)
+        if contact is not None and cut and contact.sum() < least_in_view:
             return Observation(frame, None, "too little of the contact is in view", cut)
         if frame.valid.sum() < MIN_STICK_MARKERS:
             return Observation(frame, None, f"{frame.valid.sum()} usable markers")
@@ -103,7 +101,7 @@ class Observer:
         return Observation(frame, fields, "", cut, as_seen)
 
     def _find_flaw(self, frame: Frame) -> str:
-        """What a frame and the one before it show to be wrong; empty where nothing is."""
+        """A fault of the frame or of its time stamp; empty if there is none."""
         last = self._time
         if not np.isfinite(frame.time):
             return "no time stamp"
@@ -115,7 +113,7 @@ class Observer:
         return ""
 
     def _lift(self, frame: Frame) -> tuple[Frame, Float[np.ndarray, "n 2"] | None]:
-        """The frame that the softness wants to see, and the displacement that the markers show."""
+        """The frame with lifted positions, and the markers' displacement before lifting [mm]."""
         if self._lifting is None:
             return frame, None
         moved = displacement_as_seen(self._layout, frame.positions, frame.valid)

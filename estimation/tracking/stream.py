@@ -1,7 +1,7 @@
-"""Frames answered one after the other: from any source, by every method, into any sink.
+"""Streams: frames of any source, answered one by one by every method, into any sinks.
 
-A folder, a file, a camera and any other source of frames go the same way. What a stream keeps of
-its past is bounded; what it has found goes to its sinks.
+Folders, files, cameras and other sources are handled alike. A stream keeps a bounded part of its
+past; its answers go to the sinks.
 """
 
 import hashlib
@@ -31,27 +31,27 @@ from estimation.slip.shear import Shear
 from estimation.tracking.tracker import Trackers
 
 AHEAD = 96
-"""Frames that are read before the first is answered, for the noise that they show."""
+"""Frames that are read before the first answer, to estimate the noise."""
 AHEAD_LIVE = 24
-"""The same of a source that gives them as they are taken: less than a second at 25 per second."""
+"""Frames that are read from a live source before the first answer: 1 s at 25 frames per second."""
 MOST_HELD = 2000
-"""Frames that are answered anew when a better reference is found after them."""
+"""Largest number of frames that a better reference, found after them, can answer again."""
 
 
 class Answer(NamedTuple):
     """The answers for a frame.
 
     Attributes:
-        row: of the frame, counted from 0.
-        frame: as the source gave it.
-        estimates: by method.
-        axis: direction of the contact's long axis [rad], NaN where refused.
-        sight: the region that sticks, from the motion over the last frames.
+        row: number of the frame, counted from 0.
+        frame: the frame as it came from the source.
+        estimates: estimates by method.
+        axis: direction of the contact's long axis [rad]; NaN if rejected.
+        sight: the stick region, from the motion over the last frames.
         margin: angle and moment that remain before macro slip, by the chosen method.
-        turned: φ of each marker since that method's angle is counted [rad].
-        shear: of the gel, and whether the object slips along it.
-        friction: in use, and its coefficient.
-        alert: when all of the contact will slip, and what a gripper should do.
+        turned: φ of each marker since the frame that the chosen method's angle counts from [rad].
+        shear: shear of the gel, and whether the object slips along it.
+        friction: share of the friction limit in use, and the friction coefficient.
+        alert: predicted time to macro slip, and the level of the alert to a gripper.
         layout: markers, and the reference that the answer is relative to.
 
     Examples:
@@ -80,8 +80,8 @@ def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None)
 
     Args:
         layout: markers and reference.
-        settings: of the run.
-        noise: of the markers, given or found.
+        settings: settings of the run.
+        noise: noise of the markers, given or estimated.
 
     Raises:
         ValueError: a wrong setting, or too few markers.
@@ -97,7 +97,7 @@ def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None)
 
 @runtime_checkable
 class Sink(Protocol):
-    """Whatever takes answers: a table on the disc, a screen, a robot.
+    """A receiver of answers, such as a table, a screen or a robot.
 
     Examples:
         >>> from estimation import Settings, Sink, Stream, simulate_pivot
@@ -117,20 +117,20 @@ class Sink(Protocol):
         ...
 
     def restart(self) -> None:
-        """Forget all answers so far: with a better reference they are given anew."""
+        """Discard all answers so far; they come again, relative to a better reference."""
         ...
 
 
 class Follower:
-    """Answers the frames of one source; it keeps no more of the past than its methods do.
+    """Answers the frames of one source, with no memory beyond that of the methods.
 
     Attributes:
         layout: markers and reference.
-        noise: of the markers.
-        notes: about the noise and the reference, in sentences.
-        row: of the next frame.
-        last: time stamp [s] and number of the last frame that had them.
-        flaws: how many frames could not be used, by the reason.
+        noise: noise of the markers.
+        notes: notes about the noise and the reference, in sentences.
+        row: number of the next frame.
+        last: time stamp [s] and number of the last frame with a time stamp.
+        flaws: number of unusable frames by reason.
     """
 
     def __init__(
@@ -144,9 +144,9 @@ class Follower:
 
         Args:
             layout: markers and reference.
-            settings: of the run.
-            noise: of the markers; without it intervals come from the misfit within each frame.
-            notes: about the noise.
+            settings: settings of the run.
+            noise: noise of the markers; without it, intervals come from the misfit in each frame.
+            notes: notes about the noise.
 
         Raises:
             ValueError: a wrong setting, or too few markers.
@@ -166,32 +166,32 @@ class Follower:
         self._digest = hashlib.sha256(np.ascontiguousarray(layout.reference).tobytes()).digest()
 
     def relay(self, layout: MarkerLayout, why: str = "") -> None:
-        """Go on with another reference.
+        """Continue with another reference.
 
         Args:
-            layout: with that reference.
-            why: what has happened, where the frames so far are not to be answered anew.
+            layout: layout with the new reference.
+            why: reason why earlier frames keep their answers; empty if they are answered again.
         """
         if why:
             self.notes = (
                 *self.notes,
-                f"From frame {self.row} on angles are relative to another reference: {why}.",
+                f"From frame {self.row} on, angles are relative to another reference: {why}.",
             )
         else:
             self.row, self.flaws = 0, Counter()
         self._begin(layout)
 
     def update(self, frame: Frame) -> Answer:
-        """What is known after the next frame.
+        """The answer for the next frame.
 
         Raises:
-            ValueError: the frame is not of this layout.
+            ValueError: `frame` is not a frame of this layout.
         """
         estimates = self.trackers.update(frame)
-        seen = self.trackers.observation
-        assert seen is not None
-        if seen.flaw:
-            self.flaws[seen.flaw] += 1
+        observation = self.trackers.observation
+        assert observation is not None
+        if observation.flaw:
+            self.flaws[observation.flaw] += 1
         if np.isfinite(frame.time):
             self.last = (frame.time, frame.source_index)
         main = estimates[self._settings.method]
@@ -209,7 +209,7 @@ class Follower:
             row=self.row,
             frame=frame,
             estimates=estimates,
-            axis=self._outline.update(seen.fields)[0],
+            axis=self._outline.update(observation.fields)[0],
             sight=sight,
             margin=margin,
             turned=main.rotation - self.trackers.counts[self._settings.method].start,
@@ -225,24 +225,23 @@ class Follower:
 
     @property
     def branch(self) -> Branch | None:
-        """Moment against angle as known in the last frame that had a margin."""
+        """The moment–angle curve of the last frame with a margin."""
         return self._margin.last
 
     @property
     def sha256(self) -> str:
-        """Of what the angles were computed from: reference, positions and validity, in a chain."""
+        """Chained hash of the inputs of the angles: reference, positions and validity."""
         return self._digest.hex()
 
 
 class Checkpoint(NamedTuple):
-    """Where a stream has got to.
+    """State of a stream, from which it can be resumed.
 
     Attributes:
-        follower: that has answered the frames so far.
-        held: frames that a better reference, which may still be found, would answer anew; None
-            where there are too many of them.
-        pictures: what the source has learnt from as many pictures; None of other sources.
-        clock: when that was [s since the epoch].
+        follower: follower that has answered the frames so far.
+        held: frames to answer again if a better reference is found; None if they are too many.
+        pictures: state of a source of pictures after these frames; None for other sources.
+        clock: time of the checkpoint [s since the epoch].
     """
 
     follower: Follower
@@ -252,23 +251,23 @@ class Checkpoint(NamedTuple):
 
     @property
     def row(self) -> int:
-        """Of the next frame."""
+        """Number of the next frame."""
         return self.follower.row
 
     def clock_now(self) -> tuple[float, int]:
-        """Time stamp [s] and number of a frame that is taken now."""
+        """Time stamp [s] and number of a frame taken now."""
         last, number = self.follower.last
         return last + max(time.time() - self.clock, 0.0), number + 1
 
 
 class Stream:
-    """A source that is followed.
+    """Answers of a source, frame by frame.
 
     Attributes:
-        source: of the frames.
-        follower: that answers them.
-        done: frames whose answers have gone to every sink.
-        interrupted: whether Ctrl-C came while it read, answered or looked ahead.
+        source: source of the frames.
+        follower: follower that answers them.
+        done: number of frames whose answers every sink has taken.
+        interrupted: whether Ctrl-C came while frames were read or answered.
 
     Examples:
         >>> from estimation import Settings, Stream, simulate_pivot
@@ -282,12 +281,12 @@ class Stream:
     def __init__(
         self, source: Source, settings: Settings, resumed: Checkpoint | None = None
     ) -> None:
-        """Look ahead, for the noise that the first frames show.
+        """Make a stream; without a given noise, read the first frames to estimate it.
 
         Args:
-            source: of the frames.
-            settings: of the run.
-            resumed: where an earlier stream got to; the source begins with the frame after.
+            source: source of the frames.
+            settings: settings of the run.
+            resumed: state of an earlier stream; the source begins with the frame after it.
 
         Raises:
             ValueError: a wrong setting, a noise in another unit than the lengths, or no frames.
@@ -325,13 +324,13 @@ class Stream:
         return find_noise(record_frames(self.source.layout, self._ahead))
 
     def answers(self, *sinks: Sink) -> Iterator[Answer]:
-        """Answer frame by frame; an answer has gone to every sink before it is given.
+        """Answer frame by frame; every sink takes an answer before it is yielded.
 
         Args:
-            *sinks: that take the answers, in this order.
+            *sinks: receivers of the answers, called in this order.
 
         Raises:
-            ValueError: a frame is not of the source's layout.
+            ValueError: a frame does not have the source's layout.
             OSError: a sink cannot write.
         """
         try:
@@ -340,22 +339,22 @@ class Stream:
                 if self.source.layout is not self.follower.layout:
                     again = self._relay(sinks)
                 self._hold(frame)
-                for one in (*again, frame):
-                    answer = self.follower.update(one)
+                for pending in (*again, frame):
+                    answer = self.follower.update(pending)
                     for sink in sinks:
                         sink.put(answer)
                     self.done = self.follower.row
-                    self._settled = one is frame and not (self._ahead or self.interrupted)
+                    self._settled = pending is frame and not (self._ahead or self.interrupted)
                     yield answer
         except KeyboardInterrupt:
             self.interrupted, self._settled = True, False
             raise
 
     def checkpoint(self) -> bytes:
-        """The state from which a run resumes after the last answer.
+        """The state from which a run resumes after the last answer, as bytes.
 
-        Empty while frames that were read are not answered, and once Ctrl-C has come: a frame may
-        then be half read or half answered.
+        Empty while a frame that was read is not answered yet, and after Ctrl-C, which may leave a
+        frame half read or half answered.
         """
         if not self._settled:
             return b""
@@ -369,7 +368,7 @@ class Stream:
             yield from self._frames
 
     def _relay(self, sinks: tuple[Sink, ...]) -> list[Frame]:
-        """Go on with the source's new reference; the frames that are to be answered anew."""
+        """Continue with the source's new reference; return the frames to answer again."""
         held, self._held = self._held, []
         if held is None or len(held) < self.follower.row:
             self.follower.relay(
@@ -383,11 +382,11 @@ class Stream:
         return self._judge_again(held)
 
     def _judge_again(self, frames: list[Frame]) -> list[Frame]:
-        """Frames that came before a reference was found, judged by it where the source can."""
+        """The frames, inspected again with the new reference if the source can do so."""
         return self.source.judge_again(frames) if isinstance(self.source, PictureSource) else frames
 
     def _hold(self, frame: Frame) -> None:
-        """Keep a frame while a better reference may be found, unless there are too many."""
+        """Keep a frame while a better reference may come, up to `MOST_HELD` frames."""
         if not self.source.provisional:
             self._held = []
         elif self._held is not None and len(self._held) < MOST_HELD:

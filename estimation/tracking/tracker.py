@@ -1,4 +1,4 @@
-"""Run estimators over frames, one at a time or a whole recording."""
+"""Run estimators over single frames or a whole recording."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,18 +27,19 @@ from estimation.tracking.observation import Observation, Observer
 
 
 class Trackers:
-    """Estimates the object's angle by several methods at once, from the past alone.
+    """Estimates the object's angle by several methods at once, causally.
 
-    Each frame is inspected and its fields are measured once, for all methods; methods that fit the
+    Each frame is inspected and its fields are measured once for all methods. Methods that fit the
     same markers with the same settings share the fit.
 
     Attributes:
-        estimators: by method.
-        constants: of each method.
-        counts: by method, from where its angle is counted.
+        estimators: estimators by method.
+        constants: constants by method.
+        counts: by method, the frame that its angle counts from.
         observation: fields and contact of the last frame; None before the first.
-        shear: of the gel in the last frame, and whether the object slips along it.
-        friction: share in use, and coefficient from earlier slips, by the first method.
+        shear: shear of the gel in the last frame, and whether the object slips along it.
+        friction: share of the friction limit in use, and the coefficient from earlier slips, by the
+            first method.
 
     Examples:
         >>> import numpy as np
@@ -65,13 +66,13 @@ class Trackers:
 
         Args:
             layout: the markers of the sensor.
-            methods: some of `METHODS` or `RIVALS`, and the constants of each.
-            noise: of the markers; without it intervals come from the misfit within each frame.
+            methods: names from `METHODS` or `RIVALS`, each with the constants to change.
+            noise: noise of the markers; without it, intervals come from the misfit in each frame.
             softness: correction by Eq. (13).
-            contact: how the contact and its state are told.
+            contact: thresholds of contact and state.
 
         Raises:
-            ValueError: no such method or constant, a value out of range, or too few markers.
+            ValueError: an unknown method or constant, a value out of range, or too few markers.
         """
         self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
         self.softness = softness
@@ -90,42 +91,43 @@ class Trackers:
         self.friction = FrictionWatch()
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
-        """The answers for the next frame, by method.
+        """The estimates for the next frame, by method.
 
-        A frame that cannot be used is labelled and otherwise left out: one with a flaw that its
-        source has found, without a time stamp or with one that is not after the last frame's, with
-        all positions zero, or with too few markers.
+        An unusable frame gets an estimate without an angle that gives the reason, and has no
+        further effect. A frame is unusable if its source flagged it, if its time stamp is missing
+        or not after the last frame's, if all positions are zero, or if it has too few markers.
 
         Raises:
-            ValueError: the frame is not of this layout.
+            ValueError: `frame` is not a frame of this layout.
         """
-        seen = self.observation = self._observer.observe(frame)
-        self.shear = self._follow_shear(seen)
-        if seen.fields is None:
-            # the source knows the contact; the flaw is the angle's
-            told = bool(frame.flaw) or seen.cut
-            state = self.shear.state if told else State.UNKNOWN
-            if frame.flaw:  # what the object prints here says nothing of a grasp yet
+        observation = self.observation = self._observer.observe(frame)
+        self.shear = self._follow_shear(observation)
+        fields = observation.fields
+        if fields is None:
+            # the source detects the contact; only the angle suffers from the flaw
+            by_source = bool(frame.flaw) or observation.cut
+            state = self.shear.state if by_source else State.UNKNOWN
+            if frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
                 self.shear = Shear()
             return {
-                name: label_frame(frame, seen.flaw, since, state)
+                name: label_frame(frame, observation.flaw, since, state)
                 for name, since in self._since.items()
             }
-        points = seen.fields.positions[seen.fields.contact, :2]
+        points = fields.positions[fields.contact, :2]
         self.friction.update(frame.wrench, points)
         estimates = dict[str, Estimate]()
         for name, estimator in self.estimators.items():
-            gel = estimator.update(seen.fields)
-            self._since[name] = self._since[name].update(gel, seen.fields, frame.time)
-            estimates[name] = self._answer(seen, seen.fields, gel, name)
+            gel = estimator.update(fields)
+            self._since[name] = self._since[name].update(gel, fields, frame.time)
+            estimates[name] = self._answer(observation, fields, gel, name)
         if next(iter(estimates.values())).state == State.MACRO_SLIP:
             self.friction.learn()
         return estimates
 
-    def _follow_shear(self, seen: Observation) -> Shear:
-        """The gel's shear, also where too little of the contact is in view for an angle."""
-        frame = seen.frame
-        contact = frame.contact if seen.fields is None else seen.fields.contact
+    def _follow_shear(self, observation: Observation) -> Shear:
+        """The gel's shear, also in frames whose contact is too little in view for an angle."""
+        frame, fields = observation.frame, observation.fields
+        contact = frame.contact if fields is None else fields.contact
         if contact is None or (frame.flaw and not contact.any()):
             return Shear()
         slide = Slide()
@@ -135,13 +137,15 @@ class Trackers:
             )
         return self._shear.update(frame.positions, contact, frame.hold, slide)
 
-    def _answer(self, seen: Observation, fields: Fields, gel: Measurement, method: str) -> Estimate:
-        """An estimate from one method's measurement."""
-        frame, since = seen.frame, self._since[method]
-        state, reason = self._judge(fields, gel, told=frame.contact is not None)
-        if seen.cut:
+    def _answer(
+        self, observation: Observation, fields: Fields, gel: Measurement, method: str
+    ) -> Estimate:
+        """The estimate from one method's measurement."""
+        frame, since = observation.frame, self._since[method]
+        state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
+        if observation.cut:
             reason = reason or "the contact reaches the edge of the view"
-        contact = Contact(fields, frame.normal_force, gel.stick, seen.as_seen)
+        contact = Contact(fields, frame.normal_force, gel.stick, observation.as_seen)
         try:
             softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
         except ValueError as error:
@@ -173,10 +177,16 @@ class Trackers:
             covered=softness.validity.covers(gel.angle, contact),
         )
 
-    def _judge(self, fields: Fields, gel: Measurement, told: bool) -> tuple[State, str]:
-        """State of the contact, and why there is no angle; whether the source told the contact."""
+    def _judge(self, fields: Fields, gel: Measurement, by_source: bool) -> tuple[State, str]:
+        """State of the contact, and the reason for a missing angle.
+
+        Args:
+            fields: fields of the frame.
+            gel: measurement of the gel's rotation.
+            by_source: whether the source detected the contact.
+        """
         if not fields.contact.any():
-            if told:
+            if by_source:
                 return State.NO_CONTACT, "no contact"
             onset = self._observer.contact.onset_mm
             return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
@@ -197,14 +207,15 @@ class Trackers:
 
 
 class Tracker:
-    """Estimates the object's angle frame by frame, from the past alone.
+    """Estimates the object's angle frame by frame, causally.
 
-    Over the frames of a recording its numbers equal those of `estimate_angles` with the same noise.
+    Over the frames of a recording, it gives the same numbers as `estimate_angles` with the same
+    noise.
 
     Attributes:
         layout: the markers of the sensor.
-        estimator: of the method.
-        constants: of the method.
+        estimator: the estimator.
+        constants: constants of the method.
 
     Examples:
         >>> import numpy as np
@@ -232,58 +243,59 @@ class Tracker:
 
         Args:
             layout: the markers of the sensor.
-            method: one of `METHODS` or `RIVALS`.
-            noise: as for `Trackers`, and so the next two.
+            method: name from `METHODS` or `RIVALS`.
+            noise: noise of the markers; without it, intervals come from the misfit in each frame.
             softness: correction by Eq. (13).
-            contact: how the contact and its state are told.
-            **constants: of the method.
+            contact: thresholds of contact and state.
+            **constants: constants of the method to change.
 
         Raises:
-            ValueError: no such method or constant, a value out of range, or too few markers.
+            ValueError: an unknown method or constant, a value out of range, or too few markers.
         """
         self._trackers = Trackers(
             layout, {method: constants}, noise=noise, softness=softness, contact=contact
         )
-        self.layout, self._method, self._given = layout, method, 0
+        self.layout, self._method, self._count = layout, method, 0
         self.estimator = self._trackers.estimators[method]
         self.constants = self._trackers.constants[method]
 
     def update(self, frame: Frame) -> Estimate:
-        """The answer for the next frame; see `Trackers.update`.
+        """The estimate for the next frame; see `Trackers.update`.
 
         Raises:
-            ValueError: the frame is not of this layout.
+            ValueError: `frame` is not a frame of this layout.
         """
         return self._trackers.update(frame)[self._method]
 
     def update_positions(self, positions: Float[np.ndarray, "n d"], time: float) -> Estimate:
-        """The answer for the next frame, from positions of the markers alone.
+        """The estimate for the next frame, from marker positions alone.
 
         Args:
-            positions: of the layout's markers, in its order and unit; NaN where not seen.
+            positions: positions of the layout's markers, in its order and unit; NaN for markers
+                that are not visible.
             time: time stamp [s].
 
         Raises:
-            ValueError: the positions are not of this layout.
+            ValueError: the number of positions differs from that of the layout's markers.
         """
-        seen = np.asarray(np.isfinite(positions).all(axis=-1))
-        number, self._given = self._given, self._given + 1
-        return self.update(Frame(np.asarray(positions, dtype=float), seen, time, number))
+        valid = np.asarray(np.isfinite(positions).all(axis=-1))
+        number, self._count = self._count, self._count + 1
+        return self.update(Frame(np.asarray(positions, dtype=float), valid, time, number))
 
 
 def label_frame(
     frame: Frame, reason: str, since: Since = NO_COUNT, state: State = State.UNKNOWN
 ) -> Estimate:
-    """An estimate without an angle that says why there is none.
+    """An estimate without an angle, with the reason.
 
     Args:
-        frame: that it is of.
-        reason: why.
-        since: what angles of the method count from.
-        state: of the contact, where the source knows it.
+        frame: the frame.
+        reason: reason for the missing angle.
+        since: frame that the method's angles count from.
+        state: state of the contact, if the source detects it.
     """
     none = np.zeros(len(frame.positions), dtype=bool)
-    known = none if state == State.UNKNOWN or frame.contact is None else frame.contact
+    contact = none if state == State.UNKNOWN or frame.contact is None else frame.contact
     return Estimate(
         time=frame.time,
         source_index=frame.source_index,
@@ -296,10 +308,10 @@ def label_frame(
         anew=since.anew,
         moment=frame.moment,
         rotation=np.full(len(none), np.nan),
-        contact=known,
+        contact=contact,
         stick=none,
         stick_markers=0,
-        contact_markers=int(known.sum()),
+        contact_markers=int(contact.sum()),
         gel_low=np.nan,
         gel_high=np.nan,
         stiffness_ratio=0.0,
@@ -319,10 +331,10 @@ def estimate_angles(
 
     Args:
         recording: the recording.
-        method: one of `METHODS` or `RIVALS`.
-        noise: of the markers; estimated from the recording unless given. A recording that is too
-            short for that gets intervals from the misfit within each frame, and a note.
-        **settings: of the `Tracker`.
+        method: name from `METHODS` or `RIVALS`.
+        noise: noise of the markers; estimated from the recording unless given. If the recording is
+            too short for that, intervals come from the misfit in each frame, and a note reports it.
+        **settings: further arguments of `Tracker`.
 
     Raises:
         ValueError: a wrong setting.

@@ -278,7 +278,7 @@ def test_what_cannot_be_followed_is_refused(archive, tmp_path):
         opened(str(tmp_path / "nothing"))
     with pytest.raises(OSError, match="camera:99 cannot be opened"):
         opened("camera:99")
-    with pytest.raises(ValueError, match="takes 1 or more"):
+    with pytest.raises(ValueError, match="give 1 or more"):
         LiveChoices(queue=0)
     refused = CliRunner().invoke(app, ["run", "camera:0", "--out", str(tmp_path / "out")])
     assert "follow it with `python -m estimation live camera:0`" in str(refused.exception)

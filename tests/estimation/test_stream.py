@@ -269,7 +269,7 @@ def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
     (tmp_path / "other").write_bytes(b"no database at all, but long enough to be looked at" * 40)
     with pytest.raises(ValueError, match="no record of a run, or damaged"):
         RecordReader(tmp_path / "other")
-    with pytest.raises(FileNotFoundError, match="give the folder"):
+    with pytest.raises(FileNotFoundError, match="give the output folder"):
         report_all(tmp_path / "nowhere")
 
 
@@ -285,9 +285,9 @@ def test_lines_say_each_frame_once(recording):
 def test_a_record_of_other_settings_is_not_resumed(recording, tmp_path):
     out = tmp_path / "out"
     run_all([Input(recording)], out, SETTINGS, Progress(disable=True))
-    with pytest.raises(FileNotFoundError, match="give the folder that a run"):
+    with pytest.raises(FileNotFoundError, match="give the output folder of a run"):
         report_all(tmp_path)  # whose run this is not
-    with pytest.raises(ValueError, match="give the folder that the run writes to"):
+    with pytest.raises(ValueError, match="give the output folder of the run"):
         report_all(out / "unfinished")
     assert find_earlier(out, "", recording.source, SETTINGS) == (None, out / "record.sqlite")
     with pytest.raises(ValueError, match=r"other files \(method\)"):

@@ -55,7 +55,7 @@ def test_an_unloaded_picture_is_the_reference(tmp_path):
     for i, image in enumerate(others):
         tracker.update(image, i / 30.0)
     np.testing.assert_array_equal(tracker.tracker.layout.reference, rest)
-    with pytest.raises(ValueError, match=r"give the unloaded picture itself"):
+    with pytest.raises(ValueError, match=r"give the unloaded picture, ImageSettings"):
         ImageTracker(settings(unloaded=3))
 
 
