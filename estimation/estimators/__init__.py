@@ -1,4 +1,4 @@
-"""Estimators: from the fields of one frame to the rotation of the elastomer where it sticks."""
+"""Estimators: from the fields of one frame to the rotation of the sticking elastomer."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import asdict, replace
@@ -42,10 +42,10 @@ __all__ = [
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Takes the fields of one frame after the other and says how far the elastomer has turned."""
+    """Measures the elastomer's rotation frame by frame."""
 
     def update(self, fields: Fields) -> Measurement:
-        """Rotation of the elastomer where it sticks, from the fields of the next frame."""
+        """Rotation of the sticking elastomer, from the fields of the next frame."""
         ...
 
 
@@ -66,15 +66,15 @@ RIVALS: dict[str, Callable[..., Estimator]] = {
     "invariantcloud": InvariantCloud,
     "kabsch": Kabsch,
 }
-"""Published rivals by name, made in the same way; they give angles without intervals."""
+"""Published methods of other groups by name, made in the same way; they give no intervals."""
 
 DEFAULT_METHOD = "tracked"
 
 
 def share_fits(estimators: Iterable[Estimator]) -> None:
-    """Let those that fit rigid motions with equal settings do so once for each frame."""
+    """Make estimators that fit rigid motions with equal settings share one fit for each frame."""
     rigids: dict[Hashable, Rigid] = {}
-    for estimator in sorted(estimators, key=lambda one: not isinstance(one, Rigid)):
+    for estimator in sorted(estimators, key=lambda item: not isinstance(item, Rigid)):
         if isinstance(estimator, Tracked):
             estimator = estimator.incremental
         if isinstance(estimator, Rigid):
@@ -85,13 +85,13 @@ def share_fits(estimators: Iterable[Estimator]) -> None:
 
 
 def method_settings(method: str) -> Any:
-    """A method's settings at their defaults, a dataclass; None where it has none.
+    """The default settings of a method, a dataclass; None if it has no settings.
 
     Args:
-        method: one of `METHODS` or `RIVALS`.
+        method: name from `METHODS` or `RIVALS`.
 
     Raises:
-        ValueError: there is no such method.
+        ValueError: an unknown method.
     """
     if method not in METHODS | RIVALS:
         raise ValueError(f"unknown method {method!r}; choose from {', '.join(METHODS | RIVALS)}")
@@ -100,13 +100,13 @@ def method_settings(method: str) -> Any:
 
 
 def method_constants(method: str) -> dict[str, Any]:
-    """The fields of a method's settings at their defaults.
+    """The default values of a method's settings, by name.
 
     Args:
-        method: one of `METHODS` or `RIVALS`.
+        method: name from `METHODS` or `RIVALS`.
 
     Raises:
-        ValueError: there is no such method.
+        ValueError: an unknown method.
     """
     settings = method_settings(method)
     return {} if settings is None else asdict(settings)
@@ -119,17 +119,17 @@ def make_estimator(
     gain: float,
     constants: Mapping[str, Any],
 ) -> Estimator:
-    """An estimator.
+    """Make the estimator of a method.
 
     Args:
-        method: one of `METHODS` or `RIVALS`.
-        stencils: of the layout.
-        noise: of the markers.
-        gain: 1 + k.
-        constants: of the method, where they are not its own.
+        method: name from `METHODS` or `RIVALS`.
+        stencils: stencils of the layout.
+        noise: noise of the markers; None if unknown.
+        gain: 1 + k [-].
+        constants: constants of the method that differ from their defaults.
 
     Raises:
-        ValueError: no such method or constant, or a value out of range.
+        ValueError: an unknown method or constant, or a value out of range.
     """
     make, own = (METHODS | RIVALS)[method], method_constants(method)
     for name in constants:
@@ -138,6 +138,7 @@ def make_estimator(
                 f"{method} has no constant {name!r}; it has {', '.join(sorted(own)) or 'none'}"
             )
     settings = method_settings(method)
-    given = {} if settings is None else {"settings": replace(settings, **constants)}
-    takes_gain = "gain" in signature(make).parameters
-    return make(stencils, noise, **given, **({"gain": gain} if takes_gain else {}))
+    arguments = {} if settings is None else {"settings": replace(settings, **constants)}
+    if "gain" in signature(make).parameters:
+        arguments["gain"] = gain
+    return make(stencils, noise, **arguments)

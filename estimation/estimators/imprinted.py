@@ -1,11 +1,11 @@
-"""The object's turn from what it prints and from the gel that sticks to it, put together.
+"""The object's rotation from its imprint and from the gel that sticks to it.
 
-The imprint is the object's own: its error grows from keyframe to keyframe of the registration, not
-with time. It is read with noise, and may be lost. The gel follows the object from one frame to the
-next to some hundredths of a degree, and stays behind over longer times: it relaxes, and the object
-creeps over it by degrees within seconds, though every marker seems to stick. A filter of one state
-([Kalman1960] R. E. Kalman, "A New Approach to Linear Filtering and Prediction Problems") takes the
-steps from the gel and the place from the imprint.
+The imprint moves with the object. Its error grows with the keyframes of the registration, not with
+time, but each reading is noisy, and the imprint may be lost. The gel follows the object to some
+hundredths of a degree from frame to frame, but lags behind over longer times: the gel relaxes, and
+the object creeps over it by degrees within seconds while every marker seems to stick. A filter
+with one state ([Kalman1960] R. E. Kalman, "A New Approach to Linear Filtering and Prediction
+Problems") takes the steps from the gel and the absolute angle from the imprint.
 """
 
 from typing import NamedTuple
@@ -15,23 +15,24 @@ import numpy as np
 from estimation.estimators.measurement import Z95
 
 READING = np.radians(0.04)
-"""Noise of a registration from one frame to the next, beside the error that it reports [rad]: 0.03°
-in the median of nineteen published clips, 0.01 to 0.13°."""
-CREEP, MOST_CREEP = np.radians(0.06), np.radians(2.0)
-"""How far an object turns over gel that it seems to stick to, in a frame and in all [rad].
+"""Noise of a registration from frame to frame, in addition to the error that it reports [rad].
 
-In half of thirty published clips the root mean square was 0.2° and did not grow with time; in a
-fifth it was beyond 0.5° after 8 frames, 1.1° after 32 and 2° after 64."""
+The median of nineteen published clips was 0.03°, the range 0.01 to 0.13°."""
+CREEP, MOST_CREEP = np.radians(0.06), np.radians(2.0)
+"""Creep of an object over gel that it seems to stick to, per frame and in total [rad].
+
+In half of thirty published clips its root mean square was 0.2° and did not grow with time. In a
+fifth it exceeded 0.5° after 8 frames, 1.1° after 32 and 2° after 64."""
 
 
 class Turn(NamedTuple):
-    """How far the object has turned.
+    """Rotation of the object.
 
     Attributes:
-        angle: since the angle is counted [rad].
-        error: its standard error, of the imprint's drift and of the frame counted from too [rad].
-        apart: how far gel and imprint have parted over this frame where more than their errors
-            explain [rad]; else 0.
+        angle: rotation since the frame that the angle counts from [rad].
+        error: standard error, including the imprint's drift and the error of that frame [rad].
+        apart: difference between the turns of gel and imprint over this frame [rad]; 0 if their
+            errors explain it.
     """
 
     angle: float
@@ -40,16 +41,16 @@ class Turn(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the 95 % interval, which holds imprint and gel where they have just parted."""
+        """Ends of the 95 % interval [rad]; it covers both imprint and gel if they have parted."""
         low, high = self.angle - Z95 * self.error, self.angle + Z95 * self.error
         return min(low, self.angle - self.apart), max(high, self.angle - self.apart)
 
 
 class ImprintedTurn:
-    """Follows the turn of one object while it touches, from the first frame that shows its imprint.
+    """Follows the rotation of an object in contact, from the first frame with its imprint.
 
     Attributes:
-        known: whether the turn is known, from the imprint or from the gel since it was last seen.
+        known: whether the rotation is known, from the imprint or from the gel after it.
     """
 
     def __init__(self) -> None:
@@ -62,14 +63,14 @@ class ImprintedTurn:
     def update(
         self, gel: float, gel_error: float, imprint: tuple[float, float], lasting: bool
     ) -> Turn:
-        """The turn in the next frame.
+        """The rotation in the next frame.
 
         Args:
-            gel: rotation of the object if it sticks to the gel [rad]; NaN where nothing sticks.
-            gel_error: its standard error [rad].
-            imprint: angle and standard error of the imprint [rad]; NaN where it is not seen. An
-                angle of exactly 0 is that of a frame in which it is counted anew.
-            lasting: whether the gel is counted from where it was in the last frame.
+            gel: rotation of the object if it sticks to the gel [rad]; NaN if no marker sticks.
+            gel_error: standard error of that rotation [rad].
+            imprint: angle and standard error of the imprint [rad]; NaN without an imprint. An angle
+                of exactly 0 marks a frame in which the imprint's count restarts.
+            lasting: whether the gel's rotation counts from the same frame as in the last frame.
         """
         self._predict(gel, lasting)
         angle, error = imprint
@@ -86,10 +87,10 @@ class ImprintedTurn:
         return Turn(self._angle, float(spread), apart)
 
     def shift(self, ahead: float) -> Turn:
-        """Go on from where the gel is, in doubt by as much, where it has gone beyond the imprint.
+        """Move the angle from the imprint to the gel, and add the step to its uncertainty.
 
         Args:
-            ahead: how far the gel is beyond it [rad].
+            ahead: rotation of the gel beyond the imprint [rad].
         """
         self._angle += ahead
         self._zero += ahead
@@ -98,7 +99,7 @@ class ImprintedTurn:
         return Turn(self._angle, float(spread))
 
     def _predict(self, gel: float, lasting: bool) -> None:
-        """Turn with the gel; where that is lost anything may have happened."""
+        """Turn with the gel; without it the angle's variance becomes infinite."""
         step = gel - self._gel if lasting else np.nan
         self._unseen += 1
         if np.isfinite(step):
@@ -109,7 +110,7 @@ class ImprintedTurn:
             self._variance = np.inf
 
     def _anchor(self, angle: float, error: float, gel: float, gel_error: float) -> None:
-        """Count the imprint from the angle that is known without it."""
+        """Set the zero of the imprint by the angle known without it."""
         if not (self.known and np.isfinite(self._variance)):
             self._angle = float(np.nan_to_num(gel))
             self._common = float(np.nan_to_num(gel_error)) ** 2
@@ -119,10 +120,8 @@ class ImprintedTurn:
         self._variance = READING**2
 
     def _correct(self, angle: float) -> float:
-        """Move to the imprint's angle, by how well it and the gel are known."""
-        # standard errors by which gel and imprint may differ over one frame before either is
-        # doubted
-        jump = 4.0
+        """Correct the angle by the imprint's; return how far gel and imprint have parted [rad]."""
+        jump = 4.0  # standard errors by which gel and imprint may differ over one frame
         apart = angle - self._angle
         if np.isinf(self._variance):
             self._angle, self._variance = angle, READING**2

@@ -1,13 +1,13 @@
-"""The incremental estimator: what has turned since the oldest frame that the contact remembers.
+"""The incremental estimator: rotation since the oldest frame whose markers still stick.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (12) and (15).
 
 A total angle assumes that a point has stuck since the pad was unloaded. After a reversal or a
-partial slip none may have, though most stick again. Eq. (12) is the rate form of the total: it
-holds for what sticks over any interval. Here the interval runs from a keyframe to now, and the
-keyframe is the oldest whose markers still move as one body with the object: measured so, errors add
-up once per keyframe, not once per frame.
+partial slip there may be no such point, though most markers stick again. Eq. (12) is the rate form
+of the total: it holds for the markers that stick over any interval. Here the interval runs from a
+keyframe to now, and the keyframe is the oldest whose markers still move as one body with the
+object. Errors then add up once per keyframe, not once per frame.
 """
 
 from collections import deque
@@ -29,24 +29,23 @@ from estimation.frames.noise import Noise
 
 @dataclass(frozen=True)
 class IncrementalSettings(RigidSettings):
-    """How the markers that stick are followed; see `RigidSettings` for the rest.
+    """How the markers that stick are followed; `RigidSettings` describes the inherited settings.
 
-    In macro slip the gel hardly moves from one frame to the next and all of it seems to stick; over
-    the mature age it does not. Where many markers stuck in most of the last frames, noise hides
-    them all at once, and slip lets them go one after the other; gel that comes to rest under a
-    sliding object seems to stick all of a sudden.
+    In macro slip the gel hardly moves from frame to frame and all of it seems to stick; over the
+    mature age it does not. Noise hides all sticking markers at once, while slip releases them one
+    by one. Gel that comes to rest under a sliding object seems to stick suddenly.
 
     Attributes:
         keyframe_interval: frames between two keyframes [frames].
         mature_age: frames over which markers must move together to count as sticking, and over
             which gel and outline are compared. More frames report slip later [frames].
-        most_keyframes: number of keyframes to keep [-].
+        most_keyframes: largest number of keyframes in memory [-].
         firm_markers: number of markers still sticking since a keyframe, from which newer keyframes
             are not tried [-].
-        many_markers: number of markers that stuck before, from which a frame without any is first
-            taken for noise and not for slip [-].
-        patience: frames without a sticking marker after which the angle is given up, if many
-            markers stuck before [frames].
+        many_markers: number of sticking markers, from which a next frame without any counts as
+            noise at first, not as slip [-].
+        patience: frames without a sticking marker after which the angle is lost, if many markers
+            stuck before [frames].
     """
 
     keyframe_interval: int = 5
@@ -64,15 +63,15 @@ class IncrementalSettings(RigidSettings):
 
 
 class Keyframe(NamedTuple):
-    """A frame to count from.
+    """A frame from which rotations are counted.
 
     Attributes:
-        fields: of the frame; None for the unloaded shape.
-        number: frames since the tracker began.
-        angle: rotation of the elastomer up to there [rad].
-        error: its standard error [rad].
-        lag_low: how far undetected slip may have kept it above the truth [rad].
-        lag_high: how far undetected slip may have kept it below the truth [rad].
+        fields: fields of the frame; None for the unloaded shape.
+        number: number of the frame since the tracker began.
+        angle: rotation of the elastomer up to this frame [rad].
+        error: standard error of the angle [rad].
+        lag_low: how far undetected slip may have kept the angle above the truth [rad].
+        lag_high: how far undetected slip may have kept the angle below the truth [rad].
     """
 
     fields: Fields | None
@@ -83,7 +82,7 @@ class Keyframe(NamedTuple):
     lag_high: float = 0.0
 
     def advance(self, fields: Fields, number: int, fit: RigidFit) -> "Keyframe":
-        """The keyframe that now is, counted from this one."""
+        """A keyframe at the present frame, counted from this one."""
         return Keyframe(
             fields=fields,
             number=number,
@@ -94,11 +93,11 @@ class Keyframe(NamedTuple):
         )
 
     def agrees(self, other: "Keyframe") -> bool:
-        """Whether the intervals of two angles of one frame have anything in common."""
+        """Whether the intervals of two angles of the same frame overlap."""
         return not (self.high < other.low or other.high < self.low)
 
     def doubt(self, apart: float) -> "Keyframe":
-        """The keyframe, its angle in doubt by what another one's markers have turned beyond it."""
+        """The keyframe with its lags widened to the difference from another keyframe's angle."""
         return self._replace(lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart))
 
     @property
@@ -113,12 +112,12 @@ class Keyframe(NamedTuple):
 
 
 class Increment(NamedTuple):
-    """What has moved as one body since the keyframe that was last counted from.
+    """Motion as one body since the keyframe that the last angle counts from.
 
     Attributes:
-        age: frames since.
-        angle: rotation since [rad].
-        stick: the markers.
+        age: frames since the keyframe.
+        angle: rotation since the keyframe [rad].
+        stick: markers that moved as one body.
     """
 
     age: int
@@ -127,7 +126,7 @@ class Increment(NamedTuple):
 
 
 class Incremental:
-    """Rigid increments of what sticks, from the oldest keyframe that still holds."""
+    """Rigid increments of the sticking markers, from the oldest keyframe that still holds."""
 
     def __init__(
         self,
@@ -138,9 +137,9 @@ class Incremental:
         """Make the estimator.
 
         Args:
-            stencils: of the marker layout.
-            noise: of the markers; without it the misfit of the fit takes its place.
-            settings: how the markers that stick are found and followed.
+            stencils: stencils of the marker layout.
+            noise: noise of the markers; without it, the misfit of the fit is used.
+            settings: how the markers that stick are detected and followed.
         """
         self.settings = settings
         self.rigid = Rigid(stencils, noise, settings)
@@ -148,44 +147,43 @@ class Incremental:
         self.number = 0
         self.increment: Increment | None = None
         self.anew = 0
-        """How often the angle has been counted anew since the object touched."""
+        """Number of restarts of the angle's count since the object touched."""
         self._free = 0  # the last frame without contact
-        self._firm: deque[bool] = deque(
-            maxlen=settings.mature_age
-        )  # whether many stuck, frame by frame
-        self._hidden = 0  # frames passed over just now
+        # whether many markers stuck, frame by frame
+        self._firm: deque[bool] = deque(maxlen=settings.mature_age)
+        self._hidden = 0  # frames skipped just now
         self._slide = UnseenSlide(settings.firm_markers)
 
     def update(self, fields: Fields) -> Measurement:
-        """Rotation of the elastomer where it sticks, and how far the object may have slid on.
+        """Rotation of the sticking elastomer, its interval widened by possible slides.
 
-        See `follow`.
+        See `follow` and `widen`.
         """
         return self.widen(self.follow(fields), np.inf)
 
     def widen(self, gel: Measurement, most: float) -> Measurement:
-        """The interval with how far the object may have slid over gel that rests.
+        """The measurement, its interval widened by how far the object may have slid.
 
         Args:
-            gel: the frame's measurement.
-            most: that it can have slid unseen [rad].
+            gel: measurement of the frame.
+            most: largest slide that can have gone undetected [rad].
         """
-        behind, ahead = (min(one, most) for one in self._slide.extent)
+        behind, ahead = (min(extent, most) for extent in self._slide.extent)
         reason = gel.reason or (RESTS_OR_SLIDES if self.doubtful and most == np.inf else "")
         return gel._replace(low=gel.low - behind, high=gel.high + ahead, reason=reason)
 
     @property
     def doubtful(self) -> bool:
-        """Whether the object may slide over gel that rests, and have slid far."""
+        """Whether the object may be sliding over gel at rest and may have slid far."""
         return self._slide.doubtful
 
     def follow(self, fields: Fields) -> Measurement:
-        """Rotation of the elastomer where it sticks, from the fields of the next frame.
+        """Rotation of the sticking elastomer, from the fields of the next frame.
 
-        A contact that has already slipped when it is first seen is counted from that frame. Once
-        nothing sticks any more the angle is lost until the next contact: gel that stands still may
-        stick again, or the object may slide on over it. Up to two frames in which noise hides what
-        sticks are passed over.
+        A contact that has already slipped in its first frame is counted from that frame. Once no
+        marker sticks, the angle is lost until the next contact: gel at rest may stick again, or the
+        object may slide over it. Up to two frames in which noise hides the sticking markers are
+        skipped.
         """
         self.number += 1
         if not fields.contact.any():
@@ -193,9 +191,9 @@ class Incremental:
             self._free = self.number
             self._firm.clear()
             return Measurement.none(fields.contact)
-        found = self._count_on(fields)
+        counted = self._count_on(fields)
         if (
-            found is None
+            counted is None
             and self._hidden < self.settings.patience
             and 2 * sum(self._firm) > len(self._firm)
         ):
@@ -203,20 +201,20 @@ class Incremental:
             reason = "no marker seems to stick, but a dozen or more did just before"
             return Measurement.none(np.zeros_like(fields.contact), reason, self.anew)
         self._hidden = 0
-        if found is None and self.number - self._free <= self.settings.patience:
-            self.restart()  # what the first frames showed may have been noise
-            found = self._count_on(fields)
-        if found is None and self.keyframes[-1].fields is None:
+        if counted is None and self.number - self._free <= self.settings.patience:
+            self.restart()  # the first frames may have been noise
+            counted = self._count_on(fields)
+        if counted is None and self.keyframes[-1].fields is None:
             error = self.rigid.reading_error(fields)
             start = Keyframe(fields, self.number - self.settings.mature_age, error=error)
             self.keyframes = [start]
             self.anew += 1
             return Measurement(start.angle, start.low, start.high, fields.contact, anew=self.anew)
-        if found is None:
+        if counted is None:
             self._firm.clear()
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
-        now, stick = found
+        now, stick = counted
         self._remember(now)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
@@ -225,14 +223,14 @@ class Incremental:
         return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
 
     def lose(self, fields: Fields) -> None:
-        """Give up the angle: from this frame on only increments are known."""
+        """Lose the angle: from this frame on, only increments are known."""
         self._slide.restart()
         unknown = Keyframe(fields, self.number, angle=np.nan)
         self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
         self._remember(unknown)
 
     def resume(self, fields: Fields, angle: float, error: float) -> None:
-        """Count on from this frame, at an angle that was found otherwise [rad]."""
+        """Continue from this frame with an angle and its error from another source [rad]."""
         self._slide.restart()
         number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
@@ -244,14 +242,14 @@ class Incremental:
         self.anew = 0
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, np.ndarray] | None:
-        """The frame counted from the best mature keyframe, and its markers that stick.
+        """The present keyframe, counted from the best mature one, and the sticking markers.
 
-        The oldest serves while nine markers or more hold on to it; among weaker ones the one that
-        leaves the narrowest interval. What has stuck since an older keyframe has stuck since a
-        newer one too: where their intervals have nothing in common, the newer one was made while
-        all but the older one's markers slipped, and the object has rested since. While the angle
-        is lost it is the newest that serves, which forgets the slip soonest. Those that no longer
-        hold are forgotten.
+        The oldest keyframe is used while nine markers or more still stick since then; otherwise the
+        one with the narrowest interval. Markers that stick since an older keyframe stick since a
+        newer one too. If the two intervals do not overlap, the newer keyframe was made while all
+        markers but these slipped, and the object has rested since. While the angle is lost, the
+        newest keyframe is used, which forgets the slip soonest. Keyframes that no longer hold are
+        removed.
         """
         mature = [
             i for i, k in enumerate(self.keyframes) if self._age(k) >= self.settings.mature_age

@@ -1,4 +1,4 @@
-"""What an estimator says of one frame, before softness is corrected for."""
+"""An estimator's measurement of one frame, before the correction for softness."""
 
 from typing import NamedTuple
 
@@ -10,16 +10,16 @@ Z95 = 1.959964
 
 
 class Measurement(NamedTuple):
-    """Rotation of the elastomer's surface where it sticks.
+    """Rotation of the sticking part of the elastomer's surface.
 
     Attributes:
-        angle: φ [rad], NaN where nothing sticks.
+        angle: φ [rad]; NaN if no marker sticks.
         low: lower end of the 95 % interval [rad].
         high: upper end of the 95 % interval [rad].
         stick: the markers that stick.
-        reason: why there is no angle, where that is not that too few markers stick.
-        anew: how often the angle has been counted anew, from a frame in which it was unknown, since
-            the object touched; 0 where it counts from the unloaded shape.
+        reason: reason for a missing angle; empty if too few markers stick.
+        anew: number of times that the count of the angle was restarted, in a frame in which the
+            angle was unknown, since the object touched; 0 while it counts from the unloaded shape.
     """
 
     angle: float
@@ -31,5 +31,5 @@ class Measurement(NamedTuple):
 
     @classmethod
     def none(cls, stick: Bool[np.ndarray, " n"], reason: str = "", anew: int = 0) -> "Measurement":
-        """No angle: too few markers stick, unless another reason is given."""
+        """A measurement without an angle; an empty reason means that too few markers stick."""
         return cls(np.nan, np.nan, np.nan, stick, reason, anew)

@@ -1,10 +1,10 @@
-"""The paper's own estimator: the mean of φ over the region that Eq. (15) grows.
+"""The paper's estimator: the mean of φ over the region grown by Eq. (15).
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Sections IV-B and V-B.
 
-Eq. (15)'s threshold is printed as "0.4°" although the quantity it bounds has no unit. Both
-readings are offered: 0.4, and 0.4° in radians, which is 0.007 (`paper_strict`).
+The paper prints the threshold of Eq. (15) as "0.4°", although the quantity it bounds has no unit.
+Both readings are available: 0.4 (`paper`), and 0.4° in radians, 0.007 (`paper_strict`).
 """
 
 from collections import deque
@@ -35,10 +35,10 @@ class PaperSettings:
         threshold: largest relative difference of rotation, Δφ_th of Eq. (15), at which a neighbour
             joins the region that sticks. Larger values let slipping markers in [-].
         angle_floor_deg: smallest denominator of Eq. (15) [deg].
-        window_frames: frames of the trailing mean, which restarts with every contact and slip
+        window_frames: length of the trailing mean, which restarts with every contact and slip
             [frames].
-        zero_drift: subtract the mean φ that each marker had while unloaded.
-        min_stick_markers: number of markers below which nothing is taken to stick [-].
+        zero_drift: subtract each marker's mean φ over the unloaded frames.
+        min_stick_markers: fewest markers that count as sticking [-].
 
     Raises:
         ValueError: a value out of range.
@@ -70,8 +70,8 @@ class Paper:
         """Make the estimator.
 
         Args:
-            stencils: of the marker layout.
-            noise: of the markers; without it the scatter of φ over the region takes its place.
+            stencils: stencils of the marker layout.
+            noise: noise of the markers; without it, the scatter of φ over the region is used.
             settings: how the region is grown and averaged.
         """
         self.stencils = stencils
@@ -83,9 +83,9 @@ class Paper:
         self._unloaded = 0
 
     def update(self, fields: Fields) -> Measurement:
-        """Rotation of the elastomer where it sticks, from the fields of the next frame.
+        """Rotation of the sticking elastomer, from the fields of the next frame.
 
-        Frames without contact tell each marker's zero drift: the mean of their φ is taken off.
+        Frames without contact give each marker's zero drift, the mean φ to subtract.
         """
         if not fields.contact.any():
             self._recent.clear()
@@ -106,24 +106,24 @@ class Paper:
         return Measurement(angle, angle - half, angle + half, stick)
 
     def _learn_drift(self, fields: Fields) -> None:
-        seen = np.isfinite(fields.rotation)
+        visible = np.isfinite(fields.rotation)
         self._unloaded += 1
-        self._drift[seen] += (fields.rotation[seen] - self._drift[seen]) / self._unloaded
+        self._drift[visible] += (fields.rotation[visible] - self._drift[visible]) / self._unloaded
 
     def _standard_error(self, fields: Fields, stick: np.ndarray) -> float:
-        """Of the mean φ of one frame, from the marker noise [rad]."""
+        """Standard error of one frame's mean φ, from the marker noise [rad]."""
         if self.noise is None:
             return float(fields.rotation[stick].std(ddof=1) / np.sqrt(stick.sum()))
-        seen = np.isfinite(fields.positions[:, 0])
+        visible = np.isfinite(fields.positions[:, 0])
         return self.noise.in_plane * float(
-            np.linalg.norm(rotation_sensitivity(self.stencils, stick, seen))
+            np.linalg.norm(rotation_sensitivity(self.stencils, stick, visible))
         )
 
     def _windowed_error(self) -> float:
-        """Of the mean over the window, frames correlated as their noise is [rad]."""
+        """Standard error of the window's mean, for frames correlated like their noise [rad]."""
         errors = np.array([error for _, error in self._recent])
         correlation = (1.0,) if self.noise is None else (1.0, *self.noise.correlation)
         lag = np.abs(np.subtract.outer(np.arange(len(errors)), np.arange(len(errors))))
-        known = np.nan_to_num(np.array([*correlation, 0.0]), nan=1.0)
-        shared = known[np.minimum(lag, len(correlation))]
+        by_lag = np.nan_to_num(np.array([*correlation, 0.0]), nan=1.0)
+        shared = by_lag[np.minimum(lag, len(correlation))]
         return float(np.sqrt(errors @ shared @ errors) / len(errors))

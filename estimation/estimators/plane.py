@@ -1,4 +1,4 @@
-"""Motions of the contact's tangent plane: markers laid into it, and least-squares fits.
+"""Motions in the contact's tangent plane: projection of markers and least-squares fits.
 
 [Kabsch1976] W. Kabsch, "A solution for the best rotation to relate two sets of vectors".
 """
@@ -13,10 +13,10 @@ from estimation.fields.stencils import Stencils, cross
 
 
 class Motion(NamedTuple):
-    """A motion of the plane: by the complex number `turn` about `origin`, on to `image`.
+    """A motion of the plane: multiplication by `turn` about `origin`, which moves to `image`.
 
-    The size of `turn` lets the surface shrink evenly, as it does under pressure unless ν = ½; in
-    least squares that leaves the angle what it is.
+    The modulus of `turn` is an even stretch, which pressure causes unless ν = ½. In least squares
+    it does not change the angle.
     """
 
     turn: complex
@@ -26,7 +26,7 @@ class Motion(NamedTuple):
     def residual(
         self, before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]
     ) -> Complex[np.ndarray, " m"]:
-        """What the motion leaves unexplained [mm]."""
+        """Observed positions less those of the motion [mm]."""
         return after - self.image - self.turn * (before - self.origin)
 
 
@@ -50,15 +50,15 @@ def in_contact_plane(
     markers: Bool[np.ndarray, " n"],
     since: Fields | None = None,
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-    """Every marker's position in the tangent plane of some, before and now, as x + iy [mm].
+    """Positions of all markers in the tangent plane, before and now, as x + iy [mm].
 
-    The plane's own tilt, from the mean normals before and now, is taken back.
+    The tilt of the plane, from the mean normals before and now, is removed.
 
     Args:
-        stencils: of the layout.
-        fields: of the frame.
-        markers: those whose plane it is, at least one.
-        since: an earlier frame in the place of the unloaded shape.
+        stencils: stencils of the layout.
+        fields: fields of the frame.
+        markers: markers that define the plane, at least one.
+        since: fields of an earlier frame, used instead of the unloaded shape.
     """
     positions = stencils.reference if since is None else since.positions
     basis = basis_now = np.eye(2, 3)

@@ -1,4 +1,4 @@
-"""What an estimator found: per frame the state of the contact and the object's angle."""
+"""Results of an estimator: state of the contact and angle of the object in each frame."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -12,24 +12,24 @@ TOO_FEW_STICK = "too few markers stick"
 UNSEEN_TURN = "holds again after an unobserved rotation"
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
 UNTOLD_TURN = "holds, but too few markers move as one body to give an angle"
-"""Reasons why an angle is missing, or in doubt, that more than one place gives."""
+"""Reasons for a missing or uncertain angle that several modules give."""
 
 
 class State(StrEnum):
     """State of the contact in a frame.
 
-    `no_contact`: the stick centre has moved by less than the onset. `stick`: at least the share
-    `stick_share` of the contact region's markers stick. `incipient`: fewer, but at least three.
-    `macro_slip`: fewer than three; frame by frame it is seen some frames late (3 in the median of
-    round virtual pivots, up to 9 in 95 %), since the last markers slip alike, and only
-    `estimation.slip.lookback` dates it, looking back. `unknown`: the frame cannot be
-    used, or the markers that seem to stick do not move together as one rigid body; the reason says
-    which.
+    - `no_contact`: the stick centre has moved by less than the onset.
+    - `stick`: at least the share `stick_share` of the contact region's markers stick.
+    - `incipient`: fewer markers stick, but at least three.
+    - `macro_slip`: fewer than three markers stick. Frame by frame it is detected some frames late
+      (median 3 on round virtual pivots, up to 9 in 95 % of them), since the last markers slip
+      alike; `estimation.slip.lookback` dates it afterwards.
+    - `unknown`: the frame cannot be used, or the markers that seem to stick do not move as one
+      rigid body. The reason distinguishes the two.
 
-    Where pictures show what the object prints on the gel, the print comes first
-    (`estimation.slip.shear`): `stick` where nine tenths of it have stayed on the gel lately,
-    `macro_slip` where it goes over the gel, in shear, twist or both, and at most `incipient` where
-    it does not.
+    If pictures show the object's print on the gel, the print decides (`estimation.slip.shear`):
+    `stick` if nine tenths of it have stayed on the gel lately, `macro_slip` if it moves over the
+    gel in shear, twist or both, and at most `incipient` otherwise.
 
     Examples:
         >>> from estimation import State, estimate_angles, simulate_pivot
@@ -47,26 +47,26 @@ class State(StrEnum):
 
 
 def show_plain(values: Iterable[Any]) -> list[str]:
-    """A table's cells of whole numbers or words."""
+    """Table cells of whole numbers or words."""
     return [str(value) for value in values]
 
 
 def show_numbers(values: Iterable[float]) -> list[str]:
-    """A table's cells of numbers; 0 has no sign."""
+    """Table cells of numbers with six decimals; 0 has no sign."""
     return [f"{value:z.6f}" for value in np.asarray(values).tolist()]
 
 
 def show_degrees(values: Iterable[float]) -> list[str]:
-    """A table's cells of angles [rad]."""
+    """Table cells in degrees of angles in rad."""
     return show_numbers(np.degrees(np.asarray(values)))
 
 
 class Column(NamedTuple):
-    """How a quantity of each frame is handled beside its values.
+    """How tables show a quantity of each frame.
 
     Attributes:
-        name: of its column in tables, with the unit; empty where it has none.
-        show: its cells in frames, from its values in them.
+        name: name of its column, with the unit; empty if it has no column.
+        show: formats its values as table cells.
         answer: whether it is withdrawn with the frame's answer.
     """
 
@@ -78,7 +78,7 @@ class Column(NamedTuple):
 def per_frame(
     name: str = "", show: Callable[[Iterable[Any]], list[str]] = show_plain, *, answer: bool = False
 ) -> dict[str, Column]:
-    """Metadata of a dataclass field that has a value in each frame; arguments as of `Column`."""
+    """Metadata of a dataclass field with a value in each frame; the arguments of `Column`."""
     return {"column": Column(name, show, answer)}
 
 
@@ -94,32 +94,33 @@ Kept = TypeVar("Kept", bound="Track")
 
 @dataclass(frozen=True, kw_only=True)
 class Record(Generic[Number, Whole, Flag, Label, Text]):
-    """What is known of a frame, or of each of several: the one declaration of these quantities.
+    """Quantities of one frame, or of several.
 
-    Batches, tables, the record of a stream and withdrawn answers follow from it; its kinds of
-    values are one frame's in an `Estimate` and arrays or tuples over frames in a `Track`.
+    This is their only declaration: batches, tables, the record of a stream and withdrawn answers
+    follow from it. Values are those of one frame in an `Estimate`, and arrays or tuples over frames
+    in a `Track`.
 
     Attributes:
         time: time stamp [s].
-        source_index: number the source gave the frame.
+        source_index: number of the frame in its source.
         state: state of the contact.
-        reason: why there is no angle, or what speaks against the one there is; mostly empty.
-        angle: the object's angle [rad, counter-clockwise]; NaN where unknown.
+        reason: reason for a missing or uncertain angle; mostly empty.
+        angle: the object's angle [rad, counter-clockwise]; NaN if unknown.
         low: lower end of its 95 % interval [rad].
         high: upper end of its 95 % interval [rad].
-        since: time stamp of the frame that the angle counts from: the last one without contact, or
-            the one in which it was counted anew; NaN in a recording that starts in contact, whose
-            angles count from the unloaded shape [s].
-        anew: how often the angle has been counted anew since the object touched.
-        stick_markers: how many markers stick.
-        contact_markers: how many markers the contact region has.
-        moment: moment about the contact normal [N·mm]; NaN where unknown.
-        gel_low: φ of the gel that has turned furthest clockwise since the angle is counted [rad];
-            NaN where too few markers tell.
-        gel_high: of that which has turned furthest the other way [rad].
-        stiffness_ratio: k that the angle was corrected with [-].
-        load_term: L that it was corrected with [rad].
-        covered: whether the softness holds for a contact like this one.
+        since: time stamp of the frame that the angle counts from [s]: the last frame without
+            contact, or the frame in which the count restarted. NaN in a recording that starts in
+            contact, whose angles count from the unloaded shape.
+        anew: number of restarts of the angle's count since the object touched.
+        stick_markers: number of markers that stick.
+        contact_markers: number of markers in the contact region.
+        moment: moment about the contact normal [N·mm]; NaN if unknown.
+        gel_low: φ of the gel that has turned furthest clockwise since the frame that the angle
+            counts from [rad]; NaN with too few markers.
+        gel_high: φ of the gel that has turned furthest counter-clockwise [rad].
+        stiffness_ratio: k of the angle's softness correction [-].
+        load_term: L of the angle's softness correction [rad].
+        covered: whether the softness is valid for this contact.
     """
 
     time: Number = field(metadata=per_frame("time_s", show_numbers))
@@ -143,16 +144,18 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
     @classmethod
     def columns(cls) -> dict[str, Column]:
         """The quantities that have a value in each frame, by name."""
-        return {one.name: one.metadata["column"] for one in fields(cls) if "column" in one.metadata}
+        return {
+            item.name: item.metadata["column"] for item in fields(cls) if "column" in item.metadata
+        }
 
     def quantities(self) -> dict[str, Any]:
-        """Their values, by name."""
+        """The values of the quantities that have a value in each frame, by name."""
         return {name: getattr(self, name) for name in self.columns()}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Markers(Generic[Values, Mask]):
-    """What is known of each marker beside a `Record`; too large to keep of a long stream.
+    """Quantities of each marker; a long stream does not keep them.
 
     Attributes:
         stick: markers that stick.
@@ -169,7 +172,7 @@ class Markers(Generic[Values, Mask]):
 class Estimate(
     Markers[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]], Record[float, int, bool, State, str]
 ):
-    """The answer for a frame: state, angle with its interval, markers; see `Record`.
+    """The estimate for a frame: state, angle with its interval, markers; see `Record`.
 
     Examples:
         >>> import numpy as np
@@ -195,10 +198,9 @@ _OverFrames = Record[
 
 @dataclass(frozen=True, kw_only=True)
 class Withdrawn(_OverFrames):
-    """Answers that were given frame by frame and withdrawn once the whole recording was known.
+    """Answers given frame by frame and withdrawn once the whole recording was known.
 
-    In frames in which nothing was withdrawn there is no answer: the state is None, numbers are NaN
-    and no markers stick.
+    Frames without a withdrawn answer have state None, NaN for numbers, and no sticking markers.
     """
 
     @property
@@ -209,16 +211,16 @@ class Withdrawn(_OverFrames):
 
 @dataclass(frozen=True, kw_only=True)
 class Track(_OverFrames):
-    """What is kept of the estimates of a recording or stream; see `Record` for the quantities.
+    """Estimates of a recording or stream, without single markers; see `Record` for quantities.
 
     Attributes:
         method: name of the estimator.
-        notes: remarks for readers of the angles, in sentences.
-        withdrawn: answers that the whole recording speaks against; None where it was not asked
+        notes: notes about the angles, in sentences.
+        withdrawn: answers withdrawn in view of the whole recording; None before that check
             (`estimation.slip.lookback`).
 
     Raises:
-        ValueError: the quantities are not all of equally many frames.
+        ValueError: the quantities differ in their number of frames.
 
     Examples:
         >>> import numpy as np
@@ -235,17 +237,17 @@ class Track(_OverFrames):
     withdrawn: Withdrawn | None = None
 
     def __post_init__(self) -> None:
-        """Check that every frame has every quantity."""
+        """Check that all quantities have the same number of frames."""
         for name, values in self.quantities().items():
             if len(values) != len(self.time):
-                raise ValueError(f"`{name}` is of {len(values)} frames, `time` of {len(self.time)}")
+                raise ValueError(f"`{name}` has {len(values)} frames, `time` {len(self.time)}")
 
     @classmethod
     def gather(
         cls: type[Kept], method: str, estimates: Sequence[Estimate], notes: tuple[str, ...] = ()
     ) -> Kept:
-        """Put together the estimates of one recording, at least one."""
-        columns = {name: [getattr(one, name) for one in estimates] for name in cls.columns()}
+        """Join the estimates of a recording's frames, at least one."""
+        columns = {name: [getattr(item, name) for item in estimates] for name in cls.columns()}
         batch: dict[str, Any] = {
             name: tuple(values) if isinstance(values[0], str) else np.array(values)
             for name, values in columns.items()
@@ -253,7 +255,7 @@ class Track(_OverFrames):
         return cls(method=method, notes=notes, **batch)
 
     def take(self: Kept, rows: slice) -> Kept:
-        """The result of some of the frames."""
+        """The result for a slice of the frames."""
         withdrawn = self.withdrawn
         if withdrawn is not None:
             withdrawn = replace(withdrawn, **_take(withdrawn, rows))
@@ -265,7 +267,7 @@ class Track(_OverFrames):
         return np.isfinite(self.angle)
 
     def without(self, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:
-        """What makes up an answer, by name, with nothing in some of the frames."""
+        """The quantities of an answer, by name, blank in the given frames."""
         return {
             name: _blank(getattr(self, name), rows)
             for name, column in self.columns().items()
@@ -294,9 +296,9 @@ def _take(record: Track | Withdrawn, rows: slice) -> dict[str, Any]:
 
 
 def _blank(values: Any, rows: Bool[np.ndarray, " frames"]) -> Any:
-    """Values over frames with None, NaN, False or 0 in some of them."""
+    """Values over frames, with None, NaN, False or 0 in the given rows."""
     if isinstance(values, tuple):
-        return tuple(None if gone else one for one, gone in zip(values, rows, strict=True))
+        return tuple(None if gone else value for value, gone in zip(values, rows, strict=True))
     blank = values.copy()
     blank[rows] = np.nan if values.dtype.kind == "f" else 0
     return blank

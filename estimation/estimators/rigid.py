@@ -1,4 +1,4 @@
-"""The rigid estimator: Eq. (15) segments, a robust rigid fit of the segment estimates.
+"""The rigid estimator: Eq. (15) gives a segment, and a robust rigid fit of it gives the angle.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) for the segment.
@@ -6,9 +6,9 @@ Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) for the segment.
 fit; [Beaton1974] A. E. Beaton, J. W. Tukey, "The fitting of power series, meaning polynomials,
 illustrated on band-spectroscopic data", for the weights.
 
-Markers that stick to one object move as one rigid body. The mean of φ over a segment reaches, by
-its difference stencils, into the markers that slip beside it; a fit of the positions does not, and
-it uses the segment's whole lever arm.
+Markers that stick to one object move as one rigid body. The difference stencils of a mean φ reach
+beyond the segment into slipping markers. A fit of the positions does not, and it uses the whole
+lever arm of the segment.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ from estimation.fields.stick import (
 from estimation.frames.noise import Noise
 
 CORE_MARKERS = 9
-"""Markers about the stick centre with which a fit begins: three rows of three."""
+"""Number of markers about the stick centre from which a fit starts: three rows of three."""
 BIWEIGHT_CUT = 5.0
 # Standard error over that of an unweighted fit, times the square root of the mean weight: two
 # normal coordinates and a cut at 5 standard deviations (quadrature; tested).
@@ -42,18 +42,18 @@ BIWEIGHT_ERROR = 0.950
 class RigidSettings:
     """Thresholds for markers that stick.
 
-    At a threshold of 0.2 the segment stays inside the stick region; at the paper's 0.4 it takes in
-    markers whose slip hides in the noise. Slip within a few markers shows as strain; those that
-    stick to an object strain with the gel by some tenths of a percent.
+    At a threshold of 0.2 the segment stays inside the stick region; at the paper's 0.4 it includes
+    markers whose slip is hidden by noise. Slip within a few markers shows as strain. Markers that
+    stick strain with the gel by some tenths of a percent.
 
     Attributes:
         threshold: largest relative difference of rotation, Δφ_th of Eq. (15), at which a neighbour
             joins the region that sticks. Larger values let slipping markers in [-].
-        angle_floor_deg: smallest denominator of Eq. (15). It is raised until the threshold equals
-            three standard errors of φ, where the noise requires it [deg].
+        angle_floor_deg: smallest denominator of Eq. (15). If the noise requires it, it is raised
+            until the threshold equals three standard errors of φ [deg].
         max_strain: misfit of the rigid fit over the size of the region, above which the markers do
             not move as one body [-].
-        min_stick_markers: number of markers below which nothing is taken to stick [-].
+        min_stick_markers: fewest markers that count as sticking [-].
 
     Raises:
         ValueError: a value out of range.
@@ -72,7 +72,7 @@ class RigidSettings:
 
 
 class Rigid:
-    """Robust rigid fit of the segment that Eq. (15) grows."""
+    """Robust rigid fit of the segment grown by Eq. (15)."""
 
     def __init__(
         self,
@@ -83,9 +83,9 @@ class Rigid:
         """Make the estimator.
 
         Args:
-            stencils: of the marker layout.
-            noise: of the markers; without it the misfit of the fit takes its place.
-            settings: how the markers that stick are found.
+            stencils: stencils of the marker layout.
+            noise: noise of the markers; without it, the misfit of the fit is used.
+            settings: thresholds for markers that stick.
         """
         self.stencils = stencils
         self.settings = settings
@@ -99,12 +99,12 @@ class Rigid:
 
     @property
     def key(self) -> tuple[float | int, ...]:
-        """What its fits depend on beside the fields."""
+        """The values, apart from the fields, that determine its fits."""
         own = self.settings
         return (self.noise_mm, own.threshold, self.floor, own.max_strain, own.min_stick_markers)
 
     def update(self, fields: Fields) -> Measurement:
-        """Rotation of the elastomer where it sticks, from the fields of the next frame."""
+        """Rotation of the sticking elastomer, from the fields of the next frame."""
         if not fields.contact.any():
             return Measurement.none(fields.contact)
         nothing = np.zeros_like(fields.contact)
@@ -124,9 +124,14 @@ class Rigid:
         )
 
     def fit(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
-        """Rotation of what has stuck since an earlier frame, or since the pad was unloaded.
+        """Rotation of the markers that have stuck since an earlier frame.
 
-        None where too few markers have moved as one body.
+        Args:
+            fields: fields of the frame.
+            since: fields of the earlier frame; None for the unloaded shape.
+
+        Returns:
+            None if too few markers have moved as one body.
         """
         fit = self._fit_segment(fields, since)
         return fit if fit is not None and fit.strain <= self.settings.max_strain else None
@@ -134,7 +139,7 @@ class Rigid:
     def reading_error(self, fields: Fields) -> float:
         """Standard error of the orientation of a frame's contact, from the marker noise [rad].
 
-        Unknown noise counts as a thousandth of the distance between markers.
+        If the noise is unknown, it is taken as a thousandth of the distance between markers.
         """
         points = fields.positions[fields.contact]
         arms = np.linalg.norm(points - points.mean(axis=0), axis=1)
@@ -143,9 +148,9 @@ class Rigid:
         return noise / max(float(np.sqrt(arms @ arms)), float(pitch))
 
     def _fit_segment(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
-        """The fit of what Eq. (15) keeps, however much it strains; None for too few markers.
+        """The fit of the segment of Eq. (15), whatever its strain; None for too few markers.
 
-        Fits of the last fields are kept: several estimators may ask for them.
+        Fits of the last fields are cached, since several estimators share them.
         """
         if fields is not self._fields:
             self._fields, self._fits = fields, []
@@ -185,11 +190,12 @@ class RigidFit(NamedTuple):
 
     Attributes:
         angle: rotation [rad].
-        standard_error: of the angle, from the marker noise or, where larger, the misfit [rad].
-        lag: how far the true angle may lie beyond, and to which side, because of slip too small
-            to be seen [rad].
-        stick: the markers that move with it.
-        scale: noise or misfit per coordinate that the fit has worked with [mm].
+        standard_error: standard error of the angle, from the marker noise or the misfit, whichever
+            is larger [rad].
+        lag: largest difference of the true angle from `angle`, with its sign, that undetected slip
+            can cause [rad].
+        stick: the markers that move with the rotation.
+        scale: noise or misfit per coordinate that the fit used [mm].
         strain: misfit beyond the noise over the markers' distance from their centre [-].
     """
 
@@ -210,16 +216,16 @@ def fit_rigid_rotation(
 ) -> RigidFit:
     """Robust rigid fit of a segment in the contact's tangent plane.
 
-    The plane's own tilt, from the mean normals before and now, is taken back first; the in-plane
-    motion, a rigid one up to an even stretch, is then fitted by iteratively reweighted least
-    squares ([Kabsch1976], [Beaton1974]), started from the markers nearest the stick centre.
+    The tilt of the plane, from the mean normals before and now, is removed first. Iteratively
+    reweighted least squares ([Kabsch1976], [Beaton1974]), started from the markers nearest the
+    stick centre, then fit the in-plane motion, which is rigid up to an even stretch.
 
     Args:
-        stencils: of the layout.
-        fields: of the frame.
-        segment: markers to fit, at least three, the stick centre one of them.
-        noise_mm: noise per in-plane coordinate and frame [mm]; 0 where unknown.
-        since: an earlier frame to count the rotation from; else the unloaded shape.
+        stencils: stencils of the layout.
+        fields: fields of the frame.
+        segment: markers to fit, at least three, including the stick centre.
+        noise_mm: noise per in-plane coordinate and frame [mm]; 0 if unknown.
+        since: fields of the frame that the rotation counts from; None for the unloaded shape.
     """
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
@@ -228,7 +234,7 @@ def fit_rigid_rotation(
     weights = (distance <= np.sort(distance)[:CORE_MARKERS][-1]).astype(float)
     motion = fit_motion(x, y, weights)
     scale = _scale(motion.residual(x, y)[weights > 0], noise_mm)
-    for _ in range(50):  # two to ten serve
+    for _ in range(50):  # two to ten suffice
         previous = weights
         residual = motion.residual(x, y)
         weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
@@ -253,7 +259,7 @@ def fit_rigid_rotation(
 
 
 def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
-    """The noise, or the core's misfit per coordinate where that is clearly larger [mm]."""
+    """The noise, or the core's misfit per coordinate if that is clearly larger [mm]."""
     freedom = max(2 * len(residual) - 4, 1)
     misfit = float(np.sum(np.abs(residual) ** 2))
     spread = 2.0 / (9.0 * freedom)
@@ -271,15 +277,16 @@ def _undetected_slip(
     influence: Float[np.ndarray, " n"],
     scale: float,
 ) -> float:
-    """How far slip that cannot be seen may have drawn the fitted angle from the true one [rad].
+    """Bound on the error of the fitted angle by undetected slip [rad].
 
-    Beyond the edge of the stick region slip grows like the distance to the power 3/2 (pressure
-    smooth there). A marker at the region's rim, one pitch inside a neighbour that has slipped by R
-    standard deviations, the edge anywhere up to three pitches inside that neighbour, has then
-    slipped by 0.21 R on average, and by 1.84 R^(-2/3) where more than 2.5 would have been seen.
+    Beyond the edge of the stick region, slip grows like the distance to the power 3/2 (pressure
+    is smooth there). Consider a marker at the region's rim, one pitch inside a neighbour that has
+    slipped by R standard deviations, with the edge anywhere up to three pitches inside that
+    neighbour. The marker has then slipped by 0.21 R on average, and by 1.84 R^(-2/3) if slip above
+    2.5 would have been detected.
 
-    A region smaller than the core of the fit is all rim: its markers may slip alike. Then the
-    true angle may lie beyond by as much as the neighbours around it stay behind.
+    A region smaller than the core of the fit consists of rim markers only, which may slip alike.
+    The true angle may then exceed the fitted one by as much as the neighbours lag behind.
 
     Args:
         influence: change of the fitted angle by each marker's slip [rad/mm].

@@ -1,4 +1,4 @@
-"""Published rivals, as their authors give them, and corrected beside that where they are wrong.
+"""Published methods of other groups, as published, and in corrected form where they are wrong.
 
 [Kolamuri2021] R. Kolamuri, Z. Si, Y. Zhang, A. Agarwal, W. Yuan, "Improving Grasp Stability with
 Rotation Measurement from Tactile Sensing".
@@ -10,9 +10,9 @@ of Grasping Region".
 [Ye2026] P. Ye, Y. Ma, Y. Zhou, W. Chen, W. Dong, M. Duan, "InvariantCloud: A Globally Invariant,
 Uniquely Indexed Point Cloud Framework for Robust 6-DoF Tactile Pose Tracking", arXiv 2605.25216.
 
-Their markers lie in an image; here they lie in the contact's tangent plane. None of them gives an
-interval, so `low` and `high` are NaN. All but [Dong2019] take the whole contact to stick and name
-all of it as sticking.
+The authors' markers lie in an image; here they lie in the contact's tangent plane. No method gives
+an interval, so `low` and `high` are NaN. All but [Dong2019] assume that the whole contact sticks,
+and report all of its markers as sticking.
 """
 
 from collections import deque
@@ -36,7 +36,7 @@ class Kabsch:
     """Plain rigid fit of the whole contact region ([Kabsch1976])."""
 
     def __init__(self, stencils: Stencils, noise: Noise | None) -> None:
-        """Make the estimator; the noise plays no part."""
+        """Make the estimator; it does not use the noise."""
         self.stencils = stencils
 
     def update(self, fields: Fields) -> Measurement:
@@ -53,19 +53,19 @@ class Kabsch:
 class Kolamuri:
     """Mean angle about the centre of rotation ([Kolamuri2021]).
 
-    The centre is where the perpendicular bisectors of the displacements meet, in least squares:
-    c = (Σ d dᵀ)⁻¹ Σ d dᵀ m with mid-points m and unit displacements d. For a rigid motion that is
-    exact at any angle, so there is nothing to correct: what it lacks is the slip.
+    The centre is the least-squares intersection of the perpendicular bisectors of the
+    displacements: c = (Σ d dᵀ)⁻¹ Σ d dᵀ m with mid-points m and unit displacements d. For a rigid
+    motion this is exact at any angle, so it needs no correction. It ignores slip.
     """
 
     def __init__(self, stencils: Stencils, noise: Noise | None) -> None:
-        """Make the estimator; the noise plays no part."""
+        """Make the estimator; it does not use the noise."""
         self.stencils = stencils
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the contact region, from the fields of the next frame.
 
-        None where all displacements are parallel: there is then no centre.
+        There is no angle if all displacements are parallel, since they have no centre.
         """
         moved = fields.contact & fields.displacement.any(axis=1)
         if moved.sum() < MIN_STICK_MARKERS:
@@ -90,10 +90,10 @@ class DongSettings:
     """How the motion is fitted.
 
     Attributes:
-        exact: whether the motion is a finite rotation instead of a small one.
-        deviation_mm: deviation from the fit from which a marker counts as slipping [mm]; the
-            authors' is in pixels of their camera. 0.1 is ours, not checked against the paper, and
-            so is the erosion by one ring of markers.
+        exact: fit a finite rotation instead of a small one.
+        deviation_mm: deviation from the fit above which a marker counts as slipping [mm]. The
+            authors give theirs in pixels of their camera. The default and the erosion by one ring
+            of markers are our choices, not checked against the paper.
 
     Raises:
         ValueError: a deviation that is not above 0.
@@ -108,11 +108,11 @@ class DongSettings:
 
 
 class Dong:
-    """Rigid fit of the eroded contact region, and who deviates from it ([Dong2019]).
+    """Rigid fit of the eroded contact region; markers that deviate from it slip ([Dong2019]).
 
-    As published the fit is linear in the angle, u = t + θ ẑ×r. A marker of a body turned by 20°
-    is then 6 % of its lever arm away from where the fit has it, and the angle comes out as the
-    sine; with `exact` the motion is a finite rotation.
+    As published, the fit is linear in the angle, u = t + θ ẑ×r. A marker of a body turned by 20°
+    then deviates from the fit by 6 % of its lever arm, and the fit gives the sine of the angle.
+    With `exact` the motion is a finite rotation.
     """
 
     def __init__(
@@ -121,14 +121,14 @@ class Dong:
         noise: Noise | None,
         settings: DongSettings = DongSettings(),
     ) -> None:
-        """Make the estimator; the noise plays no part."""
+        """Make the estimator; it does not use the noise."""
         self.stencils = stencils
         self.settings = settings
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the contact's core, from the fields of the next frame.
 
-        None where the contact is too small to have a core, or where all of it deviates.
+        There is no angle if the contact is too small to have a core, or if all of it deviates.
         """
         core = erode(fields.contact, self.stencils)
         if core.sum() < MIN_STICK_MARKERS:
@@ -153,11 +153,11 @@ class Dong:
 
 @dataclass(frozen=True)
 class CastanoSettings:
-    """How the axis is averaged, and when there is one.
+    """How the axis is averaged, and when a contact counts as round.
 
     Attributes:
-        window_frames: frames of the trailing mean; 5 is our choice, not checked against the paper
-            [frames].
+        window_frames: length of the trailing mean; the default is our choice, not checked against
+            the paper [frames].
         largest_error_deg: standard error of the long axis above which the contact counts as round;
             our choice [deg].
 
@@ -178,10 +178,10 @@ class CastanoSettings:
 class Castano:
     """Long axis of the contact mask, since the first frame with contact ([Castano2023]).
 
-    The mask holds the contact's markers where they are now, all alike. The axis is followed by half
-    turns and averaged over a trailing window. It is the object's own, whatever sticks, and wants no
-    correction for softness. The authors refuse no contact, but a round one has no long axis, and
-    the direction of its mask is noise: it gets no angle here.
+    The mask consists of the contact's markers at their present positions, with equal weights. The
+    axis is unwrapped by half turns and averaged over a trailing window. It belongs to the object,
+    whichever markers stick, and needs no correction for softness. The authors reject no contact.
+    Here a round contact gets no angle, since it has no long axis and its direction is noise.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class Castano:
         noise: Noise | None,
         settings: CastanoSettings = CastanoSettings(),
     ) -> None:
-        """Make the estimator; the noise plays no part."""
+        """Make the estimator; it does not use the noise."""
         self.stencils = stencils
         self.largest_error = np.radians(settings.largest_error_deg)
         self._recent: deque[float] = deque(maxlen=settings.window_frames)
@@ -215,10 +215,10 @@ class Castano:
 
 @dataclass(frozen=True)
 class InvariantCloudSettings:
-    """How dense the cloud is, and how its axis is smoothed; both are the authors' numbers.
+    """Density of the cloud and smoothing of its axis, both with the authors' numbers.
 
     Attributes:
-        points_per_pitch: points of the cloud from one marker to the next [-].
+        points_per_pitch: points of the cloud per distance between markers [-].
         newest_weight: weight of the newest frame in the running mean of the axis [-].
 
     Raises:
@@ -239,15 +239,15 @@ class InvariantCloudSettings:
 class InvariantCloud:
     """Yaw by the long axis of the indexed points under the object ([Ye2026]).
 
-    The markers of the unloaded pattern are filled up to a denser cloud whose points keep their
-    numbers. Those that the contact covers now are taken where they lay unloaded, without those
-    farther from their middle than the mean by two standard deviations. Their first principal axis
-    is followed by half turns and smoothed; the angle counts from the first frame with contact.
+    A denser cloud of numbered points fills the unloaded pattern of markers. The method takes the
+    unloaded positions of the points under the contact, without points whose distance from the
+    middle exceeds the mean distance by two standard deviations. Their first principal axis is
+    unwrapped by half turns and smoothed; the angle counts from the first frame with contact.
 
-    This is what the authors' code computes (github.com/yepengfei81-cpu/InvariantCloud,
-    `flat_frame_rotation.py`); it refuses no contact, though they advise against spheres. Here a
-    regular lattice fills the pattern, and the contact covers a point if it covers the marker that
-    is nearest now.
+    This follows the authors' code (github.com/yepengfei81-cpu/InvariantCloud,
+    `flat_frame_rotation.py`), which rejects no contact, though the authors advise against spheres.
+    Here a regular lattice fills the pattern, and a point is under the contact if the marker nearest
+    to it now is.
     """
 
     def __init__(
@@ -256,7 +256,7 @@ class InvariantCloud:
         noise: Noise | None,
         settings: InvariantCloudSettings = InvariantCloudSettings(),
     ) -> None:
-        """Make the estimator; the noise plays no part."""
+        """Make the estimator; it does not use the noise."""
         reach = np.linalg.norm(stencils.offsets, axis=-1)
         step = float(np.median(reach[reach > 0.0])) / settings.points_per_pitch
         low, high = (edge(stencils.reference[:, :2], axis=0) for edge in (np.min, np.max))
@@ -275,9 +275,9 @@ class InvariantCloud:
         if fields.contact.sum() < MIN_STICK_MARKERS:
             self._begin()
             return Measurement.none(np.zeros_like(fields.contact))
-        seen = np.flatnonzero(np.isfinite(fields.positions).all(axis=1))
-        _, nearest = KDTree(fields.positions[seen, :2]).query(self.cloud)
-        covered = self.cloud[fields.contact[seen[nearest]]]
+        visible = np.flatnonzero(np.isfinite(fields.positions).all(axis=1))
+        _, nearest = KDTree(fields.positions[visible, :2]).query(self.cloud)
+        covered = self.cloud[fields.contact[visible[nearest]]]
         far = np.linalg.norm(covered - covered.mean(axis=0), axis=1)
         covered = covered[far <= far.mean() + 2.0 * far.std()]
         axis = float(0.5 * np.angle(_squares(covered).sum()))
@@ -289,25 +289,25 @@ class InvariantCloud:
 
 
 def erode(markers: Bool[np.ndarray, " n"], stencils: Stencils) -> Bool[np.ndarray, " n"]:
-    """The markers of a region all of whose neighbours belong to it."""
+    """The markers of a region whose neighbours all belong to it."""
     return markers & (markers[stencils.neighbours] | (stencils.neighbours < 0)).all(axis=1)
 
 
 def _long_axis(
     points: Float[np.ndarray, "m 2"], rim: Bool[np.ndarray, " m"]
 ) -> tuple[float, float]:
-    """Direction in which points spread most, and its standard error [rad].
+    """Direction of the largest spread of points, and its standard error [rad].
 
-    The error is infinite where too few points make an outline.
+    The error is infinite for too few points.
 
     With w = (x + iy)² from the points' mean, the direction is half the angle of Σw. A point of the
-    rim stands for an area of which the outline cuts off any share: the variance of its w is
+    rim represents an area of which the outline cuts off a random share: the variance of its w is
     |w|²/12, half of it across Σw.
     """
     squared = _squares(points)
     spread, across = squared.sum(), np.sqrt(np.sum(np.abs(squared[rim]) ** 2) / 24.0)
-    known = len(points) >= LEAST_MARKERS and abs(spread) > 0.0
-    error = 0.5 * across / abs(spread) if known else np.inf
+    enough = len(points) >= LEAST_MARKERS and abs(spread) > 0.0
+    error = 0.5 * across / abs(spread) if enough else np.inf
     return float(0.5 * np.angle(spread)), float(error)
 
 
@@ -317,7 +317,7 @@ def _squares(points: Float[np.ndarray, "m 2"]) -> Complex[np.ndarray, " m"]:
 
 
 def _follow(axis: float, last: float) -> float:
-    """A direction, turned by half turns until it is the nearest to the last one [rad]."""
+    """A direction, changed by half turns to be nearest to the last one [rad]."""
     return float(axis + np.pi * np.round((last - axis) / np.pi))
 
 

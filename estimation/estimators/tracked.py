@@ -1,10 +1,10 @@
-"""The tracked estimator: increments while something sticks, and what turns with the object itself.
+"""The tracked estimator: the object's imprint, else increments and the contact's outline.
 
-The gel cannot tell an object that slips from one that rests: in both cases it stands still. What
-the object prints through the gel can (`estimation.estimators.imprinted`): where it is seen the
-angle is the imprint's, from frame to frame with the gel. Elsewhere increments give the angle while
-something sticks, and while all slips the contact's outline, which turns with the object
-(`estimation.fields.outline`).
+The gel alone cannot distinguish an object that slips from one that rests, since it stands still in
+both cases. The object's imprint can (`estimation.estimators.imprinted`): where it is visible, it
+gives the angle, and the gel gives the steps from frame to frame. Elsewhere increments give the
+angle while markers stick. In macro slip the contact's outline gives it, since it turns with the
+object (`estimation.fields.outline`).
 """
 
 from collections import deque
@@ -26,12 +26,12 @@ from estimation.frames.noise import Noise
 
 
 class _Sight(NamedTuple):
-    """What outline and gel said of one frame.
+    """Readings of outline and gel in one frame.
 
     Attributes:
-        axis: the outline, followed without jumps.
-        angle: rotation of the elastomer where it sticks [rad]; NaN where nothing does.
-        error: its standard error [rad].
+        axis: long axis of the outline, unwrapped.
+        angle: rotation of the sticking elastomer [rad]; NaN if no marker sticks.
+        error: standard error of the angle [rad].
     """
 
     axis: Axis
@@ -41,19 +41,20 @@ class _Sight(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackedSettings(IncrementalSettings):
-    """How outline and imprint are weighed against the gel; see `IncrementalSettings` for the rest.
+    """Weights of outline and imprint against the gel.
 
-    Friction drags gel along with the object, so that it does not turn further, unless it springs
-    back when the object slips: by 4.5° at most in thirty-three published clips. What lags behind by
-    more is the pad's own texture or a shadow, not the object's print. Imprint and gel that stick
-    together part by four errors of reading the imprint twice.
+    `IncrementalSettings` describes the inherited settings. Friction drags the gel along with the
+    object, so the gel turns no further than the object, except when it springs back in a slip: by
+    4.5° at most in thirty-three published clips. A print that lags behind the gel by more is the
+    pad's texture or a shadow, not the object's print. Imprint and gel that stick together differ by
+    up to four errors of two readings of the imprint.
 
     Attributes:
         slip_deg: difference between the turns of outline and gel over the mature age, from which
             the contact is in macro slip [deg].
-        shape_change: relative change of the contact's curvature since the outline was first seen,
-            above which the outline belongs to another face and is not used [-].
-        memory: frames for which outline and imprint are remembered [frames].
+        shape_change: relative change of the contact's curvature since the first frame with an
+            outline, above which the outline belongs to another face and is not used [-].
+        memory: frames of outline and imprint in memory [frames].
         widest_deg: half-width of the interval above which no angle is reported [deg].
         held_back_deg: turn of the sticking gel beyond the imprint's, from which the imprint is
             rejected [deg].
@@ -77,7 +78,7 @@ class TrackedSettings(IncrementalSettings):
 
 
 class Tracked:
-    """Imprint and gel together; else increments of what sticks, and the outline in macro slip."""
+    """Angle from imprint and gel, else from sticking markers, or from the outline in macro slip."""
 
     def __init__(
         self,
@@ -89,11 +90,11 @@ class Tracked:
         """Make the estimator.
 
         Args:
-            stencils: of the marker layout.
-            noise: of the markers; without it the misfit of the fit takes its place.
+            stencils: stencils of the marker layout.
+            noise: noise of the markers; without it, the misfit of the fit is used.
             settings: how gel, outline and imprint are followed.
-            gain: 1 + k, rotation of the object over that of the elastomer where it sticks [-]; the
-                tracker takes it from the softness correction. Angles here are the elastomer's.
+            gain: 1 + k, rotation of the object over that of the sticking elastomer [-]; the tracker
+                takes it from the softness correction. Measured angles are the elastomer's.
         """
         self.settings = settings
         self.incremental = Incremental(stencils, noise, settings)
@@ -125,19 +126,19 @@ class Tracked:
             gel = Measurement.none(np.zeros_like(gel.stick))
         self._sights.append(_Sight(axis, gel.angle, 0.5 * (gel.high - gel.low) / Z95))
         if np.isfinite(gel.angle):
-            # an outline in sight shows a slide beyond this
-            seen = max(self.slip, 3.0 * axis.standard_error) if np.isfinite(axis.angle) else np.inf
-            found = self.incremental.widen(gel, seen)
+            # a visible outline reveals a slide larger than this
+            hidden = max(self.slip, 3.0 * axis.standard_error)
+            answer = self.incremental.widen(gel, hidden if np.isfinite(axis.angle) else np.inf)
         else:
-            found = self._hand_over(fields, axis, gel)
-        if found.high - found.low > 2.0 * self.widest:
+            answer = self._hand_over(fields, axis, gel)
+        if answer.high - answer.low > 2.0 * self.widest:
             if gel.reason:
                 return gel
             self._may_slide = self.incremental.doubtful
             self.incremental.lose(fields)
             self._sights.clear()
-            return Measurement.none(found.stick, self._too_wide)
-        return found
+            return Measurement.none(answer.stick, self._too_wide)
+        return answer
 
     def _by_imprint(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from imprint and gel together, and the markers that move with the imprint."""
@@ -177,7 +178,7 @@ class Tracked:
         )
 
     def _slides(self, turned: float, gel: float) -> bool:
-        """Whether the object has lately turned away from markers that seem to stick."""
+        """Whether the object has recently turned away from markers that seem to stick."""
         if len(self._turned) < self.mature_age:
             return False
         before, gel_before = self._turned[-self.mature_age]
@@ -185,7 +186,7 @@ class Tracked:
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
 
     def _held_back(self, turned: float, gel: float) -> float:
-        """How far gel that sticks has lately turned further than the imprint [rad]; 0 if it may."""
+        """Recent turn of the sticking gel beyond the imprint's [rad]; 0 if it is tolerable."""
         if len(self._turned) < self.mature_age:
             return 0.0
         before, gel_before = self._turned[-self.mature_age]
@@ -198,10 +199,10 @@ class Tracked:
         )
 
     def _moves_along(self, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """The markers that have lately moved as one body, and with the imprint.
+        """The markers that have recently moved as one body and with the imprint.
 
-        Gel that stands still sticks to an object that rests. Three frames tell it from one that is
-        slid over, since the imprint shows the slip.
+        Gel at rest sticks to an object at rest. Three frames distinguish this from an object that
+        slides over the gel, since the imprint shows the slip.
         """
         (before, angle), (now, turned) = self._seen[0], self._seen[-1]
         if before is now or not (before.contact & now.contact).any():
@@ -222,13 +223,13 @@ class Tracked:
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_anew, self._resumed = 0, False
-        self._may_slide = False  # over gel that rests, for so long that its angle is lost
+        self._may_slide = False  # over gel at rest, for so long that the angle is lost
         self._sights: deque[_Sight] = deque(maxlen=self.settings.memory)
         self._last = np.nan
         self._curvature = np.nan
 
     def _follow(self, axis: Axis) -> Axis:
-        """The axis without jumps of half a turn; NaN if the contact is of another shape now."""
+        """The axis without jumps of half a turn; NaN if the contact has changed its shape."""
         if not np.isfinite(axis.angle):
             return axis
         if not np.isfinite(self._curvature):
@@ -239,38 +240,40 @@ class Tracked:
         return axis._replace(angle=self._last)
 
     def _overtaken(self, axis: Axis, angle: float) -> bool:
-        """Whether the outline has lately turned away from markers that seem to stick."""
+        """Whether the outline has recently turned away from markers that seem to stick."""
         if len(self._sights) < self.mature_age + 2:
             return False
-        # one outline may be wrong, in the first frames of a contact above all: the middle of three
+        # a single outline may be wrong, mostly in a contact's first frames: the median of three
         before = list(self._sights)[-self.mature_age - 2 : -self.mature_age + 1]
         turned = axis.angle - np.median([s.axis.angle for s in before])
         apart = axis.angle - np.median([s.axis.angle - self.gain * s.angle for s in before])
         apart -= self.gain * angle
         doubt = 3.0 * turn_error(before[1].axis, axis)
-        # friction drags the gel along: what stands still while the gel turns, or turns less, is not
-        # the object's, or unseen
+        # friction drags the gel along: an outline that turns less than the gel is not the object's
         ahead = apart * turned > 0.0
         return bool(ahead and min(abs(apart), abs(turned)) > max(self.slip, doubt))
 
     def _hand_over(self, fields: Fields, axis: Axis, gel: Measurement) -> Measurement:
-        """The angle by the outline, until markers stick to what it shows."""
-        known = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
-        if not (known and np.isfinite(axis.angle)):
+        """The angle by the outline, until markers stick and move with it."""
+        sights = [s for s in self._sights if np.isfinite(s.angle + s.axis.angle)]
+        if not (sights and np.isfinite(axis.angle)):
             return self._at_a_loss(gel)
-        # the last of them may have slipped unseen
-        known = known[-3 * self.mature_age : -self.mature_age] or known
-        offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in known]))
+        # slip may have gone undetected in the last of them
+        sights = sights[-3 * self.mature_age : -self.mature_age] or sights
+        offset = float(np.mean([self.gain * s.angle - s.axis.angle for s in sights]))
         angle = (axis.angle + offset) / self.gain
-        reading = turn_error(known[-1].axis, axis, len(known)) / self.gain
-        error = float(np.hypot(reading, np.median([s.error for s in known])))
+        reading = turn_error(sights[-1].axis, axis, len(sights)) / self.gain
+        error = float(np.hypot(reading, np.median([s.error for s in sights])))
         stick = self._sticks_again(axis, gel.stick)
         if stick.any():
             self.incremental.resume(fields, angle, error)
         return Measurement(angle, angle - Z95 * error, angle + Z95 * error, stick)
 
     def _at_a_loss(self, gel: Measurement) -> Measurement:
-        """No angle; macro slip unless the markers turn as one: gel at rest may be slid over."""
+        """No angle; macro slip, unless the markers turn as one body.
+
+        At rest, markers that move as one are no evidence: the object may slide over them.
+        """
         increment = self.incremental.increment
         if self._may_slide and not gel.reason:
             gel = gel._replace(reason=RESTS_OR_SLIDES)
@@ -281,7 +284,7 @@ class Tracked:
         return gel._replace(reason=UNSEEN_TURN)
 
     def _sticks_again(self, axis: Axis, none: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """The markers that have moved as one body, and with the outline, for long enough."""
+        """The markers that have moved as one body and with the outline for long enough."""
         increment = self.incremental.increment
         if increment is None or increment.age >= len(self._sights):
             return none

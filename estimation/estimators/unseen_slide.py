@@ -1,9 +1,9 @@
-"""How far an object may have slid on, where the gel that it turned comes to rest.
+"""Bound on the rotation of an object that may slide over gel at rest.
 
-Gel rests under an object that rests, and under one that slides. While many markers stick they show
-which: an object does not let go of all of them at once. Once few do, and the gel slows down, an
-object that goes on as it went must be reckoned with until markers in number turn along with it
-again.
+The gel rests under an object that rests, and also under an object that slides. While many markers
+stick, they distinguish the two, since an object does not release all of them at once. Once few
+markers stick and the gel slows down, the object may go on at its last rate, until many markers turn
+with it again.
 """
 
 from collections import deque
@@ -17,13 +17,13 @@ class UnseenSlideSettings:
     """When an object may slide unseen.
 
     Attributes:
-        few_share: share of the contact's markers below which those that stick are few [-].
-        memory: frames whose fastest turn is how fast the object may go on [frames].
-        over: frames over which the gel is seen to slow down [frames].
-        slow: turn per frame, over the fastest, from which it has slowed down [-].
-        faster: how much faster than it went the object may go on [-].
-        grip_deg: how far markers in number must turn together to show that the object holds [°].
-        doubt_deg: how far the object may have slid from which on its state is unknown [°].
+        few_share: share of the contact's markers below which the sticking markers are few [-].
+        memory: frames whose fastest turn bounds the rate of a sliding object [frames].
+        over: frames over which a slowdown of the gel is measured [frames].
+        slow: turn per frame, over the fastest, below which the gel has slowed down [-].
+        faster: rate of a sliding object over the fastest turn [-].
+        grip_deg: turn of many markers together that shows that the object holds [°].
+        doubt_deg: possible slide above which the state is unknown [°].
     """
 
     few_share: float = 1.0 / 3.0
@@ -36,7 +36,7 @@ class UnseenSlideSettings:
 
 
 class UnseenSlide:
-    """Follows how far the object may be ahead of the gel."""
+    """Follows how far the object may be ahead of the gel or behind it."""
 
     def __init__(
         self, few_markers: int, settings: UnseenSlideSettings = UnseenSlideSettings()
@@ -44,7 +44,7 @@ class UnseenSlide:
         """Begin with an object that holds.
 
         Args:
-            few_markers: markers that stick below which they are few.
+            few_markers: number below which the sticking markers are few.
             settings: when an object may slide.
         """
         self._few_markers, self._settings = few_markers, settings
@@ -60,18 +60,18 @@ class UnseenSlide:
         self._hold()
 
     def _hold(self) -> None:
-        """The object holds; what it has slid before stays in doubt."""
-        self._rate = 0.0  # at which it may slide
-        self._slid = self._pending = 0.0  # and how far it may have, for sure and if it rests
-        self._from = np.nan  # angle from which on markers in number move together
+        """The object holds; its earlier slide remains uncertain."""
+        self._rate = 0.0  # rate at which the object may slide
+        self._slid = self._pending = 0.0  # possible slide, and its part that a grip would cancel
+        self._from = np.nan  # angle since which many markers move together
 
     def update(self, angle: float, stick: int, contact: int) -> None:
         """Take the next frame.
 
         Args:
-            angle: of the gel that sticks [rad].
-            stick: markers that do.
-            contact: markers in contact.
+            angle: rotation of the sticking gel [rad].
+            stick: number of markers that stick.
+            contact: number of markers in contact.
         """
         step, self._last = angle - self._last, angle
         if np.isnan(step):
@@ -87,7 +87,7 @@ class UnseenSlide:
                 self._rates.append(rate)
                 return
             self._rate = self._settings.faster * fastest
-            missed = sum(fastest - one for one in list(self._steps)[:-1])
+            missed = sum(fastest - step for step in list(self._steps)[:-1])
             self._slid = missed if missed * fastest > 0.0 else 0.0
         if few:
             self._slid += self._pending + self._rate - step
@@ -96,7 +96,7 @@ class UnseenSlide:
             self._see_grip(angle, step)
 
     def _see_grip(self, angle: float, step: float) -> None:
-        """Markers in number stick: the object holds if they turn, and may still slide if not."""
+        """Many markers stick: if they turn, the object holds; if not, it may still slide."""
         if np.isnan(self._from):
             self._from, self._pending = angle, self._rate - step
         elif abs(angle - self._from) > np.radians(self._settings.grip_deg):
@@ -112,13 +112,13 @@ class UnseenSlide:
 
     @property
     def doubtful(self) -> bool:
-        """Whether it may slide now, and have slid far."""
+        """Whether the object may be sliding and may have slid by more than `doubt_deg`."""
         return bool(self._rate and sum(self.extent) > np.radians(self._settings.doubt_deg))
 
     @property
     def extent(self) -> tuple[float, float]:
-        """How far the object may be behind the gel, and ahead of it [rad]; neither is below 0."""
+        """How far the object may be behind the gel and ahead of it [rad], both 0 or more."""
         slid = self._slid + self._pending
-        if slid * self._rate < 0.0:  # the gel has gone further
+        if slid * self._rate < 0.0:  # the gel has turned further
             slid = 0.0
         return self._behind + max(-slid, 0.0), self._ahead + max(slid, 0.0)

@@ -1,1 +1,1 @@
-"""Fields of a frame: rotation, strain, the contact and what sticks in it, its outline."""
+"""Fields of a frame: rotation, contact region, stick region and outline."""

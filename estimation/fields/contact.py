@@ -1,4 +1,4 @@
-"""Where the object touches the pad: the contact region and the stick centre.
+"""The contact region of object and pad, and its stick centre.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Section IV-B.
@@ -22,32 +22,33 @@ def find_contact(
 ) -> tuple[Bool[np.ndarray, " n"], int]:
     """Markers of the contact region, and the stick centre among them ([Li2024] IV-B).
 
-    The region holds the markers that are pressed in by at least a share of the largest normal
-    displacement, and those that they surround: a flat object as soft as the elastomer presses its
-    rim in deepest, and its middle hardly. There is contact once the stick centre has moved by the
-    onset and is no peak of noise, which its neighbours do not follow; or, where there are
-    such, half of the rim is pressed in by it. A recording in two dimensions has no normal
-    displacement: every marker counts, once one has moved by the onset.
+    The region consists of the markers that are pressed in by at least a share of the largest normal
+    displacement, and of pressed markers that they surround: a flat object as soft as the elastomer
+    presses its rim in deepest and its middle hardly. A contact is reported once the stick centre
+    has moved by the onset and its neighbours have followed, unlike in a peak of noise. A region
+    with surrounded markers also counts once half of its rim is pressed in by the onset. A
+    recording in two dimensions has no normal displacement: all markers belong to the contact once
+    one of them has moved by the onset.
 
     Args:
-        stencils: of the layout.
-        displacement: displacements [mm]; NaN where a marker was not seen.
+        stencils: stencils of the layout.
+        displacement: displacements [mm]; NaN for markers that are not visible.
         indentation: displacement into the elastomer [mm].
-        has_rotation: markers whose rotation is known; the centre is one of them.
-        onset_mm: displacement from which there is contact [mm].
+        has_rotation: markers whose rotation is known, among which the centre is chosen.
+        onset_mm: displacement from which a contact is reported [mm].
         share: share of the largest normal displacement [-].
 
     Returns:
-        The region, empty without contact, and the centre, −1 without contact.
+        The region, empty without contact, and the index of the centre, −1 without contact.
     """
     # share of the largest normal displacement from which surrounded markers count as touched
     surrounded_share = 0.05
-    seen = np.isfinite(indentation)
-    region = seen & has_rotation
+    visible = np.isfinite(indentation)
+    region = visible & has_rotation
     moved = np.sqrt(np.einsum("ni,ni->n", displacement, displacement))
     pressed_on = False
     if not stencils.flat:
-        deepest = indentation[seen].max(initial=0.0)
+        deepest = indentation[visible].max(initial=0.0)
         pressed = region & (indentation > surrounded_share * deepest)
         region &= (indentation >= share * deepest) & (deepest > 0.0)
         filled = _fill_hollow(stencils.reference[:, :2], region, pressed)
@@ -68,7 +69,7 @@ def _fill_hollow(
     region: Bool[np.ndarray, " n"],
     pressed: Bool[np.ndarray, " n"],
 ) -> Bool[np.ndarray, " n"]:
-    """A region whose middle is not part of it, with what is pressed in between its markers."""
+    """The region; if its middle is missing, with the pressed markers that the region surrounds."""
     if not region.any():
         return region
     middle = np.argmin(np.sum((points - points[region].mean(axis=0)) ** 2, axis=1))
@@ -84,7 +85,7 @@ def _fill_hollow(
 
 
 def _is_peak(stencils: Stencils, displacement: Float[np.ndarray, "n 3"], marker: int) -> bool:
-    """Whether a marker and those beside it have on average moved by less than half as far."""
+    """Whether a marker and its neighbours have on average moved less than half as far as it."""
     beside = stencils.neighbours[marker]
     moved = displacement[[marker, *beside[beside >= 0]]]
     mean = moved[np.isfinite(moved[:, 0])].mean(axis=0)
@@ -94,21 +95,21 @@ def _is_peak(stencils: Stencils, displacement: Float[np.ndarray, "n 3"], marker:
 def known_contact(
     stencils: Stencils, displacement: Float[np.ndarray, "n 3"], region: Bool[np.ndarray, " n"]
 ) -> tuple[Bool[np.ndarray, " n"], int]:
-    """A contact region that the source knows, and the stick centre in it; −1 without contact."""
+    """A contact region given by the source, and its stick centre; −1 without contact."""
     if not region.any():
         return region, -1
     return region, find_stick_centre(stencils.reference, displacement, stencils.normals, region)
 
 
 def reaches_edge(neighbours: Int[np.ndarray, "n k"], contact: Bool[np.ndarray, " n"]) -> bool:
-    """Whether much of the contact lies at the edge of the markers, so that part of it is unseen.
+    """Whether the edge of the view cuts the contact, since many of its markers lie at the edge.
 
     Args:
-        neighbours: of each marker, −1 where there is none; markers at the edge have fewer.
+        neighbours: indices of each marker's neighbours, filled up with −1; markers at the edge have
+            fewer.
         contact: the contact region.
     """
-    # share of the contact's markers at the edge of the view from which part of it counts as unseen
-    edge_share = 0.25
+    edge_share = 0.25  # share of the contact's markers at the edge from which it is cut
     count = (neighbours >= 0).sum(axis=1)
     typical = np.sort(count)[len(count) // 2]
     return bool(contact.any() and np.mean(count[contact] < typical) >= edge_share)
@@ -120,10 +121,10 @@ def find_stick_centre(
     normals: Float[np.ndarray, "n 3"],
     contact: Bool[np.ndarray, " n"],
 ) -> int:
-    """Marker near the contact region's centre whose tangential motion is near the mean.
+    """Index of a marker near the contact region's centre whose tangential motion is near the mean.
 
-    The paper names both conditions and no weights: here both distances are measured in their
-    root mean square over the region, and the marker with the least sum of squares is taken.
+    The paper gives both conditions without weights. Here both distances are measured in units of
+    their root mean square over the region, and the marker with the least sum of squares is chosen.
 
     Args:
         reference: unloaded positions [mm].

@@ -3,9 +3,9 @@
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (7), (8) and Fig. 5(b).
 
-Pads are domed, so every marker has a tangent plane of its own. The deformation gradient of the
-surface at a marker maps its reference tangent plane to the plane it has now; what is left after
-the plane's own tilt has been taken back is a 2×2 gradient, and its rotation is the marker's φ.
+Pads are domed, so every marker has its own tangent plane. The deformation gradient of the surface
+at a marker maps its reference tangent plane to its present one. Without the tilt of the plane it is
+a 2×2 gradient, whose rotation is the marker's φ.
 """
 
 from typing import NamedTuple
@@ -20,20 +20,20 @@ from estimation.frames.recording import ONSET_MM, Frame
 
 
 class Fields(NamedTuple):
-    """What one frame says at each marker; NaN where it says nothing.
+    """Quantities of each marker in one frame; NaN where unknown.
 
     Attributes:
         positions: marker positions [mm]; two-dimensional recordings have z = 0.
         displacement: positions minus reference [mm].
         indentation: displacement into the elastomer, along the reference normal [mm].
-        normals: unit normals of the surface as it is now.
-        rotation: φ, the mean rotation of two orthogonal lines, those nearest the grid's [rad].
-            Without a grid no pair of lines is singled out; φ is then the mean over all pairs, the
-            polar rotation. Where the source has measured the lines itself, φ is theirs.
+        normals: unit normals of the deformed surface.
+        rotation: φ, the mean rotation of two orthogonal lines, the pair nearest the grid lines
+            [rad]. Without a grid, φ is the mean over all pairs of lines, the polar rotation. If the
+            source measures rotations, φ is the source's.
         polar_rotation: rotation of the polar decomposition [rad].
-        contact: markers of the contact region; none where there is no contact.
-        centre: the stick centre, a marker of the contact region; −1 where there is no contact.
-        imprint: rotation of what the object prints, and its standard error [rad]; NaN if unknown.
+        contact: markers of the contact region; empty without contact.
+        centre: index of the stick centre, a marker of the contact region; −1 without contact.
+        imprint: rotation of the object's imprint and its standard error [rad]; NaN if unknown.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -57,9 +57,9 @@ def measure_fields(
     """Displacement, rotation and contact region of a frame.
 
     Args:
-        stencils: of the layout that the frame's markers belong to.
+        stencils: stencils of the frame's layout.
         frame: the frame.
-        onset_mm: displacement of the stick centre from which there is contact [mm].
+        onset_mm: displacement of the stick centre from which a contact is reported [mm].
         share: share of the largest normal displacement that bounds the contact region [-].
     """
     positions = np.where(frame.valid[:, None], in_space(frame.positions), np.nan)
@@ -93,8 +93,8 @@ def rotation_sensitivity(
 ) -> Float[np.ndarray, "n 3"]:
     """Derivative of the mean φ over `markers` by every marker's position [rad/mm].
 
-    To first order in the deformation; with it the variance of the mean follows from the marker
-    noise, shared neighbours included.
+    It is of first order in the deformation. With it, the variance of the mean follows from the
+    marker noise, including the effect of shared neighbours.
     """
     weights, inverse = _stencil_weights(stencils, valid)
     per_edge = np.einsum("nk,nkj,nji->nki", weights, stencils.offsets, inverse)[markers]
@@ -112,7 +112,7 @@ def tilt(
     before: Float[np.ndarray, "*#batch 3"],
     after: Float[np.ndarray, "*#batch 3"],
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Turn vectors by the smallest rotation that takes the unit vector `before` to `after`."""
+    """Rotate vectors by the smallest rotation that maps the unit vector `before` to `after`."""
     axis = cross(before, after)
     cosine = np.sum(before * after, axis=-1, keepdims=True)
     once = cross(axis, vectors)
@@ -123,7 +123,7 @@ def tilt(
 def _surface_gradient(
     stencils: Stencils, positions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2 2"]]:
-    """Current normals, and the deformation gradient with the tangent planes' tilt taken back."""
+    """Present normals, and the deformation gradient without the tilt of the tangent planes."""
     weights, inverse = _stencil_weights(stencils, np.isfinite(positions[:, 0]))
     edges = positions[stencils.neighbours] - positions[:, None]
     edges = np.where(weights[..., None] > 0, edges, 0.0)
@@ -138,7 +138,7 @@ def _surface_gradient(
 def _stencil_weights(
     stencils: Stencils, valid: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n 2 2"]]:
-    """Which neighbours count, and the inverse normal matrix of each marker's plane fit."""
+    """Weights of the neighbours, and the inverse normal matrix of each marker's plane fit."""
     weights = ((stencils.neighbours >= 0) & valid[stencils.neighbours] & valid[:, None]) * 1.0
     weighted = stencils.offsets * weights[..., None]
     normal_matrix = weighted.transpose(0, 2, 1) @ stencils.offsets

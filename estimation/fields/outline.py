@@ -1,10 +1,10 @@
-"""Orientation of the contact's outline: an angle of the object that does not come from the twist.
+"""Orientation of the contact's outline: an angle of the object that is independent of stick.
 
 Inside the contact the pad takes the object's shape: the indentation is the approach less the gap
 between the two, however the pad deforms around it. The principal axes of its curvature are those
-of the object's face (the pad's own dome adds the same to both), and so is the long axis of the
-ellipse that the two touch in ([Johnson1985] K. L. Johnson, "Contact Mechanics", Section 4.1). They
-turn with the object, whether the markers stick or not.
+of the object's face (the pad's dome adds the same to both), and so is the long axis of the contact
+ellipse ([Johnson1985] K. L. Johnson, "Contact Mechanics", Section 4.1). They turn with the object,
+whether the markers stick or not.
 """
 
 from typing import NamedTuple
@@ -23,11 +23,11 @@ class Axis(NamedTuple):
     """Long axis of the contact.
 
     Attributes:
-        angle: its direction, −π/2 to π/2 [rad, counter-clockwise from x]; NaN where refused.
-        standard_error: of the direction, from the misfit of the shape [rad].
-        elongation: long over short axis of the outline [-]; NaN where unknown.
-        curvature: of the object against the pad across the long axis [1/mm].
-        reason: why there is no direction; empty where there is one.
+        angle: its direction, −π/2 to π/2 [rad, counter-clockwise from x]; NaN if rejected.
+        standard_error: standard error of the direction, from the misfit of the shape [rad].
+        elongation: long over short axis of the outline [-]; NaN if unknown.
+        curvature: relative curvature of object and pad across the long axis [1/mm].
+        reason: reason for a missing direction; otherwise empty.
     """
 
     angle: float
@@ -38,7 +38,13 @@ class Axis(NamedTuple):
 
 
 def turn_error(before: Axis, after: Axis, readings: int = 1) -> float:
-    """Standard error of the turn from one sight of the axis, or the mean of some, to one more."""
+    """Standard error of the turn from one reading of the axis to another [rad].
+
+    Args:
+        before: the earlier reading.
+        after: the later reading.
+        readings: number of earlier readings of which the mean is used.
+    """
     return float(np.hypot(after.standard_error, before.standard_error / np.sqrt(readings)))
 
 
@@ -46,8 +52,8 @@ class Outline(NamedTuple):
     """Long axis of the contact in each frame.
 
     Attributes:
-        angle: its direction [rad, counter-clockwise], followed without jumps; NaN where refused.
-        standard_error: of the direction [rad].
+        angle: its direction [rad, counter-clockwise], unwrapped; NaN if rejected.
+        standard_error: standard error of the direction [rad].
         elongation: long over short axis [-].
     """
 
@@ -57,11 +63,11 @@ class Outline(NamedTuple):
 
 
 def measure_axis(fields: Fields) -> Axis:
-    """Long axis of the contact in one frame, from a quadratic through the indentation.
+    """Long axis of the contact in one frame, from a quadratic fit to the indentation.
 
-    Markers count by how much deeper they are than the shallowest, so that the axis does not jump
-    where one of the rim comes or goes. Refused where the contact has too few markers, is too
-    round, or the shape fits too badly.
+    The weight of a marker is its depth below the shallowest one, so that the axis does not jump
+    when a marker of the rim enters or leaves. The axis is rejected if the contact has too few
+    markers or is too round, or if the fit is too poor.
     """
     least_elongation = 1.2
     largest_error_deg = 3.0
@@ -99,12 +105,12 @@ def measure_axis(fields: Fields) -> Axis:
 
 
 def unwrap(angle: float, near: float) -> float:
-    """An axis' direction, by half turns as near to another as can be [rad]."""
+    """The direction of an axis, changed by half turns to be nearest to another direction [rad]."""
     return angle + np.pi * round((near - angle) / np.pi)
 
 
 class OutlineFollower:
-    """Follows the long axis of the contact frame by frame, anew with every contact."""
+    """Follows the long axis of the contact frame by frame, restarted with every contact."""
 
     def __init__(self) -> None:
         """Begin with no frame."""
@@ -114,7 +120,7 @@ class OutlineFollower:
         """Direction, its standard error and elongation in the next frame, as in `Outline`.
 
         Args:
-            fields: of the frame; None where it cannot be used.
+            fields: fields of the frame; None for an unusable frame.
         """
         if fields is None or not fields.contact.any():
             self._last = self._last if fields is None else np.nan
@@ -127,9 +133,9 @@ class OutlineFollower:
 
 
 def follow_outline(recording: Recording) -> Outline:
-    """Follow the long axis of the contact through a recording, anew with every contact.
+    """Follow the long axis of the contact through a recording, restarted with every contact.
 
-    Where the source has the object's imprint, that is followed in its place.
+    If the source gives the object's imprint, its angle is returned instead.
 
     Examples:
         >>> from estimation import follow_outline, simulate_pivot

@@ -1,4 +1,4 @@
-"""Tangent planes and difference stencils of a marker layout, made once for all its frames."""
+"""Tangent planes and difference stencils of a marker layout."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ class Stencils:
         reference: unloaded positions [mm]; two-dimensional layouts have z = 0.
         neighbours: indices of neighbours, filled up with −1.
         normals: unit normals of the unloaded surface, towards +z.
-        tangents: two orthonormal tangents each, as columns; on a grid the two that lie closest to
+        tangents: two orthonormal tangents per marker, as columns; on a grid, the pair closest to
             its rows and columns.
-        offsets: reference offsets to the neighbours in those tangents [mm]; 0 where none.
-        flat: whether the recording has no z, hence no indentation.
+        offsets: reference offsets to the neighbours in these tangents [mm]; 0 without neighbour.
+        flat: whether the recording has no z coordinate and therefore no indentation.
         gridded: whether the markers form a regular grid.
     """
 
@@ -38,7 +38,7 @@ class Stencils:
 
 
 def marker_pitch(layout: MarkerLayout) -> float:
-    """Distance between neighbouring markers, the median [mm]; NaN without neighbours."""
+    """Median distance between neighbouring markers [mm]; NaN without neighbours."""
     inner, slot = np.nonzero(layout.neighbours >= 0)
     pairs = layout.reference[inner] - layout.reference[layout.neighbours[inner, slot]]
     return float(np.median(np.linalg.norm(pairs, axis=1))) if len(pairs) else np.nan
@@ -71,7 +71,7 @@ def make_stencils(layout: MarkerLayout) -> Stencils:
 
 
 def _plane_normals(edges: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "n 3"]:
-    """Unit normals, towards +z, of the planes that fit each marker's edges best."""
+    """Unit normals, towards +z, of the planes fitted to each marker's edges."""
     _, vectors = np.linalg.eigh(edges.transpose(0, 2, 1) @ edges)
     normals = vectors[..., 0]
     return np.where(normals[:, 2:] < 0, -normals, normals)
@@ -85,7 +85,7 @@ def _tangent(
 
 
 def in_space(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 3"]:
-    """Points in three dimensions, z = 0 where there was none."""
+    """Points in three dimensions; z = 0 for points in the plane."""
     none = np.zeros((len(points), 3 - points.shape[1]))
     return np.concatenate([points, none], axis=1) if none.size else points
 
@@ -93,7 +93,7 @@ def in_space(points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 3"]:
 def cross(
     a: Float[np.ndarray, "*#batch 3"], b: Float[np.ndarray, "*#batch 3"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Vector products; for few vectors a fraction of the time that `numpy.cross` takes."""
+    """Vector products; for few vectors much faster than `numpy.cross`."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
@@ -104,6 +104,6 @@ def cross(
 
 
 def unit(vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Vectors of length 1 in the same directions, NaN where there is none."""
+    """Vectors of length 1 in the same directions; NaN for vectors of length 0."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

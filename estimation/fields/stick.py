@@ -1,4 +1,4 @@
-"""Which markers stick: the stick region and its growth.
+"""The stick region: growth from the stick centre, and checks of its settings.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) and Section IV-B.
@@ -13,11 +13,11 @@ from estimation.fields.measure import Fields
 
 MIN_STICK_MARKERS = 3
 ANGLE_FLOOR_DEG = 2.0
-"""Least denominator of Eq. (15): the least angle of the range that the paper gives its method."""
+"""Least denominator of Eq. (15): the smallest angle of the range the paper states."""
 
 
 def check_positive(name: str, value: float) -> float:
-    """The value, if it is a number above 0.
+    """The value, which must be a finite number above 0.
 
     Raises:
         ValueError: it is not.
@@ -28,10 +28,10 @@ def check_positive(name: str, value: float) -> float:
 
 
 def check_count(name: str, value: int, least: int = 1) -> int:
-    """The value, if it is not below the least that makes sense.
+    """The value, which must be at least `least`.
 
     Raises:
-        ValueError: it is not.
+        ValueError: it is less.
     """
     if value < least:
         raise ValueError(f"{name} is {value}; it must be at least {least}")
@@ -39,7 +39,7 @@ def check_count(name: str, value: int, least: int = 1) -> int:
 
 
 def check_share(name: str, value: float) -> float:
-    """The value, if it is a share above 0 and at most 1.
+    """The value, which must be a share above 0 and at most 1.
 
     Raises:
         ValueError: it is not.
@@ -52,9 +52,9 @@ def check_share(name: str, value: float) -> float:
 def normalized_difference(rotation: float, mean: float, floor: float) -> float:
     """|φ_i − φ̄| / sqrt(φ_i φ̄), [Li2024] Eq. (15) [-].
 
-    As printed it has no value where φ_i and φ̄ differ in sign or one of them vanishes, and before
-    any twist that is everywhere. Here the denominator is never less than `floor`: rotations that
-    are small beside it are compared with it, whatever their signs.
+    As printed, it is undefined where φ_i and φ̄ differ in sign or one of them vanishes, which holds
+    everywhere before any twist. Here the denominator is at least `floor`, so rotations that are
+    small against `floor` are compared with it, whatever their signs.
 
     Args:
         rotation: φ_i [rad].
@@ -70,14 +70,14 @@ def grow_stick_region(
 ) -> Bool[np.ndarray, " n"]:
     """Grow the stick region from the stick centre over neighbours, by [Li2024] Eq. (15).
 
-    Breadth-first, ring by ring: the candidates of a ring are all markers of the contact region
-    that adjoin the stick region and do not belong to it yet. They are tried in the order of their
-    distance in φ from the region's mean, and the mean is updated after each marker that is taken,
-    so that the result does not depend on how the markers are numbered. Growth ends when a whole
-    ring has been refused.
+    Growth is breadth-first, ring by ring: the candidates of a ring are all markers of the contact
+    region that adjoin the stick region and do not belong to it yet. They are tried in the order of
+    their distance in φ from the region's mean, which is updated after each accepted marker, so the
+    result does not depend on the numbering of the markers. Growth ends when a whole ring is
+    rejected.
 
     Args:
-        fields: of a frame with contact.
+        fields: fields of a frame with contact.
         neighbours: indices of neighbours, filled up with −1.
         threshold: Δφ_th [-].
         floor: least denominator of Eq. (15) [rad].
@@ -88,9 +88,9 @@ def grow_stick_region(
     free[fields.centre] = False
     members, newest = [fields.centre], [fields.centre]
     total = phi[fields.centre]
-    refused: set[int] = set()
+    rejected: set[int] = set()
     while newest:
-        ring = refused | {j for i in newest for j in adjacent[i] if j >= 0 and free[j]}
+        ring = rejected | {j for i in newest for j in adjacent[i] if j >= 0 and free[j]}
         mean = total / len(members)
         newest = []
         for j in sorted(ring, key=lambda j, mean=mean: abs(phi[j] - mean)):
@@ -99,7 +99,7 @@ def grow_stick_region(
                 members.append(j)
                 newest.append(j)
                 total += phi[j]
-        refused = {j for j in ring if free[j]}
+        rejected = {j for j in ring if free[j]}
     stick = np.zeros_like(fields.contact)
     stick[members] = True
     return stick
