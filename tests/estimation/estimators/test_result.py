@@ -110,7 +110,7 @@ def test_an_answer_is_withdrawn_as_a_whole():
 
 def test_quantities_of_other_lengths_are_refused():
     result = gather()
-    with pytest.raises(ValueError, match="`moment` is of 9 frames, `time` of 10"):
+    with pytest.raises(ValueError, match="`moment` has 9 frames, `time` 10"):
         replace(result, moment=result.moment[:-1])
 
 
