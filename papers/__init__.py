@@ -1,4 +1,4 @@
-"""Published results regenerated, and studies of our own."""
+"""Regenerate published results, and run our own studies."""
 
 from contactmodel.common.lazy import public_names
 

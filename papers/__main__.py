@@ -23,12 +23,12 @@ from papers.published import compare, read_published
 if TYPE_CHECKING:
     from papers.leaderboard.publish import Ranking
 
-app = make_app("Published results regenerated, and studies of our own.")
+app = make_app("Regenerate published results, and run our own studies.")
 
 
 @app.command("list")
 def list_items() -> None:
-    """List the items that `run` computes, by paper or study, and the studies that `sweep` takes."""
+    """List the items that `run` computes, by paper or study, and the studies for `sweep`."""
     print("Items, for `run PAPER [ITEM]`:")
     for paper, items in ITEMS.items():
         print(" ", paper, *items)
@@ -39,16 +39,16 @@ def list_items() -> None:
 
 @app.command()
 def run(
-    paper: Annotated[str | None, typer.Argument(help="Paper or study; all if none.")] = None,
-    item: Annotated[str | None, typer.Argument(help="One of its items; all if none.")] = None,
-    quick: Annotated[bool, typer.Option(help="A few draws instead of all.")] = False,
+    paper: Annotated[str | None, typer.Argument(help="Paper or study (default: all).")] = None,
+    item: Annotated[str | None, typer.Argument(help="One of its items (default: all).")] = None,
+    quick: Annotated[bool, typer.Option(help="Compute a few draws instead of all.")] = False,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("build/papers"),
 ) -> None:
-    """Compute items, draw them, print their tables and what was published beside ours.
+    """Compute and draw items, print their tables, and compare with published numbers.
 
-    Items are left out if they need an extra that is not installed or data that cannot be fetched.
-    Each is reported, the extras before anything is computed, and named at the end, exit status 2.
-    index.html shows what is in the folder, and is renewed after each item.
+    An item is skipped if its extra is not installed or its data cannot be fetched. Missing extras
+    are reported before the first computation. The command names all skipped items at the end and
+    exits with status 2. index.html shows all items in the folder and is updated after each item.
     """
     from estimation.output.report import figure_png
     from papers.index import write_index
@@ -57,33 +57,33 @@ def run(
     check_writable(out)
     left_out = _without_their_extra(chosen)
     write_index(out, left_out)
-    found: dict[Callable, Any] = {}  # some items draw what another has computed
+    results: dict[Callable, Any] = {}  # items that share `compute` share its result
     for name, part in chosen:
         if (name, part) in left_out:
             continue
         module = import_module(f"papers.{name}.{part}")
-        if module.compute not in found:
+        if module.compute not in results:
             try:
                 with _progress() as progress:
                     track = partial(progress.track, description=f"{name} {part}")
-                    found[module.compute] = module.compute(quick=quick, track=track)
+                    results[module.compute] = module.compute(quick=quick, track=track)
             except OSError as error:  # data that cannot be fetched
                 say_error(f"{name} {part}: {error}")
                 left_out[name, part] = str(error)
                 write_index(out, left_out)
                 continue
-        result = found[module.compute]
+        result = results[module.compute]
         write_whole(out / name / f"{part}.png", figure_png(module.plot(result)))
-        shown: dict[str, list[dict[str, object]]] = module.tables(result)
+        tables: dict[str, list[dict[str, object]]] = module.tables(result)
         if rows := [row for row in read_published(name) if row.item == part]:
-            shown["_published"] = compare(rows, module.numbers(result))
-        for suffix, rows in shown.items():
+            tables["_published"] = compare(rows, module.numbers(result))
+        for suffix, rows in tables.items():
             write_whole(out / name / f"{part}{suffix}.csv", _csv(rows))
             Console(width=200).print(_table(f"{name} {part}{suffix}", rows))
         write_index(out, left_out)
     if left_out:
         names = ", ".join(f"{name} {part}" for name, part in left_out)
-        raise OSError(f"{names} left out of what was written to {out}")
+        raise OSError(f"{names} left out of the results in {out}")
     print(f"written to {out}; see {out / 'index.html'}")
 
 
@@ -95,43 +95,44 @@ def leaderboard(
         typer.Option(
             help="An entry: a CSV file named after its method, with the columns case, frame (row "
             "of the recording, from 0; not its source_index), angle_deg [°] and, for lifts, "
-            "slipped (probability). Can be given several times.",
+            "slipped (probability of a slip). Can be given several times.",
             show_default="none",
         ),
     ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
-            help="Write the recordings and the rules to this folder, and rank nothing.",
+            help="Write the recordings and the rules to this folder; no ranking.",
             show_default="none",
         ),
     ] = None,
     split: Annotated[
-        str, typer.Option(help="Cases to rank by: scored, or tuning, whose truth is exported.")
+        str,
+        typer.Option(help="Cases to rank by: scored, or tuning (their truth is exported)."),
     ] = "scored",
     seed: Annotated[
         int | None,
         typer.Option(
             min=0,
-            help="Seed that the scored cases are drawn from; give the same one to export and to "
-            "rank. Whoever knows it can compute the truth.",
+            help="Seed of the scored cases; use the same for export and ranking. Keep it secret: "
+            "the truth can be computed from it.",
             show_default="that of the practice round",
         ),
     ] = None,
     alone: Annotated[
-        bool, typer.Option(help="Rank the entries of --angles only, which runs no method.")
+        bool, typer.Option(help="Rank the entries of --angles only; run no method.")
     ] = False,
 ) -> None:
-    """Rank methods by their right answers in three tiers: virtual, finite strain, real.
+    """Rank methods by their share of right answers in three tiers: virtual, finite strain, real.
 
-    Entries are checked first. Data sets that have not been fetched are left out and named.
+    Entries are checked first. Data sets that have not been fetched are left out, with a note.
     """
     from papers.leaderboard.cases import SPLITS, list_cases
     from papers.leaderboard.entries import read_entry
 
     entries = [read_entry(path, list_cases(split)) for path in angles or ()]
     if alone and not entries:
-        raise ValueError("--alone ranks the entries of --angles only, and none is given")
+        raise ValueError("--alone ranks only the entries of --angles: add --angles FILE")
     check_writable(out if export is None else export)
     from papers.leaderboard import publish
 
@@ -155,23 +156,24 @@ def sheets(
         int | None,
         typer.Option(
             min=0,
-            help="Draw other frames with this seed, from all videos in the data set's folder.",
+            help="Draw other frames with this seed, from all videos in the folder of the data set.",
             show_default="the frames of the study's table",
         ),
     ] = None,
     clip: Annotated[
         list[str] | None,
         typer.Option(
-            help="Every frame of this video, such as lemon/exp_num_2/camera_0, instead of a draw. "
-            "Can be given several times.",
+            help="Take every frame of this video, such as lemon/exp_num_2/camera_0, instead of "
+            "drawing frames. Can be given several times.",
             show_default="none",
         ),
     ] = None,
 ) -> None:
-    """Make sheets of pictures from which the state of the contact is read by eye.
+    """Make sheets of pictures for reading the state of the contact by eye.
 
-    They show frames of `state-videos` without any answer of ours; README.md in the folder says how
-    to read them, reading.csv is the table to fill in. `run marker_images states` scores ours.
+    The sheets show frames of `state-videos` without any estimate. README.md in the folder explains
+    how to read them; reading.csv is the table to fill in. `run marker_images states` compares our
+    states with such tables.
     """
     require_extra("video", "sheets")
     from estimation.frames.datasets import fetch
@@ -194,22 +196,23 @@ def sheets(
 @app.command()
 def sweep(
     study: Annotated[
-        str, typer.Argument(help=f"Module of the study: {', '.join(STUDIES)}, or your own.")
+        str, typer.Argument(help=f"Module of the study: {', '.join(STUDIES)}, or your own module.")
     ],
-    quick: Annotated[bool, typer.Option(help="Its small table of cases.")] = False,
+    quick: Annotated[bool, typer.Option(help="Evaluate the study's small table of cases.")] = False,
     store: Annotated[
         Path | None,
         typer.Option(help="Folder of the store.", show_default="build/sweeps/STUDY.zarr"),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")] = 1,
     scheduler: Annotated[
         str | None,
         typer.Option(
-            help="Address of a Dask scheduler; its workers do the work.", show_default="none"
+            help="Address of a Dask scheduler; its workers evaluate the cases.",
+            show_default="none",
         ),
     ] = None,
 ) -> None:
-    """Evaluate a study's cases; an interrupted sweep resumes when it is run again."""
+    """Evaluate a study's cases; run again, an interrupted sweep resumes."""
     require_extra("sweeps", f"sweep {study}")
     from papers import sweeps
 
@@ -242,7 +245,7 @@ def _write_ranking(ranking: "Ranking", folder: Path) -> None:
 
 
 def _without_their_extra(chosen: list[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """Items that need an extra that is not installed, and why; each is reported."""
+    """The items whose extra is not installed, with the reason; each is reported."""
     left_out = {}
     for name, part in chosen:
         try:
@@ -255,7 +258,7 @@ def _without_their_extra(chosen: list[tuple[str, str]]) -> dict[tuple[str, str],
 
 
 def _progress() -> Progress:
-    """Bar, cases, time gone and time left."""
+    """A progress bar with cases, elapsed and remaining time."""
     return Progress(
         *Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn(), console=errors
     )

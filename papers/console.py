@@ -1,6 +1,6 @@
 """The console command `contactmodel`: the commands of all four packages.
 
-It stands in the last package, which may import the others.
+It is in `papers` because only this package may import the other three.
 """
 
 from calibration.__main__ import app as calibration

@@ -1,4 +1,4 @@
-"""The page that leads to what `papers run` has made: `index.html` in its folder."""
+"""The overview page of `papers run`: `index.html` in its folder."""
 
 import ast
 import csv
@@ -13,14 +13,14 @@ from papers.items import ITEMS
 
 
 class Made(NamedTuple):
-    """An item that has been made.
+    """A computed item.
 
     Attributes:
-        name: of the item.
-        title: what it is, in a sentence.
-        picture: place in the folder.
-        tables: places in the folder.
-        compared: rows that set a printed number beside ours; none where nothing was printed.
+        name: name of the item.
+        title: one sentence that describes it.
+        picture: path of its figure, relative to the folder.
+        tables: paths of its tables, relative to the folder.
+        compared: rows that compare a printed number with ours; empty without printed numbers.
     """
 
     name: str
@@ -31,14 +31,14 @@ class Made(NamedTuple):
 
 
 def write_index(out: Path, left_out: Mapping[tuple[str, str], str]) -> None:
-    """Write `index.html`: every item whose picture is in the folder, and those that were left out.
+    """Write `index.html`: every item whose figure is in the folder, and the skipped items.
 
     Args:
-        out: folder that items are written to, by this run or earlier ones.
-        left_out: why items of this run are not there.
+        out: folder with the items of this run and earlier ones.
+        left_out: the items that this run skipped, with the reason.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the page cannot be written.
     """
     made = {
         paper: [
@@ -54,7 +54,7 @@ def write_index(out: Path, left_out: Mapping[tuple[str, str], str]) -> None:
 
 
 def describe_item(paper: str, item: str) -> str:
-    """What an item is: the first line of its module."""
+    """The description of an item: the first line of its module's docstring."""
     source = resources.files(f"papers.{paper}") / f"{item}.py"
     text = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or item
     return text.splitlines()[0]

@@ -1,9 +1,10 @@
-"""The papers and studies, and what an item of them is.
+"""The papers and studies, and their items.
 
-An item is a module with four functions: `compute(quick, track)` gives its result, `tables(result)`
-gives tables by the ending of their file's name, `plot(result)` a figure, and, where something was
-published, `numbers(result)` gives ours by the quantity's name in `published.csv`. `quick` takes a
-few draws in place of all; `track` wraps the outermost loop, to show progress.
+An item is a module with up to four functions. `compute(quick, track)` returns the result.
+`tables(result)` returns tables, each under the suffix of its file name. `plot(result)` returns a
+figure. `numbers(result)`, only for published numbers, returns ours by the quantity's name in
+`published.csv`. With `quick`, a few draws are computed instead of all; `track` wraps the outermost
+loop to show progress.
 """
 
 from collections.abc import Callable, Iterable
@@ -27,7 +28,7 @@ ITEMS = {
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered", "slides"),
 }
-"""Items of each paper, modules of its package."""
+"""Items of each paper: modules of its package."""
 
 EXTRAS = {
     ("li2024", "fig9b"): "sweeps",
@@ -38,17 +39,17 @@ EXTRAS = {
     ("softness", "layered"): "sweeps",
     ("finite_strain", "reference"): "finite-elements",
 }
-"""The extra that an item needs, by paper and item; the other items need none."""
+"""The extra that an item requires, by paper and item; the other items require none."""
 
 STUDIES = ("papers.li2024.lifts", "papers.model_error.atlas", "papers.softness.contacts")
 """Modules whose cases `python -m papers sweep` evaluates."""
 
 
 def choose_items(paper: str | None, item: str | None) -> list[tuple[str, str]]:
-    """Papers and items that are asked for; all where none is named.
+    """Pairs of paper and item to compute; without a paper or item, all of them.
 
     Raises:
-        ValueError: there is no such one.
+        ValueError: the paper or the item does not exist.
     """
     if paper is not None and paper not in ITEMS:
         raise ValueError(f"unknown paper {paper!r}; choose from {', '.join(ITEMS)}")

@@ -1,10 +1,11 @@
-"""What no estimator can do better, and what the linear model leaves out.
+"""The Cramér–Rao bound of the angle, and the errors of the linear model at finite rotations.
 
-Below the Cramér–Rao bound of the angle no unbiased estimate from one frame can go. Everything else
-in `papers` is linear elasticity at small strain: a homogeneous elastomer, dry friction with one
-coefficient. A finite rotation costs it what the last three functions say, which at 20° is more than
-the noise. Not in it at all, and not estimated: the silicone's own stress–strain curve, creep,
-adhesion, a friction coefficient that falls with pressure, and contacts that slide far.
+No unbiased estimate from one frame has a smaller standard deviation than the Cramér–Rao bound.
+Everything else in `papers` assumes linear elasticity at small strain: a homogeneous elastomer, dry
+friction with one coefficient. The last three functions give its errors under a finite rotation; at
+20° they exceed the noise. The model leaves out, and this module does not estimate: the silicone's
+nonlinear stress–strain curve, creep, adhesion, a friction coefficient that falls with pressure, and
+contacts that slide far.
 """
 
 import numpy as np
@@ -19,14 +20,14 @@ MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 def angle_limit(
     points: Float[np.ndarray, "n 2"], stick: Bool[np.ndarray, " n"], noise: float
 ) -> float:
-    """Least standard deviation of an unbiased angle, σ/(r_rms √n), from the markers that stick.
+    """Least standard deviation of an unbiased angle from the sticking markers, σ/(r_rms √n).
 
-    The reference is exact, the centre unknown, the markers' noise white and normal.
+    It assumes an exact reference, an unknown centre, and white normal noise of the markers.
 
     Args:
-        points: markers [mm].
-        stick: which of them move with the object.
-        noise: σ of each coordinate [mm].
+        points: positions of the markers [mm].
+        stick: mask of the markers that move with the object.
+        noise: σ, standard deviation of each coordinate [mm].
 
     Returns:
         The standard deviation [rad]; infinite for fewer than two markers.
@@ -37,7 +38,7 @@ def angle_limit(
 
 
 def line_shortfall(theta: Angles) -> Angles:
-    """Error of the angle that lines show under the linear twist θ × r, atan θ − θ [rad]."""
+    """Error of the angle of a line element under the linear twist θ × r, atan θ − θ [rad]."""
     return np.arctan(theta) - theta
 
 
@@ -47,9 +48,9 @@ def curl_shortfall(theta: Angles) -> Angles:
 
 
 def traction_excess(theta: Angles, poisson_ratio: float) -> Angles:
-    """Relative excess of the traction where (R − I) r is imposed on a linear half-space [-].
+    """Relative excess of the traction if (R − I) r is imposed on a linear half-space [-].
 
-    It reads the contraction 1 − cos θ as strain: an inward traction of tan(θ/2)/(1−ν) times the
-    twist's.
+    The half-space takes the contraction 1 − cos θ for strain and adds an inward traction:
+    tan(θ/2)/(1−ν) times the traction of the twist.
     """
     return np.sqrt(1.0 + (np.tan(0.5 * theta) / (1.0 - poisson_ratio)) ** 2) - 1.0

@@ -1,12 +1,12 @@
-"""What a paper prints, and ours beside it.
+"""Compare the numbers that a paper prints with ours.
 
-`published.csv` of a paper has a row for each number it prints as a result or as a constant of its
-method; what its experiments were set to stands in `settings`, with the place. A row has `item`,
-`quantity`, `value`, `unit`, `kind`, `tolerance`, `differs` and `source`. A number of kind
-`analytic` follows from the paper itself, one of kind `virtual` from a simulation that can be
-repeated: ours must lie within `tolerance`, unless `differs` says why it does not. One of kind
-`hardware` was measured with instruments that we do not have: ours stands beside it and is never
-said to reproduce it.
+A paper's `published.csv` has a row for each number that the paper prints as a result or as a
+constant of its method. The parameters of its experiments are in `settings`, with their place in the
+paper. A row has `item`, `quantity`, `value`, `unit`, `kind`, `tolerance`, `differs` and `source`. A
+number of kind `analytic` follows from the paper itself; one of kind `virtual` follows from a
+simulation that can be repeated. For both, ours must lie within `tolerance`, unless `differs` gives
+a reason. A number of kind `hardware` was measured with instruments that we do not have: ours is
+shown next to it, and never counts as a reproduction.
 """
 
 import csv
@@ -22,13 +22,13 @@ class Published(NamedTuple):
     """A printed number.
 
     Attributes:
-        item: module of the paper's package that computes ours.
-        quantity: name of ours in `numbers` of that module.
-        value: as printed.
-        unit: of it.
+        item: module of the paper's package that computes our number.
+        quantity: name of our number in `numbers` of that module.
+        value: the number as printed.
+        unit: unit of the number.
         kind: one of `KINDS`.
-        tolerance: by which ours may be off, with its reason after a colon.
-        differs: why ours is farther off, if it is.
+        tolerance: largest allowed difference, and its reason after a colon.
+        differs: reason why our number is out of tolerance; empty if it is within.
         source: place in the paper.
     """
 
@@ -47,7 +47,10 @@ class Published(NamedTuple):
         return float(self.tolerance.partition(":")[0] or "nan")
 
     def judge(self, ours: float) -> str:
-        """`compared` for hardware, else `reproduced`, `differs` where told so, or `WRONG`."""
+        """Verdict on our number: `compared` (hardware), `reproduced`, `differs` or `WRONG`.
+
+        `WRONG` means out of tolerance without a reason in `differs`, or within it despite one.
+        """
         if self.kind == "hardware":
             return "compared"
         within = math.isclose(ours, self.value, rel_tol=0.0, abs_tol=self.allowed)
@@ -57,7 +60,7 @@ class Published(NamedTuple):
 
 
 def read_published(paper: str) -> list[Published]:
-    """The rows of a paper; none if it prints nothing, as a study of our own."""
+    """The printed numbers of a paper; empty for our own studies, which have no `published.csv`."""
     file = resources.files(f"papers.{paper}") / "published.csv"
     if not file.is_file():
         return []
@@ -66,7 +69,7 @@ def read_published(paper: str) -> list[Published]:
 
 
 def compare(rows: Sequence[Published], ours: Mapping[str, float]) -> list[dict[str, object]]:
-    """Printed beside ours, for the rows of one item."""
+    """A table row for each printed number of an item, with our number and the verdict."""
     return [
         {
             "quantity": row.quantity,

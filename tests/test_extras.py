@@ -123,7 +123,7 @@ def test_items_without_their_extra_are_left_out_before_anything_runs(tmp_path, m
         why = f'error: {item} needs zarr (not installed): run `pip install "contactmodel[sweeps]"`'
         assert 0 <= said.index(why) < said.index("li2024 method: no data")
     every = "li2024 fig9b, model_error equation14, li2024 method"
-    assert f"{every} left out of what was written to {tmp_path}" in said
+    assert f"{every} left out of the results in {tmp_path}" in said
 
 
 def test_sweep_without_its_extra_names_it(monkeypatch, capsys):

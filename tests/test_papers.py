@@ -109,7 +109,7 @@ def test_an_item_without_its_data_does_not_stop_the_others(tmp_path, monkeypatch
     assert done.value.code == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "marker_images clips: cannot be downloaded" in said
-    assert f"marker_images clips left out of what was written to {tmp_path}" in said
+    assert f"marker_images clips left out of the results in {tmp_path}" in said
     assert (tmp_path / "li2024" / "method.png").exists()
     page = (tmp_path / "index.html").read_text()
     assert "<b>marker_images clips</b>: cannot be downloaded" in page

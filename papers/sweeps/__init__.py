@@ -1,4 +1,4 @@
-"""Studies of many cases: run anywhere, stored case by case, resumed where they were stopped."""
+"""Studies of many cases: run locally or on a cluster, store each case, resume if interrupted."""
 
 from papers.sweeps.executors import in_process, local_processes, on_cluster
 from papers.sweeps.store import Results, read_results

@@ -1,7 +1,7 @@
-"""Where batches are evaluated: in this process, in local processes, on a Dask cluster.
+"""Evaluate batches in this process, in local processes, or on a Dask cluster.
 
-Each executor takes the name of a study and its batches, and gives them back, in any order, with
-their outcomes. A worker uses one thread: batches run side by side, not the parts of one.
+Each executor takes the name of a study and its batches, and yields each batch with its outcomes, in
+any order. A worker uses one thread, so whole batches run in parallel, not parts of a batch.
 """
 
 import multiprocessing
@@ -30,7 +30,12 @@ ONE_THREAD = {
 
 
 class Batch(NamedTuple):
-    """Cases to evaluate together: their rows in the table, and those rows."""
+    """Cases to evaluate together.
+
+    Attributes:
+        cases: row numbers of the cases in the study's table.
+        table: the rows themselves.
+    """
 
     cases: Int[np.ndarray, " batch"]
     table: Table
@@ -41,16 +46,16 @@ Executor = Callable[[str, Sequence[Batch]], Iterator[Outcome]]
 
 
 def in_process(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
-    """One batch after the other, here."""
+    """Evaluate one batch after the other in this process."""
     for batch in batches:
         yield batch, evaluate_batch(name, batch.table)
 
 
 def local_processes(count: int) -> Executor:
-    """In worker processes of this machine, which end when this process does, however that ends.
+    """An executor with worker processes on this machine; they end whenever this process ends.
 
     Args:
-        count: of them.
+        count: number of processes.
     """
 
     def execute(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
@@ -66,7 +71,7 @@ def local_processes(count: int) -> Executor:
             except BrokenProcessPool as error:
                 raise OSError(
                     "a worker process died, perhaps out of memory; finished cases are stored: "
-                    "run the same command again to continue"
+                    "run the same command again to resume"
                 ) from error
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
@@ -77,8 +82,8 @@ def local_processes(count: int) -> Executor:
 def _end_with_the_parent() -> None:
     """Watch the parent from a thread, and end this process as soon as the parent is gone.
 
-    The parent's sentinel becomes ready when it ends by any means, those included that it cannot
-    handle. What this worker has in work has nobody to take it.
+    The parent's sentinel becomes ready however the parent ends, even if it is killed. Without a
+    parent the worker's current batch would have no receiver.
     """
 
     def watch(sentinel: int) -> None:
@@ -91,11 +96,11 @@ def _end_with_the_parent() -> None:
 
 
 def on_cluster(address: str, patience: float = 10.0) -> Executor:
-    """On the workers of a Dask scheduler, those that come and go while it runs included.
+    """An executor on the workers of a Dask scheduler; workers may join or leave while it runs.
 
     Args:
-        address: of the scheduler, for example tcp://127.0.0.1:8786.
-        patience: how long to wait for the scheduler and the first worker [s].
+        address: address of the scheduler, for example tcp://127.0.0.1:8786.
+        patience: longest wait for the scheduler and for the first worker [s].
     """
     from distributed import Client, KilledWorker, as_completed
     from distributed.client import FutureCancelledError
@@ -123,30 +128,31 @@ def on_cluster(address: str, patience: float = 10.0) -> Executor:
                 except FutureCancelledError as error:
                     raise OSError(
                         f"the scheduler at {address} disconnected; finished cases are stored: "
-                        "run the same command again to continue"
+                        "run the same command again to resume"
                     ) from error
 
     return execute
 
 
 def _check_workers(client, name: str, version: str, patience: float) -> None:
-    """See that every worker has the package in this version, and one thread.
+    """Check that every worker has this version of the package and one thread.
 
     Raises:
-        ValueError: it has not.
+        ValueError: a worker has another version, several threads, or cannot import the package.
         OSError: there is no worker.
     """
     try:
         client.wait_for_workers(1, timeout=patience)
     except TimeoutError as error:
         raise OSError(f"the scheduler has no workers after {patience:g} s") from error
-    for worker, told in client.scheduler_info(n_workers=-1)["workers"].items():
-        if told["nthreads"] != 1:
+    for worker, properties in client.scheduler_info(n_workers=-1)["workers"].items():
+        if properties["nthreads"] != 1:
             raise ValueError(
-                f"the worker {worker} has {told['nthreads']} threads; start it with --nthreads 1"
+                f"the worker {worker} has {properties['nthreads']} threads: start it with "
+                "--nthreads 1"
             )
     package = __package__ or "papers.sweeps"
-    for module in dict.fromkeys((package, name)):  # by a function of Python's own, which all have
+    for module in dict.fromkeys((package, name)):  # a worker may lack this package: use Python's
         for worker, answer in client.run(import_module, module, on_error="return").items():
             if isinstance(answer, Exception):
                 raise ValueError(
@@ -162,7 +168,7 @@ def _check_workers(client, name: str, version: str, patience: float) -> None:
 
 
 def _work(name: str, version: str | None, table: Table) -> Sequence[Values | Failure]:
-    """What a worker does with a batch."""
+    """Evaluate a batch in a worker."""
     for key, value in ONE_THREAD.items():  # before its first use of JAX
         os.environ.setdefault(key, value)
     jax.config.update("jax_enable_x64", True)
@@ -175,7 +181,7 @@ def _work(name: str, version: str | None, table: Table) -> Sequence[Values | Fai
 
 @contextmanager
 def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Environment variables for the processes that are started meanwhile."""
+    """Set environment variables for the processes that start inside the `with` block."""
     before = dict(os.environ)
     os.environ.update(variables)
     try:

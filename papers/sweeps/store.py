@@ -1,7 +1,7 @@
-"""The Zarr store of a sweep: its cases, which of them are done, and their results.
+"""The Zarr store of a sweep: its cases, their states and their results.
 
-Results are written before the cases they belong to are marked as done, and Zarr replaces files
-whole; so a store can be left at any moment.
+A case is marked as done only after its results are written, and Zarr replaces whole files. So a
+sweep can be interrupted at any moment without damage to the store.
 """
 
 import shutil
@@ -18,18 +18,18 @@ from jaxtyping import Bool, Int, Shaped
 from papers.sweeps.study import Failure, Table, Values, table_hash
 
 OPEN, DONE, FAILED = 0, 1, 2
-_CHUNK = 64  # cases of a file
+_CHUNK = 64  # cases per file
 _FORMAT = 1
 
 
 class Results(NamedTuple):
-    """What a store holds.
+    """The contents of a store.
 
     Attributes:
         table: the cases.
-        values: results by name; NaN, 0 or False where there are none.
-        done: cases that have results.
-        failures: reasons of those that failed, by their row.
+        values: results by name; NaN, 0 or False for cases without results.
+        done: mask of the cases with results.
+        failures: reasons of the failed cases, by row.
     """
 
     table: Table
@@ -42,18 +42,18 @@ class Store:
     """The store of a sweep, open for writing; one process at a time."""
 
     def __init__(self, path: Path, name: str, version: str, table: Table) -> None:
-        """Open the store, or make it.
+        """Open the store, or create it.
 
         Args:
-            path: its folder.
-            name: of the study.
-            version: of the code.
+            path: folder of the store.
+            name: name of the study.
+            version: version of the code.
             table: the cases.
 
         Raises:
-            ValueError: there is something else, or a store of another study, version or table.
+            ValueError: the folder is not a store, or is one of another study, version or table.
         """
-        told = {
+        attributes = {
             "format": _FORMAT,
             "study": name,
             "version": version,
@@ -61,36 +61,36 @@ class Store:
             "table": table_hash(table),
         }
         if not path.exists():
-            _make(path, told, table)
+            _make(path, attributes, table)
         self.path = path
         self._group = _open(path, "r+")
-        for key, value in told.items():
+        for key, value in attributes.items():
             if self._group.attrs.get(key) != value:
                 raise ValueError(
-                    f"{path} is of {key} {self._group.attrs.get(key)}, this sweep of {value}: "
+                    f"the store {path} has {key} {self._group.attrs.get(key)}, this sweep {value}: "
                     "write to another folder, or remove the old store"
                 )
 
     @property
     def open_cases(self) -> Int[np.ndarray, " open"]:
-        """Rows of the cases that are neither done nor failed."""
+        """Row numbers of the cases that are neither done nor failed."""
         return np.nonzero(_read(self._group, "state") == OPEN)[0]
 
     def write(self, cases: Int[np.ndarray, " batch"], outcomes: Sequence[Values | Failure]) -> None:
-        """Keep what became of some cases."""
+        """Store the outcomes of some cases."""
         outcomes = [self._fit(outcome) for outcome in outcomes]
         state = np.array([FAILED if isinstance(o, Failure) else DONE for o in outcomes], np.uint8)
         good = [outcome for outcome in outcomes if not isinstance(outcome, Failure)]
         for key in good[0] if good else ():
-            found = np.stack([values[key] for values in good])
-            _array(self._group, f"results/{key}").oindex[cases[state == DONE]] = found
+            stacked = np.stack([values[key] for values in good])
+            _array(self._group, f"results/{key}").oindex[cases[state == DONE]] = stacked
         if FAILED in state:
             reasons = np.array([o.reason for o in outcomes if isinstance(o, Failure)])
             _array(self._group, "reason").oindex[cases[state == FAILED]] = reasons
         _array(self._group, "state").oindex[cases] = state
 
     def _fit(self, outcome: Values | Failure) -> Values | Failure:
-        """The outcome, or that its results are not like those of the other cases."""
+        """The outcome, or a failure if its results differ in name or shape from the other cases."""
         if isinstance(outcome, Failure):
             return outcome
         results = self._group["results"]
@@ -115,28 +115,28 @@ class Store:
 
 @contextmanager
 def lock(path: Path) -> Iterator[None]:
-    """Keep other processes from writing to the same store.
+    """Prevent other processes from writing to the same store.
 
     Raises:
-        ValueError: one does.
+        ValueError: another process is writing to it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    held = FileLock(path.resolve().with_name(f".{path.name}.lock"))
+    file_lock = FileLock(path.resolve().with_name(f".{path.name}.lock"))
     try:
-        held.acquire(timeout=0)
+        file_lock.acquire(timeout=0)
     except Timeout as error:
         raise ValueError(f"another sweep is writing to {path}") from error
     try:
         yield
     finally:
-        held.release()
+        file_lock.release()
 
 
 def read_results(path: Path) -> Results:
-    """What a store holds by now.
+    """The current contents of a store.
 
     Raises:
-        ValueError: there is no store, or a half-written one.
+        ValueError: the store does not exist, or is incomplete.
     """
     if not path.exists():
         raise ValueError(f"there is no store {path}")
@@ -150,12 +150,12 @@ def read_results(path: Path) -> Results:
     )
 
 
-def _make(path: Path, told: dict, table: Table) -> None:
-    """A store without results, under another name until it is whole."""
+def _make(path: Path, attributes: dict, table: Table) -> None:
+    """Create a store without results, under a temporary name until it is complete."""
     temporary = path.with_name(f".{path.name}.new")
     shutil.rmtree(temporary, ignore_errors=True)
     count = len(next(iter(table.values())))
-    group = zarr.open_group(temporary, mode="w", attributes=told)
+    group = zarr.open_group(temporary, mode="w", attributes=attributes)
     group.create_group("results")
     cases = group.create_group("cases")
     for key, column in table.items():
@@ -166,7 +166,7 @@ def _make(path: Path, told: dict, table: Table) -> None:
 
 
 def _open(path: Path, mode) -> zarr.Group:
-    """The group, seen to be whole."""
+    """Open the store's group and check that it is complete."""
     try:
         group = zarr.open_group(path.resolve(), mode=mode)  # zarr cuts the root off inner paths
         state = _read(group, "state")
@@ -187,14 +187,14 @@ def _open(path: Path, mode) -> zarr.Group:
 
 
 def _broken(path: Path) -> str:
-    return f"{path} is not a complete store of a sweep: check it, and remove it to start again"
+    return f"{path} is not a complete store of a sweep: check it, or remove it to start again"
 
 
 def _array(group: zarr.Group, name: str) -> zarr.Array:
     """An array of a group.
 
     Raises:
-        KeyError: there is none of that name.
+        KeyError: the group has no array of that name.
     """
     array = group[name]
     if not isinstance(array, zarr.Array):

@@ -1,7 +1,7 @@
-"""A study: a pure function over a table of cases, named by the module that holds it.
+"""A study: a pure function over a table of cases, named after the module that defines it.
 
-The module has `STUDY`, a `Study`. Only its name and the cases' numbers travel to the workers, which
-import the module themselves.
+The module defines `STUDY`, a `Study`. Workers receive only the module's name and the numbers of the
+cases, and import the module themselves.
 """
 
 import hashlib
@@ -22,21 +22,21 @@ Values = Mapping[str, Shaped[np.ndarray, "..."]]
 _T = TypeVar("_T")
 
 PHYSICS = ("contactmodel", "estimation", "calibration")
-"""Packages whose change makes results outdated, unless a study says which of them it uses."""
+"""Packages on which a study depends by default: a change in them outdates its results."""
 
 
 class Study(NamedTuple):
-    """What is computed, and for which cases.
+    """A function and its table of cases.
 
     Attributes:
-        cases: the table, a column for each argument of `evaluate`; told whether it is to be the
-            small one.
-        evaluate: results by name from one case, given as keywords; their shapes are the same in
-            all cases. Where it raises, the case is recorded as failed with what it said.
-        static: columns that fix shapes. They stay plain numbers; cases are batched by them.
-        batch: cases of a batch.
-        traced: whether `evaluate` is for `jax.vmap`; else cases are evaluated one by one.
-        uses: packages that the results depend on.
+        cases: returns the table, with a column for each argument of `evaluate`; its argument
+            selects the small table.
+        evaluate: maps one case, passed as keywords, to results by name. Their shapes must be the
+            same in all cases. If it raises, the case fails, and the error is stored as its reason.
+        static: columns that determine array shapes. They stay plain numbers, equal in a batch.
+        batch: number of cases in a batch.
+        traced: whether `evaluate` works under `jax.vmap`; otherwise cases are evaluated one by one.
+        uses: packages on which the results depend.
     """
 
     cases: Callable[[bool], Table]
@@ -48,7 +48,7 @@ class Study(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """Why a case has no results."""
+    """The reason why a case has no results."""
 
     reason: str
 
@@ -57,19 +57,19 @@ def find_study(name: str) -> Study:
     """The study of a module.
 
     Raises:
-        ValueError: there is no such module, or it holds no study.
+        ValueError: the module does not exist, or defines no study.
     """
     try:
         study = getattr(import_module(name), "STUDY", None)
     except ModuleNotFoundError as error:
         raise ValueError(f"no study {name!r}: {error}") from error
     if not isinstance(study, Study):
-        raise ValueError(f"{name} holds no study; it needs a variable STUDY of type Study")
+        raise ValueError(f"{name} defines no study; it needs a variable STUDY of type Study")
     return study
 
 
 def code_version(name: str) -> str:
-    """What the results of a study depend on: a hash of its packages and its module."""
+    """Version of the code that a study's results depend on: a hash of its packages and module."""
     files = [Path(import_module(name).__file__ or "")]
     for package in find_study(name).uses:
         files += sorted(Path(import_module(package).__file__ or "").parent.rglob("*.py"))
@@ -80,7 +80,7 @@ def code_version(name: str) -> str:
 
 
 def table_hash(table: Table) -> str:
-    """Hash of the names and the numbers of a table."""
+    """Hash of a table's names and numbers."""
     digest = hashlib.sha256()
     for name, column in sorted(table.items()):
         digest.update(f"{name} {column.dtype} {column.shape}".encode())
@@ -91,7 +91,7 @@ def table_hash(table: Table) -> str:
 def make_batches(
     study: Study, table: Table, cases: Int[np.ndarray, " open"]
 ) -> Iterator[Int[np.ndarray, " batch"]]:
-    """Indices of cases that can be evaluated together."""
+    """Batches of case indices that can be evaluated together."""
     keys = [tuple(table[name][case].item() for name in study.static) for case in cases]
     for key in dict.fromkeys(keys):
         alike = cases[[other == key for other in keys]]
@@ -100,28 +100,28 @@ def make_batches(
 
 
 def evaluate_batch(name: str, table: Table) -> Sequence[Values | Failure]:
-    """Results of some cases of equal shape, or why they have none, in their order."""
+    """Results of cases of equal shape, or the reasons of their failures, in the order of rows."""
     rows = _rows(table)
     if not find_study(name).traced:
         return [_attempt(_evaluate_plainly, name, row) for row in rows]
     together = _attempt(_evaluate_together, name, table)
     if not isinstance(together, Failure):
         return together
-    alone = [_attempt(_evaluate_together, name, row) for row in rows]  # to see whose failure it was
-    return [found if isinstance(found, Failure) else found[0] for found in alone]
+    alone = [_attempt(_evaluate_together, name, row) for row in rows]  # to find the failed cases
+    return [outcome if isinstance(outcome, Failure) else outcome[0] for outcome in alone]
 
 
 def _rows(table: Table) -> list[Table]:
-    """The cases one by one, as tables."""
+    """A table of one row for each case."""
     count = len(next(iter(table.values())))
     return [{key: column[[i]] for key, column in table.items()} for i in range(count)]
 
 
 def _attempt(evaluate: Callable[[str, Table], _T], name: str, table: Table) -> _T | Failure:
-    """What comes of a study's own function, or the failure it ended in.
+    """The results of a study's function, or the failure it ended in.
 
-    Every exception is caught, and only here: what a study may raise cannot be known, one case must
-    not stop the others, and what was raised is not lost but stored as the case's reason.
+    Only this function catches every exception: a study may raise anything, one case must not stop
+    the others, and the error is stored as the case's reason.
     """
     try:
         return evaluate(name, table)
@@ -130,13 +130,13 @@ def _attempt(evaluate: Callable[[str, Table], _T], name: str, table: Table) -> _
 
 
 def _evaluate_plainly(name: str, row: Table) -> Values:
-    """One case without JAX, its numbers as Python's."""
+    """Evaluate one case without JAX; its numbers are passed as Python numbers."""
     case = {key: column[0].tolist() for key, column in row.items()}
     return {key: np.asarray(value) for key, value in find_study(name).evaluate(**case).items()}
 
 
 def _evaluate_together(name: str, table: Table) -> Sequence[Values]:
-    """Of one compiled program, filled up with the last case where there are too few."""
+    """Evaluate cases in one compiled program; the last case repeats to fill the batch."""
     study = find_study(name)
     count = len(next(iter(table.values())))
     rows = np.minimum(np.arange(1 if count == 1 else study.batch), count - 1)
@@ -153,7 +153,7 @@ def _compile(name: str, static: tuple[tuple[str, int | float], ...]) -> Callable
 
 
 def _explain(error: Exception) -> Failure:
-    """The kind of error and its first line; of equinox's, the first after the stacks it shows."""
+    """The error's type and first line; for equinox's errors, the first line after its stacks."""
     lines = str(error).rpartition("EquinoxRuntimeError: ")[2].splitlines()
     first = next((line.strip() for line in lines if line.strip()), "no message")
     return Failure(f"{type(error).__name__}: {first}")

@@ -1,4 +1,4 @@
-"""Run a study over its cases, keep what is done, go on where it was stopped."""
+"""Run a study over its cases, store finished cases, and resume an interrupted sweep."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -20,19 +20,19 @@ def run_sweep(
 ) -> Results:
     """Evaluate the cases of a study that are not in its store yet.
 
-    However it is stopped, run again it evaluates only what is missing. Cases that failed stay
-    failed; to try them again, remove the store.
+    An interrupted sweep resumes with the missing cases. Failed cases are not tried again; remove
+    the store to repeat them.
 
     Args:
         name: module of the study.
         path: folder of the store.
-        executor: where the batches are evaluated.
-        quick: the small table instead of the whole one.
-        tell: told how many cases are finished, of how many; at first and after each batch.
+        executor: evaluates the batches.
+        quick: whether to use the small table instead of the full one.
+        tell: called with the numbers of finished and of all cases, first and after each batch.
 
     Raises:
-        ValueError: no such study, or a store that does not belong to it.
-        OSError: the store cannot be written, or the workers went away.
+        ValueError: the study does not exist, or the store belongs to another study.
+        OSError: the store cannot be written, or the connection to the workers is lost.
     """
     study = find_study(name)
     table = study.cases(quick)
@@ -53,13 +53,13 @@ def run_sweep(
 
 
 def run_study(name: str, quick: bool, track: Track = iter) -> Results:
-    """The results of a study, for an item to draw: what its store lacks is evaluated here.
+    """The results of a study for an item; cases missing in the store are evaluated first.
 
-    The quick table is evaluated without a store.
+    The quick table is evaluated without a permanent store.
 
     Args:
         name: module of the study.
-        quick: the small table instead of the whole one.
+        quick: whether to use the small table instead of the full one.
         track: wraps the batches, to show progress.
     """
 
@@ -74,5 +74,5 @@ def run_study(name: str, quick: bool, track: Track = iter) -> Results:
 
 
 def store_path(name: str, quick: bool) -> Path:
-    """Where a study's results are kept unless told otherwise."""
+    """The default folder of a study's store."""
     return Path("build/sweeps") / f"{name}{'-quick' if quick else ''}.zarr"

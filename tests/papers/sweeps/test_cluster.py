@@ -79,7 +79,7 @@ def test_a_worker_of_another_version_is_named(tmp_path):
 def test_a_worker_of_many_threads_is_named(tmp_path):
     with (
         cluster(n_workers=1, threads_per_worker=2) as workers,
-        pytest.raises(ValueError, match=r"has 2 threads; start it with --nthreads 1"),
+        pytest.raises(ValueError, match=r"has 2 threads: start it with --nthreads 1"),
     ):
         run_sweep(SQUARES, tmp_path / "a.zarr", on_cluster(workers.scheduler_address), quick=True)
     assert_nothing_lost(tmp_path)

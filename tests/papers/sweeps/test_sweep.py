@@ -147,10 +147,10 @@ def test_a_half_written_store_is_refused_and_left_as_it_is(tmp_path, lost):
 def test_a_store_of_another_table_or_version_is_refused(tmp_path, monkeypatch):
     store = tmp_path / "a.zarr"
     run_sweep(SQUARES, store, quick=True)
-    with pytest.raises(ValueError, match=r"is of table .*another folder"):
+    with pytest.raises(ValueError, match=r"has table .*another folder"):
         run_sweep(SQUARES, store)
     monkeypatch.setattr("papers.sweeps.sweep.code_version", lambda name: "0.0.1+old")
-    with pytest.raises(ValueError, match=r"is of version .* of 0\.0\.1\+old"):
+    with pytest.raises(ValueError, match=r"has version .* sweep 0\.0\.1\+old"):
         run_sweep(SQUARES, store, quick=True)
     assert read_results(store).done.sum() == 4
 
@@ -162,7 +162,7 @@ def test_two_sweeps_cannot_write_to_one_store(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("papers.nothing", "no study 'papers.nothing'"), ("papers.sweeps", "holds no study")],
+    [("papers.nothing", "no study 'papers.nothing'"), ("papers.sweeps", "defines no study")],
 )
 def test_unknown_studies_are_named(name, message):
     with pytest.raises(ValueError, match=message):
