@@ -1,1 +1,1 @@
-"""Error of the linear contact model at finite strain, against finite elements of our own."""
+"""Error of the linear contact model at finite strain, against our own finite elements."""

@@ -1,8 +1,8 @@
-"""By how much the contact model is off at finite strain, and what corotated poses gain.
+"""Errors of the contact model at finite strain, with plain and corotated poses.
 
-The reference is `reference.csv`, by finite elements. Left the force when pressed, in the middle the
-moment while the object turns up to 25°, right the moment in the last steps of the way back. What a
-user may rely on stands in the folder's README.
+The reference is `reference.csv`, from finite elements. Left: error of the force when pressed.
+Middle: error of the moment while the object turns up to 25°. Right: error of the moment in the last
+steps back. The folder's README gives the errors that a user can expect.
 """
 
 from typing import NamedTuple
@@ -24,11 +24,12 @@ _RISING, _BACK = slice(1, 6), slice(7, 9)
 
 
 class Off(NamedTuple):
-    """The model's force and moment over the reference's, less 1.
+    """Relative errors of the model's force and moment.
 
     Attributes:
-        force: by step [-].
-        moment: by step; on the way back by the moment at the turn [-].
+        force: error of the force over the reference's, by step [-].
+        moment: error of the moment over the reference's, by step; on the way back over the
+            reference's moment at the largest angle [-].
     """
 
     force: Float[np.ndarray, " steps"]
@@ -36,32 +37,32 @@ class Off(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> dict[Case, dict[str, Off]]:
-    """Solve each case both ways; the quick size has three of them."""
+    """Solve each case with plain and corotated poses; the quick size has three cases."""
     cases = (CASES[0], CASES[1], CASES[8]) if quick else CASES
     return {case: {way: _compare(case, way) for way in WAYS} for case in track(cases)}
 
 
 def _compare(case: Case, way: str) -> Off:
-    truth = read_reference()[case]
-    force, moment = _solve(case, truth, corotated=way == "corotated")
-    peak = truth.moment_nmm[_RISING.stop - 1]
-    scale = np.where(np.arange(len(moment)) < _RISING.stop, truth.moment_nmm, peak)
-    off = (moment - truth.moment_nmm) / np.where(scale == 0.0, np.inf, scale)
-    off[0] = 0.0
-    return Off(force / truth.force_n - 1.0, off)
+    reference = read_reference()[case]
+    force, moment = _solve(case, reference, corotated=way == "corotated")
+    peak = reference.moment_nmm[_RISING.stop - 1]
+    scale = np.where(np.arange(len(moment)) < _RISING.stop, reference.moment_nmm, peak)
+    error = (moment - reference.moment_nmm) / np.where(scale == 0.0, np.inf, scale)
+    error[0] = 0.0
+    return Off(force / reference.force_n - 1.0, error)
 
 
-def _solve(case: Case, truth: Turned, *, corotated: bool) -> tuple[np.ndarray, np.ndarray]:
-    side = 2.0 * (1.15 * truth.contact_mm + 0.4)
-    round_ = RoundPunch(case.flat_mm + case.edge_mm, case.edge_mm)
+def _solve(case: Case, reference: Turned, *, corotated: bool) -> tuple[np.ndarray, np.ndarray]:
+    side = 2.0 * (1.15 * reference.contact_mm + 0.4)
+    punch = RoundPunch(case.flat_mm + case.edge_mm, case.edge_mm)
     contact = Contact(
         Layer(SHEAR_MODULUS, case.poisson_ratio, THICKNESS),
         Rigid(),
-        round_ if case.flat_mm else Sphere(case.edge_mm),
+        punch if case.flat_mm else Sphere(case.edge_mm),
         Grid((_CELLS, _CELLS), (side, side)),
         case.friction,
     )
-    twist = np.radians(truth.angle_deg)
+    twist = np.radians(reference.angle_deg)
     path = solve_path(contact, Pose(case.depth_mm, twist=twist, corotated=corotated), rtol=1e-5)
     return -np.asarray(path.force[:, 2]), np.asarray(path.moment)
 
@@ -70,7 +71,7 @@ def tables(result: dict[Case, dict[str, Off]]) -> dict[str, list[dict[str, objec
     """A row for each case and way."""
     rows: list[dict[str, object]] = []
     for case, ways in result.items():
-        for way, off in ways.items():
+        for way, error in ways.items():
             angles = read_reference()[case].angle_deg
             rows.append({
                 "object": f"punch {case.flat_mm:g}" if case.flat_mm else f"R {case.edge_mm:g}",
@@ -78,24 +79,24 @@ def tables(result: dict[Case, dict[str, Off]]) -> dict[str, list[dict[str, objec
                 "a/h": round(read_reference()[case].contact_mm / THICKNESS, 2),
                 "pad [mm]": case.pad_mm,
                 "way": way,
-                "force [%]": round(100.0 * float(off.force[0]), 1),
+                "force [%]": round(100.0 * float(error.force[0]), 1),
                 **{
-                    f"moment, {angles[i]:g}° [%]": round(100.0 * float(off.moment[i]), 1)
+                    f"moment, {angles[i]:g}° [%]": round(100.0 * float(error.moment[i]), 1)
                     for i in (1, 2, 4, 5)
                 },
-                "moment, back [% of peak]": round(100.0 * float(off.moment[-1]), 1),
+                "moment, back [% of peak]": round(100.0 * float(error.moment[-1]), 1),
             })  # fmt: skip
     return {"": rows}
 
 
 def plot(result: dict[Case, dict[str, Off]]) -> Figure:
-    """Errors over depth; pads narrower than 30 mm open."""
+    """Errors over depth; open symbols: pads narrower than 30 mm."""
     figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained")
     titles = "force, pressed", "moment, 5 to 25°", "moment, way back"
     for case, ways in result.items():
         depth = case.depth_mm / THICKNESS
-        for shift, (way, off) in zip((-0.002, 0.002), ways.items(), strict=True):
-            spans = off.force[:1], off.moment[_RISING], off.moment[_BACK]
+        for shift, (way, error) in zip((-0.002, 0.002), ways.items(), strict=True):
+            spans = error.force[:1], error.moment[_RISING], error.moment[_BACK]
             colour = "C0" if way == "plain" else "C1"
             face = colour if case.pad_mm >= 30.0 else "none"
             mark = "s" if case.flat_mm else "o"

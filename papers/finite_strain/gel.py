@@ -1,13 +1,13 @@
-"""A round gel of finite strain: finite elements of r and z whose points also turn about the axis.
+"""A round gel at finite strain: finite elements in r and z whose points also turn about the axis.
 
-scikit-fem gives mesh, shape functions and integration points; its elements take any number of
-components, so that u_r, u_θ and u_z may all depend on r and z, which axisymmetric fields of other
-libraries leave out. JAX differentiates the energy, SciPy solves. Nothing is shared with the contact
-model but these.
+scikit-fem gives mesh, shape functions and integration points. Its elements take any number of
+components, so u_r, u_θ and u_z may all depend on r and z; axisymmetric fields of other libraries
+leave out u_θ. JAX differentiates the energy, SciPy solves. The contact model shares only these
+libraries with this module.
 
 In the basis of the undeformed point, F = I + [[u_r,r, −u_θ/r, u_r,z], [u_θ,r, u_r/r, u_θ,z],
-[u_z,r, 0, u_z,z]], exact for any turn. The volume of an element counts as a whole (mean
-dilatation), so that nearly incompressible gels do not lock.
+[u_z,r, 0, u_z,z]], exact for any turn. Only an element's mean dilatation enters the energy, so that
+nearly incompressible gels do not lock.
 """
 
 from typing import NamedTuple
@@ -19,16 +19,16 @@ from jaxtyping import Array, Float, Int
 
 
 class Gel(NamedTuple):
-    """A cylinder of rubber, bonded at its base, its side free.
+    """A rubber cylinder with a bonded base and a free side.
 
-    W = G/2 [(1 − m)(Ī₁ − 3) + m (Ī₂ − 3)] + K/2 (J̄ − 1)²; neo-Hookean at m = 0, of Mooney and
-    Rivlin above.
+    W = G/2 [(1 − m)(Ī₁ − 3) + m (Ī₂ − 3)] + K/2 (J̄ − 1)²; neo-Hookean for m = 0, Mooney–Rivlin
+    for m > 0.
 
     Attributes:
         thickness: h [mm].
-        radius: of the pad [mm].
+        radius: radius of the pad [mm].
         shear_modulus: G [MPa].
-        poisson_ratio: ν, of small strains [-].
+        poisson_ratio: ν at small strain [-].
         second_share: m, the share of the second invariant [-].
     """
 
@@ -40,17 +40,17 @@ class Gel(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """The gel cut into quadrilaterals.
+    """Mesh of the gel with quadrilateral elements.
 
     Attributes:
         place: r and z of the nodes, z = 0 at the top [mm].
-        nodes: of each element, in the order of their numbers in `value`.
-        value: shape functions over r at the integration points [1/mm].
-        slope: their derivatives by r and z [1/mm].
-        volume: of each integration point [mm³].
-        top: nodes of the top by their radius.
-        area: of the top that each of these has [mm²].
-        free: components that are free to move, of three for each node.
+        nodes: indices of each element's nodes, in the order of `value`.
+        value: shape functions divided by r, at the integration points [1/mm].
+        slope: derivatives of the shape functions by r and z [1/mm].
+        volume: volume of each integration point [mm³].
+        top: indices of the nodes at the top, sorted by radius.
+        area: area of the top that belongs to each of these nodes [mm²].
+        free: indices of the free displacement components, three for each node.
     """
 
     place: Float[np.ndarray, "nodes 2"]
@@ -64,13 +64,13 @@ class Elements(NamedTuple):
 
 
 def cut(gel: Gel, cell: float, fine: float, growth: float = 1.25) -> Elements:
-    """Cut a gel, finely under the contact.
+    """Mesh a gel, with small elements under the contact.
 
     Args:
-        gel: to be cut.
+        gel: the gel to mesh.
         cell: side of the elements under the contact [mm].
-        fine: radius of the fine part [mm].
-        growth: from one element to the next beyond it [-].
+        fine: radius of the finely meshed part [mm].
+        growth: ratio of the sizes of neighbouring elements beyond the fine part [-].
     """
     from skfem import Basis, ElementQuad1, MeshQuad
 
@@ -82,14 +82,14 @@ def cut(gel: Gel, cell: float, fine: float, growth: float = 1.25) -> Elements:
     )
     basis = Basis(mesh, ElementQuad1(), intorder=3)
     r = np.asarray(basis.global_coordinates())[0]
-    fields = [np.broadcast_to(np.asarray(one[0]), r.shape) for one in basis.basis]
-    slopes = [np.broadcast_to(np.asarray(one[0].grad), (2, *r.shape)) for one in basis.basis]
+    fields = [np.broadcast_to(np.asarray(shape[0]), r.shape) for shape in basis.basis]
+    slopes = [np.broadcast_to(np.asarray(shape[0].grad), (2, *r.shape)) for shape in basis.basis]
     place, rigid = mesh.p.T, 1e-9 * cell
     top = np.flatnonzero(place[:, 1] > -rigid)
     top = top[np.argsort(place[top, 0])]
-    held = np.zeros((len(place), 3), dtype=bool)
-    held[place[:, 1] < -gel.thickness + rigid] = True
-    held[place[:, 0] < rigid, :2] = True
+    fixed = np.zeros((len(place), 3), dtype=bool)
+    fixed[place[:, 1] < -gel.thickness + rigid] = True
+    fixed[place[:, 0] < rigid, :2] = True
     return Elements(
         place=place,
         nodes=basis.element_dofs.T,
@@ -98,14 +98,20 @@ def cut(gel: Gel, cell: float, fine: float, growth: float = 1.25) -> Elements:
         volume=2.0 * np.pi * r * basis.dx,
         top=top,
         area=_areas(place[top, 0]),
-        free=np.flatnonzero(~held.ravel()),
+        free=np.flatnonzero(~fixed.ravel()),
     )
 
 
 def strain_gradient(
     moved: Float[Array, "4 3"], value: Float[Array, "4 points"], slope: Float[Array, "4 2 points"]
 ) -> Float[Array, "3 3 points"]:
-    """F at the points of an element whose nodes have moved."""
+    """Deformation gradient F at the integration points of an element.
+
+    Args:
+        moved: displacement of the element's nodes [mm].
+        value: shape functions divided by r [1/mm].
+        slope: derivatives of the shape functions by r and z [1/mm].
+    """
     r, t, z = 0, 1, 2
     by_r, by_z = jnp.einsum("ac,adp->dcp", moved, slope)
     over_r = jnp.einsum("ac,ap->cp", moved, value)
@@ -124,7 +130,15 @@ def element_energy(
     volume: Float[Array, " points"],
     law: Float[Array, "3"],
 ) -> Float[Array, ""]:
-    """Energy of an element [N·mm]; the law is G, K and m."""
+    """Strain energy of an element [N·mm].
+
+    Args:
+        moved: displacement of the element's nodes [mm].
+        value: shape functions divided by r [1/mm].
+        slope: derivatives of the shape functions by r and z [1/mm].
+        volume: volume of each integration point [mm³].
+        law: G [MPa], K [MPa] and m [-].
+    """
     modulus, bulk, share = law
     f = strain_gradient(moved, value, slope)
     c = jnp.einsum("kip,kjp->ijp", f, f)
@@ -144,7 +158,13 @@ def forces_and_stiffness(
     parts: tuple[Array, Array, Array],
     law: Float[Array, "3"],
 ) -> tuple[Float[Array, "elements 12"], Float[Array, "elements 12 12"]]:
-    """Derivatives of each element's energy by what its nodes move [N, N/mm]."""
+    """First and second derivatives of each element's energy by its nodes' displacement [N, N/mm].
+
+    Args:
+        moved: displacement of each element's nodes [mm].
+        parts: `value`, `slope` and `volume` of the `Elements`.
+        law: G [MPa], K [MPa] and m [-].
+    """
 
     def energy(flat: Array, value: Array, slope: Array, volume: Array) -> Array:
         return element_energy(flat.reshape(4, 3), value, slope, volume, law)
@@ -155,21 +175,21 @@ def forces_and_stiffness(
 
 
 def law_of(gel: Gel) -> Float[Array, "3"]:
-    """G, K and m of a gel."""
+    """G [MPa], K [MPa] and m [-] of a gel."""
     nu = gel.poisson_ratio
     bulk = gel.shear_modulus * 2.0 * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu))
     return jnp.array([gel.shear_modulus, bulk, gel.second_share])
 
 
 def _grow(length: float, first: float, growth: float) -> Float[np.ndarray, " nodes"]:
-    """Places from 0 to a length, each step longer than the one before."""
+    """Coordinates from 0 to a length, each step longer than the last [mm]."""
     count = int(np.ceil(np.log1p(length / first * (growth - 1.0)) / np.log(growth)))
     steps = first * growth ** np.arange(max(count, 1))
     return np.concatenate([[0.0], np.cumsum(steps)]) * (length / steps.sum())
 
 
 def _areas(r: Float[np.ndarray, " top"]) -> Float[np.ndarray, " top"]:
-    """2π ∫ N r dr of linear shape functions N [mm²]."""
+    """Integral 2π ∫ N r dr of the linear shape functions N [mm²]."""
     left, right = r[:-1], r[1:]
     long = right - left
     area = np.zeros(len(r))

@@ -2,8 +2,8 @@
 
 Contact and friction hold exactly at each node of the top, in the frame that turns with the object:
 [Alart1991] P. Alart, A. Curnier, "A mixed formulation for frictional contact problems prone to
-Newton like solution methods". The tractions t are unknowns beside the displacements; t is the
-projection of t − c (gap n + slip) on what friction admits, whatever the number c.
+Newton like solution methods". Unknowns are the displacements and the tractions t. For any number
+c > 0, t is the projection of t − c (gap n + slip) onto the tractions that friction admits.
 """
 
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ from papers.finite_strain.gel import Elements, Gel, forces_and_stiffness, law_of
 
 
 class Round(NamedTuple):
-    """A sphere, or a flat punch with a round edge.
+    """A sphere, or a flat punch with a rounded edge.
 
     Attributes:
-        flat: radius of the flat face, 0 of a sphere [mm].
-        edge: radius of the rounding, or of the sphere [mm].
+        flat: radius of the flat face; 0 for a sphere [mm].
+        edge: radius of the rounded edge, or of the sphere [mm].
     """
 
     flat: float
@@ -32,7 +32,7 @@ class Round(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Where the object is.
+    """Pose of the object.
 
     Attributes:
         approach: δ [mm].
@@ -44,15 +44,15 @@ class Motion(NamedTuple):
 
 
 class Pressed(NamedTuple):
-    """What is found along a path.
+    """Solution along a path.
 
     Attributes:
-        radius: of the top's nodes before anything moves [mm].
-        moved: u_r, u_θ and u_z of the top [mm].
+        radius: radius of the undeformed top's nodes [mm].
+        moved: u_r, u_θ and u_z of these nodes [mm].
         normal_force: P [N].
         moment: M about the axis, on the gel [N·mm].
-        contact: nodes that touch.
-        stick: of them, those that do not slip in the step.
+        contact: mask of the nodes in contact.
+        stick: mask of the nodes in contact that do not slip in the step.
     """
 
     radius: Float[np.ndarray, " top"]
@@ -64,7 +64,7 @@ class Pressed(NamedTuple):
 
 
 class _Law(NamedTuple):
-    """The law of contact: the object's sizes, μ, and the number c of [Alart1991] [MPa/mm]."""
+    """The law of contact: the object's radii [mm], μ [-], and c of [Alart1991] [MPa/mm]."""
 
     sizes: Array
     friction: Array
@@ -72,7 +72,7 @@ class _Law(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """What all steps have in common: mesh, law of the gel, law of contact, tolerance."""
+    """The data that all steps share: mesh, law of the gel, law of contact, tolerance."""
 
     elements: Elements
     rubber: Array
@@ -81,7 +81,7 @@ class _Problem(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Displacement of all nodes [mm], and traction of the top's in the object's frame [MPa]."""
+    """Displacement of all nodes [mm], and traction at the top nodes in the object's frame [MPa]."""
 
     moved: np.ndarray
     traction: np.ndarray
@@ -96,18 +96,18 @@ def press(
     *,
     rtol: float = 1e-7,
 ) -> Pressed:
-    """Solve a path, each step from the one before.
+    """Solve a path, each step from the solution of the last.
 
     Args:
-        gel: its law.
-        elements: its mesh.
-        shape: of the object.
+        gel: the gel.
+        elements: the gel's mesh.
+        shape: shape of the object.
         friction: μ [-].
-        path: of the object.
-        rtol: forces out of balance, by those of the contact [-].
+        path: poses of the object.
+        rtol: largest residual force, relative to the contact forces [-].
 
     Raises:
-        RuntimeError: a step does not converge: take smaller ones.
+        RuntimeError: a step does not converge; smaller steps may help.
     """
     r = jnp.asarray(elements.place[elements.top, 0])
     stiffness = gel.shear_modulus / float(np.diff(elements.place[elements.top, 0]).min())
@@ -118,21 +118,21 @@ def press(
     for motion in path:
         share = _carry_on(before[1], last, motion)
         guess = [b + share * (b - a) for a, b in zip(before[0], state, strict=True)]
-        found, at = _go(problem, state, last, motion, _State(*guess))
-        before, state, last = (state, last), found, motion
-        rows.append(_measure(state, elements, law, motion, at))
+        solved, top = _go(problem, state, last, motion, _State(*guess))
+        before, state, last = (state, last), solved, motion
+        rows.append(_measure(state, elements, law, motion, top))
     return Pressed(np.asarray(r), *map(np.stack, zip(*rows, strict=True)))
 
 
 def _go(
     problem: "_Problem", state: _State, last: Motion, now: Motion, guess: _State, cuts: int = 4
 ) -> tuple[_State, Array]:
-    """One step, in halves where it does not converge, and where the top was before the last."""
+    """One step, halved if it does not converge, and the last position of the top [mm]."""
     elements = problem.elements
     r = jnp.asarray(elements.place[elements.top, 0])
-    at = _in_frame(r, jnp.asarray(state.moved[elements.top]), jnp.array(last))
+    top = _in_frame(r, jnp.asarray(state.moved[elements.top]), jnp.array(last))
     try:
-        return _balance(guess, problem, jnp.array(now), at), at
+        return _balance(guess, problem, jnp.array(now), top), top
     except RuntimeError:
         if cuts == 0:
             raise
@@ -142,13 +142,13 @@ def _go(
 
 
 def _carry_on(earlier: Motion, last: Motion, now: Motion) -> float:
-    """By how much of the step before this one goes on the same way."""
+    """Share of the last step by which to extrapolate, from 0 to 1 [-]."""
     step, before = np.subtract(now, last), np.subtract(last, earlier)
     return float(np.clip(step @ before / max(before @ before, 1e-30), 0.0, 1.0))
 
 
 def _measure(state: _State, elements: Elements, law: _Law, now: Motion, at: Array) -> tuple:
-    """What `Pressed` keeps of a step."""
+    """The values of a step for `Pressed`."""
     top = state.moved[elements.top]
     force = _turn_back(state.traction, now.twist) * elements.area[:, None]
     x, y = elements.place[elements.top, 0] + top[:, 0], top[:, 1]
@@ -161,21 +161,21 @@ def _measure(state: _State, elements: Elements, law: _Law, now: Motion, at: Arra
 
 
 def _distance(place: Float[Array, "2"], sizes: Float[Array, "2"]) -> Float[Array, ""]:
-    """From the surface of an object whose lowest point is the origin, outside positive [mm]."""
+    """Distance from the surface of an object with its lowest point at 0; outside positive [mm]."""
     flat, edge = sizes
     beyond = jnp.maximum(place[0] - flat, 0.0)
     return jnp.sqrt(beyond**2 + (place[1] - edge) ** 2) - edge
 
 
 def _in_frame(r: Array, moved: Array, now: Float[Array, "2"]) -> Array:
-    """Points of the top in the frame that goes with the object [mm]."""
+    """Positions of the top's points in the object's frame [mm]."""
     c, s = jnp.cos(now[1]), jnp.sin(now[1])
     x, y, z = r + moved[..., 0], moved[..., 1], moved[..., 2] + now[0]
     return jnp.stack([c * x + s * y, c * y - s * x, z], axis=-1)
 
 
 def _turn_back(vectors: np.ndarray, twist: float) -> np.ndarray:
-    """Vectors of the object's frame in that of the undeformed point."""
+    """Rotate vectors from the object's frame to the frame of the undeformed point."""
     c, s = np.cos(twist), np.sin(twist)
     return vectors @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -208,41 +208,41 @@ def _project(law: _Law, r: Array, moved: Array, traction: Array, now: Array, bef
 
 @jax.jit
 def _contact_rows(law: _Law, r: Array, moved: Array, traction: Array, now: Array, before: Array):
-    """By how much each node's traction is not admitted, and its derivatives by both unknowns."""
+    """Residual of each node's contact law, and its derivatives by displacement and traction."""
 
     def lack(*unknown: Array) -> Array:
         r, moved, traction, before = unknown
         return traction - _admitted(law, r, moved, traction, now, before)[0]
 
     args = r, moved, traction, before
-    found = jax.vmap(lack)(*args)
+    missing = jax.vmap(lack)(*args)
     by_moved, by_traction = jax.vmap(jax.jacfwd(lack, (1, 2)))(*args)
-    return found, by_moved, by_traction
+    return missing, by_moved, by_traction
 
 
 def _balance(state: _State, problem: _Problem, now: Array, before: Array, most: int = 14) -> _State:
-    """Newton's method for displacements and tractions together, damped where it does not help."""
+    """Newton's method for displacements and tractions together, damped where it diverges."""
     elements = problem.elements
     turn = _turn_back(np.eye(3), float(now[1])).T  # of the object's components
-    found = _residual(state, problem, now, before, turn)
+    residual = _residual(state, problem, now, before, turn)
     for _ in range(most):
-        if found.rest < problem.rtol:
+        if residual.rest < problem.rtol:
             return state
-        matrix = _assemble(elements, found.stiff, turn, *found.give, len(state.moved))
+        matrix = _assemble(elements, residual.stiff, turn, *residual.give, len(state.moved))
         try:
-            step = splu(matrix).solve(-found.lack)
+            step = splu(matrix).solve(-residual.lack)
         except RuntimeError:  # of SciPy: a singular matrix
             break
-        tried, after = state, found
+        tried, after = state, residual
         for halving in range(6):
             moved, share = state.moved.copy(), 0.5**halving
             moved.ravel()[elements.free] += share * step[: len(elements.free)]
             more = share * step[len(elements.free) :].reshape(state.traction.shape)
             tried = _State(moved, state.traction + more)
             after = _residual(tried, problem, now, before, turn)
-            if after.rest < 1.5 * found.rest:
+            if after.rest < 1.5 * residual.rest:
                 break
-        state, found = tried, after
+        state, residual = tried, after
     raise RuntimeError(
         f"a step to an approach of {float(now[0]):g} mm and {np.degrees(float(now[1])):g}° did not "
         "converge: take smaller steps"
@@ -250,7 +250,7 @@ def _balance(state: _State, problem: _Problem, now: Array, before: Array, most: 
 
 
 class _Residual(NamedTuple):
-    """What is out of balance and not admitted, its size by the force, and derivatives."""
+    """Residual forces and tractions, their size relative to the force, and derivatives."""
 
     lack: np.ndarray
     rest: float
@@ -290,22 +290,22 @@ def _assemble(
     by_traction: np.ndarray,
     count: int,
 ) -> scipy.sparse.csc_matrix:
-    """Derivatives of balance and law by free displacements and by tractions."""
+    """Matrix of the derivatives of both residuals by free displacements and by tractions."""
     numbers = (3 * elements.nodes[..., None] + np.arange(3)).reshape(-1, 12)
-    own = 3 * elements.top[:, None] + np.arange(3)
-    mine = 3 * count + np.arange(own.size).reshape(own.shape)
+    displacements = 3 * elements.top[:, None] + np.arange(3)
+    tractions = 3 * count + np.arange(displacements.size).reshape(displacements.shape)
     force = -elements.area[:, None, None] * turn
     blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = [
         (numbers, numbers, stiff),
-        (own, mine, force),
-        (mine, own, by_moved),
-        (mine, mine, by_traction),
+        (displacements, tractions, force),
+        (tractions, displacements, by_moved),
+        (tractions, tractions, by_traction),
     ]
     rows = [np.repeat(row, column.shape[1], axis=1).ravel() for row, column, _ in blocks]
     columns = [np.tile(column, row.shape[1]).ravel() for row, column, _ in blocks]
     values = np.concatenate([value.ravel() for _, _, value in blocks])
-    size = 3 * count + own.size
+    size = 3 * count + displacements.size
     place = np.concatenate(rows), np.concatenate(columns)
     whole = scipy.sparse.csr_matrix((values, place), shape=(size, size))
-    kept = np.concatenate([elements.free, mine.ravel()])
-    return whole[kept].tocsc()[:, kept]
+    free = np.concatenate([elements.free, tractions.ravel()])
+    return whole[free].tocsc()[:, free]

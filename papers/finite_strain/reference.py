@@ -1,7 +1,8 @@
 """Force and moment of a neo-Hookean gel under an object that is pressed on, turned, turned back.
 
-Solved by the finite elements of `gel` and `press` (extra `finite-elements`). `reference.csv` is
-this item's own table, so that the atlas and the tests need no elements; a new run is drawn beside.
+The finite elements of `gel` and `press` solve it (extra `finite-elements`). The repository contains
+this item's table as `reference.csv`, so that the atlas and the tests need no finite elements. The
+figure compares a new run with that table.
 """
 
 import csv
@@ -31,13 +32,13 @@ FILE = Path(__file__).with_name("reference.csv")
 
 
 class Turned(NamedTuple):
-    """What is kept of a case.
+    """Solution of a case.
 
     Attributes:
         contact_mm: radius of the contact [mm].
-        angle_deg: of the object, by step [deg].
+        angle_deg: angle of the object, by step [deg].
         force_n: pressing force [N].
-        moment_nmm: on the gel [N·mm].
+        moment_nmm: moment on the gel [N·mm].
     """
 
     contact_mm: float
@@ -51,72 +52,72 @@ def read_reference() -> dict[Case, Turned]:
     """The cases of `reference.csv`."""
     with FILE.open(encoding="utf-8", newline="") as file:
         rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
-    found: dict[Case, list[dict[str, float]]] = {}
+    steps: dict[Case, list[dict[str, float]]] = {}
     for row in rows:
-        found.setdefault(Case(*(row[name] for name in Case._fields)), []).append(row)
+        steps.setdefault(Case(*(row[name] for name in Case._fields)), []).append(row)
     return {
         case: Turned(
-            some[0]["contact_mm"],
-            *(np.array([row[name] for row in some]) for name in Turned._fields[1:]),
+            rows[0]["contact_mm"],
+            *(np.array([row[name] for row in rows]) for name in Turned._fields[1:]),
         )
-        for case, some in found.items()
+        for case, rows in steps.items()
     }
 
 
 def make_path(depth: float) -> list[Motion]:
-    """Pressed on, turned, turned back."""
+    """The object's path: pressed on to a depth [mm], turned, turned back."""
     pressed = [Motion(depth * (i + 1) / PRESSES, 0.0) for i in range(PRESSES)]
     return pressed + [Motion(depth, float(np.radians(angle))) for angle in TURNS_DEG]
 
 
 def compute(quick: bool = False, track: Track = iter) -> dict[Case, Turned]:
-    """Solve all cases, for an hour or so; the quick size solves the first, on coarse elements."""
+    """Solve all cases, in about an hour; the quick size is the first case on coarse elements."""
     coarse = 3.0 if quick else 1.0
     return {case: _solve(case, coarse) for case in track(CASES[:1] if quick else CASES)}
 
 
 def _solve(case: Case, coarse: float) -> Turned:
     gel = Gel(THICKNESS, case.pad_mm, SHEAR_MODULUS, case.poisson_ratio)
-    round_ = np.sqrt(2.0 * case.edge_mm * case.depth_mm)
-    reach = case.flat_mm + 1.8 if case.flat_mm else 1.1 * round_ + 0.8
+    touching = np.sqrt(2.0 * case.edge_mm * case.depth_mm)
+    reach = case.flat_mm + 1.8 if case.flat_mm else 1.1 * touching + 0.8
     cell = coarse * (0.1 if case.flat_mm else 0.15)
     elements = cut(gel, cell, min(reach, case.pad_mm - 0.5), 1.3)
     shape, path = Round(case.flat_mm, case.edge_mm), make_path(case.depth_mm)
-    found = press(gel, elements, shape, case.friction, path)
-    kept = list(KEPT)
+    solved = press(gel, elements, shape, case.friction, path)
+    steps = list(KEPT)
     return Turned(
-        contact_mm=float(found.radius[found.contact[PRESSES - 1]].max()),
-        angle_deg=np.degrees([path[i].twist for i in kept]),
-        force_n=found.normal_force[kept],
-        moment_nmm=found.moment[kept],
+        contact_mm=float(solved.radius[solved.contact[PRESSES - 1]].max()),
+        angle_deg=np.degrees([path[i].twist for i in steps]),
+        force_n=solved.normal_force[steps],
+        moment_nmm=solved.moment[steps],
     )
 
 
 def tables(result: dict[Case, Turned]) -> dict[str, list[dict[str, object]]]:
-    """A row for each case and step; that of all cases is `reference.csv`."""
+    """A row for each case and step; with all cases the table equals `reference.csv`."""
     return {
         "": [
             {
                 **case._asdict(),
-                "contact_mm": round(one.contact_mm, 2),
+                "contact_mm": round(turned.contact_mm, 2),
                 "step": step,
-                "angle_deg": round(float(one.angle_deg[i]), 2),
-                "force_n": float(f"{one.force_n[i]:.5g}"),
-                "moment_nmm": float(f"{one.moment_nmm[i]:.5g}"),
+                "angle_deg": round(float(turned.angle_deg[i]), 2),
+                "force_n": float(f"{turned.force_n[i]:.5g}"),
+                "moment_nmm": float(f"{turned.moment_nmm[i]:.5g}"),
             }
-            for case, one in result.items()
+            for case, turned in result.items()
             for i, step in enumerate(KEPT)
         ]
     }
 
 
 def plot(result: dict[Case, Turned]) -> Figure:
-    """Moment by angle: this run, and the shipped table."""
+    """Moment over angle: this run (dots) and `reference.csv` (lines)."""
     figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    for i, (case, one) in enumerate(result.items()):
+    for i, (case, turned) in enumerate(result.items()):
         shipped, colour = read_reference()[case], f"C{i % 10}"
         name = f"R {case.edge_mm:g}, face {case.flat_mm:g}, depth {case.depth_mm:g} mm"
-        axis.plot(one.angle_deg, one.moment_nmm, "o", ms=4, color=colour, label=name)
+        axis.plot(turned.angle_deg, turned.moment_nmm, "o", ms=4, color=colour, label=name)
         axis.plot(shipped.angle_deg, shipped.moment_nmm, "-", lw=1, color=colour)
     axis.set_xlabel("angle of the object [°]")
     axis.set_ylabel("moment on the gel [N·mm]")

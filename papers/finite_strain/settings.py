@@ -1,4 +1,4 @@
-"""What the reference was solved for, and what both items share."""
+"""Cases of the reference, and the settings that both items share."""
 
 from typing import NamedTuple
 
@@ -6,28 +6,28 @@ SHEAR_MODULUS = 0.2
 """G of the gel [MPa]; angles do not depend on it."""
 
 THICKNESS = 8.0
-"""h of the gel [mm]; everything scales with it."""
+"""h of the gel [mm]; all lengths scale with it."""
 
 PRESSES = 8
 """Steps in which the object is pressed on."""
 
 TURNS_DEG = (1, 2, 3.5, 5, 7.5, 10, 12.5, 15, 17.5, 20, 22.5, 25, 24, 22.5, 20, 17.5, 15)
-"""Angles after it: up, and back [deg]."""
+"""Angles after pressing: up, and back [deg]."""
 
 KEPT = (7, 11, 13, 15, 17, 19, 20, 22, 24)
-"""Steps whose force and moment are kept: pressed, 5 to 25°, 24, 20 and 15° on the way back."""
+"""Steps in the table: pressed, 5 to 25°, and 24, 20 and 15° on the way back."""
 
 
 class Case(NamedTuple):
     """One contact of the reference.
 
     Attributes:
-        flat_mm: radius of the flat face; 0 of a sphere [mm].
+        flat_mm: radius of the flat face; 0 for a sphere [mm].
         edge_mm: radius of the rounded edge, or of the sphere [mm].
-        depth_mm: pressed so deep [mm].
+        depth_mm: indentation depth [mm].
         friction: μ [-].
         poisson_ratio: ν [-].
-        pad_mm: radius of the gel, its side free [mm].
+        pad_mm: radius of the gel, whose side is free [mm].
     """
 
     flat_mm: float = 0.0

@@ -1,1 +1,1 @@
-"""A benchmark that others enter: recordings in three tiers, and the share of right answers."""
+"""A benchmark for methods of any group: recordings in three tiers, scored by right answers."""

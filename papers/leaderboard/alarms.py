@@ -1,4 +1,4 @@
-"""Slip warnings measured: false alarms while the grip is firm, and lead before macro slip."""
+"""False alarms of slip warnings while the grip is firm, and their lead before macro slip."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from papers.leaderboard import settings
 
 
 def tabulate_warnings(draws: int) -> list[dict[str, object]]:
-    """One row per warning and grip, on sphere contacts twisted one way until all slips.
+    """One row per warning and grip, on sphere contacts twisted one way until all markers slip.
 
-    A false alarm is a frame with a warning while at least 90 % of the markers under the object
-    stick, the press before the twist included. The lead counts from the first warning of the twist
-    that is not false. A grip too firm for macro slip has no lead.
+    A false alarm is a frame with a warning in which at least 90 % of the markers under the object
+    stick; frames of the press before the twist count too. The lead is the time from the first
+    warning that is not false to macro slip. A grip too firm for macro slip has no lead.
 
     Args:
-        draws: recordings per grip.
+        draws: number of recordings per grip.
     """
     rows = []
     for ratio in settings.GRIPS:

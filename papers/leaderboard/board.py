@@ -1,8 +1,8 @@
-"""The ranking: how many answers of each entry are right, by tier, by group and by case.
+"""The ranking: the share of right answers of each entry, by tier, by group and by case.
 
-An answer is right within `settings.TOLERANCE_DEG`, and a lift where slip or hold is called rightly.
-A frame that counts and has no answer is not right. All groups of a tier have the same weight, and
-so have all cases of a group.
+An angle is right within `settings.TOLERANCE_DEG`. A lift is right if the entry correctly calls it
+slipped or held. A scored frame without an answer counts as wrong. All groups of a tier have the
+same weight, and so do all cases of a group.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,18 +22,18 @@ Row = dict[str, Any]
 
 
 class Score(NamedTuple):
-    """How an entry does in the frames of a case that count for a group.
+    """Score of an entry in a case, over the frames that count for a group.
 
     Attributes:
         entry: name of the method.
-        tier: of the case.
-        group: that the frames count for.
-        case: name of it.
+        tier: tier of the case.
+        group: group for which the frames count.
+        case: name of the case.
         right: share of the frames with a right answer [-].
-        error: of the answered frames [deg]; none of a lift.
-        frames: how many count.
-        answered: how many of them have an answer.
-        latency: mean time of a frame [s]; NaN where unknown.
+        error: errors of the answered frames [deg]; empty for a lift.
+        frames: number of frames that count.
+        answered: number of these frames with an answer.
+        latency: mean time per frame [s]; NaN if unknown.
     """
 
     entry: str
@@ -48,7 +48,7 @@ class Score(NamedTuple):
 
 
 def score_all(entries: Sequence[Entry], sources: Sequence[Source]) -> list[Score]:
-    """Score every entry in every case; those that take pictures only where there are some."""
+    """Score every entry in every case; entries that need pictures only in cases with pictures."""
     return [
         score
         for entry in entries
@@ -59,14 +59,14 @@ def score_all(entries: Sequence[Entry], sources: Sequence[Source]) -> list[Score
 
 
 def score_case(entry: Entry, source: Source) -> list[Score]:
-    """A score for each group that frames of the case count for."""
+    """Score an entry in a case: one score for each group for which its frames count."""
     case, truth = source.case, source.truth
     latency = entry.latency.get(case.name, np.nan)
     if truth.slipped is not None:
         chance = entry.slipped.get(case.name)
         right = chance is not None and (chance >= 0.5) == truth.slipped
-        none, known = np.zeros(0), int(chance is not None)
-        return [Score(entry.name, case.tier, case.group, case.name, right, none, 1, known)]
+        no_error, answered = np.zeros(0), int(chance is not None)
+        return [Score(entry.name, case.tier, case.group, case.name, right, no_error, 1, answered)]
     angle = _fit_length(entry.angle.get(case.name), case)
     scores = []
     for group, counts in truth.counts.items():
@@ -86,7 +86,7 @@ def score_case(entry: Entry, source: Source) -> list[Score]:
 
 
 def _fit_length(angle: np.ndarray | None, case: Case) -> Float[np.ndarray, " frames"]:
-    """Answers to each frame: a picture that could not be read at the end has none."""
+    """The angle of every frame of a case; NaN where the entry has none, as at its end."""
     fitted = np.full(case.frames, np.nan)
     if angle is not None:
         fitted[: len(angle)] = angle[: case.frames]
@@ -94,11 +94,11 @@ def _fit_length(angle: np.ndarray | None, case: Case) -> Float[np.ndarray, " fra
 
 
 def rank(scores: Sequence[Score]) -> list[Row]:
-    """A line for each entry: right answers by tier [%], the best mean of the tiers first."""
+    """A row for each entry: right answers by tier [%], sorted by their mean, best first."""
     lines = []
     for entry in dict.fromkeys(score.entry for score in scores):
-        own = [score for score in scores if score.entry == entry]
-        lines.append((entry, {tier: _share(own, tier) for tier in settings.TIERS}))
+        own_scores = [score for score in scores if score.entry == entry]
+        lines.append((entry, {tier: _share(own_scores, tier) for tier in settings.TIERS}))
     # a tier without an answer counts as 0
     lines.sort(key=lambda line: -sum(share or 0.0 for share in line[1].values()))
     return [
@@ -108,16 +108,16 @@ def rank(scores: Sequence[Score]) -> list[Row]:
 
 
 def tabulate(scores: Sequence[Score], by: str) -> list[Row]:
-    """The long form: a row for each entry and group or case, the best first.
+    """The full table: a row for each entry and group or case, best entry first.
 
     Args:
-        scores: of all entries.
+        scores: scores of all entries.
         by: `group` or `case`.
     """
     pooled: dict[tuple[str, str, str], list[Score]] = {}
     for score in scores:
         pooled.setdefault((score.group, getattr(score, by), score.entry), []).append(score)
-    rows = [_pool(place, entry, some) for (_, place, entry), some in pooled.items()]
+    rows = [_pool(place, entry, group) for (_, place, entry), group in pooled.items()]
     order = list(dict.fromkeys((row["group"], row["of"]) for row in rows))
     rows.sort(key=lambda row: (order.index((row["group"], row["of"])), -row[RIGHT]))
     return rows
@@ -146,14 +146,14 @@ def _pool(place: str, entry: str, scores: Sequence[Score]) -> Row:
 
 
 def plot(scores: Sequence[Score]) -> Figure:
-    """Right answers of every entry in every group [%]."""
+    """A map of the share of right answers [%]: a row for each entry, a column for each group."""
     rows = tabulate(scores, "group")
     entries = [row["entry"] for row in rank(scores)]
     groups = list(dict.fromkeys(row["group"] for row in rows))
     right = np.full((len(entries), len(groups)), np.nan)
     for row in rows:
-        place = entries.index(row["entry"]), groups.index(row["group"])
-        right[place] = row[RIGHT]
+        cell = entries.index(row["entry"]), groups.index(row["group"])
+        right[cell] = row[RIGHT]
     size = 2.5 + 0.6 * len(groups), 1.8 + 0.35 * len(entries)
     figure, axis = plt.subplots(figsize=size, layout="constrained")
     image = axis.imshow(right, cmap="RdYlGn", vmin=0.0, vmax=100.0, aspect="auto")
@@ -171,7 +171,9 @@ def _share(scores: Sequence[Score], tier: str) -> float | None:
     for score in scores:
         if score.tier == tier:
             groups.setdefault(score.group, []).append(score.right)
-    return 100.0 * float(np.mean([np.mean(some) for some in groups.values()])) if groups else None
+    return (
+        100.0 * float(np.mean([np.mean(shares) for shares in groups.values()])) if groups else None
+    )
 
 
 def _round(share: float | None) -> float | None:
@@ -179,5 +181,5 @@ def _round(share: float | None) -> float | None:
 
 
 def _three(value: float) -> float | None:
-    """To three digits; None where there is no number."""
+    """Round to three digits; None for NaN."""
     return float(f"{value:.3g}") if np.isfinite(value) else None

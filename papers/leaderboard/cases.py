@@ -1,7 +1,7 @@
 """The cases of the benchmark by name: tier, group, split and number of frames.
 
-Every draw of a group has as many frames as any other, so that an entry is checked without making a
-recording. Importing this module is cheap.
+All draws of a group have the same number of frames, so an entry can be checked without simulating
+a recording. Importing this module is cheap.
 """
 
 from collections import Counter
@@ -17,20 +17,20 @@ from papers.leaderboard import settings
 
 SPLITS = ("tuning", "scored")
 SLIDING = "elongated, sliding"
-"""Frames of `elongated` after macro slip has begun: only the outline still shows the angle."""
+"""Frames of group `elongated` from macro slip on, when only the outline shows the angle."""
 
 
 class Case(NamedTuple):
     """A recording to answer.
 
     Attributes:
-        name: as in an entry and in the export.
+        name: name in entries and in the export.
         tier: one of `settings.TIERS`.
-        group: recordings of the same kind; each group of a tier has the same weight.
+        group: recordings of the same kind; all groups of a tier have the same weight.
         split: `tuning` or `scored`.
-        frames: how many there are.
-        pictures: whether there are pictures of it.
-        lift: whether the question is if the object slipped, in place of its angle.
+        frames: number of frames.
+        pictures: whether the case has pictures.
+        lift: whether to answer if the object slipped, instead of its angle.
     """
 
     name: str
@@ -46,11 +46,12 @@ class Truth(NamedTuple):
     """The right answers to a case.
 
     Attributes:
-        angle: of the object [rad]; NaN where unknown.
-        counts: frames that are scored, by group.
-        softness: k of the object, which entrants are told [-].
-        relative: whether angles are known up to a constant, which is then taken from the errors.
-        slipped: whether the object slipped out; None where the question is the angle.
+        angle: angle of the object [rad]; NaN where unknown.
+        counts: mask of the scored frames, by group.
+        softness: k of the object [-]; entrants know it.
+        relative: whether the true angles have an unknown offset; the errors' median is then
+            subtracted.
+        slipped: whether the object slipped out; None if the angle is asked for.
     """
 
     angle: Float[np.ndarray, " frames"]
@@ -67,7 +68,7 @@ def list_cases(split: str) -> dict[str, Case]:
         split: one of `SPLITS`.
 
     Raises:
-        ValueError: there is no such split.
+        ValueError: the split does not exist.
     """
     if split not in SPLITS:
         raise ValueError(f"no split {split!r}; choose from {', '.join(SPLITS)}")
@@ -76,23 +77,25 @@ def list_cases(split: str) -> dict[str, Case]:
 
 
 def frames_of(condition: settings.Condition) -> int:
-    """Frames of a virtual pivot, those that are lost left out."""
+    """Number of frames of a virtual pivot, without the lost ones."""
     whole = settings.UNLOADED + settings.PRESSING + sum(condition.path["frames"])
     return whole - round(condition.lost * whole)
 
 
 def count_frames(sticking: Int[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
-    """Frames of a simulated case that count: from enough sticking markers on, until too few stick.
+    """Mask of the scored frames of a simulated case.
+
+    Frames count once `settings.LEAST_STICKING` markers stick, until for the first time fewer do.
 
     Args:
-        sticking: markers under the object that do not slip.
+        sticking: number of markers under the object that do not slip.
     """
     enough = sticking >= settings.LEAST_STICKING
     return enough & ~np.logical_or.accumulate(~enough & np.logical_or.accumulate(enough))
 
 
 def _simulated() -> Iterator[Case]:
-    lengths = {group: frames_of(one) for group, one in settings.CONDITIONS.items()}
+    lengths = {group: frames_of(condition) for group, condition in settings.CONDITIONS.items()}
     lengths |= {"elongated": settings.ELONGATED_FRAMES, "rendered": settings.RENDERED_FRAMES}
     steps = settings.GEL_PRESSES + 2 * settings.GEL_PEAK_DEG - settings.GEL_BACK_DEG
     whole = settings.UNLOADED + steps

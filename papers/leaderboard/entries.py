@@ -1,6 +1,6 @@
 """Entries: the answers of a method to the cases, read from a CSV file and checked.
 
-The checks need no recording, so that a wrong file is refused within a second.
+The checks need no recording, so a wrong file is rejected within a second.
 """
 
 from collections.abc import Mapping
@@ -16,18 +16,18 @@ from papers.leaderboard.cases import SPLITS, Case, list_cases
 
 COLUMNS = ("case", "frame", "angle_deg")
 FEW, SMALL = 20, 1.0
-"""From so many answers on, angles that vary, all below so many degrees, are taken for radians."""
+"""Varying angles are taken for radians if there are at least `FEW`, all below `SMALL` degrees."""
 
 
 class Entry(NamedTuple):
     """The answers of a method.
 
     Attributes:
-        name: of the method.
-        angle: of the object by case [rad]; NaN where there is no answer.
-        slipped: by lift, the probability that the object slipped out [-].
-        latency: by case, mean time of a frame [s], where it was measured.
-        pictures: whether the method takes pictures alone, and has no answer without them.
+        name: name of the method.
+        angle: angle of the object by case [rad]; NaN without an answer.
+        slipped: probability that the object slipped out, by lift [-].
+        latency: mean time per frame by case, where measured [s].
+        pictures: whether the method works on pictures only.
     """
 
     name: str
@@ -38,15 +38,15 @@ class Entry(NamedTuple):
 
 
 def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
-    """An entry from a CSV file, named after the file; the README says what its columns mean.
+    """Read an entry from a CSV file, and name it after the file; the README explains the columns.
 
     Args:
-        path: of the file.
-        cases: that may be answered, by name.
+        path: path of the file.
+        cases: the cases of the split, by name.
 
     Raises:
-        ValueError: a column is missing, no such case or frame, no number, a frame answered twice,
-            angles that look like radians, or no answer at all.
+        ValueError: a column is missing, a case or frame does not exist, a cell is not a number, a
+            frame has two answers, the angles look like radians, or there is no answer.
         OSError: the file cannot be read.
     """
     rows = read_rows(path, COLUMNS) if path.is_dir() or path.stat().st_size else []
@@ -64,7 +64,7 @@ def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
         if (case.name, frame) in lines:
             raise ValueError(
                 f"{where} answers frame {frame} of {case.name} a second time, after "
-                f"{lines[case.name, frame]}: remove one of them"
+                f"{lines[case.name, frame]}: remove one of the two"
             )
         lines[case.name, frame] = where.rpartition(", ")[2]
         if case.lift:
@@ -79,7 +79,7 @@ def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
 
 
 def write_entry(entry: Entry) -> str:
-    """An entry as the text of a CSV file."""
+    """The CSV text of an entry."""
     lines = [",".join((*COLUMNS, "slipped"))]
     for name, angle in entry.angle.items():
         lines += [
@@ -101,9 +101,9 @@ def _find_case(name: str, cases: Mapping[str, Case], where: str) -> Case:
                 f"or rank with --split {other}"
             )
     near = get_close_matches(name, cases, n=1)
-    hint = f"did you mean {near[0]}" if near else f"is it one such as {next(iter(cases))}"
+    hint = f"did you mean {near[0]}?" if near else f"a valid case is {next(iter(cases))};"
     raise ValueError(
-        f"{where}: there is no case {show(name)}; {hint}? `--export DIR` lists all in cases.csv"
+        f"{where}: there is no case {show(name)}; {hint} cases.csv of `--export DIR` lists all"
     )
 
 
@@ -111,8 +111,8 @@ def _read_frame(cell: str, case: Case, where: str) -> int:
     frame = cell_whole(cell, f"{where}: frame")
     if not 0 <= frame < case.frames:
         raise ValueError(
-            f"{where}: {case.name} has frames 0 to {case.frames - 1}, got {frame}; a frame is the "
-            "row of `positions` in the recording, not its `source_index`"
+            f"{where}: {case.name} has frames 0 to {case.frames - 1}, got {frame}: give the row "
+            "of `positions` in the recording, not its `source_index`"
         )
     return frame
 
@@ -120,12 +120,12 @@ def _read_frame(cell: str, case: Case, where: str) -> int:
 def _read_chance(row: Mapping[str, str], where: str) -> float:
     if not row.get("slipped"):
         raise ValueError(
-            f"{where}: {row['case']} is a lift, which needs the column `slipped`: the probability "
-            "from 0 to 1 that the object has slipped"
+            f"{where}: {row['case']} is a lift and has no `slipped`: give the probability, from 0 "
+            "to 1, that the object has slipped"
         )
     chance = cell_number(row["slipped"], f"{where}: slipped")
     if not 0.0 <= chance <= 1.0:
-        raise ValueError(f"{where}: slipped is {chance:g}, a probability is from 0 to 1")
+        raise ValueError(f"{where}: slipped is {chance:g}: give a probability from 0 to 1")
     return chance
 
 
@@ -134,6 +134,6 @@ def _refuse_radians(path: Path, angle: dict[str, Float[np.ndarray, " frames"]]) 
     values = values[np.isfinite(values)]
     if len(values) >= FEW and np.ptp(values) > 0.0 and np.abs(values).max() < SMALL:
         raise ValueError(
-            f"{path}: all {len(values)} angles are within ±{np.abs(values).max():.2g}°, though the "
-            "objects turn by several degrees: are they in radians? `angle_deg` is in degrees"
+            f"{path}: all {len(values)} angles are within ±{np.abs(values).max():.2g}°, but the "
+            "objects turn by several degrees: `angle_deg` must be in degrees, not radians"
         )

@@ -1,4 +1,4 @@
-"""The recordings for entrants: of both splits, the truth of the tuning cases alone."""
+"""Export for entrants: recordings of both splits, and the truth of the tuning cases only."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,14 +15,14 @@ from papers.leaderboard.sources import Source
 
 
 def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -> None:
-    """Write recordings, rules, and a list of the cases.
+    """Write the recordings, the rules and a list of the cases.
 
-    `SPLIT/CASE.npz` is a recording, the folder `SPLIT/CASE` beside it has the pictures of a
-    rendered clip. `cases.csv` lists all cases, `truth.csv` has the truth of the tuning cases.
+    `SPLIT/CASE.npz` is a recording; for a rendered clip, the folder `SPLIT/CASE` has its pictures.
+    `cases.csv` lists all cases, `truth.csv` has the truth of the tuning cases.
 
     Args:
-        sources: of the cases.
-        folder: to write to.
+        sources: the cases with their recordings.
+        folder: folder to write to.
         track: wraps the outer loop, to show progress.
 
     Raises:
@@ -51,7 +51,7 @@ def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -
 
 
 def _write_truth(source: Source) -> list[str]:
-    """The frames that count, with their truth."""
+    """The CSV lines of a case: the scored frames with their truth."""
     case, truth = source.case, source.truth
     if truth.slipped is not None:
         return [f"{case.name},0,,{int(truth.slipped)}"]

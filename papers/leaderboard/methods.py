@@ -1,4 +1,4 @@
-"""The entries of our methods, the published rivals, and plain methods on pictures."""
+"""Entries of our methods, of published rivals, and of standard methods on pictures."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -19,14 +19,14 @@ from papers.leaderboard.sources import Source
 from papers.slip_lifts.lifts import follow
 
 SLIPPING = ("tracked", "incremental", "rigid", "paper", "paper_strict", "dong", "dong_corrected")
-"""Methods that tell markers that stick from others, and so can call a slip."""
+"""Methods that distinguish sticking markers from slipping ones, and so can detect a slip."""
 
 
 def answer_all(sources: Sequence[Source], track: Track = iter) -> list[Entry]:
     """Run every method on every case.
 
     Args:
-        sources: of the cases.
+        sources: the cases with their recordings.
         track: wraps the outer loop, to show progress.
     """
     entries = {name: Entry(name, {}, {}, {}) for name in METHODS | RIVALS}
@@ -49,13 +49,13 @@ def answer_all(sources: Sequence[Source], track: Track = iter) -> list[Entry]:
 def call_slip(method: str, recording: Recording, noise: Noise | None) -> float:
     """Probability that the object of a lift slips out [-].
 
-    Ours has it from the shear and the print on the gel; the others call a slip where they see a
-    frame in which nothing sticks.
+    The default method takes it from the shear and the print on the gel. The others return 1 if in
+    some frame no marker sticks, else 0.
 
     Args:
         method: one of `SLIPPING`.
-        recording: of the lift.
-        noise: of its markers.
+        recording: recording of the lift.
+        noise: noise of its markers.
     """
     if method == DEFAULT_METHOD:
         _, shears = follow(recording, noise)
@@ -68,11 +68,11 @@ def call_slip(method: str, recording: Recording, noise: Noise | None) -> float:
 def _answer(
     entry: Entry, method: str, source: Source, recording: Recording, noise: Noise | None
 ) -> None:
-    own = method in settings.AXIS_METHODS
-    softness = RIGID_OBJECT if own else ScalarSoftness(stiffness_ratio=source.truth.softness)
+    corrects = method in settings.AXIS_METHODS
+    softness = RIGID_OBJECT if corrects else ScalarSoftness(stiffness_ratio=source.truth.softness)
     tracker = Tracker(recording.layout, method, noise=noise, softness=softness)
     start = time.perf_counter()
-    entry.angle[source.case.name] = np.array([tracker.update(one).angle for one in recording])
+    entry.angle[source.case.name] = np.array([tracker.update(frame).angle for frame in recording])
     entry.latency[source.case.name] = (time.perf_counter() - start) / len(recording)
 
 
@@ -80,7 +80,7 @@ def _answer_pictures(
     entry: Entry, follow_pictures: Callable[..., np.ndarray], source: Source
 ) -> None:
     assert source.draw is not None
-    shown = list(source.draw())
+    images = list(source.draw())
     start = time.perf_counter()
-    entry.angle[source.case.name] = follow_pictures(shown)
-    entry.latency[source.case.name] = (time.perf_counter() - start) / len(shown)
+    entry.angle[source.case.name] = follow_pictures(images)
+    entry.latency[source.case.name] = (time.perf_counter() - start) / len(images)

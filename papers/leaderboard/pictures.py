@@ -1,8 +1,8 @@
-"""Plain methods on pictures: dots or corners followed, then one rigid motion fitted to them.
+"""Standard methods on pictures: track dots or corners, then fit one rigid motion to them.
 
 trackpy: D. B. Allan et al., https://soft-matter.github.io/trackpy (extra `peers`). Optical flow:
-OpenCV's pyramidal Lucas–Kanade. The motion is that of [Kabsch1976]. Neither knows where the object
-touches: points count that have moved since the first picture.
+OpenCV's pyramidal Lucas–Kanade. The rigid fit is that of [Kabsch1976]. Neither method knows the
+contact region, so the fit takes all points that have moved since the first picture.
 """
 
 import warnings
@@ -19,11 +19,11 @@ from estimation.estimators.plane import fit_motion
 Grey = UInt8[np.ndarray, "h w"]
 
 DIAMETER_PX = 15
-"""Window of trackpy, odd: about as wide as the dots with their rim [px]."""
+"""Window of trackpy, odd: about the width of a dot with its rim [px]."""
 REACH_PX = 8
-"""By how much a dot may move from picture to picture [px]."""
+"""Largest motion of a dot from picture to picture [px]."""
 MOVED_PX = 1.0
-"""From how far on a point has moved [px]."""
+"""Distance from which a point counts as moved [px]."""
 LEAST_POINTS = 9
 
 
@@ -31,7 +31,7 @@ def follow_by_trackpy(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
     """Angles since the first picture, from dots that trackpy finds and links [rad].
 
     Args:
-        pictures: of a clip, in order.
+        pictures: pictures of a clip, in order.
     """
     import trackpy
 
@@ -40,10 +40,10 @@ def follow_by_trackpy(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of pandas, which it calls
         located = [trackpy.locate(255 - picture, DIAMETER_PX) for picture in pictures]
-    found = [dots[["x", "y"]].to_numpy() for dots in located]
-    for _, numbers in trackpy.link_iter(found, REACH_PX, memory=3):
-        at = found[len(places)] @ np.array([1.0, 1j])
-        places.append(dict(zip(numbers, at, strict=True)))
+    centres = [dots[["x", "y"]].to_numpy() for dots in located]
+    for _, numbers in trackpy.link_iter(centres, REACH_PX, memory=3):
+        place = centres[len(places)] @ np.array([1.0, 1j])
+        places.append(dict(zip(numbers, place, strict=True)))
     table = np.full((len(places), 1 + max(map(max, filter(None, places)), default=0)), np.nan + 0j)
     for frame, row in enumerate(places):
         table[frame, list(row)] = list(row.values())
@@ -51,29 +51,29 @@ def follow_by_trackpy(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
 
 
 def follow_by_flow(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
-    """Angles since the first picture, from corners that optical flow carries along [rad].
+    """Angles since the first picture, from corners tracked by optical flow [rad].
 
     Args:
-        pictures: of a clip, in order.
+        pictures: pictures of a clip, in order.
     """
     return _turn(np.array(list(_carry_corners(pictures))))
 
 
 def _carry_corners(pictures: Iterable[Grey]) -> Iterator[Complex[np.ndarray, " points"]]:
-    """Places of the first picture's corners; NaN from where they are not found back on."""
+    """Positions of the first picture's corners in each picture; NaN from where one is lost."""
     steps = iter(pictures)
     first = next(steps)
     corners = cv2.goodFeaturesToTrack(first, 300, 0.01, 5)
     points = np.zeros((0, 1, 2), np.float32) if corners is None else corners
-    there = np.ones(len(points), dtype=bool)
+    good = np.ones(len(points), dtype=bool)
     yield points[:, 0] @ np.array([1.0, 1j])
     for before, after in pairwise([first, *steps]):
         if len(points):
-            then, found = _flow(before, after, points)
-            back, again = _flow(after, before, then)
-            there &= found & again & (np.linalg.norm(back - points, axis=-1)[:, 0] < 0.5)
-            points = then
-        yield np.where(there, points[:, 0] @ np.array([1.0, 1j]), np.nan)
+            moved, found = _flow(before, after, points)
+            back, again = _flow(after, before, moved)
+            good &= found & again & (np.linalg.norm(back - points, axis=-1)[:, 0] < 0.5)
+            points = moved
+        yield np.where(good, points[:, 0] @ np.array([1.0, 1j]), np.nan)
 
 
 def _flow(before: Grey, after: Grey, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -82,7 +82,7 @@ def _flow(before: Grey, after: Grey, points: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _turn(places: Complex[np.ndarray, "frames points"]) -> Float[np.ndarray, " frames"]:
-    """Rigid motion of the points that have moved; 0 before any have, NaN where too few have."""
+    """Rotation of the points that have moved [rad]; 0 before any has, NaN with too few."""
     angles = np.full(len(places), np.nan)
     for frame, place in enumerate(places):
         far = np.abs(place - places[0])
@@ -96,6 +96,6 @@ def _turn(places: Complex[np.ndarray, "frames points"]) -> Float[np.ndarray, " f
 
 
 METHODS = {"optical flow + kabsch": follow_by_flow}
-"""By name; trackpy is left out where it is not installed."""
+"""Methods by name; without trackpy installed, its method is missing."""
 if find_spec("trackpy"):
     METHODS = {"trackpy + kabsch": follow_by_trackpy} | METHODS

@@ -1,4 +1,4 @@
-"""The two things the command does: export the cases, and rank entries."""
+"""The two tasks of the command: export the cases, and rank entries."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,17 +15,17 @@ from papers.leaderboard.methods import answer_all
 from papers.leaderboard.sources import Source, open_cases
 
 BASELINE = Path(__file__).with_name("baseline.csv")
-"""The entry of plain rigid fits, `kabsch`, to the practice round."""
+"""The entry of the rigid fit `kabsch` in the practice round."""
 
 
 class Ranking(NamedTuple):
-    """What is written.
+    """The results of a ranking.
 
     Attributes:
         tables: rows of each table, by name; `leaderboard` is the short form.
-        entries: every entry as CSV text, by the name of its file.
-        picture: right answers by group, a PNG.
-        shown: lines of the short form that are printed.
+        entries: CSV text of every entry, by file name.
+        picture: PNG of the right answers by group.
+        shown: number of printed rows of the short form.
     """
 
     tables: dict[str, list[board.Row]]
@@ -38,9 +38,9 @@ def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: 
     """Write the recordings of some splits.
 
     Args:
-        splits: names of them.
-        seed: that the scored cases are drawn from; that of the practice round if None.
-        folder: to write to.
+        splits: names of the splits.
+        seed: seed of the scored cases; that of the practice round if None.
+        folder: folder to write to.
         track: wraps the outer loop, to show progress.
 
     Raises:
@@ -53,13 +53,13 @@ def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: 
 def rank_entries(
     given: Sequence[Entry], split: str, seed: int | None, *, alone: bool, track: Track
 ) -> Ranking:
-    """Rank entries beside our methods and the published ones.
+    """Rank entries together with our methods and published ones.
 
     Args:
-        given: entries that were read.
-        split: of the cases.
-        seed: that the scored cases are drawn from; that of the practice round if None.
-        alone: whether only the given entries are ranked.
+        given: entries from files.
+        split: split of the cases.
+        seed: seed of the scored cases; that of the practice round if None.
+        alone: whether to rank only the given entries.
         track: wraps the outer loop, to show progress.
     """
     sources = _open(split, seed, track)
@@ -89,7 +89,7 @@ def _note_missing(entry: Entry, sources: Sequence[Source]) -> None:
     missing = len(names - set(entry.angle) - set(entry.slipped))
     if missing:
         _note(
-            f"{entry.name} has no rows for {missing} of the {len(names)} ranked cases: they count "
+            f"{entry.name} has no rows for {missing} of the {len(names)} ranked cases; these count "
             "as wrong"
         )
 

@@ -1,4 +1,4 @@
-"""Cases of the real tier: published recordings, where they have been fetched."""
+"""Cases of the real tier: published recordings that have been fetched."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +18,7 @@ CLIP = "screw_driver_blue_gray/exp_num_1"
 
 
 def find_group(group: str, say: Callable[[str], None]) -> Path | None:
-    """The folder of a data set; None where it is not here, or cannot be read.
+    """The folder of a data set; None if it was not fetched, or its extra is not installed.
 
     Args:
         group: name of the data set.
@@ -26,7 +26,7 @@ def find_group(group: str, say: Callable[[str], None]) -> Path | None:
     """
     folder = datasets.find(group)
     if folder is None:
-        say(f"{group} left out: it is not here; `python -m estimation fetch {group}` brings it")
+        say(f"{group} left out: not downloaded; run `python -m estimation fetch {group}`")
         return None
     try:
         if group == "pivot-videos":
@@ -41,7 +41,7 @@ def find_path(case: Case, root: Path) -> Path:
     """The folder or video of a case.
 
     Args:
-        case: of the real tier.
+        case: case of the real tier.
         root: folder of its data set.
     """
     name = case.name.removeprefix(f"real/{case.group}/")
@@ -49,17 +49,17 @@ def find_path(case: Case, root: Path) -> Path:
 
 
 def find_truth(case: Case, root: Path) -> Truth:
-    """What is known of a case, not from the twist of its markers.
+    """The truth of a case, from sources other than the twist of its markers.
 
-    `tac3d-pivot`: the outline of the elongated contact, followed from frame to frame. The clips:
-    the object's imprint, registered by others in a few frames. The lifts: their labels.
+    `tac3d-pivot`: the outline of the elongated contact, tracked from frame to frame. The clips: the
+    object's imprint, registered by others in a few frames. The lifts: their labels.
 
     Args:
-        case: of the real tier.
+        case: case of the real tier.
         root: folder of its data set.
 
     Raises:
-        ValueError: the data set has no such lift.
+        ValueError: the data set has no label for the lift.
     """
     if case.lift:
         return Truth(
@@ -68,17 +68,17 @@ def find_truth(case: Case, root: Path) -> Truth:
     if case.group == "tac3d-pivot":
         angle = follow_outline(read_recording(find_path(case, root))).angle
     else:
-        known = {0: 0.0} | REGISTERED[f"{CLIP}/{case.name.rpartition('/')[2]}"]
+        turns = {0: 0.0} | REGISTERED[f"{CLIP}/{case.name.rpartition('/')[2]}"]
         angle = np.full(case.frames, np.nan)
-        angle[list(known)] = np.radians(list(known.values()))
+        angle[list(turns)] = np.radians(list(turns.values()))
     return Truth(angle, {case.group: np.isfinite(angle)}, relative=True)
 
 
 def read_case(case: Case, root: Path) -> Recording:
-    """The recording of a case; the markers of pictures are found as always.
+    """The recording of a case; markers in pictures are detected as in `estimation run`.
 
     Args:
-        case: of the real tier.
+        case: case of the real tier.
         root: folder of its data set.
     """
     return read_recording(find_path(case, root))
@@ -89,4 +89,4 @@ def _slipped(case: Case, root: Path) -> bool:
     for label in read_labels(root / f"{folder}_result.dat"):
         if label.lift == lift:
             return label.slipped
-    raise ValueError(f"{root / folder}_result.dat has no label of {lift}")
+    raise ValueError(f"{root / folder}_result.dat has no label for {lift}")

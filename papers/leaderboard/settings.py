@@ -1,6 +1,6 @@
-"""Settings of the leaderboard: the cases, which answers are right, and the seeds.
+"""Settings of the leaderboard: the cases, the tolerances of right answers, and the seeds.
 
-Nothing heavy is imported here, so that a wrong entry is refused at once.
+This module imports nothing heavy, so that a wrong entry is rejected at once.
 """
 
 from typing import Any, NamedTuple
@@ -11,20 +11,20 @@ TUNING_SEED = 0
 """Seed of the tuning cases, whose truth is exported."""
 
 PRACTICE_SEED = 2026
-"""Seed of the scored cases unless another is given. It is public, and so is its truth."""
+"""Default seed of the scored cases. It is public, and so is their truth."""
 
 SCORED_DRAWS = 2
-"""Scored recordings of each simulated group; there is one more to tune on."""
+"""Scored recordings of each simulated group; one more recording is for tuning."""
 
 TOLERANCE_DEG = {"virtual": 0.5, "finite strain": 0.5, "real": 2.0}
-"""Error up to which an answer is right [deg]: three times the 0.17° that [Li2024] prints. Real
-angles are known to a degree or two."""
+"""Largest error of a right answer [deg]: three times the 0.17° that [Li2024] prints. True angles of
+the real tier are accurate to a degree or two."""
 
 LEAST_STICKING = 3
-"""Markers that must not slip for a frame to count."""
+"""Fewest sticking markers in a scored frame."""
 
 UNLOADED, PRESSING = 10, 15
-"""Frames before the object touches, and in which it is pressed on."""
+"""Frames before the object touches, and frames of the press."""
 
 LIFT = {"corners_deg": (0.0, 15.0), "frames": (60,)}
 REVERSAL = {"corners_deg": (0.0, 10.0, 10.0, -30.0), "frames": (40, 15, 120)}
@@ -34,14 +34,14 @@ class Condition(NamedTuple):
     """A virtual pivot by closed forms.
 
     Attributes:
-        model: numbers of `estimation.virtual.PivotModel` that are not its own.
+        model: values of `estimation.virtual.PivotModel` that differ from its defaults.
         path: largest angles at its corners [deg], and frames between them. A draw turns to 0.7 to
-            1 times these angles, either way round.
-        shift_mm: of the pad by the end of the path [mm].
-        missing: share of markers not seen [-].
-        lost: share of frames lost [-].
-        laid_at_random: whether a draw also chooses where the object's axis is, and how the
-            markers' rows lie.
+            1 times these angles, clockwise or counter-clockwise.
+        shift_mm: shift of the pad by the end of the path [mm].
+        missing: share of hidden markers [-].
+        lost: share of lost frames [-].
+        laid_at_random: whether a draw also chooses the place of the object's axis and the
+            direction of the markers' rows.
     """
 
     model: dict[str, Any]
@@ -62,28 +62,28 @@ CONDITIONS = {
     "noisy": Condition({"friction_ratio": 0.3, "noise": 10e-3, "normal_noise": 35e-3}),
     "gappy": Condition({"friction_ratio": 0.3}, missing=0.1, lost=0.4),
 }
-"""Virtual pivots by group, all round. In `round` the axis is in the middle of four markers. In
-`translating` the whole pad shifts; the slip that a shift of the object would bring is not in it,
-since no closed form has both at once."""
+"""Virtual pivots by group, all with round contacts. In `round` the axis is in the middle of four
+markers. In `translating` the whole pad shifts, without the slip that a shift of the object would
+cause, since no closed form covers both at once."""
 
 ELONGATED_FRICTION = 0.5
-"""Of the solved contact of 2:1, group `elongated`, turned back through zero to macro slip [-]."""
+"""μ of group `elongated` [-]: a solved contact of 2:1, turned back through zero to macro slip."""
 
 ELONGATED_FRAMES = 120
 
 RENDERED = "held, turned and back"
-"""Condition of `papers.marker_images.scenes` that group `rendered` takes its pictures from."""
+"""Condition of `papers.marker_images.scenes` for the pictures of group `rendered`."""
 
 RENDERED_FRAMES = 80
 
 
 class Gel(NamedTuple):
-    """A contact of group `NAME` of the finite-strain tier, solved by finite elements.
+    """A contact of the finite-strain tier, solved by finite elements.
 
     Attributes:
-        flat_mm: radius of the flat face; 0 of a sphere [mm].
+        flat_mm: radius of the flat face; 0 for a sphere [mm].
         edge_mm: radius of the rounded edge, or of the sphere [mm].
-        depth_mm: pressed so deep into 8 mm of gel [mm].
+        depth_mm: indentation depth in 8 mm of gel [mm].
         cell_mm: side of the elements under the contact [mm].
     """
 
@@ -101,7 +101,7 @@ GELS = {
 }
 GEL_FRICTION = 0.5
 GEL_PEAK_DEG, GEL_BACK_DEG = 25, -10
-"""The object turns to the first angle and back to the second, a degree a step [deg]."""
+"""The object turns to the first angle and back to the second, one degree per step [deg]."""
 GEL_PRESSES = 8
 GEL_NOISES_MM = (1e-3, 3.5e-3)
 """Noise of x and y, and of z [mm]."""
@@ -113,19 +113,19 @@ TAC3D = {"HDL1-GWH0021": ("tuning", 120), "HDL1-GWH0022": ("scored", 114)}
 CLIPS = {"camera_0": ("tuning", 450), "camera_2": ("scored", 450)}
 """Split and frames of the clips of `pivot-videos`."""
 TUNING_LIFTS = ("object001", "object002")
-"""Objects of `slip-lifts` to tune on; the others are scored."""
+"""Objects of `slip-lifts` for tuning; the others are scored."""
 
 AXIS_METHODS = ("castano", "invariantcloud")
-"""Methods whose angle is the object's own: no softness correction."""
+"""Methods that measure the object's own angle and need no softness correction."""
 
 GRIPS = (0.05, 0.1, 0.15, 3.0)
-"""μp0/2G* of the pivots that slip warnings are measured on [-]; at the last nothing slips."""
+"""μp0/2G* of the pivots for slip warnings [-]; at the last no marker slips."""
 
 TWIST = {"angles_deg": (0.0, 30.0), "frames": (90,)}
-"""The twist they are measured in: 10°/s."""
+"""Twist of these pivots: 10°/s."""
 
 WARNING_DRAWS = 2
-"""Pivots per grip that slip warnings are measured on."""
+"""Number of these pivots per grip."""
 
 SHOWN = 15
-"""Lines of the table that the command prints; the file has all of them."""
+"""Printed rows of the table; the file has all rows."""

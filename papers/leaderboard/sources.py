@@ -1,4 +1,4 @@
-"""The cases with their recordings and truths, each made when it is asked for."""
+"""The cases with their recordings and truths, each made only when needed."""
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
@@ -19,14 +19,14 @@ Grey = UInt8[np.ndarray, "h w"]
 
 
 class Source(NamedTuple):
-    """A case and its truth.
+    """A case with its truth and its recording.
 
     Attributes:
         case: the case.
         truth: the right answers.
-        read: gives the recording.
-        draw: gives the pictures, grey; None where there are none.
-        clip: where the pictures are drawn, what draws them.
+        read: returns the recording.
+        draw: returns the grey pictures; None without pictures.
+        clip: the virtual clip that renders the pictures; None if none are rendered.
     """
 
     case: Case
@@ -39,12 +39,12 @@ class Source(NamedTuple):
 def open_cases(
     cases: Mapping[str, Case], seed: int, say: Callable[[str], None] = lambda line: None
 ) -> Iterator[Source]:
-    """The cases that are here, with their truths.
+    """The available cases with their truths; cases of missing data sets are left out.
 
     Args:
-        cases: by name, of one split.
-        seed: that simulated cases are drawn from.
-        say: called with a line for each data set that is missing.
+        cases: the cases of one split, by name.
+        seed: seed of the simulated cases.
+        say: called with a line for each missing data set.
     """
     groups = dict.fromkeys(case.group for case in cases.values() if case.tier == "real")
     roots = {group: real.find_group(group, say) for group in groups}
@@ -72,7 +72,7 @@ def _draw(clip: VirtualClip) -> Iterator[Grey]:
 
 
 def _load(path: Path) -> Iterator[Grey]:
-    return (_grey(one.image) for one in read_pictures(path) if one.image is not None)
+    return (_grey(shot.image) for shot in read_pictures(path) if shot.image is not None)
 
 
 def _grey(image: np.ndarray) -> Grey:

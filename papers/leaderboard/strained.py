@@ -1,8 +1,8 @@
 """Cases of the finite-strain tier: markers on gels that are pressed deep and turned far.
 
-How the gels' surfaces move is in `gels.npz`. `python -m papers.leaderboard.strained` solves it
-anew by the finite elements of `papers.finite_strain` (extra `finite-elements`), in some minutes.
-A case lays markers on one of them at random.
+`gels.npz` has the motion of the gels' surfaces. `python -m papers.leaderboard.strained` solves them
+again with the finite elements of `papers.finite_strain` (extra `finite-elements`), in some minutes.
+A case places markers on one of the surfaces at random.
 """
 
 import io
@@ -28,13 +28,13 @@ FILE = "gels.npz"
 
 
 class Surface(NamedTuple):
-    """How the top of a gel moves along a path.
+    """Motion of a gel's top along a path.
 
     Attributes:
-        radius: of its points before anything moves [mm].
-        moved: u_r, u_θ and u_z, in the basis of the undeformed point [mm].
-        twist: of the object, counter-clockwise [rad].
-        stick: points that touch and do not slip in the step.
+        radius: radius of the undeformed top's points [mm].
+        moved: displacement u_r, u_θ and u_z, in the basis of the undeformed point [mm].
+        twist: twist of the object, counter-clockwise [rad].
+        stick: mask of the points in contact that do not slip in the step.
     """
 
     radius: Float[np.ndarray, " points"]
@@ -60,13 +60,13 @@ def read_surfaces() -> dict[str, Surface]:
 
 @cache
 def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
-    """Markers on a gel: unloaded, pressed, turned and turned back.
+    """A recording of markers on a gel that is pressed, turned and turned back.
 
-    Between two steps of a degree the markers are interpolated, so that no frame is a step.
+    Frames lie between the solved steps of one degree: the markers are interpolated.
 
     Args:
-        case: of the finite-strain tier.
-        seed: of its split.
+        case: case of the finite-strain tier.
+        seed: seed of its split.
     """
     rng, surface = generator(case, seed), read_surfaces()[case.group]
     x, y = rng.uniform(-0.5, 0.5, 2).tolist()
@@ -109,7 +109,7 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
 def _move_markers(
     surface: Surface, reference: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "steps n 3"], np.ndarray]:
-    """Displacements of markers [mm], and how many of them stick, in each step."""
+    """Displacements of markers [mm], and the number that sticks, in each step."""
     x, y = reference[:, :2].T
     r = np.hypot(x, y)
     radial, around, up = np.moveaxis(
@@ -122,7 +122,7 @@ def _move_markers(
 
 
 def solve_surface(told: settings.Gel) -> Surface:
-    """Press an object on, turn it to the peak, and back.
+    """Solve a contact: the object is pressed on, turned to the peak, and back.
 
     Args:
         told: the contact.
@@ -136,16 +136,16 @@ def solve_surface(told: settings.Gel) -> Surface:
     gel = Gel()
     elements = cut(gel, told.cell_mm, reach, 1.3)
     shape = Round(told.flat_mm, told.edge_mm)
-    found = press(gel, elements, shape, settings.GEL_FRICTION, path, rtol=1e-6)
+    solved = press(gel, elements, shape, settings.GEL_FRICTION, path, rtol=1e-6)
     twist = np.array([motion.twist for motion in path])
-    return Surface(found.radius, found.moved, twist, found.stick)
+    return Surface(solved.radius, solved.moved, twist, solved.stick)
 
 
 def main() -> None:
-    """Solve the gels and write them beside this file."""
+    """Solve the gels, and write them to the folder of this file."""
     arrays = {}
-    for group, told in settings.GELS.items():
-        for name, value in solve_surface(told)._asdict().items():
+    for group, contact in settings.GELS.items():
+        for name, value in solve_surface(contact)._asdict().items():
             small = value.astype(np.float32) if value.dtype == float else value
             arrays[f"{group}/{name}"] = small
         print(group)

@@ -28,11 +28,11 @@ from papers.virtual_pivots.elongated import solve_pivot
 from papers.virtual_pivots.settings import FINE
 
 COMPLETE = Timing(dropped=0.0)
-"""Of recordings whose frames are lost afterwards, always as many."""
+"""Timing without lost frames: `keep_frames` later drops a fixed number of them."""
 
 
 def generator(case: Case, seed: int) -> np.random.Generator:
-    """Everything random of a case."""
+    """The random generator of a case."""
     return np.random.default_rng((seed, crc32(case.name.encode())))
 
 
@@ -41,8 +41,8 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
     """A virtual pivot, by closed forms or solved on a grid.
 
     Args:
-        case: of the virtual tier, without pictures.
-        seed: of its split.
+        case: case of the virtual tier without pictures.
+        seed: seed of its split.
     """
     if case.group == "elongated":
         return _simulate_elongated(case, generator(case, seed))
@@ -51,11 +51,11 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
 
 @cache
 def make_clip(case: Case, seed: int) -> tuple[VirtualClip, Truth]:
-    """A rendered clip, whose pictures are drawn as they are asked for.
+    """A rendered clip, whose pictures are drawn only when needed.
 
     Args:
-        case: of the virtual tier, with pictures.
-        seed: of its split.
+        case: case of the virtual tier with pictures.
+        seed: seed of its split.
     """
     draw = int(generator(case, seed).integers(2**31))
     clip = VirtualClip(draw_scene(settings.RENDERED, draw))
@@ -63,36 +63,36 @@ def make_clip(case: Case, seed: int) -> tuple[VirtualClip, Truth]:
 
 
 def read_clip(clip: VirtualClip) -> Recording:
-    """The markers of a rendered clip, found as in any folder of pictures."""
+    """The recording of a rendered clip, its markers detected as in any folder of pictures."""
     with TemporaryDirectory() as folder:
         write_pictures(clip, Path(folder))
         return read_recording(Path(folder))
 
 
 def _simulate_pivot(
-    case: Case, told: settings.Condition, rng: np.random.Generator
+    case: Case, condition: settings.Condition, rng: np.random.Generator
 ) -> tuple[Recording, Truth]:
-    model = PivotModel(**told.model)
-    if told.laid_at_random:
+    model = PivotModel(**condition.model)
+    if condition.laid_at_random:
         x, y = rng.uniform(-0.5, 0.5, 2).tolist()
         model = model._replace(offset=(x, y), grid_angle=float(rng.uniform(0.0, np.pi / 2)))
     turn = rng.uniform(0.7, 1.0) * rng.choice([-1.0, 1.0])
     recording, truth = simulate_pivot(
         model,
-        angles_deg=(turn * np.array(told.path["corners_deg"])).tolist(),
-        frames=told.path["frames"],
+        angles_deg=(turn * np.array(condition.path["corners_deg"])).tolist(),
+        frames=condition.path["frames"],
         unloaded=settings.UNLOADED,
         pressing=settings.PRESSING,
         timing=COMPLETE,
         seed=int(rng.integers(2**31)),
     )
     turned = np.abs(np.diff(np.nan_to_num(truth.angle), prepend=0.0)).cumsum()
-    shift = (turned / turned[-1])[:, None, None] * np.array([*told.shift_mm, 0.0])
-    valid = rng.random(recording.valid.shape) >= told.missing
+    shift = (turned / turned[-1])[:, None, None] * np.array([*condition.shift_mm, 0.0])
+    valid = rng.random(recording.valid.shape) >= condition.missing
     positions = np.where(valid[..., None], recording.positions + shift, np.nan)
-    spoilt = replace(recording, positions=positions, valid=valid)
+    observed = replace(recording, positions=positions, valid=valid)
     kept = keep_frames(len(recording), case.frames, rng)
-    return spoilt.take(kept), _judge(case, truth.take(kept))
+    return observed.take(kept), _judge(case, truth.take(kept))
 
 
 def _simulate_elongated(case: Case, rng: np.random.Generator) -> tuple[Recording, Truth]:
@@ -107,12 +107,12 @@ def _simulate_elongated(case: Case, rng: np.random.Generator) -> tuple[Recording
 
 
 def keep_frames(whole: int, kept: int, rng: np.random.Generator) -> Int[np.ndarray, " kept"]:
-    """The frames that are not lost; the first is always there."""
+    """Random indices of `kept` out of `whole` frames, sorted; the first frame is always kept."""
     return np.sort(np.append(0, 1 + rng.choice(whole - 1, kept - 1, replace=False)))
 
 
 def mirror(recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
-    """The same seen in a mirror: y changes its sign, and so does every turn."""
+    """The recording and truth seen in a mirror: y and every angle change sign."""
     y, z = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
     mirrored = replace(
         recording,
@@ -125,7 +125,7 @@ def mirror(recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
 
 
 def _judge(case: Case, truth: PivotTruth) -> Truth:
-    """Frames count from contact on, while markers stick; of elongated contacts also after."""
+    """The truth of a case: frames count while markers stick; of elongated contacts also after."""
     counts = {case.group: count_frames(truth.sticking.sum(axis=1))}
     if case.group == "elongated":
         slid = np.logical_or.accumulate(truth.macro_slip)

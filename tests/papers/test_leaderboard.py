@@ -154,7 +154,7 @@ HEADER = "case,frame,angle_deg"
             f"{HEADER}\nvirtual/gapy-1,0,1",
             "line 2: there is no case 'virtual/gapy-1'; did you mean",
         ),
-        (f"{HEADER}\nother,0,1", "no case 'other'; is it one such as virtual/rigid-1"),
+        (f"{HEADER}\nother,0,1", "no case 'other'; a valid case is virtual/rigid-1"),
         (f"{HEADER}\nvirtual/gappy-0,0,1", "virtual/gappy-0 is a tuning case"),
         (f"{HEADER}\nvirtual/gappy-1,{LAST + 1},1", f"has frames 0 to {LAST}, got {LAST + 1}"),
         (f"{HEADER}\nvirtual/gappy-1,-1,1", f"has frames 0 to {LAST}"),
@@ -164,10 +164,10 @@ HEADER = "case,frame,angle_deg"
         (f"{HEADER}\n" + 2 * "virtual/gappy-1,3,1\n", "line 3 answers frame 3 of virtual/gappy-1"),
         (
             f"{HEADER}\n" + "".join(f"virtual/gappy-1,{i},{0.01 * i}\n" for i in range(30)),
-            "all 30 angles are within ±0.29°, though the objects turn by several degrees: are they",
+            "all 30 angles are within ±0.29°, but the objects turn by several degrees: `angle_deg` must",
         ),
-        (f"{HEADER}\n{LIFT.name},0,", "is a lift, which needs the column `slipped`"),
-        (f"{HEADER},slipped\n{LIFT.name},0,,7", "slipped is 7, a probability is from 0 to 1"),
+        (f"{HEADER}\n{LIFT.name},0,", "is a lift and has no `slipped`: give the probability"),
+        (f"{HEADER},slipped\n{LIFT.name},0,,7", "slipped is 7: give a probability from 0 to 1"),
     ],
 )
 def test_a_wrong_entry_is_refused_with_its_line(monkeypatch, tmp_path, capsys, text, message):
@@ -232,7 +232,7 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
     assert (row["entry"], row["virtual, right [%]"]) == ("theirs", "50.0")  # of two groups
     said = capsys.readouterr().err
     assert "note: slip-lifts left out" in said
-    assert "note: theirs has no rows for 1 of the 2 ranked cases: they count as wrong" in said
+    assert "note: theirs has no rows for 1 of the 2 ranked cases; these count as wrong" in said
     assert {path.name for path in (tmp_path / "leaderboard").iterdir()} == {
         *(f"{name}.csv" for name in ("leaderboard", "groups", "cases")),
         "entries",
