@@ -1,10 +1,10 @@
-"""The error comparison of Section V-B: the methods that can be run, on the same ten objects.
+"""The error comparison of Section V-B: all methods that can be run, on the same ten objects.
 
-The paper sets its own error beside figures that others measured with other sensors and objects.
-Here every method sees the same frames, and none is told the softness. [6] and [34] are trained
-networks without public code: beside their figures stands the best of what we can run. `castano` is
-[13]'s outline of the contact without its trained segmentation, and is judged where the contact has
-an axis.
+The paper compares its own error with numbers that others measured with other sensors and objects.
+Here every method sees the same frames, and none knows the softness. [6] and [34] are trained
+networks without public code; their numbers are compared with the best method that we can run.
+`castano` follows the outline of the contact as [13], without its trained segmentation; it is scored
+only on contacts with a long axis.
 """
 
 import matplotlib.pyplot as plt
@@ -26,7 +26,7 @@ __all__ = ["compute", "numbers", "plot", "tables"]
 ELONGATED = np.array(
     [shape.semi_axes[0] != shape.semi_axes[1] for shape in settings.OBJECTS.values()]
 )
-"""Objects whose contact has an axis."""
+"""Objects whose contact has a long axis."""
 
 PRINTED = {
     "paper": PRINTED_DEG,
@@ -39,14 +39,14 @@ PRINTED = {
 
 
 def numbers(result: Lifts) -> dict[str, float]:
-    """Ours, for `published.csv`."""
+    """Our numbers for `published.csv`."""
     ours = {}
     for method in ("paper", "kolamuri", "castano"):
         each = per_object(result, method)
         each = each[ELONGATED] if method == "castano" else each
         ours |= {method: float(each.mean()), f"{method}_deviation": float(each.std(ddof=1))}
-    untold = [method for method in result.error if method != CALIBRATED]
-    best = min((per_object(result, method) for method in untold), key=np.mean)
+    uncalibrated = [method for method in result.error if method != CALIBRATED]
+    best = min((per_object(result, method) for method in uncalibrated), key=np.mean)
     return ours | {
         "best_uncalibrated": float(best.mean()),
         "best_uncalibrated_deviation": float(best.std(ddof=1)),
@@ -72,7 +72,7 @@ def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Lifts) -> Figure:
-    """Ours and printed, side by side; the axis is logarithmic."""
+    """Our errors and the printed ones side by side, on a logarithmic axis."""
     figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     ours = {method: per_object(result, method) for method in result.error}
     names = [*ours, *(name for name in PRINTED if name not in ours)]

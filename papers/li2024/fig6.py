@@ -1,7 +1,8 @@
-"""Fig. 6: four contacts, pressed and moved, and what is measured of them.
+"""Fig. 6: measured rotations of four contacts, pressed and moved.
 
-Clockwise, counter-clockwise, translation alone, and a small round contact: paths of the contact
-model on an incompressible pad, for which pressing does not move the markers sideways.
+The motions are clockwise, counter-clockwise, pure translation, and a twisted small round contact.
+The contact model solves their paths on an incompressible pad, so that pressing does not move the
+markers sideways.
 """
 
 from typing import NamedTuple
@@ -48,13 +49,13 @@ class View(NamedTuple):
     """The last frame of a motion.
 
     Attributes:
-        truth: the object's angle [deg].
-        angle: by each of `METHODS`, NaN without an answer [deg].
-        reference: unloaded markers [mm].
-        displacement: of the markers [mm].
-        sticks: markers that truly stick.
-        contact: markers under the object.
-        seen: markers that stick as the paper's method has it.
+        truth: the object's true angle [deg].
+        angle: angle by each of `METHODS`; NaN without an answer [deg].
+        reference: positions of the unloaded markers [mm].
+        displacement: displacement of the markers [mm].
+        sticks: mask of the markers that truly stick.
+        contact: mask of the markers under the object.
+        seen: mask of the sticking markers according to the paper's method.
     """
 
     truth: float
@@ -67,7 +68,7 @@ class View(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> dict[str, View]:
-    """Solve and measure the four motions. The quick size is the full one: seconds."""
+    """Solve and measure the four motions, in seconds; the quick size is the full one."""
     return {name: _view(MOTIONS[name]) for name in track(list(MOTIONS))}
 
 
@@ -94,7 +95,7 @@ def _view(motion: Motion) -> View:
 
 
 def numbers(result: dict[str, View]) -> dict[str, float]:
-    """Ours, for `published.csv`."""
+    """Our numbers for `published.csv`."""
     return {"rotation_in_translation": abs(result["(c) translation"].angle[DEFAULT_METHOD])}
 
 
@@ -115,7 +116,7 @@ def tables(result: dict[str, View]) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: dict[str, View]) -> Figure:
-    """Displacements of the markers, and which of them stick."""
+    """Displacements of the markers, coloured by their true state; rings: the paper's method."""
     figure, axes = plt.subplots(1, 4, figsize=(15, 6), layout="constrained")
     for axis, (name, view) in zip(axes, result.items(), strict=True):
         slips = view.contact & ~view.sticks
@@ -136,8 +137,8 @@ def plot(result: dict[str, View]) -> Figure:
             )
         axis.scatter(*view.reference[view.seen].T, s=30, facecolors="none", edgecolors="k", lw=0.6,
                      label="sticks (paper's method)")  # fmt: skip
-        told = "\n".join(f"{m}: {_say(angle)}" for m, angle in view.angle.items())
-        axis.set_title(f"{name}, truth {view.truth:g}°\n{told}", fontsize=9)
+        answers = "\n".join(f"{m}: {_say(angle)}" for m, angle in view.angle.items())
+        axis.set_title(f"{name}, truth {view.truth:g}°\n{answers}", fontsize=9)
         reach = 1.5 * np.abs(view.reference[view.contact]).max()
         axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x [mm]")
     axes[0].set_ylabel("y [mm]")

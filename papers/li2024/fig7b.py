@@ -1,9 +1,9 @@
-"""Fig. 7(b): static error at each integer angle, against Kolamuri's method.
+"""Fig. 7(b): static error at each integer angle, compared with Kolamuri's method.
 
-A cube's face on a domed pad makes a round contact within the face, pressed as by Hertz: the
-virtual pivot of `estimation.virtual`. Every repetition lays the markers anew and draws the
-friction; it is one frame, so without the window. An angle without an answer counts as an error as
-large as the angle.
+A cube's face on a domed pad makes a round contact within the face with Hertz pressure: the virtual
+pivot of `estimation.virtual`. Every repetition draws the marker grid and the friction at random. It
+is a single frame, so the paper's window does not apply. A missing answer counts as an error of the
+full angle.
 """
 
 from typing import NamedTuple
@@ -25,12 +25,12 @@ METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
 
 
 class Static(NamedTuple):
-    """Repetitions, those that do not count left out.
+    """Results of the repetitions in which enough markers stick.
 
     Attributes:
-        noise_um: of a repetition [µm].
-        angle: true [deg].
-        error: of each of `METHODS` [deg].
+        noise_um: noise per in-plane coordinate [µm].
+        angle: true angle [deg].
+        error: error of each of `METHODS` [deg].
         limit: Cramér–Rao bound, as a standard deviation [deg].
     """
 
@@ -41,7 +41,7 @@ class Static(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Static:
-    """Repeat the experiment."""
+    """Simulate and measure all repetitions."""
     rng = np.random.default_rng(settings.SEED)
     low, high = settings.QUICK_REPETITIONS if quick else settings.REPETITIONS
     rows = []
@@ -56,7 +56,7 @@ def compute(quick: bool = False, track: Track = iter) -> Static:
 def _repeat(
     angle: float, noise_um: float, rng: np.random.Generator
 ) -> tuple[float, float, list[float], float]:
-    """One frame in which enough markers stick."""
+    """Noise [µm], angle, errors and bound [deg] of one frame in which enough markers stick."""
     while True:
         model = PivotModel(
             contact_radius=float(np.sqrt(settings.DOME_MM * settings.APPROACH_MM)),
@@ -80,7 +80,7 @@ def _repeat(
 
 
 def numbers(result: Static) -> dict[str, float]:
-    """Ours, for `published.csv`: the default method at 1 µm; and at 10 µm."""
+    """Our numbers for `published.csv`: errors of the default method at 1 and 10 µm of noise."""
     ours = np.abs(result.error[:, METHODS.index(DEFAULT_METHOD)])
     error = ours[result.noise_um == 1.0]
     return {
@@ -91,25 +91,25 @@ def numbers(result: Static) -> dict[str, float]:
 
 
 def tables(result: Static) -> dict[str, list[dict[str, object]]]:
-    """Pooled over the angles, a row for each noise and method."""
+    """A row for each noise and method, pooled over the angles."""
     rows = []
     for noise_um in settings.NOISES_UM:
-        of_noise = result.noise_um == noise_um
+        at_noise = result.noise_um == noise_um
         for i, method in enumerate(METHODS):
-            error = result.error[of_noise, i]
-            small = result.angle[of_noise] < 10
+            error = result.error[at_noise, i]
+            small = result.angle[at_noise] < 10
             rows.append(
                 {
                     "noise [µm]": noise_um,
                     "method": method,
-                    "frames": int(of_noise.sum()),
+                    "frames": int(at_noise.sum()),
                     "mean absolute error [°]": round(float(np.abs(error).mean()), 4),
                     "standard deviation of it [°]": round(float(np.abs(error).std()), 4),
                     "mean error below 10° [°]": round(float(error[small].mean()), 4),
                     "mean error from 10° [°]": round(float(error[~small].mean()), 4),
                 }
             )
-        limit = MEAN_ABSOLUTE * result.limit[of_noise].mean()
+        limit = MEAN_ABSOLUTE * result.limit[at_noise].mean()
         rows.append(
             dict.fromkeys(rows[-1])
             | {"noise [µm]": noise_um, "method": "Cramér–Rao bound"}
@@ -119,14 +119,14 @@ def tables(result: Static) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Static) -> Figure:
-    """Box plots of the error by angle, and the mean absolute error over the bound."""
+    """Box plots of the error by angle, and the mean absolute error with the bound."""
     figure, axes = plt.subplots(2, 3, figsize=(13, 7), sharex=True, layout="constrained")
-    of_noise = result.noise_um == 1.0
+    at_noise = result.noise_um == 1.0
     for i, (axis, method) in enumerate(zip(axes[:, :2].flat, METHODS, strict=True)):
-        boxes = [result.error[of_noise & (result.angle == a), i] for a in settings.ANGLES_DEG]
+        boxes = [result.error[at_noise & (result.angle == a), i] for a in settings.ANGLES_DEG]
         axis.axhline(0.0, color="C3", lw=1)
         axis.boxplot(boxes, positions=settings.ANGLES_DEG, widths=0.6, flierprops={"ms": 2})
-        error = np.abs(result.error[of_noise, i])
+        error = np.abs(result.error[at_noise, i])
         axis.set_title(f"{method}, 1 µm: {error.mean():.3f}° ± {error.std():.3f}°", fontsize=10)
         axis.set_ylabel("error [°]")
         axis.grid(alpha=0.3)

@@ -1,8 +1,8 @@
 """Fig. 8(b): a long object lifted three times, the last time into macro slip.
 
-The virtual pivot of `estimation.virtual`: a round contact on a pad with markers, 30 frames a
-second of which some are lost; the filter of the paper's method is its own, window 5 and zero
-drift taken off.
+The virtual pivot of `estimation.virtual`: a round contact on a pad with markers, at 30 frames per
+second with some frames lost. The paper's method uses the paper's filter: a window of 5 frames and
+the removal of zero drift.
 """
 
 import time
@@ -25,7 +25,7 @@ from papers.limits import MEAN_ABSOLUTE, angle_limit
 METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
 
 FRICTION_RATIO = 0.15
-"""μp0/2G* [-]: the last markers let go at about 20°."""
+"""μp0/2G* [-]: the last markers slip at about 20°."""
 
 PATH_DEG = (0.0, 6.0, 6.0, 13.0, 13.0, 26.0, 26.0)
 FRAMES = (30, 20, 30, 20, 45, 20)
@@ -33,15 +33,15 @@ FRAMES = (30, 20, 30, 20, 45, 20)
 
 
 class Lifts(NamedTuple):
-    """A recording, and what each method makes of it.
+    """A recording with the results of each method.
 
     Attributes:
-        recording: the markers.
-        truth: what the object does.
-        results: of each of `METHODS`.
+        recording: the recording.
+        truth: true angle, contact and slip.
+        results: result of each of `METHODS`.
         limit: mean absolute error at the Cramér–Rao bound of one frame, from the markers that do
             not slip [deg].
-        speed: frames that the default method answers in a second, on this machine.
+        speed: frames per second of the default method, on this machine.
     """
 
     recording: Recording
@@ -52,7 +52,7 @@ class Lifts(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Lifts:
-    """Lift three times. The quick size is the full one: seconds."""
+    """Simulate three lifts and measure them, in seconds; the quick size is the full one."""
     model = PivotModel(friction_ratio=FRICTION_RATIO)
     recording, truth = simulate_pivot(
         model,
@@ -73,9 +73,10 @@ def compute(quick: bool = False, track: Track = iter) -> Lifts:
 
 
 def numbers(result: Lifts) -> dict[str, float]:
-    """Ours, for `published.csv`: lifts that are followed up to macro slip.
+    """Our numbers for `published.csv`: lifts that are followed up to macro slip, and the rate.
 
-    Every frame is answered, and the mean absolute error is below a tenth of the lift.
+    A lift is followed if every frame has an answer and the mean absolute error is below a tenth of
+    the lift.
     """
     slipped = np.maximum.accumulate(result.truth.macro_slip)
     truth = np.degrees(result.truth.angle)
@@ -83,25 +84,25 @@ def numbers(result: Lifts) -> dict[str, float]:
     followed = 0
     for low, high in zip(PATH_DEG[0:-1:2], PATH_DEG[1::2], strict=True):
         lift = (truth > low) & (truth < high) & ~slipped
-        followed += bool(np.abs(error[lift]).mean() < 0.1 * (high - low))  # not so if one is NaN
+        followed += bool(np.abs(error[lift]).mean() < 0.1 * (high - low))  # False with any NaN
     return {"lifts": float(followed), "rate": result.speed}
 
 
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
-    """A row for each method: error before macro slip, and when it is first lost."""
+    """A row for each method: errors before and after macro slip, and its first missing answer."""
     slipped = np.maximum.accumulate(result.truth.macro_slip)
     touching = np.isfinite(result.truth.angle)
     rows = []
-    for method, found in result.results.items():
-        error = np.abs(np.degrees(found.angle - result.truth.angle))
-        slips = np.array([state == State.MACRO_SLIP for state in found.state])
-        seen = result.recording.time[np.argmax(slips)] if slips.any() else None
+    for method, answers in result.results.items():
+        error = np.abs(np.degrees(answers.angle - result.truth.angle))
+        slips = np.array([state == State.MACRO_SLIP for state in answers.state])
+        lost = result.recording.time[np.argmax(slips)] if slips.any() else None
         rows.append(
             {
                 "method": method,
                 "mean absolute error before macro slip [°]": _mean(error[touching & ~slipped]),
                 "after it [°]": _mean(error[touching & slipped]),
-                "first without an answer [s]": None if seen is None else round(float(seen), 2),
+                "first without an answer [s]": None if lost is None else round(float(lost), 2),
                 "macro slip began at [s]": round(
                     float(result.recording.time[np.argmax(slipped)]), 2
                 ),
@@ -116,21 +117,23 @@ def _mean(error: np.ndarray) -> float | None:
 
 
 def plot(result: Lifts) -> Figure:
-    """Angle and error over time, and the markers at three moments."""
+    """Angle and error over time, and the markers in three frames."""
     figure = plt.figure(figsize=(12, 8), layout="constrained")
     axes = figure.subplot_mosaic([["angle"] * 3, ["error"] * 3, ["a", "b", "c"]],
                                  height_ratios=[1.2, 0.8, 1.2])  # fmt: skip
-    at, truth = result.recording.time, np.degrees(result.truth.angle)
-    for i, (method, found) in enumerate(result.results.items()):
-        angle = np.degrees(found.angle)
-        axes["angle"].plot(at, angle, lw=1.2, label=method, color=f"C{i}")
-        axes["error"].semilogy(at, np.abs(angle - truth), lw=1.0, color=f"C{i}")
-    axes["angle"].plot(at, truth, "k--", lw=1.0, label="truth")
+    seconds, truth = result.recording.time, np.degrees(result.truth.angle)
+    for i, (method, answers) in enumerate(result.results.items()):
+        angle = np.degrees(answers.angle)
+        axes["angle"].plot(seconds, angle, lw=1.2, label=method, color=f"C{i}")
+        axes["error"].semilogy(seconds, np.abs(angle - truth), lw=1.0, color=f"C{i}")
+    axes["angle"].plot(seconds, truth, "k--", lw=1.0, label="truth")
     touching = np.isfinite(truth)
-    axes["error"].semilogy(at[touching], result.limit[touching], "k:", label="Cramér–Rao bound")
+    axes["error"].semilogy(
+        seconds[touching], result.limit[touching], "k:", label="Cramér–Rao bound"
+    )
     slipped = np.maximum.accumulate(result.truth.macro_slip)
     for name in ("angle", "error"):
-        axes[name].axvspan(at[np.argmax(slipped)], at[-1], color="0.9", zorder=0)
+        axes[name].axvspan(seconds[np.argmax(slipped)], seconds[-1], color="0.9", zorder=0)
         axes[name].grid(alpha=0.3)
     axes["angle"].set_ylabel("object's angle [°]")
     axes["angle"].legend(fontsize=8, title="grey: macro slip", title_fontsize=8)
@@ -144,15 +147,15 @@ def plot(result: Lifts) -> Figure:
 
 
 def _plot_markers(axis, result: Lifts, frame: int) -> None:
-    found = result.results[DEFAULT_METHOD]
+    answers = result.results[DEFAULT_METHOD]
     position = result.recording.positions[frame, :, :2]
     contact, stick = result.truth.contact[frame], result.truth.sticking[frame]
     axis.scatter(*position.T, s=4, color="0.8")
     axis.scatter(*position[contact & ~stick].T, s=14, color="C1", label="slips (truth)")
     axis.scatter(*position[stick].T, s=14, color="C0", label="sticks (truth)")
-    seen = found.stick[frame]
+    seen = answers.stick[frame]
     axis.scatter(*position[seen].T, s=40, facecolors="none", edgecolors="k", lw=0.7,
-                 label=f"sticks ({found.method})")  # fmt: skip
+                 label=f"sticks ({answers.method})")  # fmt: skip
     axis.set(aspect="equal", xlim=(-7, 7), ylim=(-7, 7), xlabel="x [mm]")
     moment = np.degrees(result.truth.angle[frame])
     axis.set_title(f"{moment:.1f}°, {result.recording.time[frame]:.2f} s", fontsize=10)

@@ -1,9 +1,9 @@
 """Fig. 9(b): error on ten objects, without and with their softness calibrated on other lifts.
 
-The lifts are those of `lifts`. Calibrated means that k and L of Eq. (13) are fitted to all other
-lifts of the object, by robust least squares of the reference over the elastomer's rotation: a lift
-that went wrong should not spoil the others. A lift without an answer counts as an error as large as
-its angle.
+The module `lifts` simulates the lifts. For the calibration, k and L of Eq. (13) are fitted to all
+other lifts of the object, by least squares of the reference over the elastomer's rotation. The loss
+is robust, so that a failed lift does not spoil the fit. A lift without an answer counts as an error
+of its full angle.
 """
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ CALIBRATED = f"{DEFAULT_METHOD}, calibrated"
 PRINTED_DEG = 1.34
 """Mean absolute error as printed, on hardware [deg]."""
 
-_WRONG_DEG = 0.1  # ten times what noise does to a lift: beyond, its pull grows no more
+_WRONG_DEG = 0.1  # ten times the effect of noise; larger residuals get less weight
 
 
 class Lifts(NamedTuple):
@@ -35,11 +35,11 @@ class Lifts(NamedTuple):
 
     Attributes:
         object_index: row of the object.
-        reference: the angular sensor's angle [deg].
-        error: of each method, and of ours calibrated [deg].
-        limit: mean absolute error at the Cramér–Rao bound of one frame, of the object's angle with
-            its softness known [deg].
-        stick: markers that truly stick at the end.
+        reference: angle of the angular sensor [deg].
+        error: error of each method, and of the default one after calibration [deg].
+        limit: mean absolute error at the Cramér–Rao bound of one frame, for the object's angle with
+            known softness [deg].
+        stick: number of markers that truly stick at the end.
     """
 
     object_index: Int[np.ndarray, " lifts"]
@@ -50,7 +50,7 @@ class Lifts(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Lifts:
-    """Lift, or read what `python -m papers sweep papers.li2024.lifts` has done."""
+    """Evaluate the lifts; results of `python -m papers sweep papers.li2024.lifts` are reused."""
     results = run_study("papers.li2024.lifts", quick, track)
     if results.failures:
         raise ValueError(f"{len(results.failures)} lifts failed: {results.failures}")
@@ -68,7 +68,7 @@ def calibrate_on_others(
     reference: Float[np.ndarray, " lifts"],
     object_index: Int[np.ndarray, " lifts"],
 ) -> Float[np.ndarray, " lifts"]:
-    """The object's angle by Eq. (13), k and L fitted to the object's other lifts [deg]."""
+    """The object's angle by Eq. (13), with k and L fitted to the object's other lifts [deg]."""
     angle = np.full(len(object_index), np.nan)
     for lift in range(len(object_index)):
         others = (object_index == object_index[lift]) & np.isfinite(elastomer)
@@ -85,7 +85,7 @@ def calibrate_on_others(
 
 
 def numbers(result: Lifts) -> dict[str, float]:
-    """Ours, for `published.csv`: the mean over the objects, and its scatter between them."""
+    """Our numbers for `published.csv`: mean and scatter over the objects, and the worst object."""
     each = per_object(result, CALIBRATED)
     return {
         "mean_absolute_error": float(each.mean()),
@@ -100,7 +100,7 @@ def per_object(result: Lifts, method: str) -> Float[np.ndarray, " objects"]:
 
 
 def limit_per_object(result: Lifts) -> Float[np.ndarray, " objects"]:
-    """The Cramér–Rao bound's mean absolute error of each object [deg]."""
+    """Mean absolute error of each object at the Cramér–Rao bound [deg]."""
     return _by_object(result.limit, result)
 
 
@@ -109,7 +109,7 @@ def _by_object(values: Float[np.ndarray, " lifts"], result: Lifts) -> np.ndarray
 
 
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
-    """A row for each object, and one for all: mean absolute error of each method."""
+    """Mean absolute error of each method: a row for each object, and one for their mean."""
     means = {method: per_object(result, method) for method in result.error}
     means["Cramér–Rao bound"] = limit_per_object(result)
     rows: list[dict[str, object]] = [
@@ -131,7 +131,7 @@ def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Lifts) -> Figure:
-    """Box plots of the absolute error by object, as measured and calibrated, over the bound."""
+    """Box plots of the absolute error by object, uncalibrated and calibrated, with the bound."""
     figure, axes = plt.subplots(3, 1, figsize=(10, 11), sharex=True, sharey=True,
                                 layout="constrained")  # fmt: skip
     place = np.arange(1, len(settings.OBJECTS) + 1)

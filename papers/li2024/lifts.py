@@ -1,8 +1,8 @@
 """The lifts of ten objects of Section V-B: a study for `python -m papers sweep`.
 
-Each lift is solved by the contact model: an object on a domed elastic layer, pressed, turned and
-held. The angle of reference is the angular sensor's: the turn of the object where it is held, and
-what it bends beyond.
+The contact model solves each lift: an object on a domed elastic layer is pressed, turned and held.
+The reference is the angle of the angular sensor: the object's turn at the finger plus its bending
+between finger and sensor.
 """
 
 import numpy as np
@@ -30,15 +30,15 @@ METHODS = ("paper", "paper_strict", "kolamuri", "castano", "kabsch", DEFAULT_MET
 
 _GRID = Grid((48, 48), (15.0, 15.0))
 _SHEAR_MODULUS, _POISSON_RATIO = 0.2, 0.48
-_RIGID = 1e-4  # least k: objects harder than that differ by less than a hundredth of a degree
+_RIGID = 1e-4  # least k: harder objects change an angle by less than a hundredth of a degree
 _TURN, _HOLD, _UNLOADED = 10, 6, 20  # frames
 
 
 def cases(quick: bool) -> dict[str, np.ndarray]:
-    """The draws: object, angle, where the markers lie under it.
+    """The table of lifts: object, angle, and place of the markers under it.
 
-    The quick table spreads its few angles, one in each equal part of the range: lifts to nearly one
-    angle do not tell k from L.
+    The quick table has one angle in each equal part of the range, because lifts to nearly equal
+    angles cannot separate k from L.
     """
     rng = np.random.default_rng(settings.SEED)
     low, high = settings.QUICK_LIFTS if quick else settings.LIFTS
@@ -60,9 +60,10 @@ def cases(quick: bool) -> dict[str, np.ndarray]:
 def evaluate(
     object_index: int, angle_deg: float, offset: list[float], grid_angle: float, seed: int
 ) -> dict[str, np.ndarray]:
-    """At the end of the lift: reference, and the elastomer's rotation by each of `METHODS` [deg].
+    """Reference and the elastomer's rotation by each of `METHODS`, at the end of a lift [deg].
 
-    `limit` is the Cramér–Rao bound of that rotation, from one frame of what has always stuck [deg].
+    `limit` is the Cramér–Rao bound of that rotation, from one frame of the markers that have always
+    stuck [deg].
     """
     shape = list(settings.OBJECTS.values())[object_index]
     solution = _lift(shape, float(np.radians(angle_deg)))
@@ -87,7 +88,7 @@ def evaluate(
 
 
 def _lift(shape: settings.ObjectShape, angle: float) -> ContactSolution:
-    """Pressed, turned and held, a contact per frame; the outline goes along with what slips."""
+    """An object pressed, turned and held, one step per frame; its shape follows the sliding."""
     twists = [np.zeros(1), np.linspace(0.0, angle, _TURN + 1), np.full(_HOLD, angle)]
     return solve_path(
         Contact(

@@ -1,7 +1,7 @@
-"""Constants of the method as printed, and what the library takes by default.
+"""The method's printed constants, and the library's defaults.
 
-The quantity that Eq. (15) bounds has no unit, and the bound is printed as "0.4°"; `paper` reads it
-as 0.4, `paper_strict` as 0.4° in radians.
+The quantity that Eq. (15) bounds has no unit, but the bound is printed as "0.4°". Method `paper`
+reads it as 0.4, `paper_strict` as 0.4° in radians.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,7 @@ Method = dict[str, float]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Method:
-    """The defaults."""
+    """The library's default constants."""
     settings = PaperSettings()
     constants = {
         "contact_share": SHARE,
@@ -31,17 +31,17 @@ def compute(quick: bool = False, track: Track = iter) -> Method:
 
 
 def numbers(result: Method) -> dict[str, float]:
-    """Ours, for `published.csv`."""
+    """Our numbers for `published.csv`."""
     return result
 
 
 def tables(result: Method) -> dict[str, list[dict[str, object]]]:
-    """The defaults, a row each."""
+    """A row for each default."""
     return {"": [{"constant": name, "default": value} for name, value in result.items()]}
 
 
 def plot(result: Method) -> Figure:
-    """What Eq. (15) lets into the region: how far φ_i may lie from the region's mean."""
+    """The largest distance of φ_i from the region's mean that Eq. (15) admits."""
     mean = np.linspace(0.05, 20.0, 400)
     figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
     for name, threshold in (("0.4", result["threshold"]), ("0.4° = 0.007", STRICT_THRESHOLD)):

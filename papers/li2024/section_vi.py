@@ -1,10 +1,11 @@
 """Section VI: an object as soft as the elastomer, and the error of "about 70 %".
 
-The face of the cube sticks all over; φ is a rigid fit of its inner 0.7, as a marker array gives it.
-Two half-spaces of equal shear modulus miss 50 %: the elastomer turns half as much as the object. A
-thin elastomer misses more, and so do markers below its surface. The object's width enters by its
-other extreme: not a half-space but a free prism as wide as its face, loaded all over, that turns by
-M l/GJ over its length l up to where the angle is taken; the face itself is taken to stay plane.
+The cube's whole face sticks; φ is a rigid fit of its inner 0.7, like that of a marker array. Two
+half-spaces of equal shear modulus miss 50 %: the elastomer turns half as much as the object. A thin
+elastomer misses more, and so do markers below its surface. The object's width matters too. The wide
+extreme is a half-space. The narrow extreme is a free prism as wide as its face, loaded over the
+whole face. Over its length l, up to the point where the angle is measured, it turns by M l/GJ; its
+face is assumed to stay plane.
 """
 
 from typing import NamedTuple
@@ -31,10 +32,10 @@ from papers.li2024 import settings
 THICKNESSES_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 8.0, np.inf)
 DEPTHS_MM = (0.0, 0.25, 0.5, 1.0)
 LENGTHS_MM = tuple(np.linspace(0.0, 10.0, 41).tolist())
-"""Length of the prism between the contact and where the angle is taken."""
+"""Length of the prism between the contact and the point where the angle is measured."""
 
 PRINTED_PERCENT, ABOUT_PERCENT = 70.0, 2.5
-"""The printed error, and what "about" is taken to mean."""
+"""The printed error, and the tolerance assumed for "about"."""
 
 _SHEAR_MODULUS, _POISSON_RATIO = 0.2, 0.48
 _INNER = 0.7
@@ -44,12 +45,12 @@ _QUICK = (2.0, 5.0, np.inf)
 
 
 class Missed(NamedTuple):
-    """Share of the object's turn that the markers do not show.
+    """Share of the object's turn that the markers miss.
 
     Attributes:
-        thickness: of the elastomer [mm].
-        wide: of an object much wider than its face, by thickness and depth of the markers [%].
-        prism: of one as wide as its face, by thickness, depth and length [%].
+        thickness: thickness of the elastomer [mm].
+        wide: share for an object much wider than its face, by thickness and marker depth [%].
+        prism: share for an object as wide as its face, by thickness, marker depth and length [%].
     """
 
     thickness: tuple[float, ...]
@@ -60,13 +61,13 @@ class Missed(NamedTuple):
 def compute(quick: bool = False, track: Track = iter) -> Missed:
     """Solve two contacts for each thickness; the quick size has three thicknesses."""
     thicknesses = _QUICK if quick else THICKNESSES_MM
-    found = [_missed(thickness) for thickness in track(thicknesses)]
-    wide, prism = (np.array(part) for part in zip(*found, strict=True))
+    shares = [_missed(thickness) for thickness in track(thicknesses)]
+    wide, prism = (np.array(part) for part in zip(*shares, strict=True))
     return Missed(thicknesses, wide, prism)
 
 
 def _missed(thickness: float) -> tuple[Float[np.ndarray, " depths"], np.ndarray]:
-    """Of a wide object, by depth, and of a prism, by depth and length [%]."""
+    """The missed share of a wide object, by depth, and of a prism, by depth and length [%]."""
     modulus, nu = _SHEAR_MODULUS, _POISSON_RATIO
     pad = HalfSpace(modulus, nu) if np.isinf(thickness) else Layer(modulus, nu, thickness)
     shown, _ = _twist(pad, HalfSpace(modulus, nu))
@@ -77,7 +78,7 @@ def _missed(thickness: float) -> tuple[Float[np.ndarray, " depths"], np.ndarray]
 
 
 def _twist(pad: AbstractBody, object_: AbstractBody) -> tuple[Float[np.ndarray, " depths"], float]:
-    """φ by depth and moment, both by the object's twist [-, N·mm/rad]."""
+    """φ at each depth, and the moment, both over the object's twist [-, N·mm/rad]."""
     twist = 1e-3
     solution = solve_contact(
         Contact(pad, object_, SquarePunch(settings.CUBE_MM), _GRID, 20.0),
@@ -91,13 +92,13 @@ def _twist(pad: AbstractBody, object_: AbstractBody) -> tuple[Float[np.ndarray, 
 
 
 def _turn(points: np.ndarray, displacement: np.ndarray) -> float:
-    """Rigid fit Σ r × u / Σ r²; what pressing adds is symmetric and drops out [rad]."""
+    """Rigid fit Σ r × u / Σ r² [rad]; the symmetric motion due to pressing cancels."""
     cross = points[:, 0] * displacement[:, 1] - points[:, 1] * displacement[:, 0]
     return float(cross.sum() / (points**2).sum())
 
 
 def numbers(result: Missed) -> dict[str, float]:
-    """Ours, for `published.csv`: a wide object, markers at the surface, thinnest and thickest."""
+    """Our numbers for `published.csv`: a wide object, thinnest and thickest, surface markers."""
     return {
         "error_thin": float(result.wide[0, 0]),
         "error_half_space": float(result.wide[-1, 0]),
@@ -105,7 +106,7 @@ def numbers(result: Missed) -> dict[str, float]:
 
 
 def tables(result: Missed) -> dict[str, list[dict[str, object]]]:
-    """What each cause makes of it, and the combinations that give about the printed error."""
+    """The effect of each cause, and the combinations that give about the printed error."""
     deep, length = DEPTHS_MM.index(0.5), LENGTHS_MM.index(4.0)
     rows, combinations = [], []
     for i, thickness in enumerate(result.thickness):
@@ -135,7 +136,7 @@ def tables(result: Missed) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Missed) -> Figure:
-    """A wide object over thickness and depth, a prism over its length; grey: about 70 %."""
+    """The missed share over thickness and depth (wide object) and length (prism); grey: 70 %."""
     figure, axes = plt.subplots(1, 3, figsize=(14, 4.2), sharey=True, layout="constrained")
     place, deep = np.arange(len(result.thickness)), DEPTHS_MM.index(0.5)
     half_spaces = np.full(len(place), result.wide[-1, 0])

@@ -1,4 +1,4 @@
-"""Constants of the paper with their place, and apart from them what it leaves open.
+"""The paper's constants with their place, and our choices where it gives none.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting".
@@ -29,26 +29,26 @@ LIFTS = (20, 25)
 LIFT_RANGE_DEG = (2.0, 20.0)
 """Angles that an object is lifted by [deg], Section V-B."""
 
-# Left open by the paper, chosen by us.
+# Not given in the paper; our choices.
 
 DOME_MM = 30.0
-"""Radius of the pad's dome [mm]: that of pads whose recordings were published lies at 27 to 33."""
+"""Radius of the pad's dome [mm]; pads with published recordings have 27 to 33."""
 
 APPROACH_MM = 0.83
-"""The cube's approach [mm]: on the dome it gives a contact of radius 5 mm, within its face."""
+"""The cube's approach [mm]; on the dome it gives a contact of radius 5 mm, within the face."""
 
 PITCH_MM = 1.0
 MARKERS = (20, 20)
-"""Markers of the pad and their distance [mm], those of published Tac3D recordings."""
+"""Markers of the pad, and their distance [mm]: the values of published Tac3D recordings."""
 
 FRICTION_RATIOS = (0.3, 0.6)
-"""μp0/2G* of a repetition [-], drawn uniformly: at 20° some 5 to 40 markers still stick."""
+"""μp0/2G* of a repetition [-], drawn uniformly; at 20° about 5 to 40 markers still stick."""
 
 NOISES_UM = (1.0, 10.0)
-"""Noise per in-plane coordinate [µm]: what still Tac3D frames have, and a poor camera's."""
+"""Noise per in-plane coordinate [µm]: of Tac3D at rest, and of a poor camera."""
 
 FIRM_MARKERS = 10
-"""Frames count where at least this many markers truly stick."""
+"""Fewest truly sticking markers in a frame that counts."""
 
 QUICK_REPETITIONS = (3, 4)
 
@@ -56,15 +56,15 @@ SEED = 20
 
 
 class ObjectShape(NamedTuple):
-    """One of the ten objects; which household objects the paper's are is not printed.
+    """One of the ten objects; the paper does not say which household objects it used.
 
     Attributes:
-        semi_axes: of the ellipsoid that its surface is where it is held [mm].
-        approach: how hard it is held [mm].
+        semi_axes: semi-axes of the ellipsoid that describes the held surface [mm].
+        approach: approach, which sets the grip [mm].
         stiffness_ratio: k [-].
-        thickness: of the elastomer [mm].
+        thickness: thickness of the elastomer [mm].
         friction_coefficient: μ [-].
-        deflection: of the object between the finger and the angular sensor, by the moment
+        deflection: turn of the object between finger and angular sensor over the moment
             [rad/(N·mm)].
     """
 
@@ -91,12 +91,12 @@ OBJECTS = {
 }
 
 LIFT_MARKERS = (16, 16)
-"""Markers under the ten objects; their contacts are up to 13 mm long."""
+"""Markers for the ten objects, whose contacts are up to 13 mm long."""
 
 LIFT_NOISE_MM = (3e-3, 10e-3)
-"""Noise of the lifts, in the plane and along z [mm]."""
+"""Noise of the lifts in the plane and along z [mm]."""
 
 DROPPED = 0.1
-"""Share of frames that the lifts lose."""
+"""Share of lost frames in the lifts."""
 
 QUICK_LIFTS = (4, 4)

@@ -1,1 +1,1 @@
-"""A study of our own: where the source paper's equations hold, where not, and by how much."""
+"""A study of our own: where the source paper's equations hold, and their errors elsewhere."""

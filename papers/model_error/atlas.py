@@ -15,20 +15,20 @@ from papers.sweeps import Study
 RATIOS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0)
 THICKNESSES = (2.0, 3.0, 4.0, 6.0, 10.0, 60.0)
 INDENTATIONS = (0.3, 0.8)
-"""That a half-space would have [mm]: contacts of two sizes."""
+"""Approaches [mm], for contacts of two sizes."""
 
 FRICTIONS = (0.3, 0.7, 1.5)
 TURN_DEG, BACK_DEG = 12.0, -8.0
 STEPS = (16, 24)
-"""Steps of the turn and of the way back."""
+"""Steps of the turn, and of the way back."""
 
 CELLS = 64
-_RADIUS, _SIZE = 20.0, 13.0  # of the ball and of the grid [mm]
-_LEAST_RATIO = 1e-6  # a half-space has to give way
+_RADIUS, _SIZE = 20.0, 13.0  # radius of the ball, side of the grid [mm]
+_LEAST_RATIO = 1e-6  # the object's half-space must not be rigid
 
 
 def cases(quick: bool) -> dict[str, np.ndarray]:
-    """Every combination; the quick table has the ends and one between."""
+    """All combinations; the quick table has the extremes and a few values between."""
     axes = (RATIOS, THICKNESSES, INDENTATIONS, FRICTIONS)
     if quick:
         axes = ((0.0, 0.4, 1.0), (2.0, 60.0), INDENTATIONS, (0.3, 1.5))
@@ -50,7 +50,10 @@ def evaluate(
     friction: Float[Array, ""],
     cells: int,
 ) -> dict[str, Array]:
-    """Along the path: φ of what sticks and of the contact, stick ratio, moment, radius."""
+    """Twist, φ of the stick region and of the contact, stick ratio and moment along the path.
+
+    Angles are in rad, the moment in N·mm; `contact_radius` [mm] is that of the pressed contact.
+    """
     modulus, nu = settings.SHEAR_MODULUS, settings.POISSON_RATIO
     turn, back = jnp.radians(TURN_DEG), jnp.radians(BACK_DEG)
     poses = [Pose(indentation, twist=twist, linear=True) for twist in (0.0, turn, back)]
@@ -78,9 +81,9 @@ def evaluate(
 
 
 def _turn(displacement: Array, points: Array, mask: Array) -> Array:
-    """Rigid fit Σ r × u / Σ r² of the cells of a mask about the axis; NaN where it is empty.
+    """Rigid fit Σ r × u / Σ r² about the axis, over the cells of a mask; NaN if it is empty.
 
-    The displacement is exact at the cells' centres, its curl is not at the rim of the stick region.
+    The displacement is exact at the cells' centres, but its curl is not at the stick region's edge.
     """
     x, y = points
     u_x, u_y = displacement[..., 0, :, :], displacement[..., 1, :, :]
@@ -89,5 +92,5 @@ def _turn(displacement: Array, points: Array, mask: Array) -> Array:
     return jnp.where(arm > 0, turn / jnp.where(arm > 0, arm, 1.0), jnp.nan)
 
 
-# alone: on a processor a batch waits for its slowest path, 42 ms a solve with four against 24 ms
+# batches of one: a larger batch waits for its slowest path (42 ms a solve with four, 24 ms alone)
 STUDY = Study(cases, evaluate, static=("cells",))

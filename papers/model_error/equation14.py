@@ -1,10 +1,10 @@
-"""Error of Eq. (14), θ = −φ, as maps to read a correction from, drawn from the atlas.
+"""Error of Eq. (14), θ = −φ, as maps from which to read a correction, drawn from the atlas.
 
-The share of the object's turn that the elastomer does not show where it sticks, 1 − φ/θ, depends on
-k and on the elastomer's thickness over the contact's radius, h/a: linear elasticity has no length
-of its own, so contacts of two sizes must fall on one curve. It hardly depends on how much sticks
-and on friction, on a thick elastomer not at all. Divide a measured φ by one minus the map's value;
-or multiply it by 1 + k', with k' read from the curve of k'/k, which is nearly one curve for all k.
+Where the elastomer sticks, it misses the share 1 − φ/θ of the object's turn. This share depends on
+k and on h/a, the elastomer's thickness over the contact's radius. Linear elasticity has no length
+scale, so contacts of two sizes must fall on one curve. The stick ratio and friction hardly matter,
+and not at all on a thick elastomer. To correct a measured φ, divide it by one minus the map's
+value, or multiply it by 1 + k', with k' from the curve of k'/k, which is nearly the same for all k.
 """
 
 from typing import NamedTuple
@@ -24,17 +24,17 @@ LEVELS = (1, 2, 5, 10, 20, 30, 40, 50, 60, 70)
 
 
 class Maps(NamedTuple):
-    """The twist out of the atlas, a row for each case and a column for each step.
+    """The atlas while the twist grows: a row for each case, a column for each step.
 
     Attributes:
         stiffness_ratio: k [-].
         thickness: h/a [-].
         friction: μ [-].
-        large: cases with the larger of the two contacts.
-        thick: large contacts on the thickest elastomer.
-        thin: large contacts on the thinnest.
+        large: mask of the cases with the larger of the two contacts.
+        thick: mask of the large contacts on the thickest elastomer.
+        thin: mask of the large contacts on the thinnest elastomer.
         stick_ratio: share of the contact that sticks [-].
-        missed: 1 − φ/θ where it sticks [%]; NaN where nothing does.
+        missed: 1 − φ/θ over the stick region [%]; NaN if nothing sticks.
     """
 
     stiffness_ratio: Float[np.ndarray, " cases"]
@@ -48,12 +48,12 @@ class Maps(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Maps:
-    """Solve, or read what `python -m papers sweep papers.model_error.atlas` has done."""
-    found = run_study("papers.model_error.atlas", quick, track)
-    if found.failures:
-        raise ValueError(f"{len(found.failures)} contacts failed: {found.failures}")
+    """Solve the atlas; results of `python -m papers sweep papers.model_error.atlas` are reused."""
+    results = run_study("papers.model_error.atlas", quick, track)
+    if results.failures:
+        raise ValueError(f"{len(results.failures)} contacts failed: {results.failures}")
     out = slice(0, atlas.STEPS[0])
-    values, table = found.values, found.table
+    values, table = results.values, results.table
     large = table["indentation"] == max(atlas.INDENTATIONS)
     return Maps(
         stiffness_ratio=table["stiffness_ratio"],
@@ -68,10 +68,10 @@ def compute(quick: bool = False, track: Track = iter) -> Maps:
 
 
 def tables(result: Maps) -> dict[str, list[dict[str, object]]]:
-    """A row for each k, thickness and size: missed while most sticks and when little does."""
+    """A row for each k, thickness and size: the missed share at large and at small stick ratios."""
     rows = []
     frictions = len(np.unique(result.friction))
-    for chosen in np.arange(len(result.friction)).reshape(-1, frictions):  # it varies fastest
+    for chosen in np.arange(len(result.friction)).reshape(-1, frictions):  # friction varies fastest
         k, ratio, missed = (
             values[chosen] for values in (result.stiffness_ratio, result.stick_ratio, result.missed)
         )
@@ -112,12 +112,12 @@ def plot(result: Maps) -> Figure:
 
 
 def _firm(result: Maps) -> Bool[np.ndarray, " cases"]:
-    """Cases of the greatest friction: at the first step of the turn most of the contact sticks."""
+    """Mask of the cases with the greatest friction, where most of the contact sticks at first."""
     return result.friction == result.friction.max()
 
 
 def _plot_sizes(axis, result: Maps) -> None:
-    """Over k and h/a, contacts of both sizes together."""
+    """Map of the missed share over k and h/a, for contacts of both sizes."""
     by_k = (len(np.unique(result.stiffness_ratio)), -1)  # the table runs through h and a for each k
     k, height, missed = (
         values[_firm(result)].reshape(by_k)
@@ -132,7 +132,7 @@ def _plot_sizes(axis, result: Maps) -> None:
 
 
 def _plot_collapse(left, right, result: Maps) -> None:
-    """What is missed, and k' = missed/(1 − missed) over k: by h/a, for both sizes."""
+    """The missed share, and k' = missed/(1 − missed) divided by k, over h/a for both sizes."""
     for chosen, style in ((result.large, "o-"), (~result.large, "x--")):
         for i, k in enumerate(np.unique(result.stiffness_ratio)[1:]):
             rows = chosen & _firm(result) & (result.stiffness_ratio == k)
@@ -150,7 +150,7 @@ def _plot_collapse(left, right, result: Maps) -> None:
 
 
 def _map(axis, x: np.ndarray, y: np.ndarray, missed: np.ndarray) -> None:
-    """Of scattered points, each once: where two coincide, Delaunay would stumble."""
+    """Contour map of scattered points without duplicates, on which Delaunay would fail."""
     points = np.stack([x, y, missed])[:, np.isfinite(missed)]
     _, first = np.unique(points[:2].round(9), axis=1, return_index=True)
     x, y, missed = points[:, first]
@@ -167,7 +167,7 @@ def _shade(axis, shade, contour, *field) -> None:
 
 
 def _plot_friction(axis, result: Maps) -> None:
-    """What is missed as the contact slips, by friction, for one k."""
+    """The missed share over the stick ratio, by friction, for one k."""
     k = np.unique(result.stiffness_ratio)[len(np.unique(result.stiffness_ratio)) // 2]
     for chosen, style in ((result.thin, "o-"), (result.thick, "s--")):
         for i, friction in enumerate(np.unique(result.friction)):

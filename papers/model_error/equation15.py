@@ -1,13 +1,12 @@
-"""Eq. (15)'s threshold: who is taken to stick, who is missed, and what that does to the angle.
+"""Eq. (15)'s threshold: missed and false markers of the stick region, and the angle's error.
 
-Virtual pivots with their true stick mask, turned by 10°; the threshold runs over both its readings,
-0.4 and 0.4° = 0.007, and with it noise, distance of the markers and how much sticks. The angle is
-the mean of φ over the region that grows, as the paper has it; a region of fewer than three markers
-gives none.
+Virtual pivots with a known stick mask are turned by 10°. The threshold covers both its readings,
+0.4 and 0.4° = 0.007; noise, distance of the markers and stick radius vary as well. As in the paper,
+the angle is the mean of φ over the grown region; a region of fewer than three markers gives none.
 
-The best threshold follows the noise of φ, measured where all of a marker's neighbours stick: below
-some twice its share of φ sticking markers fail by chance and the region stops growing, above some
-four times those join whose stencils reach into the slip.
+The best threshold follows the relative noise of φ, measured at markers whose neighbours all stick.
+Below about twice this noise, sticking markers fail by chance and the region stops growing. Above
+about four times, markers join whose stencils reach into the slip.
 """
 
 from itertools import product
@@ -33,7 +32,7 @@ THRESHOLDS = tuple(np.geomspace(0.001, 1.0, 25).tolist())
 NOISES_UM = (0.3, 1.0, 3.0, 10.0)
 PITCHES_MM = (0.5, 1.0, 1.5)
 STICK_RADII = (0.4, 0.6, 0.8)
-"""c/a of the contact, radius 5 mm."""
+"""c/a of the contact, whose radius a is 5 mm."""
 
 DRAWS, QUICK_DRAWS = 40, 3
 
@@ -52,13 +51,13 @@ CONDITIONS = [Condition(n, 1.0, c) for n, c in product(NOISES_UM, STICK_RADII)] 
 
 
 class Thresholds(NamedTuple):
-    """Means over the draws, a row for each of `CONDITIONS` and a column for each threshold.
+    """Means over the draws: a row for each of `CONDITIONS`, a column for each threshold.
 
     Attributes:
-        missed: share of the sticking markers that is not in the region [-].
-        false: share of the region that slips [-].
-        bias: mean error of the angles there are [deg].
-        error: mean absolute error; without an answer, the angle [deg].
+        missed: share of the sticking markers outside the region [-].
+        false: share of the region's markers that slip [-].
+        bias: mean error of the answered angles [deg].
+        error: mean absolute error; a missing answer counts as the full angle [deg].
         limit: mean absolute error at the Cramér–Rao bound, by condition [deg].
         scatter: noise of φ over the angle, by condition [-].
     """
@@ -77,7 +76,7 @@ class Thresholds(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Thresholds:
-    """Draw and grow."""
+    """Draw the frames, and grow the stick region with each threshold."""
     rng = np.random.default_rng(settings.SEED)
     columns = []
     for condition in track(CONDITIONS):
@@ -95,7 +94,7 @@ def compute(quick: bool = False, track: Track = iter) -> Thresholds:
 def _draw(
     condition: Condition, rng: np.random.Generator
 ) -> tuple[list[float], list[float], list[float], float, float]:
-    """Missed, false and error by threshold, the bound and the noise of φ, of one frame."""
+    """One frame's missed and false shares and errors by threshold, its bound and noise of φ."""
     theta = float(np.radians(settings.ANGLE_DEG))
     radius, noise = settings.CONTACT_RADIUS, 1e-3 * condition.noise_um
     across = int(np.ceil(2.8 * radius / condition.pitch))
@@ -125,7 +124,7 @@ def _draw(
         angle = fields.rotation[region].mean() if region.sum() >= MIN_STICK_MARKERS else np.nan
         error.append(float(np.degrees(angle - theta)))
     bound = np.degrees(MEAN_ABSOLUTE * angle_limit(layout.reference[:, :2], truth, noise))
-    inner = erode(truth, stencils)  # an affine motion: but for the noise φ is exact there
+    inner = erode(truth, stencils)  # the motion is affine there: φ is exact but for noise
     scatter = (
         np.sqrt(np.mean((fields.rotation[inner] / theta - 1.0) ** 2)) if inner.any() else np.nan
     )
@@ -133,7 +132,7 @@ def _draw(
 
 
 def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
-    """A row for each condition: the best threshold, and the two readings beside it."""
+    """A row for each condition: the best threshold, and the errors at the two readings."""
     rows = []
     for i, condition in enumerate(CONDITIONS):
         best = int(result.best[i])
@@ -159,7 +158,7 @@ def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Thresholds) -> Figure:
-    """Over the threshold, by noise above, by pitch below; and the best one in each condition."""
+    """Shares, bias and error over the threshold, by noise (above) and pitch (below); best ones."""
     figure = plt.figure(figsize=(18, 8), layout="constrained")
     grid = figure.add_gridspec(2, 4)
     axes = np.array([[figure.add_subplot(grid[i, j]) for j in range(3)] for i in range(2)])
@@ -170,9 +169,9 @@ def plot(result: Thresholds) -> Figure:
     ):
         shares, bias, error = axes[j]
         _plot_row(shares, bias, error, result, chosen, name)
-        kept = CONDITIONS[chosen[0]]
-        told = "pitch 1 mm" if j == 0 else f"noise {kept.noise_um:g} µm"
-        shares.set_title(f"missed (full) and false (dashed); c/a = 0.6, {told}", fontsize=10)
+        first = CONDITIONS[chosen[0]]
+        fixed = "pitch 1 mm" if j == 0 else f"noise {first.noise_um:g} µm"
+        shares.set_title(f"missed (full) and false (dashed); c/a = 0.6, {fixed}", fontsize=10)
     for axis in axes.flat:
         for threshold in (0.4, STRICT_THRESHOLD):
             axis.axvline(threshold, color="0.6", ls=":", lw=1)
@@ -184,7 +183,7 @@ def plot(result: Thresholds) -> Figure:
 
 
 def _plot_best(above, below, result: Thresholds) -> None:
-    """The best threshold over the noise of φ, and the error that it leaves, over the bound."""
+    """The best threshold over the noise of φ, and its error over the bound."""
     best = np.array(THRESHOLDS)[result.best]
     error = result.error.min(axis=1)
     for colour, radius in enumerate(STICK_RADII):
@@ -218,5 +217,5 @@ def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: 
     bias.set_ylabel("mean error [°]")
     error.set_ylabel("mean absolute error [°]")
     shares.legend(fontsize=8)
-    bias.set_title("share of frames answered", fontsize=10)
-    error.set_title("no angle: as if 0°; dotted: Cramér–Rao bound", fontsize=10)
+    bias.set_title("answered frames only", fontsize=10)
+    error.set_title("missing angle counts as 0°; dotted: Cramér–Rao bound", fontsize=10)

@@ -1,10 +1,10 @@
-"""Eq. (2)'s residual, component by component, and its vanishing in the curl.
+"""The residual of Eq. (2) by component; it vanishes in the curl.
 
-Eq. (2) says that the gradients of the two bodies' displacements are in a fixed ratio but for a
-constant: D_m u_B,n = −k D_m u_S,n + l_mn. Here both come from the contact model, a ball pressed and
-turned by 10°, for bodies that differ in Poisson's ratio, under more and less pressure, and on
-elastomers of finite thickness. The residual is what is left of each component when its mean over
-the contact is taken off, relative to the gradients it should cancel.
+By Eq. (2), the gradients of the two bodies' displacements are proportional up to a constant:
+D_m u_B,n = −k D_m u_S,n + l_mn. Here the contact model gives both, for a ball pressed and turned by
+10°. Poisson's ratio of the object, the approach and the elastomer's thickness vary. The residual of
+a component is its deviation from its mean over the contact, relative to the gradients that it
+should cancel.
 """
 
 from typing import NamedTuple
@@ -39,12 +39,12 @@ _FRICTION = 0.8
 
 
 class Residuals(NamedTuple):
-    """Root mean square of each of `COMPONENTS`, relative [-].
+    """Relative root mean square of the residual in each of `COMPONENTS` [-].
 
     Attributes:
-        over_poisson: by ν of the object, both half-spaces.
-        over_approach: by the approach, ν of the object 0.3.
-        over_thickness: by the elastomer's thickness, Poisson's ratios equal.
+        over_poisson: by ν of the object; both bodies are half-spaces.
+        over_approach: by the approach; ν of the object is 0.3.
+        over_thickness: by the elastomer's thickness; Poisson's ratios are equal.
     """
 
     over_poisson: Float[np.ndarray, "nu components"]
@@ -53,7 +53,7 @@ class Residuals(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Residuals:
-    """Solve each contact; the quick size leaves out every other."""
+    """Solve each contact; the quick size has every second one."""
     every = slice(None, None, 2 if quick else 1)
     nu = settings.POISSON_RATIO
     cases = (
@@ -61,9 +61,11 @@ def compute(quick: bool = False, track: Track = iter) -> Residuals:
         + [(np.inf, 0.3, approach) for approach in APPROACHES[every]]
         + [(h, nu, APPROACH) for h in THICKNESSES[every]]
     )
-    found = np.array([_residuals(*case) for case in track(cases)])
+    residuals = np.array([_residuals(*case) for case in track(cases)])
     first, second = len(NU_OBJECT[every]), len(APPROACHES[every])
-    return Residuals(found[:first], found[first : first + second], found[first + second :])
+    return Residuals(
+        residuals[:first], residuals[first : first + second], residuals[first + second :]
+    )
 
 
 def _residuals(thickness: float, object_poisson: float, approach: float) -> list[float]:
@@ -81,8 +83,8 @@ def _residuals(thickness: float, object_poisson: float, approach: float) -> list
     residual, scale = left[0] + right[0], right[0]
     curl = np.asarray(solution.object_rotation() + k * solution.elastomer_rotation())[inner]
     turned = k * np.asarray(solution.elastomer_rotation())[inner]
-    size = np.sqrt((scale[[1, 2]] ** 2).mean())  # of the gradients that turn
-    return [*(residual.std(axis=1) / size), _rms(curl) / _rms(turned)]
+    norm = np.sqrt((scale[[1, 2]] ** 2).mean())  # of the gradients that contain the rotation
+    return [*(residual.std(axis=1) / norm), _rms(curl) / _rms(turned)]
 
 
 def _gradient(solution: ContactSolution, name: str, inner: np.ndarray) -> np.ndarray:
@@ -93,7 +95,7 @@ def _gradient(solution: ContactSolution, name: str, inner: np.ndarray) -> np.nda
 
 
 def _erode(mask: np.ndarray) -> np.ndarray:
-    """Cells whose four neighbours are in the mask too: no difference reaches outside."""
+    """Cells whose four neighbours are also in the mask, so that no difference reaches outside."""
     around = [np.roll(mask, step, axis) for step in (-1, 1) for axis in (0, 1)]
     return np.logical_and.reduce([mask, *around])
 
@@ -103,12 +105,12 @@ def _rms(values: np.ndarray) -> float:
 
 
 def tables(result: Residuals) -> dict[str, list[dict[str, object]]]:
-    """Three tables in one: what is varied, and the residual of each component [%]."""
+    """Three tables in one: the varied quantity, and the residual of each component [%]."""
     rows = []
-    for name, (what, values, found) in _panels(result).items():
-        for value, row in zip(values, found, strict=True):
+    for name, (unit, values, residuals) in _panels(result).items():
+        for value, row in zip(values, residuals, strict=True):
             percent = {c: round(100 * float(r), 3) for c, r in zip(COMPONENTS, row, strict=True)}
-            rows.append({"varied": name, "value": f"{value:g} {what}"} | percent)
+            rows.append({"varied": name, "value": f"{value:g} {unit}"} | percent)
     return {"": rows}
 
 
@@ -124,18 +126,18 @@ def _panels(result: Residuals) -> dict[str, tuple[str, tuple[float, ...], np.nda
 
 
 def plot(result: Residuals) -> Figure:
-    """A panel for each thing that is varied."""
+    """Residual of each component, a panel for each varied quantity."""
     figure, axes = plt.subplots(1, 3, figsize=(13, 4), sharey=True, layout="constrained")
     for axis, (name, (unit, values, found)) in zip(axes, _panels(result).items(), strict=True):
         place = np.arange(len(values))
         for i, component in enumerate(COMPONENTS):
-            style = "k-" if component == "curl" else f"C{i}--"  # in pairs alike, by symmetry
+            style = "k-" if component == "curl" else f"C{i}--"  # pairs coincide by symmetry
             shown = np.maximum(100 * found[:, i], 1e-7)
             label = component if component == "curl" else f"D_{component}".replace(" of ", " u_")
             axis.semilogy(place, shown, style, marker="os^vD"[i], ms=9 - 1.5 * i, label=label)
         axis.set_xticks(place, [f"{value:g}".replace("inf", "∞") for value in values])
         axis.set_xlabel(f"{name} [{unit}]" if unit else f"{name} [-]")
         axis.grid(alpha=0.3, which="both")
-    axes[0].set_ylabel("residual of Eq. 2 [% of k D u_S]\n(below 10⁻⁷: drawn there)")
+    axes[0].set_ylabel("residual of Eq. 2 [% of k D u_S]\n(drawn at 10⁻⁷ if smaller)")
     axes[0].legend(fontsize=8)
     return figure

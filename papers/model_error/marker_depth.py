@@ -1,8 +1,9 @@
-"""Markers below the surface turn less, and more so on a thin elastomer.
+"""Markers below the surface turn less than the object, even less on a thin elastomer.
 
-Left: the centre of a disc that sticks all over, on a half-space, closed form against the contact
-model. Right: what a rigid fit of the inner 0.7 a of such a disc misses, by depth and thickness. The
-angle is short by that share at every angle: calibrate the depth, or put the markers at the surface.
+Left: the missed share at the centre of a fully sticking disc on a half-space, from the closed form
+and from the contact model. Right: the share that a rigid fit of the disc's inner 0.7 a misses, by
+depth and thickness. The share is the same at every angle: calibrate the depth, or put the markers
+at the surface.
 """
 
 from typing import NamedTuple
@@ -32,13 +33,13 @@ _QUICK = (0.6, np.inf)
 
 
 class Depth(NamedTuple):
-    """Share of the turn that is missed [%].
+    """Missed share of the turn [%].
 
     Attributes:
-        thicknesses: h/a that were solved [-].
-        closed: at the centre, closed form, by depth.
-        centre: at the centre, the model, by depth.
-        fit: of the rigid fit, by thickness and depth.
+        thicknesses: solved values of h/a [-].
+        closed: share at the centre by the closed form, by depth.
+        centre: share at the centre by the model, by depth.
+        fit: share of the rigid fit, by thickness and depth.
     """
 
     thicknesses: tuple[float, ...]
@@ -48,26 +49,26 @@ class Depth(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Depth:
-    """Solve a contact for each thickness and look below; the quick size has two of them."""
+    """Solve a contact for each thickness; the quick size has two thicknesses."""
     thicknesses = _QUICK if quick else THICKNESSES
-    found = [_missed(thickness) for thickness in track(thicknesses)]
+    missed = [_missed(thickness) for thickness in track(thicknesses)]
     z = np.array(DEPTHS)
     with np.errstate(divide="ignore"):
         closed = 2.0 / np.pi * (np.arctan2(1.0, z) - z / (1.0 + z**2))
-    fits = np.array([fit for _, fit in found])
-    return Depth(thicknesses, 100.0 * (1.0 - closed), found[-1][0], fits)
+    fits = np.array([fit for _, fit in missed])
+    return Depth(thicknesses, 100.0 * (1.0 - closed), missed[-1][0], fits)
 
 
 def _missed(thickness: float) -> tuple[np.ndarray, np.ndarray]:
-    """At the centre and of the fit, by depth [%]."""
+    """Missed shares at the centre and of the rigid fit, by depth [%]."""
     radius, modulus, nu = settings.CONTACT_RADIUS, settings.SHEAR_MODULUS, settings.POISSON_RATIO
     pad = HalfSpace(modulus, nu) if np.isinf(thickness) else Layer(modulus, nu, thickness * radius)
     twist = 1e-3
     side = 2.5 * radius
     pose = Pose(0.5, twist=twist, linear=True)
-    step = side / _CELLS  # the traction is constant over a cell: no shorter differences
+    step = side / _CELLS  # at least a cell: the traction is constant over a cell
     grid = Grid((_CELLS, _CELLS), (side, side))
-    # so much friction that all sticks, the cells at the edge included
+    # enough friction that all cells stick, even at the edge
     solution = solve_contact(Contact(pad, Rigid(), RoundPunch(radius), grid, 10.0), pose, rtol=1e-6)
     x, y = np.meshgrid(*[np.linspace(-INNER, INNER, 15) * radius] * 2)
     inner = np.hypot(x, y) < INNER * radius
@@ -107,7 +108,7 @@ def tables(result: Depth) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Depth) -> Figure:
-    """Closed form and model; the fit by thickness."""
+    """Left: closed form and model at the centre. Right: the rigid fit by thickness."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
     left.plot(DEPTHS, result.closed, "k-", label="closed form")
     left.plot(DEPTHS, result.centre, "o", label="contact model")

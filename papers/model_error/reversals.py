@@ -1,8 +1,9 @@
-"""Total against incremental angles where the twist turns back.
+"""Total and incremental angles where the twist reverses.
 
-A total angle takes it that a marker has stuck since the elastomer was unloaded. After a reversal
-part of what sticks has slipped before and carries the old turn. Increments between frames in which
-the same markers stick, Eq. (12), do not care. Virtual pivots: to 10°, held, back to −20°.
+A total angle assumes that its markers have stuck since the elastomer was unloaded. After a reversal
+some sticking markers have slipped before and keep their old displacement. Increments between frames
+in which the same markers stick, Eq. (12), are not affected. Virtual pivots: to 10°, held, back to
+−20°.
 """
 
 from typing import NamedTuple
@@ -26,16 +27,16 @@ DRAWS, QUICK_DRAWS = 10, 1
 
 
 class Reversals(NamedTuple):
-    """Error along the path, NaN where there is no answer.
+    """Errors along the path; NaN without an answer.
 
     Attributes:
         step: frames since the twist began.
-        truth: the object's angle [deg].
-        error: of the first draw, by friction and method [deg].
-        mean: mean absolute error after the turn, by friction, draw and method [deg].
-        answered: share of the frames after the turn that is answered [-].
-        limit: mean absolute error at the Cramér–Rao bound of what has always stuck, the median
-            after the turn, by friction [deg].
+        truth: the object's true angle [deg].
+        error: error of the first draw, by friction and method [deg].
+        mean: mean absolute error after the reversal, by friction, draw and method [deg].
+        answered: share of answered frames after the reversal [-].
+        limit: mean absolute error at the Cramér–Rao bound of the markers that have always stuck,
+            median after the reversal, by friction [deg].
     """
 
     step: Float[np.ndarray, " frames"]
@@ -47,7 +48,7 @@ class Reversals(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Reversals:
-    """Draw and estimate."""
+    """Simulate the pivots, and estimate their angles."""
     draws = QUICK_DRAWS if quick else DRAWS
     first, mean, answered, limit = [], [], [], []
     step = truth_deg = np.zeros(0)
@@ -85,7 +86,7 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
 
 
 def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
-    """A row for each friction and method, after the turn."""
+    """A row for each friction and method: errors after the reversal."""
     return {
         "": [
             {
@@ -102,7 +103,7 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Reversals) -> Figure:
-    """Error over the frames for two frictions, and after the turn over friction."""
+    """Error over the frames for two frictions, and the mean after the reversal over friction."""
     figure, axes = plt.subplots(1, 3, figsize=(14, 4), layout="constrained")
     for axis, i in zip(axes[:2], (1, 3), strict=True):
         for j, method in enumerate(METHODS):

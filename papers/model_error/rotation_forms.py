@@ -1,9 +1,9 @@
-"""Eqs. (3), (4) and (7) over the angle: what the small-angle forms cost.
+"""Eqs. (3), (4) and (7) over the angle: errors of the small-angle forms.
 
-Left: the rigid part of ∂s_x/∂y, exact, as Eq. (3) prints it, and as Eq. (4) has it. Middle: mean of
-the two line elements of Eq. (7) against the polar rotation, where the body is stretched as well, by
-the direction of the stretch; how far it turns does not matter. Right: what linear elasticity makes
-of a finite rotation (`papers.limits`).
+Left: errors of the rigid part of ∂s_x/∂y as Eq. (3) prints it, and in the form of Eq. (4). Middle:
+mean of the two line elements of Eq. (7) minus the polar rotation, for a stretched body, over the
+direction of the stretch; the angle of the turn does not matter. Right: errors of linear elasticity
+under a finite rotation (`papers.limits`).
 """
 
 from typing import NamedTuple
@@ -24,20 +24,20 @@ from papers.limits import curl_shortfall, line_shortfall, traction_excess
 from papers.model_error import settings
 
 STRAINS = (0.02, 0.05, 0.1)
-"""Greatest principal strain; silicone under a twist of 20° has some 0.1."""
+"""Greatest principal strain; silicone under a twist of 20° has about 0.1."""
 
 
 class Forms(NamedTuple):
-    """Errors over the angle, each in the unit its name ends in.
+    """Errors over the angle; the ending of a name is its unit.
 
     Attributes:
         angle_deg: θ [deg].
-        printed_percent: Eq. (3) as printed, of the exact rigid part [%].
-        small_percent: Eq. (4), of the same [%].
+        printed_percent: error of Eq. (3) as printed, relative to the exact rigid part [%].
+        small_percent: error of Eq. (4), relative to the exact rigid part [%].
         along_deg: direction of the greatest stretch, from the element AB [deg].
-        elements_deg: mean of the two elements less the polar rotation, by strain [deg].
-        linear_deg: of the linear twist's lines [deg].
-        curl_deg: of half the curl of a true rotation [deg].
+        elements_deg: mean of the two elements minus the polar rotation, by strain [deg].
+        linear_deg: error of a line element under the linear twist [deg].
+        curl_deg: error of half the curl under a true rotation [deg].
         traction_percent: excess of the traction under (R − I)r [%].
     """
 
@@ -52,7 +52,7 @@ class Forms(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Forms:
-    """Closed forms: the quick size is the full one."""
+    """Evaluate the closed forms; the quick size is the full one."""
     angle_deg = np.linspace(0.5, 20.0, 40)
     theta = np.radians(angle_deg)
     none = np.zeros_like(theta)
@@ -72,7 +72,7 @@ def compute(quick: bool = False, track: Track = iter) -> Forms:
 
 
 def _elements(strain: float, along: np.ndarray) -> np.ndarray:
-    """Error of the mean of two elements of a body that is stretched, then turned [deg]."""
+    """Error of the mean of two line elements of a body that is stretched, then turned [deg]."""
     axes = _rotation(along)
     stretch = axes @ np.diag([1.0 + strain, 1.0 - strain]) @ np.swapaxes(axes, -1, -2)
     gradient = _rotation(np.radians(settings.ANGLE_DEG)) @ stretch
@@ -85,7 +85,7 @@ def _rotation(angle: np.ndarray | float) -> np.ndarray:
 
 
 def tables(result: Forms) -> dict[str, list[dict[str, object]]]:
-    """At 2, 5, 10 and 20°."""
+    """A row for each of 2, 5, 10 and 20°."""
     rows = []
     for angle in (2.0, 5.0, 10.0, 20.0):
         i = int(np.argmin(np.abs(result.angle_deg - angle)))

@@ -7,9 +7,9 @@ POISSON_RATIO = 0.48
 """ν of the elastomer [-]: silicone."""
 
 CONTACT_RADIUS = 5.0
-"""a of the virtual pivots [mm], 80 markers at 1 mm."""
+"""a of the virtual pivots [mm]; it covers 80 markers at 1 mm."""
 
 ANGLE_DEG = 10.0
-"""The object's angle where none is told [deg]."""
+"""Default angle of the object [deg]."""
 
 SEED = 14

@@ -1,8 +1,9 @@
-"""Stencil bias: the mean of φ over the true stick region against a rigid fit of the same markers.
+"""Stencil bias: the mean of φ over the true stick region, compared with a rigid fit of its markers.
 
-Even where Eq. (15) would make no mistake the mean is low: φ is taken from differences between
-neighbouring markers, and those of the outermost sticking ones reach into the slip. The rigid fit
-takes the markers' own positions. Virtual pivots turned by 10°, the grid laid at random.
+Even if Eq. (15) found the exact stick region, the mean would be low: φ uses differences between
+neighbouring markers, and the stencils of the outermost sticking markers reach into the slip. The
+rigid fit uses only the positions of the sticking markers. Virtual pivots are turned by 10°, with
+the grid placed at random.
 """
 
 from typing import NamedTuple
@@ -30,7 +31,13 @@ DRAWS, QUICK_DRAWS = 60, 4
 
 
 class Bias(NamedTuple):
-    """Errors of each draw [deg], and the mean absolute error at the Cramér–Rao bound [deg]."""
+    """Errors of each draw, and the mean absolute error at the Cramér–Rao bound [deg].
+
+    Attributes:
+        mean: error of the mean of φ [deg].
+        rigid: error of the rigid fit [deg].
+        limit: mean absolute error at the Cramér–Rao bound [deg].
+    """
 
     mean: Float[np.ndarray, "pitches radii draws"]
     rigid: Float[np.ndarray, "pitches radii draws"]
@@ -38,7 +45,7 @@ class Bias(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Bias:
-    """Draw, and estimate from the true stick region."""
+    """Draw the frames, and estimate from the true stick region."""
     rng = np.random.default_rng(settings.SEED)
     draws = QUICK_DRAWS if quick else DRAWS
     shape = (len(PITCHES_MM), len(STICK_RADII))
@@ -94,7 +101,7 @@ def tables(result: Bias) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Bias) -> Figure:
-    """Bias left, mean absolute error right."""
+    """Left: error, median and 5 to 95 %. Right: mean absolute error."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
     for i, pitch in enumerate(PITCHES_MM):
         for errors, what, style in ((result.mean[i], "mean of φ", "-"),
