@@ -1,4 +1,4 @@
-"""The method's printed constants, and the library's defaults.
+"""Constants of the method as printed, and the library's defaults.
 
 The quantity that Eq. (15) bounds has no unit, but the bound is printed as "0.4°". Method `paper`
 reads it as 0.4, `paper_strict` as 0.4° in radians.

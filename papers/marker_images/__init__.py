@@ -1,1 +1,1 @@
-"""A study of our own: how accurate markers are read from pictures with exact truth."""
+"""A study of our own: how accurately markers are read from pictures with exact truth."""

@@ -1,4 +1,4 @@
-"""Pictures answered as `python -m estimation run` does, by the default method alone."""
+"""Answers to pictures as from `python -m estimation run`, by the default method only."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,11 +13,11 @@ from estimation.virtual.clip import VirtualClip, write_pictures
 
 
 class Answers(NamedTuple):
-    """What a run answers.
+    """The answers of a run.
 
     Attributes:
-        frames: the answer to each frame, the last where some were given anew.
-        noise: of the markers, found in the first frames.
+        frames: the last answer to each frame; the stream may revise an answer.
+        noise: noise of the markers, estimated from the first frames.
     """
 
     frames: list[Answer]
@@ -25,7 +25,7 @@ class Answers(NamedTuple):
 
 
 class _OneMethod(Settings):
-    """Settings of a run without the methods that are not asked for."""
+    """Settings of a run with the selected method only."""
 
     @property
     def methods(self) -> dict[str, Mapping[str, object]]:
@@ -36,14 +36,14 @@ def answer_pictures(path: Path) -> Answers:
     """Answers to a video or a folder of pictures.
 
     Raises:
-        ValueError: no pictures with markers.
-        OSError: they cannot be read.
+        ValueError: no picture has markers.
+        OSError: the pictures cannot be read.
     """
     stream = Stream(PictureSource(path), _OneMethod())
-    found: dict[int, Answer] = {}
-    for answer in stream.answers():  # some are given anew
-        found[answer.row] = answer
-    return Answers([found[row] for row in sorted(found)], stream.follower.noise)
+    answers: dict[int, Answer] = {}
+    for answer in stream.answers():  # a later answer may revise an earlier one
+        answers[answer.row] = answer
+    return Answers([answers[row] for row in sorted(answers)], stream.follower.noise)
 
 
 def answer_clip(clip: VirtualClip) -> Answers:

@@ -1,9 +1,9 @@
-"""The published clips: our angle beside turns of the object's imprint that others registered.
+"""The published clips: our angles compared with registered turns of the object's imprint.
 
-Two GelSight fingers hold an object that is lifted, turned and shaken. Nobody measured its angle
-apart from the pictures. `reference_turns.csv`, where it lies beside the clips, has turns of the
-imprint between two frames, registered apart from this code and good to `settings.REFERENCE_ERROR`;
-for one lift they are in `settings.REGISTERED`, good to a degree.
+Two GelSight fingers hold an object that is lifted, turned and shaken. Its angle was not measured
+independently of the pictures. `reference_turns.csv` in the clips' folder is optional. It has turns
+of the imprint between two frames, registered independently of this code and accurate to
+`settings.REFERENCE_ERROR`. For one lift, turns accurate to a degree are in `settings.REGISTERED`.
 """
 
 import textwrap
@@ -32,19 +32,20 @@ COLUMNS = ("object", "exp_num", "camera", "from_frame", "to_frame", "turn_deg")
 
 
 class Turn(NamedTuple):
-    """How far an object has turned between two frames, by its imprint and by us.
+    """The turn of an object between two frames, by its imprint and by our angle.
 
     Attributes:
-        clip: its place in the data set.
+        clip: path of the clip in the data set.
         start: first frame.
         stop: second frame.
-        reference: by the imprint, registered by others [deg, clockwise on the screen].
-        angle: by us [deg]; NaN where one of the frames has no angle.
-        low: end of the 95 % interval [deg].
-        high: end of the 95 % interval [deg].
-        imprint: by our own registration [deg]; NaN where lost or counted anew between.
-        state: in the second frame.
-        reason: why there is no angle, or what speaks against it.
+        reference: turn of the imprint, registered by others [deg, clockwise on the screen].
+        angle: turn by our angle [deg]; NaN if a frame has no angle.
+        low: lower end of its 95 % interval [deg].
+        high: upper end of its 95 % interval [deg].
+        imprint: turn by our own registration of the imprint [deg]; NaN if it was lost or restarted
+            from zero between the frames.
+        state: state in the second frame.
+        reason: reason for a missing or doubtful angle.
     """
 
     clip: str
@@ -60,18 +61,18 @@ class Turn(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Of our angle [deg]."""
+        """Error of our angle [deg]."""
         return self.angle - self.reference
 
     @property
     def outside(self) -> bool:
-        """Whether the reference is outside the interval, widened by what it is good to."""
+        """Whether the reference is outside the interval, widened by the reference's error."""
         slack = settings.REFERENCE_ERROR
         return not self.low - slack <= self.reference <= self.high + slack
 
     @property
     def rest(self) -> bool:
-        """Whether the object has hardly turned."""
+        """Whether the object turned by less than `settings.REST_DEG`."""
         return abs(self.reference) < settings.REST_DEG
 
     def describe(self) -> str:
@@ -92,12 +93,12 @@ class Turn(NamedTuple):
 
 
 class Clips(NamedTuple):
-    """What was found.
+    """Answers and turns of the clips.
 
     Attributes:
         root: folder of the clips.
-        turns: that have a reference.
-        answers: by clip.
+        turns: turns with a reference.
+        answers: answers to each frame, by clip.
     """
 
     root: Path
@@ -106,31 +107,31 @@ class Clips(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Clips:
-    """Answer every clip that has a reference; the two shortest only if quick."""
+    """Answer every clip with a reference; if quick, only the two shortest clips."""
     root = datasets.fetch("pivot-videos").parents[1]
     pairs = read_references(root)
-    there = {clip: root / f"{clip}.avi" for clip in pairs}
-    chosen = [clip for clip in pairs if there[clip].is_file()]
+    videos = {clip: root / f"{clip}.avi" for clip in pairs}
+    chosen = [clip for clip in pairs if videos[clip].is_file()]
     if quick:
-        chosen = sorted(chosen, key=lambda clip: there[clip].stat().st_size)[:2]
-    answers = {clip: answer_pictures(there[clip]).frames for clip in track(chosen)}
+        chosen = sorted(chosen, key=lambda clip: videos[clip].stat().st_size)[:2]
+    answers = {clip: answer_pictures(videos[clip]).frames for clip in track(chosen)}
     turns = [_compare(clip, *pair, answers[clip]) for clip in chosen for pair in pairs[clip]]
     return Clips(root, turns, answers)
 
 
 def read_references(root: Path) -> dict[str, list[tuple[int, int, float]]]:
-    """Two frames and the turn between them [deg], by clip.
+    """The reference turns by clip: first frame, second frame, and the turn between them [deg].
 
     Args:
         root: folder of the clips.
 
     Raises:
         ValueError: the table is damaged.
-        OSError: it cannot be read.
+        OSError: the table cannot be read.
     """
     pairs = {
-        clip: [(0, frame, turn) for frame, turn in known.items()]
-        for clip, known in settings.REGISTERED.items()
+        clip: [(0, frame, turn) for frame, turn in turns.items()]
+        for clip, turns in settings.REGISTERED.items()
     }
     table = root / "reference_turns.csv"
     for at, row in read_rows(table, COLUMNS) if table.is_file() else ():
@@ -143,8 +144,8 @@ def read_references(root: Path) -> dict[str, list[tuple[int, int, float]]]:
 
 def _compare(clip: str, start: int, stop: int, turn: float, answers: Sequence[Answer]) -> Turn:
     first, last = (answers[frame].estimates["tracked"] for frame in (start, stop))
-    imprints = np.array([one.frame.imprint[0] for one in answers[start : stop + 1]])
-    whole = np.isfinite(imprints).all() and not (imprints[1:] == 0.0).any()  # counted anew at 0
+    imprints = np.array([answer.frame.imprint[0] for answer in answers[start : stop + 1]])
+    continuous = np.isfinite(imprints).all() and not (imprints[1:] == 0.0).any()  # 0: restarted
     angle, low, high = np.degrees(np.array([last.angle, last.low, last.high]) - first.angle)
     return Turn(
         clip=clip,
@@ -154,66 +155,66 @@ def _compare(clip: str, start: int, stop: int, turn: float, answers: Sequence[An
         angle=float(angle),
         low=float(low),
         high=float(high),
-        imprint=float(np.degrees(imprints[-1] - imprints[0])) if whole else np.nan,
+        imprint=float(np.degrees(imprints[-1] - imprints[0])) if continuous else np.nan,
         state=str(last.state),
         reason=last.reason,
     )
 
 
 def tables(result: Clips) -> dict[str, list[dict[str, object]]]:
-    """By object; every turn; every clip; some of its frames; the worst turns in sentences."""
-    objects = dict.fromkeys(one.clip.split("/")[0] for one in result.turns)
+    """Tables by object, turn, clip and frame (some frames only), and the worst turns as text."""
+    objects = dict.fromkeys(turn.clip.split("/")[0] for turn in result.turns)
     by_object = [
-        _figures(name, [one for one in result.turns if one.clip.split("/")[0] == name])
+        _figures(name, [turn for turn in result.turns if turn.clip.split("/")[0] == name])
         for name in objects
     ]
     return {
         "": [*by_object, _figures("all", result.turns)],
-        "_turns": [_row_of_turn(one) for one in result.turns],
-        "_clips": [_row_of_clip(clip, found) for clip, found in result.answers.items()],
+        "_turns": [_row_of_turn(turn) for turn in result.turns],
+        "_clips": [_row_of_clip(clip, answers) for clip, answers in result.answers.items()],
         "_frames": [
-            _row_of_frame(clip, frame, found[frame])
-            for clip, found in result.answers.items()
+            _row_of_frame(clip, frame, answers[frame])
+            for clip, answers in result.answers.items()
             for frame in settings.CLIP_FRAMES
-            if frame < len(found)
+            if frame < len(answers)
         ],
         "_worst": [
-            {"number": i, "turn": one.describe()} for i, one in enumerate(find_worst(result), 1)
+            {"number": i, "turn": turn.describe()} for i, turn in enumerate(find_worst(result), 1)
         ],
     }
 
 
 def find_worst(result: Clips) -> list[Turn]:
-    """The turns that we have most wrong, the worst first; some of each clip at most."""
-    known = [one for one in result.turns if np.isfinite(one.error)]
+    """The turns with the largest errors, worst first; at most `WORST_OF_CLIP` per clip."""
+    known = [turn for turn in result.turns if np.isfinite(turn.error)]
     worst: list[Turn] = []
-    for one in sorted(known, key=lambda turn: -abs(turn.error)):
-        if sum(other.clip == one.clip for other in worst) < settings.WORST_OF_CLIP:
-            worst.append(one)
+    for turn in sorted(known, key=lambda turn: -abs(turn.error)):
+        if sum(other.clip == turn.clip for other in worst) < settings.WORST_OF_CLIP:
+            worst.append(turn)
     return worst[: settings.WORST]
 
 
 def _figures(name: str, turns: Sequence[Turn]) -> dict[str, object]:
-    known = [one for one in turns if np.isfinite(one.error)]
-    turned = [one for one in known if not one.rest]
-    rests = [one for one in known if one.rest]
-    error = np.abs([one.error for one in turned])
-    own = np.abs([one.imprint - one.reference for one in turned])
-    half = np.array([0.5 * (one.high - one.low) for one in turned])
+    answered = [turn for turn in turns if np.isfinite(turn.error)]
+    turned = [turn for turn in answered if not turn.rest]
+    rests = [turn for turn in answered if turn.rest]
+    error = np.abs([turn.error for turn in turned])
+    own = np.abs([turn.imprint - turn.reference for turn in turned])
+    half = np.array([0.5 * (turn.high - turn.low) for turn in turned])
     own = own[np.isfinite(own)]
     return {
         "object": name,
-        "clips": len({one.clip for one in turns}),
+        "clips": len({turn.clip for turn in turns}),
         "turns": len(turned),
         "median error [°]": _number(_quantile(error, 0.5), 2),
         "90 % [°]": _number(_quantile(error, 0.9), 2),
         "median ± [°]": _number(_quantile(half, 0.5), 2),
-        "outside": sum(one.outside for one in turned),
+        "outside": sum(turn.outside for turn in turned),
         "imprint, median error [°]": _number(_quantile(own, 0.5), 2),
         "imprint, 90 % [°]": _number(_quantile(own, 0.9), 2),
         "rests": len(rests),
-        "rests missed": sum(one.outside for one in rests),
-        "unanswered": len(turns) - len(known),
+        "rests missed": sum(turn.outside for turn in rests),
+        "unanswered": len(turns) - len(answered),
     }
 
 
@@ -221,51 +222,54 @@ def _quantile(values: np.ndarray, share: float) -> float:
     return float(np.quantile(values, share)) if len(values) else np.nan
 
 
-def _row_of_turn(one: Turn) -> dict[str, object]:
+def _row_of_turn(turn: Turn) -> dict[str, object]:
     return {
-        "clip": one.clip,
-        "from": one.start,
-        "to": one.stop,
-        "reference [°]": _number(one.reference, 2),
-        "angle [°]": _number(one.angle, 2),
-        "low [°]": _number(one.low, 2),
-        "high [°]": _number(one.high, 2),
-        "imprint [°]": _number(one.imprint, 2),
-        "error [°]": _number(one.error, 2),
-        "outside": "" if np.isnan(one.error) else "yes" if one.outside else "no",
-        "state": one.state,
-        "reason": one.reason,
+        "clip": turn.clip,
+        "from": turn.start,
+        "to": turn.stop,
+        "reference [°]": _number(turn.reference, 2),
+        "angle [°]": _number(turn.angle, 2),
+        "low [°]": _number(turn.low, 2),
+        "high [°]": _number(turn.high, 2),
+        "imprint [°]": _number(turn.imprint, 2),
+        "error [°]": _number(turn.error, 2),
+        "outside": "" if np.isnan(turn.error) else "yes" if turn.outside else "no",
+        "state": turn.state,
+        "reason": turn.reason,
     }
 
 
 def _row_of_clip(clip: str, answers: Sequence[Answer]) -> dict[str, object]:
-    found = [one.estimates["tracked"] for one in answers]
-    states = [one.state for one in found]
-    answered = [bool(np.isfinite(one.angle)) for one in found]
-    half = np.degrees([0.5 * (one.high - one.low) for one in found])
+    estimates = [answer.estimates["tracked"] for answer in answers]
+    states = [estimate.state for estimate in estimates]
+    answered = [bool(np.isfinite(estimate.angle)) for estimate in estimates]
+    half = np.degrees([0.5 * (estimate.high - estimate.low) for estimate in estimates])
     return {
         "clip": clip,
-        "frames": len(found),
+        "frames": len(estimates),
         "answered": sum(answered),
-        "labelled": sum(bool(one.reason) and not a for one, a in zip(found, answered, strict=True)),
+        "labelled": sum(
+            bool(estimate.reason) and not known
+            for estimate, known in zip(estimates, answered, strict=True)
+        ),
         **{f"{state}": states.count(state) for state in State},
-        "at the edge": sum("edge of the view" in one.reason for one in found),
-        "not recognised": sum(bool(one.frame.flaw) for one in answers),
+        "at the edge": sum("edge of the view" in estimate.reason for estimate in estimates),
+        "not recognised": sum(bool(answer.frame.flaw) for answer in answers),
         "widest ± [°]": _number(float(np.nanmax(half, initial=-np.inf)), 1),
     }
 
 
 def _row_of_frame(clip: str, frame: int, answer: Answer) -> dict[str, object]:
-    one = answer.estimates["tracked"]
+    estimate = answer.estimates["tracked"]
     return {
         "clip": clip,
         "frame": frame,
-        "state": str(one.state),
-        "angle [°]": _number(np.degrees(one.angle), 1),
-        "± [°]": _number(np.degrees(0.5 * (one.high - one.low)), 1),
+        "state": str(estimate.state),
+        "angle [°]": _number(np.degrees(estimate.angle), 1),
+        "± [°]": _number(np.degrees(0.5 * (estimate.high - estimate.low)), 1),
         "imprint [°]": _number(np.degrees(answer.frame.imprint[0]), 1),
         "registered reference [°]": settings.REGISTERED.get(clip, {}).get(frame),
-        "reason": one.reason,
+        "reason": estimate.reason,
     }
 
 
@@ -274,7 +278,7 @@ def _number(value: float, digits: int) -> float | None:
 
 
 def plot(result: Clips) -> Figure:
-    """The worst turns: both frames of each, the object's contact marked, and a sentence."""
+    """The worst turns: both frames with the contact's markers, and a sentence."""
     worst = find_worst(result)
     rows = -(-len(worst) // 2)
     size = (14.0, 3.4 * rows)
@@ -283,25 +287,25 @@ def plot(result: Clips) -> Figure:
     figure, axes = plt.subplots(rows, 4, figsize=size, squeeze=False, gridspec_kw=gaps)
     for axis in axes.flat:
         axis.axis("off")
-    for number, one in enumerate(worst):
+    for number, turn in enumerate(worst):
         pair = axes[number // 2, 2 * (number % 2) :][:2]
-        for axis, frame in zip(pair, (one.start, one.stop), strict=True):
-            axis.imshow(_picture(result, one.clip, frame))
+        for axis, frame in zip(pair, (turn.start, turn.stop), strict=True):
+            axis.imshow(_picture(result, turn.clip, frame))
             axis.set_title(f"{frame}", fontsize=7)
-        text = textwrap.fill(one.describe(), 105)
+        text = textwrap.fill(turn.describe(), 105)
         pair[0].text(0.0, -0.04, text, va="top", fontsize=8, transform=pair[0].transAxes)
     return figure
 
 
 def _picture(result: Clips, clip: str, frame: int) -> np.ndarray:
-    """A frame in colour; markers that stick are rings, others of the contact crosses."""
+    """A frame in colour; rings: sticking markers, crosses: other markers of the contact."""
     (picture,) = islice(read_pictures(result.root / f"{clip}.avi"), frame, frame + 1)
     assert picture.image is not None
     answer = result.answers[clip][frame]
-    found = answer.estimates["tracked"]
+    estimate = answer.estimates["tracked"]
     image = cv2.resize(picture.image, None, fx=2.0, fy=2.0)
-    signs = marker_signs(found.stick, found.contact)
-    for place, touched, sign in zip(answer.frame.positions, found.contact, signs, strict=True):
+    signs = marker_signs(estimate.stick, estimate.contact)
+    for place, touched, sign in zip(answer.frame.positions, estimate.contact, signs, strict=True):
         if touched and np.isfinite(place[0]):
             mark_spot(image, 2.0 * place[:2], sign, 13)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)

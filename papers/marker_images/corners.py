@@ -1,8 +1,8 @@
-"""X-corners: the fit of a saddle and the two-ring detector beside what no estimator can do better.
+"""X-corners: errors of the saddle fit and the two-ring detector, with Cramér–Rao bounds.
 
-Pictures of 400 corners, the pattern laid and turned at random. Two bounds are shown: of a square
-window of 19 px with blur, contrast and grey level unknown, and of the fit's own window and nine
-unknowns, a sloping background, the pixels' width and rounding included.
+The pictures show 400 corners, with the pattern shifted and turned at random. The first bound is for
+a square window of 19 px with unknown blur, contrast and grey level. The second is for the fit's own
+window and nine unknowns, with a sloping background, the pixels' width and rounding.
 """
 
 from typing import NamedTuple
@@ -30,12 +30,13 @@ METHODS = ("saddle fit", "two rings")
 
 
 class CornerErrors(NamedTuple):
-    """Errors of each method at each noise; NaN where a corner was not found.
+    """Errors of each method at each noise; NaN for a corner that was not found.
 
     Attributes:
-        position: measured minus true, of x and y [px].
-        angle: of the mean of both edges [rad].
-        claimed: standard deviations that the fit claims, of a coordinate [px] and that angle [rad].
+        position: measured minus true x and y [px].
+        angle: error of the mean direction of both edges [rad].
+        claimed: standard deviations that the fit reports, of a coordinate [px] and of the mean
+            direction [rad].
     """
 
     position: Float[np.ndarray, "noises methods corners 2"]
@@ -44,10 +45,10 @@ class CornerErrors(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
-    """Render and measure.
+    """Render the pictures, and measure their corners.
 
     Args:
-        quick: one picture for each noise.
+        quick: whether to use only one picture for each noise.
         track: wraps the outer loop, to show progress.
     """
     rng = np.random.default_rng(0)
@@ -81,8 +82,8 @@ def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
             )
         )
     saddle, angle, ring, ring_angle, claimed = (
-        np.stack(one).reshape(len(settings.NOISES), pictures * 400, *one[0].shape[1:])
-        for one in zip(*found, strict=True)
+        np.stack(part).reshape(len(settings.NOISES), pictures * 400, *part[0].shape[1:])
+        for part in zip(*found, strict=True)
     )
     return CornerErrors(
         np.stack([saddle, ring], axis=1), np.stack([angle, ring_angle], axis=1), claimed
@@ -92,7 +93,7 @@ def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
 def _errors(
     truth: CornerTruth, position: Float[np.ndarray, "n 2"], angles: Float[np.ndarray, "n 2"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the corners next to the true ones; NaN where there is none within 1 px."""
+    """Errors of the corner nearest to each true one; NaN if none is within 1 px."""
     distance, nearest = KDTree(position).query(truth.position)
     off = position[nearest] - truth.position
     rising, falling = angles[nearest].T
@@ -111,20 +112,20 @@ def corner_limit(
 ) -> tuple[float, float]:
     """Cramér–Rao bound of a corner with edges along the pixels' rows and columns.
 
-    Unknown are position, both angles, blur, contrast and grey level, and its slope if there is one.
+    The unknowns are position, both angles, blur, contrast, grey level and, if `sloping`, its slope.
 
     Args:
-        noise: of each pixel, white [grey levels].
-        window: the pixels that are used, the corner in their middle.
+        noise: white noise of each pixel [grey levels].
+        window: mask of the pixels used, with the corner at its centre.
         blur: standard deviation of the point spread [px].
-        contrast: of bright and dark [grey levels].
+        contrast: difference of bright and dark [grey levels].
         sloping: whether the background has an unknown slope.
 
     Returns:
         Standard deviations of a coordinate [px], and of the mean of both angles [rad].
     """
     half = len(window) // 2
-    y, x = (one[window] for one in np.mgrid[-half : half + 1, -half : half + 1])
+    y, x = (grid[window] for grid in np.mgrid[-half : half + 1, -half : half + 1])
 
     def model(p: np.ndarray) -> np.ndarray:
         edges = [
@@ -136,15 +137,15 @@ def corner_limit(
     at = np.array([0.0, 0.0, 0.0, np.pi / 2, blur, 0.5 * contrast, 0.0, 0.0, 0.0])
     step = 1e-5
     columns = [
-        (model(at + step * one) - model(at - step * one)) / (2.0 * step)
-        for one in np.eye(9)[: 9 if sloping else 7]
+        (model(at + step * unit) - model(at - step * unit)) / (2.0 * step)
+        for unit in np.eye(9)[: 9 if sloping else 7]
     ]
     covariance = noise**2 * np.linalg.inv(np.array(columns) @ np.array(columns).T)
     return float(np.sqrt(covariance[0, 0])), float(np.sqrt(0.25 * covariance[2:4, 2:4].sum()))
 
 
 def limits(noise: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Bounds of position [px] and angle [rad]: of the plain square window, and of the fit's own."""
+    """Bounds of position [px] and angle [rad]: of the square window, and of the fit's own."""
     half = int(CornerStyle(settings.PITCH).radius)
     y, x = np.mgrid[-half : half + 1, -half : half + 1]
     own = np.hypot(x, y) <= ROUND * CornerStyle(settings.PITCH).radius
@@ -185,7 +186,7 @@ def tables(result: CornerErrors) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: CornerErrors) -> Figure:
-    """Distribution of the errors of position and angle, both methods, each noise."""
+    """Distributions of the errors of position and angle, by method and noise."""
     figure, axes = plt.subplots(2, len(settings.NOISES), figsize=(9, 6), layout="constrained")
     for n, noise in enumerate(settings.NOISES):
         for m, method in enumerate(METHODS):

@@ -1,9 +1,9 @@
-"""Dots: both fits and other programs beside what no estimator can do better.
+"""Dots: errors of both our fits and of other programs, with the Cramér–Rao bound.
 
-Pictures of 300 dots of radius 4.3 px, drawn on a finer grid without the fit's own model, shifted at
-random within their pixels: round ones, and ellipses of that area, as a camera that looks from the
-side sees them. The radius told to the fits is not the true one. A dot that a program does not find
-within a radius is missed, and left out of its errors.
+The pictures show 300 dots of radius 4.3 px, drawn on a finer grid without the fit's own model, and
+shifted at random within their pixels. The dots are round, or ellipses of the same area, as seen by
+a camera from the side. The fits start from a wrong radius. A dot counts as missed if a program
+finds none within a radius; missed dots are left out of the errors.
 """
 
 from itertools import product
@@ -25,15 +25,17 @@ from papers.marker_images.rivals import RIVALS
 
 FITS = {"in full": fit_dots, "by the table": fit_alike, **RIVALS}
 RADIUS, TOLD = 4.3, 4.0
-"""Radius of the dots, and what the fits start from [px]."""
+"""True radius of the dots, and the radius from which the fits start [px]."""
 SHAPES = {"round": np.eye(2), "1.3 to 1": np.array([[1.056, 0.126], [0.126, 0.962]])}
-"""What takes the unit circle to the dots' rims, by their radius; the areas are equal."""
+"""Matrices that map the unit circle to the dots' rims, over the radius; all areas are equal."""
 
 
 class DotErrors(NamedTuple):
-    """Measured minus true positions [px], and what the fits claim of a coordinate [px].
+    """Errors of the fits.
 
-    NaN where a dot was missed, or nothing is claimed.
+    Attributes:
+        position: measured minus true positions [px]; NaN for a missed dot.
+        claimed: reported standard deviation of a coordinate [px]; NaN if missed or not reported.
     """
 
     position: Float[np.ndarray, "noises shapes fits dots 2"]
@@ -43,15 +45,15 @@ class DotErrors(NamedTuple):
 def position_limit(
     noise: float, axes: Float[np.ndarray, "2 2"], contrast: float, blur: float
 ) -> float:
-    """Cramér–Rao bound of a coordinate, root mean square of both [px].
+    """Cramér–Rao bound of a coordinate, root mean square of x and y [px].
 
-    Amplitude, background, size and blur are orthogonal to the position by symmetry. Information is
-    ∫ ∇I ∇Iᵀ dA / noise², along the rim, with the profile of a straight edge under the blur.
+    By symmetry, amplitude, background, size and blur are orthogonal to the position. Information is
+    ∫ ∇I ∇Iᵀ dA / noise², along the rim, with the profile of a blurred straight edge.
 
     Args:
-        noise: of each pixel, white [grey levels].
-        axes: takes the unit circle to the dot's rim [px].
-        contrast: of dot and background [grey levels].
+        noise: white noise of each pixel [grey levels].
+        axes: matrix that maps the unit circle to the dot's rim [px].
+        contrast: difference of dot and background [grey levels].
         blur: standard deviation of the point spread [px].
     """
     turn = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
@@ -64,7 +66,7 @@ def position_limit(
 
 
 def compute(quick: bool = False, track: Track = iter) -> DotErrors:
-    """Render and measure."""
+    """Render the pictures, and measure their dots."""
     rng = np.random.default_rng(1)
     grid = np.stack(np.meshgrid(np.arange(20) * 30 + 35, np.arange(15) * 30 + 30), -1)
     grid = grid.reshape(-1, 2)
@@ -88,7 +90,7 @@ def _measure(
     axes: Float[np.ndarray, "2 2"],
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "fits n 2"], Float[np.ndarray, "fits n"]]:
-    """Errors of all fits in one picture, and what they claim; NaN where a dot was missed."""
+    """Errors and reported deviations of all fits in one picture [px]; NaN for a missed dot."""
     style = DotStyle(dark=True, radius=TOLD)
     shapes = np.broadcast_to(axes, (len(truth), 2, 2))
     grey = to_grey(render_dots(camera, truth, shapes, rng), dark=True)
@@ -111,7 +113,7 @@ def tables(result: DotErrors) -> dict[str, list[dict[str, object]]]:
         for f, fit in enumerate(FITS):
             error, claimed = result.position[n, s, f], result.claimed[n, s, f]
             seen = np.isfinite(error[:, 0])
-            told = claimed[np.isfinite(claimed)]
+            reported = claimed[np.isfinite(claimed)]
             error, bias = error[seen], float(np.abs(error[seen].mean(axis=0)).max())
             rows.append(
                 {
@@ -125,14 +127,16 @@ def tables(result: DotErrors) -> dict[str, list[dict[str, object]]]:
                     "over the bound": round(float(error.std()) / limit, 3),
                     "bias [px]": round(bias, 5),
                     "bias over the bound": round(bias / limit, 3),
-                    "claimed [px]": round(float(np.sqrt(np.mean(told**2))), 5) if len(told) else "",
+                    "claimed [px]": round(float(np.sqrt(np.mean(reported**2))), 5)
+                    if len(reported)
+                    else "",
                 }
             )
     return {"": rows}
 
 
 def plot(result: DotErrors) -> Figure:
-    """Distribution of the errors of each fit, by noise and shape."""
+    """Distributions of the position errors of each fit, by noise and shape."""
     figure, axes = plt.subplots(
         len(SHAPES), len(settings.NOISES), figsize=(9, 5), sharex="col", layout="constrained"
     )

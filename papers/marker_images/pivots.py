@@ -1,9 +1,8 @@
-"""Pivots seen by one camera or by two views: from rendered pictures to the angle.
+"""Pivots seen in one view or in two views: from rendered pictures to the angle.
 
-A sphere on a flat pad that carries a coded checkerboard of 400 corners, 640×480 px per view. Each
-draw is two pictures, the pad at rest and then loaded and twisted at once, with nothing in between.
-Frames count in which at least ten markers truly stick; one without an answer counts as an error as
-large as the angle.
+A sphere presses on a flat pad with a coded checkerboard of 400 corners, 640×480 px per view. Each
+draw consists of two pictures: the pad at rest, and the pad loaded and twisted. A frame counts if at
+least ten markers truly stick. A missing answer counts as an error of the full angle.
 """
 
 from collections.abc import Callable
@@ -38,14 +37,14 @@ RIG = Rig(LEFT, RIGHT, CAMERA.width, CAMERA.height, 0.0)
 
 
 class Setup(NamedTuple):
-    """What sees the pad.
+    """A camera setup.
 
     Attributes:
-        name: of it.
-        views: take points [mm] to each view [px].
-        reader: of its pictures.
-        settings: of the reader.
-        noise: that the estimators are told [mm].
+        name: name of the setup.
+        views: projections of points [mm] to each view [px].
+        reader: reader of its pictures.
+        settings: settings of the reader.
+        noise: noise given to the estimators [mm].
     """
 
     name: str
@@ -74,13 +73,13 @@ SETUPS = (
 
 
 class PivotErrors(NamedTuple):
-    """Errors of every draw; where too few markers truly stick, `counts` is false.
+    """Errors of every draw.
 
     Attributes:
         angle: true angles [deg].
-        error: estimate minus truth, minus the truth where there is no answer [deg].
-        answered: which draws were answered.
-        counts: which draws count.
+        error: estimate minus truth; minus the truth without an answer [deg].
+        answered: mask of the answered draws.
+        counts: mask of the draws in which enough markers truly stick.
     """
 
     angle: Float[np.ndarray, " angles"]
@@ -90,7 +89,7 @@ class PivotErrors(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> PivotErrors:
-    """Render and estimate."""
+    """Render the pictures, and estimate the angles."""
     rng = np.random.default_rng(0)
     angles = np.array((6, 15) if quick else settings.ANGLES_DEG, dtype=float)
     ratios = settings.FRICTION_RATIOS[1:2] if quick else settings.FRICTION_RATIOS
@@ -119,7 +118,7 @@ def compute(quick: bool = False, track: Track = iter) -> PivotErrors:
 
 
 def photograph(setup: Setup, move: Motion, pattern: Pattern, rng: np.random.Generator) -> Picture:
-    """The views of a moved pattern, side by side."""
+    """A picture of a moved pattern: all views of a setup side by side."""
     views = [
         render_pattern(CAMERA, lambda points, view=view: view(move(points)), pattern, rng)
         for view in setup.views
@@ -134,7 +133,7 @@ def _estimate(setup: Setup, reader: MarkerReader, picture: Picture) -> list[floa
 
 
 def tables(result: PivotErrors) -> dict[str, list[dict[str, object]]]:
-    """Pooled errors of each method in each setup; and by angle."""
+    """Errors of each method in each setup: pooled over the angles, and by angle."""
     rows, by_angle = [], []
     for v, setup in enumerate(SETUPS):
         for m, method in enumerate(METHODS):
@@ -167,7 +166,7 @@ def tables(result: PivotErrors) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: PivotErrors) -> Figure:
-    """Mean absolute error over the angle, one panel for each setup."""
+    """Mean absolute error over the angle, a panel for each setup."""
     figure, axes = plt.subplots(1, len(SETUPS), figsize=(10, 4), sharey=True, layout="constrained")
     for v, (axis, setup) in enumerate(zip(axes, SETUPS, strict=True)):
         for m, method in enumerate(METHODS):

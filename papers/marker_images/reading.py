@@ -1,6 +1,6 @@
-"""What readers wrote of the state of a contact, and how far they agree.
+"""States of a contact as read by eye, and the agreement of the readers.
 
-They read single frames, or whole clips in spans. How they read: `readings/README.md`.
+Readers describe single frames, or whole clips in spans; `readings/README.md` is their guide.
 """
 
 import csv
@@ -21,14 +21,14 @@ ALLOWED = {
     "motion": ("rest", "moving"),
     "state": (State.NO_CONTACT, State.STICK, State.INCIPIENT, State.MACRO_SLIP, UNCLEAR),
 }
-"""What a reader may write, by column."""
+"""The allowed words, by column."""
 
 
 class Place(NamedTuple):
     """A frame of a clip.
 
     Attributes:
-        clip: path of the video below the folder of all, without its ending.
+        clip: path of the video in the data set, without its suffix.
         frame: number of the frame, from 0.
     """
 
@@ -37,17 +37,17 @@ class Place(NamedTuple):
 
 
 Reading = dict[Place, dict[str, str]]
-"""What one reader wrote: the columns of `ALLOWED`, by frame."""
+"""One reader's words for single frames: the columns of `ALLOWED`, by frame."""
 
 
 class Span(NamedTuple):
-    """Frames of a clip that look alike.
+    """Consecutive frames of a clip with the same words.
 
     Attributes:
-        first: frame, from 0.
-        last: frame, part of the span.
+        first: first frame, from 0.
+        last: last frame.
         words: the columns of `ALLOWED`.
-        unsure: by how much the span may begin earlier or later [frames].
+        unsure: the span may begin earlier or later by so many frames.
     """
 
     first: int
@@ -57,35 +57,37 @@ class Span(NamedTuple):
 
 
 Spans = dict[str, list[Span]]
-"""What one reader wrote of whole clips: spans without gaps from the first frame on, by clip."""
+"""One reader's words for whole clips: spans without gaps from the first frame on, by clip."""
 
 
 def read_reading(path: Path) -> Reading:
-    """A table of what a reader saw in single frames.
+    """Read a reader's table of single frames.
 
     Raises:
-        ValueError: a word that is not allowed, or a frame twice.
+        ValueError: a word is not allowed, or a frame is listed twice.
         OSError: the file cannot be read.
     """
-    found: Reading = {}
+    reading: Reading = {}
     for line, row, words in _rows(path):
         place = Place(row["clip"], int(row["frame"]))
-        if place in found:
-            raise ValueError(f"{path}, line {line}: frame {place.frame} is there twice")
-        found[place] = words
-    return found
+        if place in reading:
+            raise ValueError(
+                f"{path}, line {line}: frame {place.frame} is listed twice: remove one line"
+            )
+        reading[place] = words
+    return reading
 
 
 def read_spans(path: Path) -> Spans:
-    """A table of what a reader saw in whole clips.
+    """Read a reader's table of whole clips.
 
     Raises:
-        ValueError: a word that is not allowed, numbers that are none, or a gap between spans.
+        ValueError: a word is not allowed, a number is missing, or there is a gap between spans.
         OSError: the file cannot be read.
     """
-    found: Spans = {}
+    clips: Spans = {}
     for line, row, words in _rows(path):
-        spans = found.setdefault(row["clip"], [])
+        spans = clips.setdefault(row["clip"], [])
         try:
             first, last, unsure = (int(row[name]) for name in ("from", "to", "unsure"))
         except (KeyError, TypeError, ValueError) as error:
@@ -99,11 +101,11 @@ def read_spans(path: Path) -> Spans:
                 f"at frame {expected}, not end before it, and be unsure by 0 frames or more"
             )
         spans.append(Span(first, last, words, unsure))
-    return found
+    return clips
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str], dict[str, str]]]:
-    """Line, row, and the words of the row, checked."""
+    """Line number, row, and the row's checked words."""
     with path.open(encoding="utf-8", newline="") as opened:
         for line, row in enumerate(csv.DictReader(opened), start=2):
             for name, allowed in ALLOWED.items():
@@ -116,32 +118,32 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str], dict[str, str]]]:
 
 
 def read_readings() -> dict[str, Reading]:
-    """The readings of single frames that belong to the study, by the reader's name.
+    """The study's readings of single frames, by the reader's name.
 
     Raises:
-        ValueError: they are not of the same frames, or one is damaged.
+        ValueError: they cover different frames, or one is damaged.
     """
     with resources.as_file(resources.files("papers.marker_images") / "readings") as folder:
-        found = {path.stem: read_reading(path) for path in sorted(folder.glob("*.csv"))}
-    return _alike(found)
+        readings = {path.stem: read_reading(path) for path in sorted(folder.glob("*.csv"))}
+    return _alike(readings)
 
 
 def read_whole_clips() -> dict[str, Spans]:
-    """The readings of whole clips that belong to the study, by the reader's name.
+    """The study's readings of whole clips, by the reader's name.
 
     Raises:
-        ValueError: they are not of the same frames, or one is damaged.
+        ValueError: they cover different frames, or one is damaged.
     """
     files = resources.files("papers.marker_images") / "readings" / "whole_clips"
     with resources.as_file(files) as folder:
-        found = {path.stem: read_spans(path) for path in sorted(folder.glob("*.csv"))}
-    _alike({name: spread(spans) for name, spans in found.items()})
-    return found
+        clips = {path.stem: read_spans(path) for path in sorted(folder.glob("*.csv"))}
+    _alike({name: spread(spans) for name, spans in clips.items()})
+    return clips
 
 
 def _alike(readings: dict[str, Reading]) -> dict[str, Reading]:
     if len({frozenset(reading) for reading in readings.values()}) != 1:
-        raise ValueError(f"{', '.join(readings)} are not readings of the same frames")
+        raise ValueError(f"the readings {', '.join(readings)} must cover the same frames")
     return readings
 
 
@@ -154,32 +156,32 @@ def read_frames() -> dict[str, list[int]]:
 
 
 def spread(spans: Spans, sure: bool = False) -> Reading:
-    """A reading of whole clips as one of all their frames.
+    """Expand the spans of whole clips to a reading of all their frames.
 
     Args:
-        spans: by clip.
-        sure: write `unclear` where a word changes at a time that is not known to the frame.
+        spans: spans by clip.
+        sure: whether to write `unclear` in the frames near an unsure change of a word.
     """
-    found: Reading = {}
+    reading: Reading = {}
     for clip, parts in spans.items():
         for span in parts:
-            found |= {Place(clip, t): dict(span.words) for t in range(span.first, span.last + 1)}
+            reading |= {Place(clip, t): dict(span.words) for t in range(span.first, span.last + 1)}
         for before, after in pairwise(parts if sure else []):
             for t in range(after.first - after.unsure, after.first + after.unsure):
                 for name, word in after.words.items():
-                    if word != before.words[name] and Place(clip, t) in found:
-                        found[Place(clip, t)][name] = UNCLEAR
-    return found
+                    if word != before.words[name] and Place(clip, t) in reading:
+                        reading[Place(clip, t)][name] = UNCLEAR
+    return reading
 
 
 class Run(NamedTuple):
     """Consecutive frames of one state.
 
     Attributes:
-        state: the word for it.
-        first: frame.
-        last: frame, part of the run.
-        unsure: by how much it may begin earlier or later [frames].
+        state: name of the state.
+        first: first frame.
+        last: last frame.
+        unsure: the run may begin earlier or later by so many frames.
     """
 
     state: str
@@ -189,18 +191,18 @@ class Run(NamedTuple):
 
 
 def find_runs(parts: Sequence[Run]) -> list[Run]:
-    """Runs, each as long as its state lasts, of shorter ones that follow each other."""
-    found: list[Run] = []
+    """Join consecutive runs of the same state."""
+    runs: list[Run] = []
     for part in parts:
-        if found and found[-1].state == part.state:
-            found[-1] = found[-1]._replace(last=part.last)
+        if runs and runs[-1].state == part.state:
+            runs[-1] = runs[-1]._replace(last=part.last)
         else:
-            found.append(part)
-    return found
+            runs.append(part)
+    return runs
 
 
 def find_alike(run: Run, others: Sequence[Run]) -> Run | None:
-    """The run of the same state that shares frames with this one and begins nearest to it."""
+    """The run of the same state that overlaps this one and begins nearest to it; None without."""
     alike = [
         other
         for other in others
@@ -211,7 +213,7 @@ def find_alike(run: Run, others: Sequence[Run]) -> Run | None:
 
 def kappa(one: Sequence[str], other: Sequence[str]) -> float:
     """Agreement beyond chance [-], [Cohen1960] J. Cohen, "A coefficient of agreement for nominal
-    scales"; 1 where both are always the same.
+    scales"; 1 if both sequences are constant and equal.
     """
     n = len(one)
     observed = sum(a == b for a, b in zip(one, other, strict=True)) / n
@@ -221,7 +223,7 @@ def kappa(one: Sequence[str], other: Sequence[str]) -> float:
 
 
 def compare_readers(readings: Mapping[str, Reading]) -> list[dict[str, object]]:
-    """How often two readers agree, in each column; none where there is one reader."""
+    """Agreement of each pair of readers in each column; empty with one reader."""
     rows: list[dict[str, object]] = []
     names = sorted(readings)
     for i, one in enumerate(names):

@@ -1,4 +1,4 @@
-"""Scenes of rendered clips, by condition, drawn at random: what an object in a gripper does."""
+"""Random scenes of rendered clips by condition: motions of an object in a gripper."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -17,17 +17,17 @@ from estimation.virtual.relief import Lamps
 GRID = Grid((40, 40), (24.0, 24.0))
 PAD = HalfSpace(shear_modulus=0.2, poisson_ratio=0.5)
 FIRM, SLIPPERY = 1.0, 0.15
-"""Friction at which the objects stick or slip in a part, and at which all slips within 5° [-]."""
+"""μ at which the contact sticks at least partly, and at which all of it slips within 5° [-]."""
 
 
 class Leg(NamedTuple):
-    """Frames, and where they lead.
+    """A leg of the object's path: its number of frames and its end.
 
     Attributes:
-        frames: how many.
-        press: share of the approach [-].
-        share: of the shift [-].
-        turn: angle [deg].
+        frames: number of frames.
+        press: share of the approach at the end [-].
+        share: share of the shift at the end [-].
+        turn: angle at the end [deg].
     """
 
     frames: int
@@ -37,7 +37,11 @@ class Leg(NamedTuple):
 
 
 def shape_of(name: str, rng: np.random.Generator) -> tuple[AbstractIndenter, float]:
-    """A shape with sizes drawn at random, and how far it is pressed on [mm]."""
+    """A shape with random sizes, and its random approach [mm].
+
+    Raises:
+        ValueError: the shape is unknown.
+    """
     if name == "sphere":
         return Sphere(rng.uniform(10.0, 18.0)), rng.uniform(0.9, 1.3)
     if name == "cylinder":
@@ -104,12 +108,12 @@ CONDITIONS: dict[str, tuple[Motion, float, float, str, int]] = {
     "smooth, held": (_held, FIRM, 0.0, "smooth", 0),
     "smooth, slow slip": (_slow, SLIPPERY, 0.0, "smooth", 0),
 }
-"""Motion, friction [-], shift [mm], relief (texture and edges in turn where empty), and frames
-before the clip begins."""
+"""By condition: motion, friction [-], shift [mm], relief (if empty, texture and edges in turn), and
+number of frames before the clip begins."""
 
 
 def draw_scene(condition: str, draw: int) -> Scene:
-    """A scene of a condition: shapes, reliefs, light and places change from draw to draw."""
+    """A random scene of a condition; shape, relief, light and place vary from draw to draw."""
     motion, friction, distance, relief, first = CONDITIONS[condition]
     rng = np.random.default_rng((list(CONDITIONS).index(condition), draw))
     indenter, approach = shape_of(("sphere", "cube", "cylinder")[draw % 3], rng)
@@ -133,7 +137,7 @@ def draw_scene(condition: str, draw: int) -> Scene:
 
 
 def draw_look(rng: np.random.Generator) -> dict[str, Any]:
-    """What a scene looks like, drawn at random: slope of the relief, places, camera and light."""
+    """The random look of a scene: slope of the relief, places, camera and light."""
     return {
         "slope": rng.uniform(0.08, 0.16),
         "centre": tuple(rng.uniform(-1.5, 1.5, 2)),

@@ -3,16 +3,16 @@
 from typing import NamedTuple
 
 NOISES = (2.0, 5.0)
-"""Standard deviation of a pixel [grey levels of 255]."""
+"""Standard deviation of a pixel's noise [grey levels of 255]."""
 
 CONTRAST, BLUR = 120.0, 1.0
 """Grey levels between bright and dark; standard deviation of the point spread [px]."""
 
 PITCH = 23.0
-"""Distance between corners [px]; 20 rows of them fill a picture of 640×480."""
+"""Distance between corners [px]; 20 rows fill a picture of 640×480."""
 
 CORNER_PICTURES, QUICK_CORNER_PICTURES = 10, 1
-"""Pictures of 400 corners for each noise, each laid and turned at random."""
+"""Pictures of 400 corners for each noise, each shifted and turned at random."""
 
 ANGLES_DEG = tuple(range(2, 21))
 """The range that the source paper gives its method [deg]."""
@@ -21,16 +21,16 @@ FRICTION_RATIOS = (0.2, 0.3, 0.5)
 """μp0/2G* of the pivots [-]."""
 
 PIVOT_DRAWS, PIVOT_PITCH, FIRM_MARKERS = 1, 0.92, 10
-"""Draws of each ratio; side of a cell [mm]; markers that must truly stick for a frame to count."""
+"""Draws of each ratio; side of a cell [mm]; fewest truly sticking markers in a scored frame."""
 
 CLIP_FRAMES = (0, 30, 60, 90, 110, 150, 200, 300, 420)
-"""Frames of the published clips that the table shows."""
+"""Frames of the published clips in the table."""
 
 REFERENCE_ERROR, REST_DEG = 0.7, 1.0
-"""What registered turns are good to, and from which on an object counts as turned [deg]."""
+"""Error of the registered turns, and least turn of an object that counts as turned [deg]."""
 
 WORST, WORST_OF_CLIP = 10, 2
-"""Worst turns that are shown, of all clips and of one."""
+"""Number of worst turns shown, in total and per clip."""
 
 REGISTERED: dict[str, dict[int, float]] = {
     f"screw_driver_blue_gray/exp_num_1/camera_{camera}": dict(
@@ -42,28 +42,28 @@ REGISTERED: dict[str, dict[int, float]] = {
     )
 }
 """Rotation of the handle's imprint since frame 0, by frame [deg, clockwise on the screen], ±1°: the
-edge image registered with the dots painted out, apart from this code, and looked at."""
+edge image with the dots painted out, registered independently of this code and checked by eye."""
 
 TWISTS_DEG = (0.5, 2.0, 5.0, 10.0, 20.0)
-"""By which speckle is turned from picture to picture [deg]."""
+"""Turns of the speckle from picture to picture [deg]."""
 
 
 class SheetSettings(NamedTuple):
-    """How frames are drawn for reading by eye, and shown.
+    """Selection and display of frames for reading by eye.
 
     Attributes:
-        seed: of the draw.
-        clips: drawn for each object.
-        whole: objects of which all clips are taken.
-        strata: shares of a clip's frames, by the picture's motion, that part the strata [-].
-        draws: frames of each stratum.
-        before: frames at a clip's start that are not drawn.
-        reach: frames before and after that are compared.
-        rows: frames on a sheet.
-        gain: by which differences of light are enlarged [-].
-        enlarged: times that motion is drawn too long [-].
-        far: motion from which it is drawn at its own length [px].
-        least_shade: least eigenvalue of the shades' gradients at which a print is followed [-].
+        seed: seed of the selection.
+        clips: number of clips selected for each object.
+        whole: objects with all clips selected.
+        strata: quantiles of the picture's motion that separate the strata of a clip [-].
+        draws: number of frames in each stratum.
+        before: number of frames excluded at a clip's start.
+        reach: number of frames before and after that are compared.
+        rows: number of frames on a sheet.
+        gain: factor of brightness differences [-].
+        enlarged: factor of small motions [-].
+        far: motion from which arrows have their true length [px].
+        least_shade: least eigenvalue of the brightness gradients at a tracked print [-].
     """
 
     seed: int = 18
@@ -81,10 +81,10 @@ class SheetSettings(NamedTuple):
 
 
 SHEETS = SheetSettings()
-"""Of the table of states."""
+"""Settings of the study's table of states."""
 
 CLIP_DRAWS = 3
-"""Rendered clips of each condition; shapes and reliefs take turns."""
+"""Rendered clips of each condition; shapes and reliefs alternate."""
 
 QUICK_CLIPS = ("held, turned and back", "fast slip, then rest", "starts loaded, is let go")
-"""Conditions of a quick run, one clip of each."""
+"""Conditions of a quick run, with one clip each."""

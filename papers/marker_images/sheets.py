@@ -1,12 +1,12 @@
-"""Sheets from which the state of a contact is read by eye, without any answer of an estimator.
+"""Sheets for reading the state of a contact by eye, without any answer of an estimator.
 
-Frames are drawn at random from clips of real objects, within strata of the picture's motion. A row
-of a sheet shows one frame, from the left: the picture; how its light differs from the clip's
-median picture; the object's print 4 frames before in red and 4 frames after in cyan, the dots
-painted out; and the motion over these 8 frames, enlarged, of the dots in red and of the print in
-green, both by optical flow ([Lucas1981] B. D. Lucas and T. Kanade, "An Iterative Image
-Registration Technique"). The first row of a clip shows all of it in ten pictures. How to read them:
-`readings/README.md`.
+Frames are selected at random from clips of real objects, within strata of the picture's motion. A
+row of a sheet shows one frame, from the left: the picture; its difference in brightness from the
+clip's median picture; the object's print 4 frames before (red) and 4 frames after (cyan), with the
+dots painted out; and the enlarged motion over these 8 frames, of the dots in red and of the print
+in green. Both motions are from optical flow ([Lucas1981] B. D. Lucas and T. Kanade, "An Iterative
+Image Registration Technique"). The first row of a clip shows ten pictures of the whole clip. The
+guide for readers is `readings/README.md`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,10 +33,10 @@ COLOURS = {"print": (0, 255, 0), "dots": (80, 80, 255), "print against dots": (0
 
 
 def read_clip(path: Path) -> Clip:
-    """All pictures of a video; one that cannot be used is the picture before it.
+    """All pictures of a video; the last good picture replaces an unusable one.
 
     Raises:
-        ValueError: its first picture cannot be used.
+        ValueError: the first picture is unusable.
         OSError: the file cannot be read.
     """
     pictures: list[Picture] = []
@@ -51,12 +51,14 @@ def read_clip(path: Path) -> Clip:
 
 
 def draw(root: Path, settings: SheetSettings = SHEETS) -> dict[str, list[int]]:
-    """Frames by clip, drawn at random from all videos below a folder: as many clips of each object,
-    and as many frames of each stratum of a clip's motion.
+    """Random frames by clip, from all videos in a folder.
+
+    Every object has the same number of clips, every stratum of a clip's motion the same number of
+    frames.
 
     Args:
         root: folder of `OBJECT/EXPERIMENT/CAMERA.avi`.
-        settings: seed, strata and how many.
+        settings: seed, strata and numbers of clips and frames.
     """
     rng = np.random.default_rng(settings.seed)
     drawn: dict[str, list[int]] = {}
@@ -74,12 +76,12 @@ def draw(root: Path, settings: SheetSettings = SHEETS) -> dict[str, list[int]]:
 def every_frame(
     root: Path, clips: Sequence[str], settings: SheetSettings = SHEETS
 ) -> dict[str, range]:
-    """All frames of some clips that have enough frames before and after them, by clip.
+    """All frames of some clips with enough frames before and after them, by clip.
 
     Args:
         root: folder of `OBJECT/EXPERIMENT/CAMERA.avi`.
-        clips: paths below it, without their ending.
-        settings: how many frames before and after are compared.
+        clips: paths in this folder, without their suffix.
+        settings: the number of frames before and after that are compared.
 
     Raises:
         OSError: a video cannot be read.
@@ -91,12 +93,12 @@ def every_frame(
 def draw_frames(
     clip: Clip, rng: np.random.Generator, settings: SheetSettings = SHEETS
 ) -> list[int]:
-    """Frames of a clip, drawn at random: as many of each stratum of the picture's motion.
+    """Random frames of a clip, the same number from each stratum of the picture's motion.
 
     Args:
-        clip: its pictures.
-        rng: that draws.
-        settings: strata and how many frames of each.
+        clip: pictures of the clip.
+        rng: random generator.
+        settings: strata, and the number of frames in each.
     """
     frames = np.arange(settings.before, len(clip) - settings.reach)
     grey = clip.mean(axis=-1)
@@ -117,11 +119,11 @@ def write_sheets(
     Args:
         root: folder of the videos.
         out: folder to write to.
-        drawn: frames by clip.
+        drawn: selected frames by clip.
         track: wraps the loop over clips, to show progress.
 
     Raises:
-        OSError: a video cannot be read, or something not written.
+        OSError: a video cannot be read, or a file cannot be written.
     """
     for name in track(list(drawn)):
         clip = read_clip(root / f"{name}.avi")
@@ -140,10 +142,10 @@ def make_sheets(
     """The sheets of a clip.
 
     Args:
-        clip: its pictures.
-        name: of the clip, written on the sheets.
-        frames: to be read.
-        settings: of the sheets.
+        clip: pictures of the clip.
+        name: name of the clip, written on the sheets.
+        frames: frames to show.
+        settings: settings of the sheets.
     """
     usual = np.median(clip[:: max(len(clip) // 50, 1)], axis=0)
     head = _make_head(clip, name)
@@ -169,7 +171,7 @@ def _make_head(clip: Clip, name: str) -> Sheet:
 def _make_row(
     clip: Clip, usual: Float[np.ndarray, "h w 3"], t: int, settings: SheetSettings
 ) -> Sheet:
-    """One frame's row."""
+    """The row of one frame."""
     reach = settings.reach
     near = list(clip[t - reach : t + reach + 1])
     plain = [paint_out_dots(picture) for picture in near]
@@ -192,7 +194,7 @@ def _make_row(
 
 
 def find_dots(picture: Picture) -> UInt8[np.ndarray, "h w"]:
-    """A mask of dark blots that are smaller than the closing's window."""
+    """A mask of the dots: dark blobs smaller than the window of the closing."""
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     closed = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, np.ones((25, 25), np.uint8))
     dark = (closed.astype(int) - grey > 0.35 * closed).astype(np.uint8)
@@ -200,7 +202,7 @@ def find_dots(picture: Picture) -> UInt8[np.ndarray, "h w"]:
 
 
 def paint_out_dots(picture: Picture) -> Picture:
-    """The picture with its dots filled in from around them."""
+    """The picture with its dots replaced by their surroundings."""
     mask = cv2.dilate(find_dots(picture), np.ones((5, 5), np.uint8))
     return cv2.inpaint(picture, mask, 3, cv2.INPAINT_TELEA)
 
@@ -210,7 +212,7 @@ def follow(
     points: Float[np.ndarray, "n 2"],
     window: int,
 ) -> Float[np.ndarray, "n 2"]:
-    """Where points of the first picture are in the last [px]; NaN where they do not come back."""
+    """Positions of the first picture's points in the last [px]; NaN if tracking back fails."""
     if not len(points):
         return points
     there = _flow(pictures, points, window)
@@ -223,26 +225,26 @@ def _flow(
     points: Float[np.ndarray, "n 2"],
     window: int,
 ) -> Float[np.ndarray, "n 2"]:
-    """Points of the first picture in the last, from each to the next; far away where lost."""
+    """Track points from picture to picture; lost points end far outside the picture."""
     here = points.astype(np.float32)[:, None]
-    for one, other in pairwise(pictures):
+    for before, after in pairwise(pictures):
         moved = here.copy()
-        here, good, _ = cv2.calcOpticalFlowPyrLK(
-            one, other, here, moved, winSize=(window, window), maxLevel=2
+        here, tracked, _ = cv2.calcOpticalFlowPyrLK(
+            before, after, here, moved, winSize=(window, window), maxLevel=2
         )
-        here[good[:, 0] == 0] = -1e4
+        here[tracked[:, 0] == 0] = -1e4
     return here[:, 0].astype(float)
 
 
 class Motion(NamedTuple):
-    """How dots and print moved over some pictures.
+    """Motion of dots and print over some pictures.
 
     Attributes:
-        dots: places of the dots before [px].
-        dots_moved: their motion [px]; NaN where it is not known.
-        print: places where something is printed [px].
-        print_moved: its motion [px]; NaN where it is not known.
-        apart: motion of the print against the dots around it [px].
+        dots: positions of the dots in the first picture [px].
+        dots_moved: motion of the dots [px]; NaN where unknown.
+        print: positions with a visible print [px].
+        print_moved: motion of the print [px]; NaN where unknown.
+        apart: motion of the print relative to the dots around it [px].
     """
 
     dots: Float[np.ndarray, "n 2"]
@@ -258,9 +260,9 @@ def measure_motion(
     """Motion of dots and print from the first picture to the last.
 
     Args:
-        pictures: one after the other.
-        plain: the same with the dots painted out.
-        settings: where a print is followed.
+        pictures: consecutive pictures.
+        plain: the same pictures with the dots painted out.
+        settings: threshold of the print's visibility.
     """
     dots = cv2.connectedComponentsWithStats(find_dots(pictures[0]))[3][1:]
     height, width = pictures[0].shape[:2]
@@ -268,15 +270,15 @@ def measure_motion(
     shades = cv2.cornerMinEigenVal(_sharpen(plain[0]), 21)[y, x].ravel()
     print_ = np.stack([x.ravel(), y.ravel()], axis=1)[shades > settings.least_shade].astype(float)
     moved = follow(pictures, dots, 21) - dots
-    print_moved = follow([_sharpen(one) for one in plain], print_, 25) - print_
-    known = np.isfinite(moved[:, 0])
-    weight = 1.0 / (((print_[:, None] - dots[None, known]) ** 2).sum(axis=-1) + 25.0) ** 2
+    print_moved = follow([_sharpen(picture) for picture in plain], print_, 25) - print_
+    tracked = np.isfinite(moved[:, 0])
+    weight = 1.0 / (((print_[:, None] - dots[None, tracked]) ** 2).sum(axis=-1) + 25.0) ** 2
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
-    return Motion(dots, moved, print_, print_moved, print_moved - weight @ moved[known])
+    return Motion(dots, moved, print_, print_moved, print_moved - weight @ moved[tracked])
 
 
 def _draw_motion(picture: Picture, motion: Motion, settings: SheetSettings) -> list[Picture]:
-    """Motion of dots and print, and that of the print against the dots."""
+    """Two panels: motion of dots and print, and motion of the print relative to the dots."""
     panels = []
     for arrows in (
         [("print", motion.print, motion.print_moved), ("dots", motion.dots, motion.dots_moved)],
@@ -287,12 +289,12 @@ def _draw_motion(picture: Picture, motion: Motion, settings: SheetSettings) -> l
         largest = max((np.percentile(size, 90) for size in sizes if len(size)), default=0.0)
         times = settings.enlarged if largest < settings.far else 1.0
         panel = (0.45 * _stretch(picture)).astype(np.uint8)
-        told = [f"x{times:.0f}"]
+        labels = [f"x{times:.0f}"]
         for (name, places, moved), size in zip(arrows, sizes, strict=True):
             _draw_arrows(panel, places, times * moved, COLOURS[name])
             if len(size):
-                told.append(f"{name} {np.median(size):.1f}/{np.percentile(size, 90):.1f}")
-        panels.append(_write(panel, " ".join(told)))
+                labels.append(f"{name} {np.median(size):.1f}/{np.percentile(size, 90):.1f}")
+        panels.append(_write(panel, " ".join(labels)))
     return panels
 
 
@@ -302,7 +304,7 @@ def _draw_arrows(
     moved: Float[np.ndarray, "n 2"],
     colour: tuple[int, int, int],
 ) -> None:
-    """Draw a line from each place, a dot at its beginning."""
+    """Draw a line from each place, with a dot at its start."""
     for place, step in zip(places, moved, strict=True):
         if np.isfinite(step[0]):
             start, end = (np.round(p).astype(int).tolist() for p in (place, place + step))
@@ -311,14 +313,14 @@ def _draw_arrows(
 
 
 def _stretch(picture: Picture) -> Picture:
-    """More local contrast."""
+    """The picture with more local contrast."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     lab[..., 0] = cv2.createCLAHE(3.0, (4, 4)).apply(np.ascontiguousarray(lab[..., 0]))
     return cv2.cvtColor(lab, cv2.COLOR_LAB2BGR)
 
 
 def _sharpen(picture: Picture) -> UInt8[np.ndarray, "h w"]:
-    """Edges and texture without the slow changes of light, enlarged."""
+    """Enhanced edges and texture, without gradual changes of brightness."""
     fine = picture.astype(np.float32)
     fine = cv2.GaussianBlur(fine, (0, 0), 1.0) - cv2.GaussianBlur(fine, (0, 0), 6.0)
     return np.clip(128.0 + 6.0 * fine.mean(axis=-1), 0, 255).astype(np.uint8)

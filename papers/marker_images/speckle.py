@@ -1,8 +1,8 @@
-"""Speckle of known twist: subsets beside what no estimator can do better, and what is found.
+"""Speckle of known twist: errors of the subset fit over the Cramér–Rao bound, and share found.
 
-Pictures of a pattern at rest and turned as a whole, both with noise, with nothing in between. The
-bound takes the grey levels' slopes from a picture without noise; unknown are the six numbers of an
-affine motion, contrast and level. A tracker that knows only the picture at rest finds the motion.
+Each case has two noisy pictures of a pattern, at rest and turned as a whole. For the bound, the
+slopes of the grey levels are from a picture without noise; unknown are the six parameters of an
+affine motion, contrast and level. The tracker finds the motion from the picture at rest alone.
 """
 
 from typing import NamedTuple
@@ -21,17 +21,17 @@ from papers.marker_images import settings
 CAMERA = Camera(width=320, height=240)
 RADIUS = 2.0 * CAMERA.mm_per_px
 MARGIN = 80
-"""By how much the pattern is larger than the picture [px]."""
+"""Difference in size between the pattern and the picture [px]."""
 
 
 class SpeckleErrors(NamedTuple):
-    """Errors of the points that were found, over their bounds, by noise and twist.
+    """Errors of the points found, over their bounds, by noise and twist.
 
     Attributes:
         found: share of the points in view that were found [-].
-        position: root mean square over the bound's, of both coordinates [-].
-        rotation: the same of the rotation [-].
-        limit: root mean square of the bounds, of a coordinate [px] and of the rotation [rad].
+        position: root mean square of the position errors over their bounds [-].
+        rotation: root mean square of the rotation errors over their bounds [-].
+        limit: root mean square of the bounds of a coordinate [px] and of the rotation [rad].
     """
 
     found: Float[np.ndarray, "noises twists"]
@@ -41,7 +41,7 @@ class SpeckleErrors(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> SpeckleErrors:
-    """Render and measure."""
+    """Render the pictures, and track the speckle."""
     size = (CAMERA.width + MARGIN) * CAMERA.mm_per_px, (CAMERA.height + MARGIN) * CAMERA.mm_per_px
     centres = scatter_speckle(size, RADIUS, 0.45, np.random.default_rng(0))
     twists = settings.TWISTS_DEG[1:2] if quick else settings.TWISTS_DEG
@@ -71,7 +71,7 @@ def compute(quick: bool = False, track: Track = iter) -> SpeckleErrors:
         off = np.linalg.norm(match.position - truth, axis=1)[good] / limits[0][good]
         spun = (polar_angle(match.deformation) - np.radians(twists[t]))[good] / limits[1][good]
         found[n, t] = good[inside].mean()
-        position[n, t], rotation[n, t] = (np.sqrt(np.mean(one**2)) for one in (off, spun))
+        position[n, t], rotation[n, t] = (np.sqrt(np.mean(error**2)) for error in (off, spun))
         limit[n] = np.sqrt([np.mean(limits[0] ** 2) / 2.0, np.mean(limits[1] ** 2)])
     return SpeckleErrors(found, position, rotation, limit)
 
@@ -79,7 +79,7 @@ def compute(quick: bool = False, track: Track = iter) -> SpeckleErrors:
 def _picture(
     centres: Float[np.ndarray, "n 2"], degrees: float, camera: Camera, seed: int
 ) -> Float[np.ndarray, "h w"]:
-    """The pattern turned about the middle of the picture."""
+    """A picture of the pattern turned about the picture's centre."""
     turn = np.exp(1j * np.radians(degrees))
 
     def move(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
@@ -111,7 +111,7 @@ def tables(result: SpeckleErrors) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: SpeckleErrors) -> Figure:
-    """Errors over their bounds against the twist."""
+    """Errors over their bounds, as a function of the twist."""
     figure, axis = plt.subplots(figsize=(6, 3.5), layout="constrained")
     twists = settings.TWISTS_DEG if result.found.shape[1] > 1 else settings.TWISTS_DEG[1:2]
     for n, (position, rotation) in enumerate(zip(result.position, result.rotation, strict=True)):

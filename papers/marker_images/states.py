@@ -1,10 +1,10 @@
-"""The state of the contact against tables read by eye, twice, from clips of real objects.
+"""Our states of the contact compared with states read by eye, from clips of real objects.
 
-Single frames of many clips, and two clips from beginning to end. How they were drawn and read:
-`readings/README.md`. Ours are scored where both readers agree, and in whole clips where the time
-of a change is sure. At rest the readers write `stick`, since pictures at rest do not show what has
-slipped before; ours may say `incipient` there, and only `macro_slip`, `no_contact` and `unknown`
-count as wrong.
+Two readers read single frames of many clips, and two whole clips; `readings/README.md` describes
+how. Our states are scored where both readers agree; in whole clips also only where the time of a
+change is sure. At rest the readers write `stick`, since a picture at rest does not show which
+markers slipped before. There our `incipient` counts as right too, and only `macro_slip`,
+`no_contact` and `unknown` count as wrong.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,11 +39,11 @@ from papers.marker_images.reading import (
 
 
 class Ours(NamedTuple):
-    """What we answer in a frame.
+    """Our answer in a frame.
 
     Attributes:
-        state: of the contact.
-        reason: why there is no angle, or what speaks against it.
+        state: state of the contact.
+        reason: reason for a missing or doubtful angle.
     """
 
     state: str
@@ -51,7 +51,7 @@ class Ours(NamedTuple):
 
     @property
     def contact(self) -> str:
-        """The contact in the readers' words; `unclear` where the state is unknown."""
+        """Contact in the readers' words: `yes`, `no`, or `unclear` if the state is unknown."""
         return {State.NO_CONTACT: "no", State.UNKNOWN: UNCLEAR}.get(State(self.state), "yes")
 
 
@@ -60,8 +60,8 @@ class Scored:
     """Readings and our answers.
 
     Attributes:
-        readings: by the reader's name.
-        ours: by frame; may lack frames, and clips.
+        readings: readings of single frames, by the reader's name.
+        ours: our answers by frame; frames and clips may be missing.
         whole: spans of whole clips, by the reader's name.
     """
 
@@ -71,7 +71,7 @@ class Scored:
 
     @property
     def agreed(self) -> Reading:
-        """What all readers wrote alike, by frame and column, where it is not unclear."""
+        """The words on which all readers agree, by frame and column, without `unclear`."""
         first, *others = self.readings.values()
         return {
             place: {
@@ -85,18 +85,18 @@ class Scored:
 
     @property
     def on_whole_clips(self) -> "Scored":
-        """The same on every frame of the whole clips, where the time of a change is sure."""
+        """Readings and answers of all frames of the whole clips, without unsure changes."""
         return Scored({name: spread(one, sure=True) for name, one in self.whole.items()}, self.ours)
 
     @property
     def whole_clips(self) -> list[str]:
-        """The whole clips that were read and answered."""
+        """The whole clips with both readings and answers."""
         clips = {place.clip for place in self.ours}
         return [clip for clip in next(iter(self.whole.values()), {}) if clip in clips]
 
 
 def compute(quick: bool = False, track: Track = iter) -> Scored:
-    """Answer all clips of the tables; the two shortest only if quick."""
+    """Answer all clips of the tables; if quick, only the two shortest clips."""
     root = datasets.fetch("state-videos")
     readings, whole = read_readings(), read_whole_clips()
     frames: dict[str, list[int]] = {}
@@ -107,20 +107,20 @@ def compute(quick: bool = False, track: Track = iter) -> Scored:
     for clip in track(clips):
         answers = answer_pictures(root / f"{clip}.avi").frames
         for frame in frames[clip]:
-            one = answers[frame].estimates["tracked"]
-            ours[Place(clip, frame)] = Ours(one.state, one.reason)
+            estimate = answers[frame].estimates["tracked"]
+            ours[Place(clip, frame)] = Ours(estimate.state, estimate.reason)
     return Scored(readings, ours, whole)
 
 
 def is_right(read: str, motion: str, ours: str) -> bool:
-    """Whether our state is right, by what was read."""
+    """Whether our state agrees with the read state and motion."""
     return ours == read or (read == State.STICK and motion == "rest" and ours == State.INCIPIENT)
 
 
 def tables(result: Scored) -> dict[str, list[dict[str, object]]]:
-    """Figures; our states by what was read; the readers' agreement; frames we have wrong.
+    """Tables of shares, our states by the read state, the readers' agreement, and wrong frames.
 
-    Where whole clips were answered, the first three of them and every change of state.
+    If whole clips were answered, also the first three tables for them, and the changes of state.
     """
     shown = {
         "": _figures(result),
@@ -159,7 +159,7 @@ def _figure(name: str, count: int, of: int) -> dict[str, object]:
 
 
 def _confusion(result: Scored) -> list[dict[str, object]]:
-    """A row for each state that was read, stick apart for rest and motion."""
+    """Our states: a row for each read state, with separate rows for stick at rest and in motion."""
     kinds: dict[str, list[tuple[str, bool]]] = {}
     for place, row in result.agreed.items():
         read, motion = row.get("state"), row.get("motion", "moving")
@@ -171,11 +171,11 @@ def _confusion(result: Scored) -> list[dict[str, object]]:
     return [
         {
             "read": kind,
-            "frames": len(found),
-            **{f"ours {state}": sum(one == state for one, _ in found) for state in State},
-            "right [%]": round(100.0 * np.mean([right for _, right in found]), 1),
+            "frames": len(states),
+            **{f"ours {state}": sum(ours == state for ours, _ in states) for state in State},
+            "right [%]": round(100.0 * np.mean([right for _, right in states]), 1),
         }
-        for kind, found in sorted(kinds.items())
+        for kind, states in sorted(kinds.items())
     ]
 
 
@@ -204,7 +204,9 @@ def _wrong(result: Scored) -> list[dict[str, object]]:
 
 def _runs_of_readers(result: Scored, clip: str) -> list[list[Run]]:
     return [
-        find_runs([Run(one.words["state"], one.first, one.last, one.unsure) for one in spans[clip]])
+        find_runs(
+            [Run(span.words["state"], span.first, span.last, span.unsure) for span in spans[clip]]
+        )
         for spans in result.whole.values()
     ]
 
@@ -215,27 +217,27 @@ def _runs_of_ours(result: Scored, clip: str) -> list[Run]:
 
 
 def _find_begun(run: Run, before: Run, others: Sequence[Run]) -> Run | None:
-    """The alike run, or none where it began before `before` did: that state was never left."""
-    found = find_alike(run, others)
-    return None if found is None or found.first < before.first - before.unsure else found
+    """The matching run; None if it began before `before`, since its state then never changed."""
+    match = find_alike(run, others)
+    return None if match is None or match.first < before.first - before.unsure else match
 
 
 def _changes(result: Scored) -> list[dict[str, object]]:
-    """When the state changes, by the readers and by us: a row for each change of the first reader.
+    """Times of the changes of state: a row for each change of the first reader.
 
-    Ours is late after the latest time that a reader allows, and early (negative) before the
-    earliest.
+    Ours is late if it is after the latest time that a reader allows, and early (negative) if before
+    the earliest.
     """
     rows: list[dict[str, object]] = []
     for clip in result.whole_clips:
         first, *others = _runs_of_readers(result, clip)
         ours = _runs_of_ours(result, clip)
         for before, run in pairwise(first):
-            seen = [run, *(one for other in others if (one := _find_begun(run, before, other)))]
-            found = _find_begun(run, before, ours)
+            seen = [run, *(begun for other in others if (begun := _find_begun(run, before, other)))]
+            match = _find_begun(run, before, ours)
             low, high = (
-                min(one.first - one.unsure for one in seen),
-                max(one.first + one.unsure for one in seen),
+                min(begun.first - begun.unsure for begun in seen),
+                max(begun.first + begun.unsure for begun in seen),
             )
             words = [result.ours[Place(clip, t)].state for t in range(run.first, run.last + 1)]
             rows.append(
@@ -247,10 +249,10 @@ def _changes(result: Scored) -> list[dict[str, object]]:
                     "frame": run.first,
                     "unsure": run.unsure,
                     "other reader": "" if len(seen) == 1 else seen[1].first,
-                    "ours": "" if found is None else found.first,
+                    "ours": "" if match is None else match.first,
                     "late": ""
-                    if found is None
-                    else max(found.first - high, 0) + min(found.first - low, 0),
+                    if match is None
+                    else max(match.first - high, 0) + min(match.first - low, 0),
                     "ours mostly": max(words, key=words.count),
                     "ours the same [%]": round(100.0 * words.count(run.state) / len(words), 1),
                 }
@@ -259,10 +261,10 @@ def _changes(result: Scored) -> list[dict[str, object]]:
 
 
 def plot(result: Scored) -> Figure:
-    """Our states by what was read: shares of each row, with the number of frames.
+    """Top: our states by the read state, coloured by share of the row, with numbers of frames.
 
-    Below, the whole clips: states over time, the readers' and ours. A black line shows by how much
-    the time of a change is unsure.
+    Below, for whole clips: states over time, the readers' and ours. A black line is the uncertainty
+    of the time of a change.
     """
     clips = result.whole_clips
     rows = _confusion(result)

@@ -81,7 +81,7 @@ def test_one_reading_is_scored_alone():
     [
         ("a/b/c,3,perhaps,rest,stick", "contact is 'perhaps'; it must be one of yes, no, unclear"),
         ("a/b/c,3,yes,,stick", "motion is ''"),
-        ("a/b/c,1,yes,rest,stick", "frame 1 is there twice"),
+        ("a/b/c,1,yes,rest,stick", "frame 1 is listed twice"),
     ],
 )
 def test_a_wrong_word_is_named_with_its_line(tmp_path, row, message):
