@@ -13,7 +13,7 @@ from contactmodel.common.command_line import errors, make_app, run_app, say_erro
 
 app = make_app("Contact of two elastic bodies with friction.")
 console = Console()
-_TABLE_WIDTH = 165  # whatever the terminal: words may wrap there, but nothing is cut
+_TABLE_WIDTH = 165  # on every terminal: text may wrap there, but numbers are not cut
 
 
 @app.command()
@@ -29,12 +29,12 @@ def simulate(
     sensor: Annotated[
         Path | None,
         typer.Option(
-            help="TOML file of the sensor; its pad is used where CONFIG gives none.",
+            help="Sensor description (TOML); supplies the pad's keys that CONFIG lacks.",
             show_default="none",
         ),
     ] = None,
 ) -> None:
-    """Press, shift and twist an object along a path; write fields, a table and pictures."""
+    """Solve a contact along a path; write its fields, a table and pictures."""
     from contactmodel.elasticity.pad import read_pad
     from contactmodel.simulate.configuration import read_simulation
     from contactmodel.simulate.run import run_simulation, write_results
@@ -58,29 +58,33 @@ def simulate(
     apart = sum(not bool(solution.contact.any()) for solution in solutions)
     if apart:
         errors.print(
-            f"the bodies do not touch in {apart} of {len(solutions)} steps: use a larger approach",
+            f"note: the bodies do not touch in {apart} of {len(solutions)} steps; use a larger "
+            "approach",
             highlight=False,
         )
-    console.print(f"{len(solutions)} steps, path.csv and pictures in {out}", highlight=False)
+    console.print(f"wrote {len(solutions)} steps, path.csv and pictures to {out}", highlight=False)
 
 
 @app.command()
 def verify(
     cells: Annotated[
-        int, typer.Option(min=32, help="Cells along a side of the checks' grid.")
+        int, typer.Option(min=32, help="Cells along each side of the grid; more take longer.")
     ] = 128,
 ) -> None:
-    """Compare the model with closed forms, laws and itself; exit status 1 if a row fails."""
+    """Compare the solver with closed forms, conservation laws and its own convergence.
+
+    The exit status is 1 if a row fails.
+    """
     from contactmodel.verify.rows import Row
     from contactmodel.verify.table import CHECKS, convergence
 
     rows: list[Row] = []
     for check in track(CHECKS, "Checking", console=errors):
         rows += check(cells)
-    with errors.status("Orders of convergence from 32² to 256²"):
+    with errors.status("Computing orders of convergence from 32² to 256² cells"):
         rows += convergence()
-    names = ("what", "model", "expected", "error", "tolerance", "verdict", "limited by")
-    words = ("what", "limited by")
+    names = ("check", "model", "expected", "error", "tolerance", "verdict", "limited by")
+    words = ("check", "limited by")
     table = Table(*(Column(name, no_wrap=name not in words) for name in names), box=None)
     for row in rows:
         verdict = "[green]ok[/green]" if row.passed else "[red]FAILED[/red]"

@@ -1,4 +1,4 @@
-"""The problem that is solved: two bodies, their shape, the grid and the friction between them."""
+"""The contact problem: two bodies, the object's shape, the grid and the friction."""
 
 import equinox as eqx
 import jax
@@ -15,23 +15,23 @@ from contactmodel.indenters import AbstractIndenter
 
 
 class Contact(eqx.Module):
-    """A contact of an elastomer S with an object B, before anything has moved.
+    """A contact of an elastomer S with an object B, before any motion.
 
-    Made once, it is solved for one pose after the other (`solve_contact`) or along a path
-    (`solve_path`). Derivatives go to all of its numbers.
+    One `Contact` can be solved for many poses (`solve_contact`) or along a path (`solve_path`).
+    Results can be differentiated by all of its numbers.
 
     Attributes:
-        elastomer: the body S.
-        object_: the body B, what it is made of.
-        indenter: the shape of B.
-        grid: cells, more than cover the contact.
-        friction_coefficient: μ, a number or a map of the grid [-], or a law of friction; it is kept
-            as a law.
-        marker_depth: of the elastomer's markers below its surface; None on the surface [mm].
+        elastomer: the elastomer S.
+        object_: the material of the object B.
+        indenter: the shape of the object B.
+        grid: cells; they must extend beyond the contact.
+        friction_coefficient: μ as a number or as a map on the grid [-], or a friction law. Stored
+            as a friction law.
+        marker_depth: depth of the markers below the elastomer's surface; None on the surface [mm].
 
     Raises:
-        ValueError: two rigid bodies, numbers of the friction that are no map of the grid, a layer
-            thinner than a cell, or markers below the base of one.
+        ValueError: both bodies are rigid, a friction map does not have the grid's shape, a layer is
+            thinner than a cell, or the markers lie below a layer's base.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
@@ -61,14 +61,14 @@ class Contact(eqx.Module):
         friction_coefficient: Numbers | AbstractFriction,
         marker_depth: ArrayLike | None = None,
     ) -> None:
-        """Check the parts against each other, and keep them."""
+        """Check that the parts fit together, and store them."""
         if isinstance(elastomer, Rigid) and isinstance(object_, Rigid):
             raise ValueError("both bodies are rigid; at least one must be elastic")
         friction = as_friction(friction_coefficient)
         for leaf in jax.tree.leaves(friction):
             if leaf.shape not in ((), grid.shape):
                 raise ValueError(
-                    f"μ must be a number or a map of shape {grid.shape}, got {leaf.shape}"
+                    f"μ must be a number or a map of shape {grid.shape}, got the shape {leaf.shape}"
                 )
         self.marker_depth = check_depth(marker_depth)
         self.elastomer = elastomer.checked(grid.spacing, self.marker_depth)
@@ -79,7 +79,7 @@ class Contact(eqx.Module):
 
 
 def check_depth(depth: ArrayLike | None) -> Float[Array, ""] | None:
-    """A depth below the surface [mm]; None on the surface, where more is known."""
+    """Check a depth below the surface [mm]; None on the surface, where solving is faster."""
     if depth is None or (not is_traced(depth) and not np.any(np.asarray(depth))):
         return None
     return non_negative(depth)

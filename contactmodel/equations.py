@@ -1,4 +1,4 @@
-"""Eqs. (1) to (14) of the paper, as functions.
+"""Eqs. (1) to (14) of the source paper as functions.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting".
@@ -15,11 +15,11 @@ Visuotactile Sensing During In-Hand Object Pivoting".
 | 10, 11 | `rotation_difference`, `slip_curl_difference` |
 | 12, 13, 14 | `clockwise_object_angle`, `object_rotation` |
 
-Angles are in rad, counter-clockwise positive seen from +z, and finite unless a name says `small`.
-The paper's angle θ of the object is clockwise, and functions named after its equations keep that:
-an argument that is that angle is called `clockwise`. `object_rotation` gives it counter-clockwise.
-k = G_S/G_B is the elastomer's shear modulus over the object's, l_mn what Eq. (2) leaves over.
-The functions take NumPy or JAX arrays or numbers and return what they were given.
+Angles are in rad, counter-clockwise positive seen from +z, and of any size unless a name contains
+`small`. The paper's angle θ of the object is clockwise. Functions named after its equations keep
+this sign and call the argument `clockwise`. `object_rotation` is counter-clockwise.
+k = G_S/G_B is the elastomer's shear modulus over the object's; l_mn is the remainder of Eq. (2).
+The functions take NumPy arrays, JAX arrays or numbers and return the same kind.
 """
 
 from jaxtyping import Float
@@ -43,14 +43,14 @@ def pair_slip(
 ) -> Float[AnyArray, "*batch 2"]:
     """Slip Δs of a point of the object against its partner on the elastomer ([Li2024] Eq. 1).
 
-    Δs = Δr_B + Δr_c + ΔR (r_B + Δr_B) − Δr_S; it holds for any size of rotation and deformation.
+    Δs = Δr_B + Δr_c + ΔR (r_B + Δr_B) − Δr_S, for rotations and deformations of any size.
 
     Args:
         elastomer_displacement: Δr_S in the sensor's frame [mm].
-        object_displacement: Δr_B in the object's frame, which turns with it [mm].
+        object_displacement: Δr_B in the object's frame, which turns with the object [mm].
         object_position: r_B before the motion [mm].
         shift: Δr_c of the object's frame [mm].
-        rotation_change: ΔR = R − I of the object's frame.
+        rotation_change: ΔR = R − I of the object's frame [-].
     """
     moved = object_position + object_displacement
     turned = (rotation_change @ moved[..., None])[..., 0]
@@ -64,8 +64,8 @@ def object_gradient(
 ) -> Float[AnyArray, "*batch"]:
     """D_m u_B,n ≈ −k D_m u_S,n + l_mn ([Li2024] Eq. 2).
 
-    Component by component it is approximate, for half-spaces too; for them the curl of it is
-    exact, with l_xy − l_yx = 0.
+    Each component is approximate, even for half-spaces. For half-spaces the curl is exact, with
+    l_xy − l_yx = 0.
 
     Args:
         elastomer_gradient: D_m u_S,n [-].
@@ -83,8 +83,8 @@ def slip_shear(
 ) -> Float[AnyArray, "*batch"]:
     """D_y s_x = −(k+1) D_y u_S,x + l_yx + sin θ: [Li2024] Eq. (3) with the exact rigid part.
 
-    It is the same whether the derivative is taken at fixed undeformed position or at the position
-    now; for Eq. (3) as it stands in the paper see `slip_shear_as_printed`.
+    The rigid part is the same for derivatives by the undeformed and by the present position. For
+    Eq. (3) as printed, see `slip_shear_as_printed`.
 
     Args:
         elastomer_gradient: D_y u_S,x [-].
@@ -103,9 +103,10 @@ def slip_shear_as_printed(
     load_term: Float[AnyArray, "*#batch"] | float,
     clockwise: Float[AnyArray, "*#batch"],
 ) -> Float[AnyArray, "*batch"]:
-    """[Li2024] Eq. (3) as printed, its rigid part (cos θ − 1) sin θ + sin θ cos θ.
+    """[Li2024] Eq. (3) as printed, with the rigid part (cos θ − 1) sin θ + sin θ cos θ.
 
-    That part is sin θ to first order only, and 12 % below it at 20°. Arguments as for `slip_shear`.
+    This part equals sin θ only to first order, and is 12 % below it at 20°. Arguments as for
+    `slip_shear`.
     """
     xp = clockwise.__array_namespace__()
     sine, cosine = xp.sin(clockwise), xp.cos(clockwise)
@@ -141,7 +142,7 @@ def slip_curl(
     load_term: Float[AnyArray, "*#batch"] | float,
     clockwise: Float[AnyArray, "*#batch"] | float,
 ) -> Float[AnyArray, "*batch"]:
-    """rot s = −(k+1) rot u_S + (l_xy − l_yx) − 2θ ([Li2024] Eq. 6, which is Eq. 5 less Eq. 4).
+    """rot s = −(k+1) rot u_S + (l_xy − l_yx) − 2θ ([Li2024] Eq. 6, which is Eq. 5 minus Eq. 4).
 
     Args:
         elastomer_curl: rot u_S = ∂u_y/∂x − ∂u_x/∂y [-].
@@ -157,7 +158,7 @@ def small_rotation(
 ) -> Float[AnyArray, "*batch"]:
     """Half the curl of the displacement, ½(∂u_y/∂x − ∂u_x/∂y) ([Li2024] Eq. 8, integrated).
 
-    It is the rotation for small gradients only: a rotation by φ reads sin φ.
+    It equals the rotation only for small gradients: for a rotation by φ it is sin φ.
 
     Args:
         displacement_gradient: `[..., i, j]` is ∂u_i/∂x_j [-].
@@ -168,10 +169,10 @@ def small_rotation(
 def line_element_rotations(
     deformation_gradient: Float[AnyArray, "*batch 2 2"],
 ) -> tuple[Float[AnyArray, "*batch"], Float[AnyArray, "*batch"]]:
-    """Angles by which the line elements along x (AB) and along y (AC) have turned.
+    """Rotation angles of the line elements along x (AB) and along y (AC) [rad].
 
-    The finite form of [Li2024] Eq. (7): the rates ∂u_v/∂u and −∂u_u/∂v of the two elements,
-    followed to their angle. For small gradients they are the rates times the time.
+    This is the finite form of [Li2024] Eq. (7): the rates ∂u_v/∂u and −∂u_u/∂v of the two elements,
+    integrated to angles. For small gradients the angles are rate times time.
 
     Args:
         deformation_gradient: F, `[..., i, j]` is ∂x_i/∂X_j [-].
@@ -184,11 +185,14 @@ def line_element_rotations(
 def mean_line_rotation(
     deformation_gradient: Float[AnyArray, "*batch 2 2"],
 ) -> Float[AnyArray, "*batch"]:
-    """Mean angle of the two orthogonal line elements ([Li2024] Eq. 8 for finite rotations).
+    """Mean rotation of two orthogonal line elements ([Li2024] Eq. 8 for finite rotations) [rad].
 
-    Exact for a rotation by less than half a turn; near it, strain may put one element beyond and
-    the mean is wrong by half a turn. Under strain it is not the rotation: it depends on which
-    two elements were chosen, and its mean over all choices is `polar_rotation`.
+    It is exact for a rotation by less than half a turn. Near half a turn, strain may carry one
+    element beyond it, and the mean is wrong by half a turn. Under strain it is not the rotation:
+    it depends on the choice of the two elements. Its mean over all choices is `polar_rotation`.
+
+    Args:
+        deformation_gradient: F, `[..., i, j]` is ∂x_i/∂X_j [-].
     """
     along_x, along_y = line_element_rotations(deformation_gradient)
     return 0.5 * (along_x + along_y)
@@ -197,7 +201,11 @@ def mean_line_rotation(
 def polar_rotation(
     deformation_gradient: Float[AnyArray, "*batch 2 2"],
 ) -> Float[AnyArray, "*batch"]:
-    """Angle of the rotation R of the polar decomposition F = R U, whatever the stretch U."""
+    """Angle of the rotation R in the polar decomposition F = R U, for any stretch U [rad].
+
+    Args:
+        deformation_gradient: F, `[..., i, j]` is ∂x_i/∂X_j [-].
+    """
     f = deformation_gradient
     xp = f.__array_namespace__()
     return xp.atan2(f[..., 1, 0] - f[..., 0, 1], f[..., 0, 0] + f[..., 1, 1])
@@ -210,11 +218,11 @@ def clockwise_object_angle(
 ) -> Float[AnyArray, "*batch"] | float:
     """θ = −(k+1)φ + ½(L_xy − L_yx), clockwise ([Li2024] Eq. 13; with k = L = 0, Eq. 14).
 
-    Of increments between two frames, or of rates, it is Eq. (12): it asks only that the point has
-    stuck in between, not ever since the reference.
+    For increments between two frames, or for rates, it is Eq. (12). That requires the point to
+    stick between the two frames, but not since the reference.
 
     Args:
-        rotation: φ of a point that has stuck [rad, counter-clockwise].
+        rotation: φ of a sticking point [rad, counter-clockwise].
         stiffness_ratio: k = G_S/G_B, elastomer over object [-].
         load_term: L_xy − L_yx [rad].
     """
@@ -226,7 +234,7 @@ def object_rotation(
     stiffness_ratio: Float[AnyArray, "*#batch"] | float = 0.0,
     load_term: Float[AnyArray, "*#batch"] | float = 0.0,
 ) -> Float[AnyArray, "*batch"] | float:
-    """The object's rotation, counter-clockwise like φ: [Li2024] Eq. (13) with the sign turned.
+    """The object's rotation, counter-clockwise like φ: [Li2024] Eq. (13) with the opposite sign.
 
     Arguments as for `clockwise_object_angle`.
     """
@@ -254,7 +262,7 @@ def rotation_difference(
     slip_curl_difference: Float[AnyArray, "*batch"],
     stiffness_ratio: Float[AnyArray, "*#batch"] | float = 0.0,
 ) -> Float[AnyArray, "*batch"]:
-    """φ_i − φ_j = −rot(s_i − s_j)/2(k+1) ([Li2024] Eq. 11; of rates, Eq. 10).
+    """φ_i − φ_j = −rot(s_i − s_j)/2(k+1) ([Li2024] Eq. 11; for rates, Eq. 10).
 
     Args:
         slip_curl_difference: rot(s_i) − rot(s_j) [-].
@@ -268,9 +276,9 @@ def slip_curl_difference(
     stick_rotation: Float[AnyArray, "*#batch"] | float,
     stiffness_ratio: Float[AnyArray, "*#batch"] | float = 0.0,
 ) -> Float[AnyArray, "*batch"]:
-    """rot(s) of a point, from its rotation and that of a point that sticks ([Li2024] Eq. 11).
+    """rot(s) of a point, from its rotation and that of a sticking point ([Li2024] Eq. 11).
 
-    Eq. (11), φ_i − φ_j = −rot(s_i − s_j)/2(k+1), solved for the curl at i with rot(s_j) = 0.
+    Eq. (11), φ_i − φ_j = −rot(s_i − s_j)/2(k+1), is solved for the curl at i with rot(s_j) = 0.
 
     Args:
         rotation: φ_i [rad].

@@ -1,6 +1,6 @@
-"""Laws of friction: how much traction a pressure holds.
+"""Friction laws: the largest traction under a pressure.
 
-A law is one class with a `limit`; the solver takes what it needs besides from its derivative.
+A law is one class with a `limit`. The solver also uses its derivative, which JAX computes.
 """
 
 import abc
@@ -16,7 +16,7 @@ from contactmodel.common.checks import Numbers, known, non_negative, positive
 
 
 class AbstractFriction(eqx.Module):
-    """The friction between two bodies. Its numbers may be maps of the grid.
+    """A friction law between two bodies. Its numbers may be maps on the grid.
 
     Examples:
         >>> import jax.numpy as jnp
@@ -33,22 +33,22 @@ class AbstractFriction(eqx.Module):
 
     @abc.abstractmethod
     def limit(self, pressure: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
-        """Largest traction under a pressure; 0 where that is 0 [MPa].
+        """Largest traction under a pressure; 0 where the pressure is 0 [MPa].
 
         Args:
-            pressure: p, not below 0 [MPa].
+            pressure: p, from 0 [MPa].
         """
 
     def slope(self, pressure: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
-        """Change of the limit by that of the pressure [-]."""
+        """Derivative of the limit with respect to the pressure [-]."""
         return jax.jvp(self.limit, (pressure,), (jnp.ones_like(pressure),))[1]
 
 
 class Coulomb(AbstractFriction):
-    """Coulomb's law: a traction up to μp.
+    """Coulomb's law: the traction is at most μp.
 
     Attributes:
-        coefficient: μ, a number or a map of the grid [-].
+        coefficient: μ, a number or a map on the grid [-].
 
     Examples:
         >>> import jax.numpy as jnp
@@ -65,12 +65,12 @@ class Coulomb(AbstractFriction):
 
 
 class PowerLawFriction(AbstractFriction):
-    """Friction that falls with pressure, as rubbers' does: μ(p) = μ₀ (p/p_ref)^(−γ).
+    """Friction that falls with pressure, as for rubber: μ(p) = μ₀ (p/p_ref)^(−γ).
 
     Attributes:
-        coefficient: μ₀, at the reference pressure [-].
+        coefficient: μ₀, the coefficient at the reference pressure [-].
         reference_pressure: p_ref [MPa].
-        exponent: γ, from 0 (Coulomb's law) to below 1; ⅓ where smooth spheres touch [-].
+        exponent: γ, from 0 (Coulomb's law) to below 1; ⅓ for smooth spheres [-].
 
     Examples:
         >>> import jax.numpy as jnp
@@ -88,12 +88,16 @@ class PowerLawFriction(AbstractFriction):
     def __init__(
         self, coefficient: Numbers, reference_pressure: Numbers, exponent: Numbers
     ) -> None:
-        """Keep the numbers; ValueError if one is out of its range."""
+        """Store the numbers.
+
+        Raises:
+            ValueError: a number is outside its range.
+        """
         self.coefficient = non_negative(coefficient)
         self.reference_pressure = positive(reference_pressure)
-        falls = non_negative(exponent)
+        gamma = non_negative(exponent)
         message = "the exponent of friction that falls with pressure must be below 1"
-        self.exponent = refuse(falls, known(falls) >= 1.0, message)
+        self.exponent = refuse(gamma, known(gamma) >= 1.0, message)
 
     def limit(self, pressure: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
         """μ₀ p (p/p_ref)^(−γ) [MPa]."""
@@ -103,12 +107,12 @@ class PowerLawFriction(AbstractFriction):
 
 
 def as_friction(friction: Numbers | AbstractFriction) -> AbstractFriction:
-    """A law as it is, or Coulomb's with a coefficient [-]."""
+    """A law unchanged, or Coulomb's law for a coefficient [-]."""
     return friction if isinstance(friction, AbstractFriction) else Coulomb(friction)
 
 
 def is_smooth(friction: AbstractFriction) -> bool:
-    """Whether there is known to be no friction anywhere."""
+    """Whether friction is 0 everywhere; False inside `jit`, where its values are unknown."""
     leaves = jax.tree.leaves(friction)
     if any(map(is_traced, leaves)):
         return False

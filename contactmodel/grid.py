@@ -1,4 +1,4 @@
-"""The grid of equal cells on which pressure and traction are sought."""
+"""The grid of equal cells on which pressure and traction are computed."""
 
 import math
 from dataclasses import dataclass
@@ -8,22 +8,22 @@ import numpy as np
 from jaxtyping import Array, Float
 
 MOST_CELLS = 2**26
-"""Cells of a grid; a single field on twice the grid, as convolutions need it, then takes 2 GB."""
+"""Largest number of cells. One field on the doubled grid of a convolution then takes 2 GB."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Equal rectangular cells in the undeformed contact plane, the origin in their middle.
+    """Equal rectangular cells in the undeformed contact plane; the origin is in the middle.
 
-    Fields on it are indexed `[..., i, j]` with i along x and j along y.
+    Fields on the grid are indexed `[..., i, j]`, with i along x and j along y.
 
     Attributes:
         shape: number of cells along x and y.
-        size: length along x and y [mm].
+        size: length of the grid along x and y [mm].
 
     Raises:
-        ValueError: not two whole numbers of at least 2 cells, more cells than `MOST_CELLS`, or not
-            two positive lengths.
+        ValueError: the shape is not two whole numbers from 2, there are more cells than
+            `MOST_CELLS`, or the size is not two positive lengths.
 
     Examples:
         >>> from contactmodel import Grid
@@ -38,11 +38,11 @@ class Grid:
     size: tuple[float, float]
 
     def __post_init__(self) -> None:
-        """Check the numbers, and keep them as tuples, which `jit` can compare."""
+        """Check the numbers and store them as tuples, which `jit` can compare."""
         shape, size = np.asarray(self.shape), np.asarray(self.size)
         if shape.shape != (2,) or shape.dtype.kind not in "iu" or shape.min() < 2:
             raise ValueError(
-                f"a grid needs at least 2 cells along x and y, whole numbers, got {self.shape}"
+                f"the shape of a grid must be two whole numbers, at least 2 cells, got {self.shape}"
             )
         lengths = size.shape == (2,) and size.dtype.kind in "iuf"
         if not lengths or not np.all(np.isfinite(size) & (size > 0)):
@@ -50,7 +50,7 @@ class Grid:
                 f"the size of a grid along x and y must be above 0 mm, got {self.size}"
             )
         if math.prod(shape.tolist()) > MOST_CELLS:
-            raise ValueError(f"a grid may have {MOST_CELLS} cells at most, got {self.shape}")
+            raise ValueError(f"a grid may have at most {MOST_CELLS} cells, got {self.shape}")
         object.__setattr__(self, "shape", tuple(shape.tolist()))
         object.__setattr__(self, "size", tuple(size.astype(float).tolist()))
 
@@ -81,21 +81,21 @@ class Grid:
 
 
 def dot(first: Float[Array, "2 nx ny"], second: Float[Array, "2 nx ny"]) -> Float[Array, "nx ny"]:
-    """Scalar product of two fields of vectors, written out: XLA's sum over two takes far longer.
+    """Scalar product of two vector fields, written out because XLA's sum takes far longer.
 
     Args:
-        first: one.
-        second: the other.
+        first: first field.
+        second: second field.
     """
     return first[0] * second[0] + first[1] * second[1]
 
 
 def make_points(grid: Grid, dtype: np.dtype) -> Float[Array, "2 nx ny"]:
-    """The same centres, made inside a compiled program instead of stored in it [mm].
+    """Centres of the cells, computed inside a compiled program instead of stored in it [mm].
 
     Args:
         grid: cells.
-        dtype: precision.
+        dtype: floating-point type.
     """
     axes = (jnp.asarray(axis, dtype) for axis in (grid.x, grid.y))
     return jnp.stack(jnp.meshgrid(*axes, indexing="ij"))

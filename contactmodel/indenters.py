@@ -1,7 +1,7 @@
 """Shapes of the object: height of its undeformed surface above the elastomer's plane.
 
-Heights are 0 where the object first touches. Where a shape ends, its side rises steeply, so that
-nothing beside it comes into contact.
+The height is 0 where the object first touches. The sides of a shape rise steeply, so that points
+outside it never come into contact.
 """
 
 import abc
@@ -20,9 +20,10 @@ _SIDE_SLOPE = 1e3
 
 
 class AbstractIndenter(eqx.Module):
-    """The shape of an object, its lowest point at the origin.
+    """The shape of an object; its lowest point has the height 0 at the origin.
 
-    This is not checked: an approach counts from height 0, so a higher lowest point presses less.
+    The height is not checked. The approach counts from height 0, so a shape whose lowest point is
+    higher is pressed in less.
 
     Examples:
         >>> import jax.numpy as jnp
@@ -40,22 +41,22 @@ class AbstractIndenter(eqx.Module):
 
     @abc.abstractmethod
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-        """Height of the undeformed surface above points of the plane [mm]."""
+        """Height of the undeformed surface above points of the elastomer's plane [mm]."""
 
     def slid_height(
         self, points: Float[Array, "2 ..."], slid: Float[Array, "2 ..."]
     ) -> Float[Array, "..."]:
-        """Height at points of the plane above which other points of the shape have slid [mm].
+        """Height above points of the plane after the shape has slid over them [mm].
 
         Args:
-            points: of the plane [mm].
-            slid: of the shape, above them [mm].
+            points: points of the elastomer's plane [mm].
+            slid: points of the shape that are now above them [mm].
         """
         return self.height(slid)
 
 
 class Paraboloid(AbstractIndenter):
-    """The shape r²/2R of Hertz's theory.
+    """The paraboloid r²/2R of Hertz's theory.
 
     Attributes:
         radius: R [mm].
@@ -75,7 +76,7 @@ class Paraboloid(AbstractIndenter):
 
 
 class Sphere(AbstractIndenter):
-    """A sphere, without the approximation of small angles.
+    """A sphere, without the paraboloid's approximation for small r.
 
     Attributes:
         radius: R [mm].
@@ -118,7 +119,7 @@ class Ellipsoid(AbstractIndenter):
     """An ellipsoid with its axes along x, y and z.
 
     Attributes:
-        semi_axes: half its length along x, y and z [mm].
+        semi_axes: half lengths along x, y and z [mm].
 
     Examples:
         >>> import jax.numpy as jnp
@@ -141,8 +142,8 @@ class RoundPunch(AbstractIndenter):
     """A flat-ended cylinder with a rounded edge.
 
     Attributes:
-        radius: of the whole [mm].
-        edge_radius: of the rounding, 0 for a sharp edge [mm].
+        radius: radius of the cylinder [mm].
+        edge_radius: radius of the rounded edge; 0 for a sharp edge [mm].
 
     Examples:
         >>> import jax.numpy as jnp
@@ -156,22 +157,26 @@ class RoundPunch(AbstractIndenter):
     edge_radius: Float[Array, ""]
 
     def __init__(self, radius: Numbers, edge_radius: Numbers = 0.0) -> None:
-        """Keep the sizes; ValueError if the rounding is larger than the face."""
+        """Store the sizes.
+
+        Raises:
+            ValueError: the edge radius is larger than the radius.
+        """
         self.radius = positive(radius)
         self.edge_radius = _edge(edge_radius, self.radius)
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-        """0 on the flat, then the arc of the edge [mm]."""
+        """0 on the flat face, then the arc of the edge [mm]."""
         beyond = _length(points) - (self.radius - self.edge_radius)
         return _arc(jnp.maximum(beyond, 0.0), self.edge_radius)
 
 
 class SquarePunch(AbstractIndenter):
-    """A cube that stands on a face, its edges rounded.
+    """A cube that stands on a face with rounded edges.
 
     Attributes:
-        width: of the face, roundings included [mm].
-        edge_radius: of the rounding, 0 for sharp edges [mm].
+        width: width of the face, rounded edges included [mm].
+        edge_radius: radius of the rounded edges; 0 for sharp edges [mm].
 
     Examples:
         >>> import jax.numpy as jnp
@@ -185,25 +190,30 @@ class SquarePunch(AbstractIndenter):
     edge_radius: Float[Array, ""]
 
     def __init__(self, width: Numbers, edge_radius: Numbers = 0.0) -> None:
-        """Keep the sizes; ValueError if the rounding is larger than the face."""
+        """Store the sizes.
+
+        Raises:
+            ValueError: the edge radius is larger than half the width.
+        """
         self.width = positive(width)
         self.edge_radius = _edge(edge_radius, 0.5 * self.width)
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-        """0 on the flat, then the arc of the edges [mm]."""
+        """0 on the flat face, then the arc of the edges [mm]."""
         flat = 0.5 * self.width - self.edge_radius
         return _arc(_length(jnp.maximum(jnp.abs(points) - flat, 0.0)), self.edge_radius)
 
 
 class HeightMap(AbstractIndenter):
-    """A shape given by heights at regular points, interpolated bilinearly between them.
+    """A shape given by heights at regular points, with bilinear interpolation.
 
     Attributes:
-        heights: `[i, j]` at x_i, y_j, the middle of the map at the origin [mm].
+        heights: height `[i, j]` at x_i, y_j; the middle of the map is at the origin [mm].
         spacing: distance between the points along x and y [mm].
 
     Raises:
-        ValueError: heights that are NaN or not a map of at least 2×2.
+        ValueError: a height is not finite, the map is smaller than 2×2, or the spacing is not
+            above 0.
 
     Examples:
         >>> import jax.numpy as jnp
@@ -218,16 +228,16 @@ class HeightMap(AbstractIndenter):
     spacing: tuple[float, float] = eqx.field(static=True)
 
     def __init__(self, heights: ArrayLike, spacing: tuple[float, float]) -> None:
-        """Check and keep the map."""
+        """Check and store the map."""
         shape = np.shape(heights)
         if len(shape) != 2 or min(shape) < 2:
-            raise ValueError(f"a height map needs at least 2 by 2 heights, got the shape {shape}")
+            raise ValueError(f"a height map needs at least 2 × 2 heights, got the shape {shape}")
         if not is_traced(heights):
             missing = int(np.count_nonzero(~np.isfinite(np.asarray(heights))))
             if missing:
                 raise ValueError(
-                    f"{missing} of {np.size(heights)} heights are NaN or infinite; fill them, "
-                    "for example with a height that never touches"
+                    f"{missing} of {np.size(heights)} heights are NaN or infinite; replace them, "
+                    "for example by a height that never touches"
                 )
         if min(spacing) <= 0:
             raise ValueError(f"the spacing of a height map must be above 0 mm, got {spacing}")
@@ -235,23 +245,23 @@ class HeightMap(AbstractIndenter):
         self.spacing = (float(spacing[0]), float(spacing[1]))
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-        """Interpolated height; beyond the map, a steep side [mm]."""
+        """Interpolated height; outside the map, a steep side [mm]."""
         step = jnp.asarray(self.spacing).reshape(2, *[1] * (points.ndim - 1))
         count = jnp.asarray(self.heights.shape).reshape(step.shape)
         index = points / step + 0.5 * (count - 1)
         inside = jnp.clip(index, 0.0, count - 1.0)
         beyond = jnp.sum(jnp.abs(index - inside) * step, axis=0)
-        held = jax.scipy.ndimage.map_coordinates(self.heights, list(inside), order=1)
-        return held + _SIDE_SLOPE * beyond
+        height = jax.scipy.ndimage.map_coordinates(self.heights, list(inside), order=1)
+        return height + _SIDE_SLOPE * beyond
 
 
 class Placed(AbstractIndenter):
-    """A shape moved to a position and turned there, where it first touches.
+    """A shape moved to another position and turned about it.
 
     Attributes:
         indenter: the shape.
-        position: of its origin [mm].
-        angle: by which it is turned, counter-clockwise [rad].
+        position: position of the shape's origin, where it first touches [mm].
+        angle: rotation of the shape [rad, counter-clockwise].
 
     Examples:
         >>> import jax.numpy as jnp
@@ -267,18 +277,18 @@ class Placed(AbstractIndenter):
     angle: Float[Array, ""] = eqx.field(converter=number, default=0.0)
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-        """Height of the shape at the point that lies there [mm]."""
+        """Height of the moved and turned shape [mm]."""
         x, y = points - self.position.reshape(2, *[1] * (points.ndim - 1))
         c, s = jnp.cos(self.angle), jnp.sin(self.angle)
         return self.indenter.height(jnp.stack([c * x + s * y, c * y - s * x]))
 
 
 class Domed(AbstractIndenter):
-    """A shape against a domed pad, whose height adds to the gap: 1/R = 1/R_pad + 1/R_object.
+    """A shape on a domed pad. The dome widens the gap: 1/R = 1/R_pad + 1/R_object for spheres.
 
     Attributes:
         indenter: the shape.
-        pad_radius: of the pad, its top at the origin [mm].
+        pad_radius: radius of the pad's surface, whose top is at the origin [mm].
 
     Examples:
         >>> import jax.numpy as jnp
@@ -294,25 +304,25 @@ class Domed(AbstractIndenter):
     pad_radius: Float[Array, ""] = eqx.field(converter=positive)
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-        """Height of the shape above the pad [mm]."""
+        """Height of the shape above the pad's domed surface [mm]."""
         return self.slid_height(points, points)
 
     def slid_height(
         self, points: Float[Array, "2 ..."], slid: Float[Array, "2 ..."]
     ) -> Float[Array, "..."]:
-        """The pad stays where it is [mm]."""
+        """Height after the shape has slid; the pad's dome stays in place [mm]."""
         shape = self.indenter.slid_height(points, slid)
         return shape + Sphere(self.pad_radius).height(points)
 
 
 def _length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-    """Distance from the origin, its derivative 0 at the origin."""
+    """Distance from the origin; its derivative is 0 at the origin."""
     square = jnp.sum(points**2, axis=0)
     return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
 
 
 def _edge(edge_radius: Numbers, half_width: Float[Array, ""]) -> Float[Array, ""]:
-    """The radius of an edge, if the face has room for it."""
+    """Check that an edge radius fits the face."""
     edge = non_negative(edge_radius)
     message = "an edge radius must not be above the radius or half the width of the punch"
     return refuse(edge, edge > half_width, message)

@@ -1,4 +1,4 @@
-"""Pictures of a contact: pressure, traction, stick and slip, and what happened along a path."""
+"""Figures of a contact: pressure, traction, stick and slip, and the course of a path."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,18 +10,18 @@ from contactmodel.solution import ContactSolution
 
 _STATES = ("open", "slip", "stick")
 _COLOURS = ("#e8e8e8", "#e08214", "#2166ac")
-_ARROWS = 24  # along the longer side, at most
+_ARROWS = 24  # largest number along the longer side
 
 
 def plot_pressure(solution: ContactSolution) -> Figure:
-    """The pressure p [MPa]."""
+    """Plot the pressure p [MPa]."""
     figure, axes = _frame("Pressure")
     _map(figure, axes, solution, solution.pressure, "p [MPa]")
     return figure
 
 
 def plot_traction(solution: ContactSolution) -> Figure:
-    """Size and direction of the traction on the elastomer [MPa]."""
+    """Plot size and direction of the traction on the elastomer [MPa]."""
     figure, axes = _frame("Traction on the elastomer")
     _map(figure, axes, solution, _size(solution.traction), "|τ| [MPa]")
     _arrows(axes, solution, solution.traction)
@@ -29,7 +29,7 @@ def plot_traction(solution: ContactSolution) -> Figure:
 
 
 def plot_states(solution: ContactSolution) -> Figure:
-    """Which cells are open, slip and stick."""
+    """Plot which cells are open, slip or stick."""
     figure, axes = _frame(
         f"Stick and slip: {float(solution.stick_ratio):.0%} of the contact sticks"
     )
@@ -42,7 +42,7 @@ def plot_states(solution: ContactSolution) -> Figure:
 
 
 def plot_slip(solution: ContactSolution) -> Figure:
-    """Slip of the object against the elastomer, within the contact [µm]."""
+    """Plot the slip of the object against the elastomer inside the contact [µm]."""
     figure, axes = _frame("Slip of the object against the elastomer")
     slip = np.where(solution.contact, solution.slip, 0.0)
     _map(figure, axes, solution, 1e3 * _size(slip), "|s| [µm]")
@@ -51,7 +51,7 @@ def plot_slip(solution: ContactSolution) -> Figure:
 
 
 def plot_path(path: ContactSolution) -> Figure:
-    """Force, moment and share that sticks along a path."""
+    """Plot force, moment, twist and the sticking fraction along a path."""
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     top, middle, bottom = figure.subplots(3, sharex=True)
     steps = np.arange(1, len(path.pressure) + 1)
@@ -65,7 +65,7 @@ def plot_path(path: ContactSolution) -> Figure:
     twist.plot(steps, np.degrees(path.pose.twist), color="C1", linestyle="--")
     twist.set_ylabel("twist [°] (dashed)")
     bottom.plot(steps, path.stick_ratio)
-    bottom.set(ylabel="share that sticks [-]", xlabel="step", ylim=(-0.05, 1.05))
+    bottom.set(ylabel="sticking fraction [-]", xlabel="step", ylim=(-0.05, 1.05))
     return figure
 
 
@@ -87,14 +87,15 @@ def _map(figure: Figure, axes: Axes, solution: ContactSolution, values, label: s
 
 
 def _arrows(axes: Axes, solution: ContactSolution, field) -> None:
-    """Arrows of the field, thinned out, where it is not 0."""
+    """Draw a thinned-out arrow field, without arrows of length 0."""
     every = max(1, max(solution.grid.shape) // _ARROWS)
     thin = (slice(None), slice(every // 2, None, every), slice(every // 2, None, every))
     (x, y), (u, v) = solution.grid.points[thin], np.asarray(field)[thin]
-    some = np.hypot(u, v) > 0.0
-    if not some.any():
+    moving = np.hypot(u, v) > 0.0
+    if not moving.any():
         return
-    axes.quiver(x[some], y[some], u[some], v[some], angles="xy", pivot="mid", color="white")
+    x, y, u, v = (part[moving] for part in (x, y, u, v))
+    axes.quiver(x, y, u, v, angles="xy", pivot="mid", color="white")
 
 
 def _size(field) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""How the object is moved against the elastomer, or which force and moment move it."""
+"""Motion of the object against the elastomer, or the force and moment that move it."""
 
 from collections.abc import Sequence
 
@@ -14,22 +14,24 @@ from contactmodel.common.turning import on_circles, turn
 
 
 class Pose(eqx.Module):
-    """Motion of the object since it touched at the origin, or a path: a batch of such motions.
+    """Motion of the object since it first touched at the origin; with a step axis, a path.
 
-    Positions are those of the undeformed surface. The region where the object is pressed on stays
-    on the same points of the elastomer, as points that stick do; where the object slides over more
-    than a small part of the contact, solve with `sliding`, which takes its shape along.
+    Positions refer to the undeformed surface. The contact region stays on the same points of the
+    elastomer, as it does while points stick. If the object slides over more than a small part of
+    the contact, solve with `sliding`, which moves its shape along.
 
     Attributes:
-        approach: δ, by which the undeformed bodies would overlap [mm].
-        shift: along x and y [mm].
-        twist: θ about the centre; by less than a radian in a step [rad, counter-clockwise].
-        centre: point that the twist leaves where it is [mm].
-        linear: whether the twist moves points by θ × r, as the closed forms of linear elasticity
-            have it, and not by the rotation (R − I) r that sticking points really follow.
+        approach: δ, overlap of the undeformed bodies [mm].
+        shift: displacement along x and y [mm].
+        twist: rotation θ about the centre, less than a radian per step [rad, counter-clockwise].
+        centre: point that the twist leaves in place [mm].
+        linear: whether the twist moves points by θ × r, as in the closed forms of linear
+            elasticity. Otherwise points move by the finite rotation (R − I) r, as sticking points
+            do.
         corotated: whether the contact is solved in a frame that turns with the object about the
-            origin, where it touched first, so that twists of tens of degrees load friction truly
-            and the gel turns on circles (see `turning`). Tractions and slip are the frame's.
+            origin, where it first touched. Friction is then loaded correctly, and the gel turns
+            on circles, at twists of tens of degrees (see `turning`). Tractions and slip refer to
+            this frame.
 
     Examples:
         >>> import jax.numpy as jnp
@@ -57,14 +59,14 @@ class Pose(eqx.Module):
         linear: bool = False,
         corotated: bool = False,
     ) -> None:
-        """Keep the motion; what is given once holds for the whole path.
+        """Store the motion; a single value holds for the whole path.
 
         Raises:
-            ValueError: numbers that are not finite, shapes that do not fit each other, or a motion
-                both linear and corotated.
+            ValueError: a number is not finite, the shapes do not match, or the motion is both
+                linear and corotated.
         """
         if linear and corotated:
-            raise ValueError("a motion is linear or corotated, not both; leave out one of them")
+            raise ValueError("a motion cannot be both linear and corotated; leave out one of them")
         heights, angles = number(approach), number(twist)
         vectors = [_vector(shift, "shift"), _vector(centre, "centre")]
         shapes = [heights.shape, angles.shape, *(vector.shape[:-1] for vector in vectors)]
@@ -72,8 +74,8 @@ class Pose(eqx.Module):
             path = jnp.broadcast_shapes(*shapes)
         except ValueError as error:
             raise ValueError(
-                "approach, twist, shift and centre of a path need the same number of steps, or "
-                f"one value for all; got the shapes {shapes}"
+                "approach, twist, shift and centre of a path must have the same number of steps, "
+                f"or a single value; got the shapes {shapes}"
             ) from error
         precision = jnp.result_type(heights, angles, *vectors)
         self.approach = jnp.broadcast_to(heights, path).astype(precision)
@@ -83,7 +85,7 @@ class Pose(eqx.Module):
         self.linear, self.corotated = linear, corotated
 
     def displacement(self, points: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
-        """In-plane displacement of the rigid object at points [mm]; for one pose."""
+        """In-plane displacement of the rigid object at points, for a single pose [mm]."""
         ones = [1] * (points.ndim - 1)
         arm = points - self.centre.reshape(2, *ones)
         return self.shift.reshape(2, *ones) + _turn(arm, self.twist, self.linear)
@@ -91,17 +93,17 @@ class Pose(eqx.Module):
     def increment(
         self, last: "Pose", moved: Float[Array, "2 ..."], points: Float[Array, "2 ..."]
     ) -> Float[Array, "2 ..."]:
-        """In-plane displacement of the rigid object since the pose before [mm]; for one pose.
+        """In-plane displacement of the rigid object since the previous pose, for one pose [mm].
 
-        The object turns about where its centre has come to. What counts is therefore where a
-        point of the object is now: a point that sticks was carried round by the twist, a point
-        that slides stayed behind.
+        The object turns about the present position of its centre. The displacement of a point
+        therefore depends on its present position: the twist has carried a sticking point round,
+        and a sliding point has stayed behind.
 
         Args:
-            last: the pose before.
-            moved: by how much the object's surface at `points` has moved since it touched, its
-                own deformation left out, at the pose before [mm].
-            points: of the undeformed surface [mm].
+            last: the previous pose.
+            moved: displacement of the object's surface at `points` between first touch and the
+                previous pose, without the object's own deformation [mm].
+            points: points of the undeformed surface [mm].
         """
         if self.linear:
             return self.displacement(points) - last.displacement(points)
@@ -117,19 +119,20 @@ class Pose(eqx.Module):
         return turned + self.displacement(centre) - centre_moved
 
     def _shift_in_frame(self) -> Float[Array, "2"]:
-        """By how much the object's middle has moved, in the frame that turns with it [mm]."""
+        """Displacement of the object's middle in the frame that turns with the object [mm]."""
         moved = self.displacement(jnp.zeros(2, self.twist.dtype))
         return turn(moved, -self.twist)
 
 
 class Resultants(eqx.Module):
-    """Force and moment in place of motion, or those of each step of a path.
+    """Force and moment that replace parts of the motion; with a step axis, for each step of a path.
 
     Attributes:
-        normal_force: pressing the bodies together, in place of the approach; under 0 N they just
-            do not touch [N].
-        shear_force: on the elastomer along x and y, in place of the shift [N].
-        moment: on the elastomer about z through the pose's centre, in place of the twist [N·mm].
+        normal_force: force that presses the bodies together, in place of the approach; at 0 N the
+            bodies almost touch [N].
+        shear_force: force on the elastomer along x and y, in place of the shift [N].
+        moment: moment on the elastomer about z through the pose's centre, in place of the twist
+            [N·mm].
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Resultants, Rigid, Sphere
@@ -151,46 +154,47 @@ class Resultants(eqx.Module):
         shear_force: Numbers | None = None,
         moment: Numbers | None = None,
     ) -> None:
-        """Keep what is given.
+        """Store the resultants.
 
         Raises:
-            ValueError: nothing is, a number that is not finite, or a normal force below 0.
+            ValueError: no resultant is given, a number is not finite, or the normal force is
+                negative.
         """
         if normal_force is None and shear_force is None and moment is None:
             raise ValueError("give at least one of normal_force, shear_force and moment")
         self.normal_force = None
         if normal_force is not None:
             pressing = number(normal_force)
-            message = "the normal force presses, so it must not be below 0 N"
+            message = "the normal force presses the bodies together, so it must not be below 0 N"
             self.normal_force = refuse(pressing, known(pressing) < 0.0, message)
         self.shear_force = None if shear_force is None else number(shear_force)
         self.moment = None if moment is None else number(moment)
 
     @property
     def given(self) -> tuple[bool, bool, bool, bool]:
-        """Which are given in place of approach, shift along x and y, and twist."""
+        """Whether approach, shift along x, shift along y and twist are replaced."""
         normal, shear, turn = (
             value is not None for value in (self.normal_force, self.shear_force, self.moment)
         )
         return normal, shear, shear, turn
 
     def in_place_of(self, pose: Pose) -> Float[Array, "*path 4"]:
-        """What is given for each pose, 0 elsewhere [N, N, N, N·mm].
+        """Resultants for each pose; 0 where the motion is given [N, N, N, N·mm].
 
         Raises:
-            ValueError: shapes that do not fit those of the pose.
+            ValueError: the shapes do not match those of the pose.
         """
         shape, dtype = pose.approach.shape, pose.approach.dtype
 
         def spread(name: str, shape: tuple[int, ...]) -> Array:
-            given = getattr(self, name)
-            value = jnp.zeros(()) if given is None else given
+            resultant = getattr(self, name)
+            value = jnp.zeros(()) if resultant is None else resultant
             try:
                 return jnp.broadcast_to(value, shape).astype(dtype)
             except ValueError as error:
                 raise ValueError(
                     f"{name} of the {'path' if pose.approach.ndim else 'pose'} must have the shape "
-                    f"{shape}, or be the same in every step; got {value.shape}"
+                    f"{shape}, or be the same in every step; got the shape {value.shape}"
                 ) from error
 
         shear = spread("shear_force", (*shape, 2))
@@ -203,14 +207,14 @@ class Resultants(eqx.Module):
 
 
 def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:
-    """A path that runs straight from pose to pose, without the first.
+    """A path along straight legs between poses; it leaves out the first pose.
 
     Args:
-        poses: where the legs begin and end.
-        steps: poses of each leg.
+        poses: start of the first leg, then the end of each leg.
+        steps: number of steps of each leg.
 
     Raises:
-        ValueError: fewer than two poses, or steps that are not one whole number from 1 per leg.
+        ValueError: there are fewer than two poses, or not one whole number from 1 for each leg.
 
     Examples:
         >>> from contactmodel import Pose, make_path
@@ -220,12 +224,14 @@ def make_path(poses: Sequence[Pose], steps: Sequence[int]) -> Pose:
     """
     if len(poses) < 2 or len(steps) != len(poses) - 1:
         raise ValueError(
-            "a path runs between two poses or more, with a number of steps for each leg between "
-            f"them; got {len(poses)} poses and {len(steps)} numbers of steps"
+            "a path needs at least two poses, and a number of steps for each leg between them; "
+            f"got {len(poses)} poses and {len(steps)} numbers of steps"
         )
     for count in steps:
         if not isinstance(count, int | np.integer) or count < 1:
-            raise ValueError(f"the steps of a leg must be a whole number from 1, got {count!r}")
+            raise ValueError(
+                f"the number of steps of a leg must be a whole number from 1, got {count!r}"
+            )
     legs = []
     for start, end, count in zip(poses[:-1], poses[1:], steps, strict=True):
         share = jnp.arange(1, count + 1) / count
@@ -240,7 +246,7 @@ def _turn(
     s, versine = twist, jnp.zeros_like(twist)
     if not linear:
         s, versine = jnp.sin(twist), 2.0 * jnp.sin(0.5 * twist) ** 2
-    turn = jnp.array([[-versine, -s], [s, -versine]])  # a product finds it once for all points
+    turn = jnp.array([[-versine, -s], [s, -versine]])  # a matrix is computed once for all points
     return jnp.einsum("ij,j...->i...", turn, arm, precision="highest")
 
 

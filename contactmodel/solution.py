@@ -1,4 +1,4 @@
-"""What users hold after solving: tractions, displacements, slip, and how the solver fared."""
+"""The solution of a contact: tractions, displacements, slip and the solver's result."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,26 +23,27 @@ from contactmodel.solver.results import RESULTS
 
 
 class ContactSolution(eqx.Module):
-    """A contact of an elastomer S with an object B, or a path of such contacts.
+    """A solved contact of an elastomer S with an object B, or a path of such contacts.
 
-    Vectors have their component first: `traction[0]` is τ_x. Along a path, every array has the
-    steps as its first axis; properties and methods work on it.
+    The component is the first axis of a vector: `traction[0]` is τ_x. For a path, the steps are the
+    first axis of every array; properties and methods apply to all steps.
 
     Attributes:
         problem: the contact that was solved: bodies, shape, grid and friction.
-        pose: of the object.
+        pose: motion of the object.
         pressure: p on both bodies [MPa].
         traction: τ on the elastomer; the object carries −τ [MPa].
-        gap: between the deformed surfaces [mm].
+        gap: distance between the deformed surfaces [mm].
         sliding: cells in contact that slide in the last step; none while the object rests.
-        slip: s of Eq. 1, of points that lay on each other when the path began; beyond the contact
-            as well [mm].
-        slip_increment: what B's surface moved in the last step past the points of S where it then
-            was; the sum over the steps is s where a point sticks, and for small twists [mm].
-        dissipated_energy: since the path began [N·mm].
+        slip: s of Eq. 1, the relative displacement of points that faced each other at the start of
+            the path, inside and outside the contact [mm].
+        slip_increment: motion of B's surface in the last step relative to the points of S that it
+            faced. For sticking points and for small twists, the increments of all steps sum to s
+            [mm].
+        dissipated_energy: energy dissipated since the start of the path [N·mm].
         result: how the solve ended.
-        normal: iterations of the pressure.
-        friction: iterations of the traction, and those of both at once.
+        normal: iterations of the pressure solver.
+        friction: iterations of the traction solver and of the joint solver.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
@@ -69,17 +70,17 @@ class ContactSolution(eqx.Module):
     friction: Iterations
 
     def at_step(self, index: int) -> "ContactSolution":
-        """One contact of a path."""
+        """The contact at one step of a path."""
         return self.map_steps(lambda leaf: leaf[index])
 
     def map_steps(self, function: Callable[[Array], Array]) -> "ContactSolution":
-        """A function of every array but the problem's, which is that of all steps."""
+        """Apply a function to every array except those of `problem`, which all steps share."""
         bare = jax.tree.map(function, eqx.tree_at(_problem, self, None))
         return eqx.tree_at(_problem, bare, self.problem, is_leaf=lambda leaf: leaf is None)
 
     @property
     def grid(self) -> Grid:
-        """Where the fields are given."""
+        """Cells on which the fields are given."""
         return self.problem.grid
 
     @property
@@ -94,7 +95,7 @@ class ContactSolution(eqx.Module):
 
     @property
     def stick_ratio(self) -> Float[Array, "*path"]:
-        """Share of the contact that sticks; 0 without contact [-]."""
+        """Fraction of the contact area that sticks; 0 without contact [-]."""
         area = jnp.sum(self.contact, axis=(-2, -1))
         return jnp.sum(self.stick, axis=(-2, -1)) / jnp.maximum(area, 1)
 
@@ -123,7 +124,7 @@ class ContactSolution(eqx.Module):
         """Displacement of the elastomer at the centres of the cells [mm].
 
         Args:
-            depth: below its surface, on which there is none [mm].
+            depth: depth below its surface; None at the surface [mm].
         """
         u, v, w = self._on_grid(*self._of_elastomer(depth))
         if self.pose.corotated:
@@ -132,18 +133,22 @@ class ContactSolution(eqx.Module):
         return jnp.stack([u, v, -w], axis=-3)
 
     def object_displacement(self, depth: ArrayLike | None = None) -> Float[Array, "*path 3 nx ny"]:
-        """The same of the object, by its deformation alone, without the pose [mm]."""
+        """Displacement of the object at the centres of the cells by its deformation alone [mm].
+
+        Args:
+            depth: depth below its surface; None at the surface [mm].
+        """
         components = self._on_grid(*self._of_object(depth))
         return jnp.stack(components, axis=-3)
 
     def elastomer_displacement_at(
         self, points: Real[AnyArray, "n 2"], depth: ArrayLike | None = None
     ) -> Float[Array, "*path n 3"]:
-        """Displacement of points of the undeformed elastomer, markers for example [mm].
+        """Displacement of points of the elastomer, for example of markers [mm].
 
         Args:
-            points: anywhere, on the grid or beyond [mm].
-            depth: of the points below the surface [mm].
+            points: undeformed positions, inside or outside the grid [mm].
+            depth: depth of the points below the surface; None at the surface [mm].
         """
         points = jnp.asarray(points, self.pressure.dtype)
         u, v, w = self._at(*self._of_elastomer(depth), points)
@@ -155,44 +160,49 @@ class ContactSolution(eqx.Module):
     def object_displacement_at(
         self, points: Real[AnyArray, "n 2"], depth: ArrayLike | None = None
     ) -> Float[Array, "*path n 3"]:
-        """The same of the object, by its deformation alone [mm]."""
+        """Displacement of points of the object by its deformation alone, without the pose [mm].
+
+        Args:
+            points: undeformed positions, inside or outside the grid [mm].
+            depth: depth of the points below the surface; None at the surface [mm].
+        """
         points = jnp.asarray(points, self.pressure.dtype)
         components = self._at(*self._of_object(depth), points)
         return jnp.stack(components, axis=-1)
 
     @eqx.filter_jit
     def elastomer_rotation(self) -> Float[Array, "*path nx ny"]:
-        """φ = ½ rot u_S at the centres of the cells, exact for their tractions [rad]."""
+        """Rotation φ = ½ rot u_S at the centres of the cells, exact for their tractions [rad]."""
         return self._rotation(self.problem.elastomer, self.traction)
 
     @eqx.filter_jit
     def object_rotation(self) -> Float[Array, "*path nx ny"]:
-        """½ rot u_B by the object's deformation alone [rad]."""
+        """Rotation ½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.problem.object_, -self.traction)
 
     def _in_space(
         self, points: Array, moved: Sequence[Array], opposite: Sequence[Array]
     ) -> Float[Array, "2 ..."]:
-        """Displacement in space, from that of points and of those opposite in the frame [mm]."""
+        """Displacement in space, from those of points and opposite points in the frame [mm]."""
         steps, axes = self.pose.twist.ndim, points.ndim - 1
         twist = self.pose.twist[(..., *[None] * axes)]
         points = points[(slice(None), *[None] * steps)]
         return to_space(points, jnp.stack(moved), jnp.stack(opposite), twist)
 
     def _placed(self, points: Float[Array, "2 nx ny"]) -> Float[Array, "*path 2 nx ny"]:
-        """Where the contact's points lie in the frame that turns with the object [mm]."""
+        """Present positions of the contact's points in the frame of the object [mm]."""
         moved = jnp.stack(self._on_grid(*self._of_elastomer(None))[:2])
         odd = 0.5 * (moved - jnp.flip(moved, (-2, -1)))
         steps = self.pose.twist.ndim
         return jnp.moveaxis(on_circles(points[(slice(None), *[None] * steps)], odd), 0, -3)
 
     def _of_elastomer(self, depth: ArrayLike | None) -> tuple[AbstractBody, Array, Array | None]:
-        """The elastomer, the traction on it, and a depth below its surface, checked."""
+        """The elastomer, the traction on it, and the checked depth below its surface."""
         below = check_depth(depth)
         return self.problem.elastomer.checked(self.grid.spacing, below), self.traction, below
 
     def _of_object(self, depth: ArrayLike | None) -> tuple[AbstractBody, Array, Array | None]:
-        """The same of the object."""
+        """The object, the traction on it, and the checked depth below its surface."""
         below = check_depth(depth)
         return self.problem.object_.checked(self.grid.spacing, below), -self.traction, below
 
@@ -227,16 +237,16 @@ class ContactSolution(eqx.Module):
 
 
 def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
-    """Contacts of one problem one after the other, as a path."""
+    """Join the contacts of one problem to a path."""
     bare = [eqx.tree_at(_problem, step, None) for step in steps]
     path = jax.tree.map(_stack, *bare)
     return eqx.tree_at(_problem, path, steps[0].problem, is_leaf=lambda leaf: leaf is None)
 
 
 def _stack(*leaves: Array) -> Array:
-    """In NumPy where the values are known: JAX compiles a program for each number of steps."""
-    known = not any(map(is_traced, leaves))
-    return jnp.asarray(np.stack(leaves)) if known else jnp.stack(leaves)
+    """Stack arrays, by NumPy outside `jit`: JAX compiles a program for each number of steps."""
+    traced = any(map(is_traced, leaves))
+    return jnp.stack(leaves) if traced else jnp.asarray(np.stack(leaves))
 
 
 def _problem(solution: Any) -> Any:
@@ -244,7 +254,7 @@ def _problem(solution: Any) -> Any:
 
 
 def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> list[Array]:
-    """u_x, u_y and w (into the body) by a pressure and the traction that the body carries."""
+    """u_x, u_y and w (into the body) under a pressure and the traction on the body."""
     tau_x, tau_y = jnp.moveaxis(traction, -3, 0)
     return [
         apply(c.xx, tau_x) + apply(c.xy, tau_y) + apply(c.xz, pressure),

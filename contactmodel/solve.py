@@ -1,4 +1,4 @@
-"""Solve a contact for one pose or along a path, for its motion or for force and moment."""
+"""Solve a contact for one pose or along a path, given the motion or force and moment."""
 
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from contactmodel.solver.step import (
     start,
 )
 
-_SINGLE_PRECISION_FLOOR = 1e-5  # of the residuals; rounding leaves them at 1e-6 to 5e-6
+_SINGLE_PRECISION_FLOOR = 1e-5  # smallest rtol; rounding keeps residuals at 1e-6 to 5e-6
 
 
 def solve_contact(
@@ -50,31 +50,32 @@ def solve_contact(
     Pressure and friction are solved together. They are independent if both bodies have the same
     (1−2ν)/G, for example a rigid object on an incompressible half-space.
 
-    Gradients are exact for the cells that touch, stick and slide at the solution. They leave out
-    that these sets change: a second derivative lacks that part, and so does a first derivative
-    where only the edge of the contact moves (that of the moment by the approach, in full stick).
+    Gradients are exact for fixed sets of touching, sticking and sliding cells. They omit the change
+    of these sets. Second derivatives therefore lack a part, and so do first derivatives that
+    depend only on the motion of the contact's edge (the moment's by the approach, in full stick).
 
     Args:
         contact: bodies, shape, grid and friction.
-        pose: motion of the object since first touch. If resultants are given, the motion they
-            replace is only a first guess, and any approach will do; with `previous`, the guess is
-            that solution's motion.
-        resultants: force and moment that the contact carries, in place of some of the motion. The
-            solution's pose is the motion that carries them.
-        previous: solution of the step before, since friction depends on history. Without it, the
-            object is pressed and moved in a single step from rest. Pressing first and moving
-            second takes two calls, and gives another result if pressing causes slip.
-        sliding: let the object's shape move by what slipped up to the step before.
+        pose: motion of the object since first touch. The parts that resultants replace are first
+            guesses, and any approach will do. With `previous`, the guess is that solution's motion.
+        resultants: force and moment that replace parts of the motion. The solution's pose then
+            holds the motion that produces them.
+        previous: solution of the previous step, because friction depends on history. Without it,
+            the object is pressed and moved in a single step from rest. To press first and move
+            second, call twice; the result differs if pressing causes slip.
+        sliding: whether the object's shape moves by the slip up to the previous step.
         rtol: tolerance of the residuals of pressure and traction (see `normal`, `friction`) [-].
-            The resultants have ten times that tolerance, relative to what friction can carry.
+            The resultants have ten times this tolerance, relative to the largest force and moment
+            that friction can carry.
         max_steps: largest number of iterations of each solver.
-        throw: raise an error on failure; if False, only `result` reports it.
+        throw: whether a failure raises an error; if False, only `result` reports it.
 
     Raises:
-        ValueError: shapes that do not fit, force or moment without friction or with a corotated
-            pose, or a tolerance below what the precision can reach.
-        RuntimeError: a failure. Where friction cannot carry the resultants, the message, and the
-            force and moment of the solution with `throw=False`, give the limit.
+        ValueError: shapes do not match, the pose is corotated while resultants are given, shear
+            force or moment is given without friction, or the tolerance is below the floating-point
+            precision.
+        RuntimeError: the solve failed. If friction cannot carry the resultants, the message states
+            the largest force and moment; with `throw=False`, the solution holds them.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
@@ -105,26 +106,27 @@ def solve_path(
     max_steps: int = 200,
     throw: bool = True,
 ) -> ContactSolution:
-    """Solve a contact along a path, each step starting from the one before.
+    """Solve a contact along a path; each step starts from the previous one.
 
     Args:
         contact: bodies, shape, grid and friction.
         path: poses, with the steps along the first axis (`make_path`). If resultants are given,
             the first pose is a first guess.
-        resultants: of each step, or one for all steps; otherwise as for `solve_contact`.
+        resultants: force and moment for each step, or one value for all steps; otherwise as for
+            `solve_contact`.
         previous: solution before the path. Without it, the path starts from rest.
-        sliding: let the object's shape move with what slides, one step later.
+        sliding: whether the object's shape moves with the slip, one step later.
         rtol: as for `solve_contact`.
         max_steps: as for `solve_contact`.
         throw: as for `solve_contact`.
 
     Returns:
-        The solutions of all steps. Arrays have the steps as their first axis, except those of
+        The solutions of all steps. The steps are the first axis of every array, except those of
         `problem`.
 
     Raises:
-        ValueError: as for `solve_contact`, or numbers of steps that differ.
-        RuntimeError: a failure in any step.
+        ValueError: as for `solve_contact`, or the numbers of steps differ.
+        RuntimeError: a step failed.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere
@@ -148,7 +150,7 @@ def solve_path(
         solution = _gather(contact, jax.lax.scan(advance, begin, steps)[1])
         return raise_failure(solution) if throw else solution
     contacts: list[ContactSolution] = []
-    for index in range(len(path.approach)):  # one program then serves all lengths
+    for index in range(len(path.approach)):  # a loop, so that one program serves all lengths
         begin, done = advance(begin, jax.tree.map(lambda leaf, i=index: _take(leaf, i), steps))
         contacts.append(_gather(contact, done))
         if throw:
@@ -157,7 +159,7 @@ def solve_path(
 
 
 class _Task(NamedTuple):
-    """What all steps have in common; the height is None where it changes as the object slides."""
+    """Data common to all steps; the height is None if it changes as the object slides."""
 
     contact: Contact
     problem: tuple[Any, Any]
@@ -183,7 +185,7 @@ def _prepare(
 
 
 def _advance(task: _Task, last: Memory, pose: Pose, target: Target | None) -> Step:
-    """One step; apart from the shape, so that one program solves all shapes."""
+    """Solve one step; heights are computed outside, so that one program solves all shapes."""
     height = task.height
     if height is None:
         dtype = pose.approach.dtype
@@ -215,22 +217,23 @@ def _find_target(resultants: Resultants | None, pose: Pose) -> Target | None:
 
 
 def _take(leaf: Array, index: int) -> Array:
-    """An entry; by NumPy, as JAX compiles a program for it."""
+    """An entry of an array, taken by NumPy, because JAX would compile a program for it."""
     return jnp.asarray(np.asarray(leaf)[index])
 
 
 def _gather(contact: Contact, step: Step) -> ContactSolution:
-    """The solution of a step, or of many."""
+    """The solution of one step or of all steps."""
     return ContactSolution(problem=contact, **step._asdict())
 
 
 def _recall(previous: ContactSolution | None, contact: Contact, pose: Pose) -> Memory:
-    """What the first step needs of the contact before the path; rest without one."""
+    """State before the first step: that of the previous contact, else rest."""
     if previous is None:
         return rest(pose, contact.grid)
     if previous.grid != contact.grid:
         raise ValueError(
-            f"the previous contact has the {previous.grid}, this contact the {contact.grid}"
+            f"the previous contact has the {previous.grid}, this contact the {contact.grid}: use "
+            "the same grid for both"
         )
     if previous.pressure.ndim != 2:
         raise ValueError("previous is a path; take its last step: at_step(-1)")
@@ -241,7 +244,7 @@ def _recall(previous: ContactSolution | None, contact: Contact, pose: Pose) -> M
 
 
 def raise_failure(solution: ContactSolution, where: str = "") -> ContactSolution:
-    """Raise what `result` says, now or, inside `jit`, when the program runs."""
+    """Raise the failure that `result` reports, now or, inside `jit`, when the program runs."""
     result = solution.result
     failed = (result != RESULTS.successful) & (result != RESULTS.no_contact)
     if not is_traced(failed) and not np.any(failed):
@@ -264,7 +267,7 @@ def raise_failure(solution: ContactSolution, where: str = "") -> ContactSolution
 def _check(
     contact: Contact, pose: Pose, resultants: Resultants | None, rtol: float, *, path: bool
 ) -> None:
-    """Shapes and precision, known before anything runs."""
+    """Check shapes and precision before a program runs."""
     if not 0.0 < rtol < 1.0:
         raise ValueError(f"rtol is relative: it must lie between 0 and 1, got {rtol}")
     if pose.approach.ndim != int(path) or not pose.approach.size:
@@ -277,8 +280,11 @@ def _check(
         )
     if resultants is not None and pose.corotated:
         raise ValueError(
-            "forces and moments cannot be corotated: give a motion only, or leave out corotated"
+            "resultants cannot be combined with a corotated pose: leave out resultants or corotated"
         )
     sheared = resultants is not None and any(resultants.given[1:])
     if sheared and is_smooth(contact.friction_coefficient):
-        raise ValueError("without friction a contact carries no shear force and no moment")
+        raise ValueError(
+            "without friction a contact carries no shear force and no moment: use a friction "
+            "coefficient above 0, or leave out shear_force and moment"
+        )

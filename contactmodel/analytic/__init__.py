@@ -1,4 +1,4 @@
-"""Closed forms of axisymmetric contact, and what a twist to and fro leaves."""
+"""Closed forms of axisymmetric contact under pressure, torsion (also reversed) and shift."""
 
 from contactmodel.common.lazy import public_names
 

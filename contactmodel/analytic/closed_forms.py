@@ -7,10 +7,10 @@
 
 Symbols: a contact radius, c radius of the stick region, κ = c/a, p0 peak pressure, P normal force,
 μ friction coefficient, θ twist of one body against the other, G* = 1/(1/G_S + 1/G_B) the shear
-modulus of the pair, E* its contact modulus. Displacements under twist are those of one surface
-against the other; the elastomer's share of them is 1/(1+k). Arguments are numbers or arrays that
-broadcast against each other. Where one is a JAX array the result is one, and differentiable; else
-everything is computed in NumPy, which compiles nothing.
+modulus of the pair, E* its contact modulus. Displacements under twist are relative between the two
+surfaces; the elastomer's share is 1/(1+k). Arguments are numbers or arrays that broadcast against
+each other. If one is a JAX array, the result is a differentiable JAX array. Otherwise NumPy
+computes everything, without compilation.
 """
 
 from collections.abc import Callable
@@ -54,7 +54,7 @@ def pair_shear_modulus(elastomer: Value, stiffness_ratio: Value) -> AnyArray:
 def hertz_from_approach(
     approach: Value, radius_of_curvature: Value, contact_modulus: Value
 ) -> Hertz:
-    """Hertz contact of a given approach, no force below 0 ([Johnson1985] Eqs. 4.22 to 4.24).
+    """Hertz contact at an approach; no contact below 0 ([Johnson1985] Eqs. 4.22 to 4.24).
 
     Args:
         approach: δ [mm].
@@ -62,7 +62,7 @@ def hertz_from_approach(
         contact_modulus: E*, 1/E* = (1−ν_S)/2G_S + (1−ν_B)/2G_B [MPa].
 
     Raises:
-        ValueError: a radius or modulus that is not above 0.
+        ValueError: a radius or modulus is not above 0.
     """
     _, delta, curvature, modulus = as_arrays(approach, radius_of_curvature, contact_modulus)
     curvature, modulus = _positive(curvature), _positive(modulus)
@@ -76,19 +76,21 @@ def hertz_from_approach(
 
 
 def hertz_pressure(r: Value, radius: Value, peak_pressure: Value) -> AnyArray:
-    """p0 √(1 − r²/a²), 0 outside [MPa]."""
+    """Pressure p0 √(1 − r²/a²) of a Hertz contact, 0 outside [MPa]."""
     _, r, a, peak = as_arrays(r, radius, peak_pressure)
     return peak * _root(1.0 - _share(r, a) ** 2)
 
 
 def hertz_indentation(r: Value, radius: Value, peak_pressure: Value, modulus: Value) -> AnyArray:
-    """Displacement of a surface into its body ([Johnson1985] Eqs. 3.42a and b) [mm].
+    """Displacement of a surface into its body under Hertz pressure ([Johnson1985] Eq. 3.42) [mm].
+
+    Eqs. (3.42a) inside and (3.42b) outside the contact.
 
     Args:
         r: distance from the axis [mm].
         radius: a [mm].
         peak_pressure: p0 [MPa].
-        modulus: 2G/(1−ν) of the body, or E* for the sum of both [MPa].
+        modulus: 2G/(1−ν) of the body, or E* for the sum over both bodies [MPa].
     """
     xp, r, a, peak, modulus = as_arrays(r, radius, peak_pressure, modulus)
     x = _share(r, a)
@@ -106,10 +108,16 @@ def hertz_radial_displacement(
     shear_modulus: Value,
     poisson_ratio: Value,
 ) -> AnyArray:
-    """Displacement of a body's surface away from the axis ([Johnson1985] Eqs. 3.41b, 3.42c) [mm].
+    """Radial displacement of a surface under Hertz pressure ([Johnson1985] Eqs. 3.41b, 3.42c) [mm].
 
-    It is towards the axis (below 0) and vanishes for ν = ½. Arguments as above, with the body's
-    own shear modulus [MPa] and Poisson's ratio.
+    It points towards the axis (below 0) and vanishes for ν = ½.
+
+    Args:
+        r: distance from the axis [mm].
+        radius: a [mm].
+        peak_pressure: p0 [MPa].
+        shear_modulus: G of the body [MPa].
+        poisson_ratio: ν of the body [-].
     """
     xp, r, a, peak, modulus, nu = as_arrays(r, radius, peak_pressure, shear_modulus, poisson_ratio)
     x = _share(r, a)
@@ -128,15 +136,18 @@ def reissner_sagoci_moment(twist: Value, radius: Value, shear_modulus: Value) ->
 def reissner_sagoci_traction(
     r: Value, twist: Value, radius: Value, shear_modulus: Value
 ) -> AnyArray:
-    """Circumferential traction of such a disc, (4G*θ/π) r/√(a² − r²), for r < a [MPa]."""
+    """Circumferential traction of a disc that sticks everywhere ([Reissner1944]) [MPa].
+
+    (4G*θ/π) r/√(a² − r²), for r < a.
+    """
     xp, r, twist, a, modulus = as_arrays(r, twist, radius, shear_modulus)
     return 4.0 / np.pi * modulus * twist * r / xp.sqrt(a**2 - r**2)
 
 
 def punch_displacement(r: Value, radius: Value) -> AnyArray:
-    """Circumferential displacement of the surface around a disc turned by 1 ([Reissner1944]) [mm].
+    """Circumferential displacement around a disc turned by 1 rad ([Reissner1944]) [mm].
 
-    r inside the disc, (2/π)[r asin(s/r) − s √(1 − s²/r²)] outside, s its radius.
+    r inside the disc of radius s, (2/π)[r asin(s/r) − s √(1 − s²/r²)] outside.
     """
     xp, r, s = as_arrays(r, radius)
     ratio = xp.minimum(s / xp.maximum(r, s), 1.0)
@@ -160,12 +171,12 @@ def hertz_density(radius: Value, friction_ratio: Value) -> Density:
 
 
 def jaeger_density(friction: Density, radius: Value, shear_modulus: Value) -> Density:
-    """Density of punches that an axisymmetric friction limit lets slip ([Jaeger1995]).
+    """Density of punches under an axisymmetric friction limit ([Jaeger1995]).
 
     f(s) = −(1/2G*) d/ds ∫_s^a μp(r)/√(r² − s²) dr, for a limit that falls to 0 at the edge.
 
     Args:
-        friction: the limit μp(r), of an array of radii [MPa].
+        friction: the limit μp(r) as a function of an array of radii [MPa].
         radius: a [mm].
         shear_modulus: G* [MPa].
     """
@@ -185,7 +196,7 @@ def jaeger_density(friction: Density, radius: Value, shear_modulus: Value) -> De
 
 
 def torsion_twist(density: Density, stick_radius: Value, radius: Value) -> AnyArray:
-    """Twist that leaves a stick region of radius c, ∫_c^a f ds ([Jaeger1995]) [rad]."""
+    """Twist ∫_c^a f ds at which a disc of radius c still sticks ([Jaeger1995]) [rad]."""
     s, ds = space_by_ratio(stick_radius, radius)
     return (density(s) * ds).sum(axis=-1)
 
@@ -193,7 +204,7 @@ def torsion_twist(density: Density, stick_radius: Value, radius: Value) -> AnyAr
 def torsion_moment(
     density: Density, stick_radius: Value, radius: Value, shear_modulus: Value
 ) -> AnyArray:
-    """Moment at that stick radius, (16/3) G* ∫_c^a s³ f ds ([Jaeger1995]) [N·mm]."""
+    """Moment (16/3) G* ∫_c^a s³ f ds at the stick radius c ([Jaeger1995]) [N·mm]."""
     xp, c, a, modulus = as_arrays(stick_radius, radius, shear_modulus)
     s, ds = space_by_ratio(xp.maximum(c, _NO_MOMENT * a), a)
     return 16.0 / 3.0 * modulus * (s**3 * density(s) * ds).sum(axis=-1)
@@ -206,9 +217,9 @@ def torsion_traction(
     radius: Value,
     shear_modulus: Value,
 ) -> AnyArray:
-    """Circumferential traction: the sum of punches larger than r ([Jaeger1995]) [MPa].
+    """Circumferential traction: the sum over the punches larger than r ([Jaeger1995]) [MPa].
 
-    In the slip region it is the friction limit.
+    In the slip region it equals the friction limit.
     """
     xp, rho, c, a, modulus = as_arrays(r, stick_radius, radius, shear_modulus)
     rho, c, a = rho[..., None], c[..., None], a[..., None]
@@ -222,16 +233,16 @@ def torsion_traction(
 def torsion_displacement(
     r: Value, density: Density, stick_radius: Value, radius: Value
 ) -> AnyArray:
-    """u_θ of one surface against the other, inside and outside the contact ([Jaeger1995]) [mm].
+    """Relative u_θ of the two surfaces, inside and outside the contact ([Jaeger1995]) [mm].
 
     Inside the stick region it is r θ.
     """
     xp, rho, c, a = as_arrays(r, stick_radius, radius)
-    # punches that hold r; with c = 0 they are all at r = 0, which stays where it is
+    # punches larger than r; with c = 0 they are all at r = 0, which does not move
     held = torsion_twist(density, xp.where(c > 0.0, c, a), a)
     slipped = torsion_twist(density, xp.where((rho > 0.0) & (rho <= a), rho, a), a)
     inner = rho * xp.where(rho <= c, held, slipped)
-    # punches that do not, s = r sin α; where there are none, any length will do
+    # punches smaller than r, s = r sin α; without any, the length is arbitrary
     rho, c, a = rho[..., None], c[..., None], a[..., None]
     # not minimum: it halves the slope at a
     edge = xp.where(rho <= c, c, xp.where(rho <= a, rho, a))
@@ -246,14 +257,14 @@ def torsion_displacement(
 
 
 def lubkin_twist(stick_ratio: Value, friction_ratio: Value) -> AnyArray:
-    """θ = (μp0/2G*)[K − E] of a Hertz contact, parameter 1 − κ² ([Lubkin1951]) [rad].
+    """Twist θ = (μp0/2G*)[K − E] of a Hertz contact, parameter 1 − κ² ([Lubkin1951]) [rad].
 
     Args:
         stick_ratio: κ = c/a, 0 < κ ≤ 1 [-].
         friction_ratio: μp0/2G* [-].
 
     Raises:
-        ValueError: κ outside (0, 1].
+        ValueError: κ is outside (0, 1].
     """
     _, kappa, ratio = as_arrays(stick_ratio, friction_ratio)
     kappa = refuse(kappa, ~((kappa > 0) & (kappa <= 1)), "κ = c/a must lie in (0, 1]")
@@ -262,23 +273,23 @@ def lubkin_twist(stick_ratio: Value, friction_ratio: Value) -> AnyArray:
 
 
 def lubkin_stick_ratio(twist: Value, friction_ratio: Value) -> AnyArray:
-    """κ = c/a at a twist of either sign, the inverse of `lubkin_twist` [-].
+    """Stick ratio κ = c/a at a twist of either sign, the inverse of `lubkin_twist` [-].
 
-    It falls like 4 exp(−1 − θ/(μp0/2G*)) and never reaches 0: beyond θ/(μp0/2G*) = 700 it stays
-    at what a double can hold.
+    It falls like 4 exp(−1 − θ/(μp0/2G*)) and never reaches 0. It is constant beyond
+    θ/(μp0/2G*) = 700, the limit of double precision.
 
     Args:
         twist: θ [rad].
         friction_ratio: μp0/2G* [-].
 
     Raises:
-        ValueError: a friction ratio that is not above 0.
+        ValueError: the friction ratio is not above 0.
     """
     xp, twist, ratio = as_arrays(twist, friction_ratio)
     ratio = refuse(ratio, ~(ratio > 0), "the friction ratio μp0/2G* must be above 0")
     target = xp.minimum(xp.abs(twist) / ratio, 700.0)
-    # K − E is concave in ln κ with slope −E, below its tangent at κ = 1 and its asymptote: from
-    # the nearer of both Newton's steps never pass the root, and five reach rounding
+    # K − E is concave in ln κ with slope −E, and lies below its tangent at κ = 1 and its
+    # asymptote. From the nearer of these, Newton's steps never pass the root; five reach rounding.
     log_kappa = xp.minimum(-2.0 / np.pi * target, np.log(4.0) - 1.0 - target)
     for _ in range(5):
         first, second = complete_elliptic(xp.exp(log_kappa))
@@ -289,7 +300,7 @@ def lubkin_stick_ratio(twist: Value, friction_ratio: Value) -> AnyArray:
 def lubkin_moment(
     stick_ratio: Value, friction_coefficient: Value, force: Value, radius: Value
 ) -> AnyArray:
-    """M = (4/π) μPa ∫_κ^1 s² E(1−s²) ds, parameter 1 − s² ([Lubkin1951]) [N·mm]."""
+    """Moment (4/π) μPa ∫_κ^1 s² E(1−s²) ds, parameter 1 − s² ([Lubkin1951]) [N·mm]."""
     xp, kappa, mu, force, a = as_arrays(stick_ratio, friction_coefficient, force, radius)
     s, ds = space_by_ratio(xp.maximum(kappa, _NO_MOMENT), 1.0)
     integral = (s**2 * complete_elliptic(s)[1] * ds).sum(axis=-1)
@@ -305,7 +316,7 @@ def flat_disc_twist(
 ) -> AnyArray:
     """Twist of a flat disc beyond first slip, μP K/(4πG*a²), parameter 1 − κ² ([Jaeger1995]) [rad].
 
-    At κ = 1 it is μP/8G*a², up to which everything sticks.
+    At κ = 1 it is μP/8G*a². Below that twist, everything sticks.
     """
     _, kappa, mu, force, a, modulus = as_arrays(
         stick_ratio, friction_coefficient, force, radius, shear_modulus
@@ -316,10 +327,10 @@ def flat_disc_twist(
 def flat_disc_moment(
     stick_ratio: Value, friction_coefficient: Value, force: Value, radius: Value
 ) -> AnyArray:
-    """Moment at that twist, (4/3π) μPa [κ³K + 3∫_κ^1 s² K(1−s²) ds] ([Jaeger1995]) [N·mm].
+    """Moment at `flat_disc_twist`, (4/3π) μPa [κ³K + 3∫_κ^1 s² K(1−s²) ds] ([Jaeger1995]) [N·mm].
 
-    (16/3) G* ∫ s³ f ds by parts, so that the jump of f at the edge is in it: ⅔ μPa when slip
-    starts, (π/4) μPa when everything slips.
+    This is (16/3) G* ∫ s³ f ds integrated by parts, which includes the jump of f at the edge. It is
+    ⅔ μPa when slip starts and (π/4) μPa when everything slips.
     """
     xp, kappa, mu, force, a = as_arrays(stick_ratio, friction_coefficient, force, radius)
     kappa = xp.maximum(kappa, _NO_MOMENT)
@@ -338,7 +349,7 @@ def mindlin_shift(
 ) -> tuple[AnyArray, AnyArray]:
     """Shift of a Hertz contact under a tangential force, and its stick ratio ([Johnson1985] 7.2).
 
-    Exact for ν = 0; for other ν the traction is not quite along the force.
+    It is exact for ν = 0. For other ν the traction is not exactly parallel to the force.
 
     Args:
         shear_force: Q of either sign, |Q| ≤ μP [N].
@@ -351,7 +362,7 @@ def mindlin_shift(
         Shift of one body against the other [mm] and κ = c/a [-].
 
     Raises:
-        ValueError: a tangential force that friction cannot carry, or a radius not above 0.
+        ValueError: friction cannot carry the tangential force, or the radius is not above 0.
     """
     xp, shear, mu, force, a, compliance = as_arrays(
         shear_force, friction_coefficient, force, radius, tangential_compliance
@@ -370,20 +381,20 @@ def _positive(values: AnyArray) -> AnyArray:
 
 
 def _share(r: Value, radius: Value) -> AnyArray:
-    """r/a; where a is 0 any length will do, as nothing is pressed there."""
+    """r/a; if a is 0, the length is arbitrary, because there is no pressure."""
     xp, r, a = as_arrays(r, radius)
     return r / xp.where(a > 0.0, a, 1.0)
 
 
 def _arcsin(ratio: AnyArray) -> AnyArray:
-    """Arcsine of a ratio from 0 to 1, with a finite derivative (0) at 1."""
+    """Arcsine of a ratio from 0 to 1; its derivative at 1 is set to 0."""
     xp = ratio.__array_namespace__()
     below = ratio < 1.0
     return xp.where(below, xp.arcsin(xp.where(below, ratio, 0.0)), 0.5 * np.pi)
 
 
 def _root(square: AnyArray) -> AnyArray:
-    """√ of what is above 0, else 0, with finite derivatives."""
+    """√ of a positive value, 0 otherwise, with finite derivatives."""
     xp = square.__array_namespace__()
     above = square > 0.0
     return xp.where(above, xp.sqrt(xp.where(above, square, 1.0)), 0.0)

@@ -11,7 +11,7 @@ _TINY = 1e-9  # κ below which K = ln(4/κ) and E = 1 to rounding
 
 
 def complete_elliptic(kappa: Value) -> tuple[AnyArray, AnyArray]:
-    """K and E of parameter m = 1 − κ², 0 < κ ≤ 1."""
+    """Complete elliptic integrals K and E of parameter m = 1 − κ², for 0 < κ ≤ 1."""
     xp, ratio = as_arrays(kappa)
     tiny = ratio < _TINY
     safe = xp.where(tiny, 1.0, ratio)
@@ -24,7 +24,7 @@ def complete_elliptic(kappa: Value) -> tuple[AnyArray, AnyArray]:
 
 
 def _by_mean(xp: Any, kappa: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """K and E by the arithmetic–geometric mean, which JAX differentiates."""
+    """K and E by the arithmetic–geometric mean, which JAX can differentiate."""
     mean, geometric = xp.ones_like(kappa), kappa
     total, power = 0.5 * (1.0 - geometric**2), 0.5
     for _ in range(8):  # converges quadratically: exact to rounding above _TINY

@@ -7,7 +7,7 @@ from contactmodel.common.arrays import AnyArray, Value, as_arrays
 
 
 def gauss(count: int) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:
-    """Points and weights on [0, 1]."""
+    """Gauss–Legendre points and weights on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return 0.5 * (points + 1.0), 0.5 * weights
 
@@ -16,7 +16,7 @@ POINTS, WEIGHTS = gauss(32)
 
 
 def space_by_ratio(low: Value, high: Value) -> tuple[Float[AnyArray, "*batch q"], AnyArray]:
-    """Points and weights of a quadrature, spaced by ratio as f falls like 1/s."""
+    """Points and weights from `low` to `high`, spaced by ratio because f falls like 1/s."""
     xp, start, end = as_arrays(low, high)
     start, end = start[..., None], end[..., None]
     ratio = xp.log(end / start)

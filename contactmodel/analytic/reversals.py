@@ -1,4 +1,4 @@
-"""Twist to and fro: which reversals a contact remembers, and what follows from them.
+"""Reversed twists: the reversals that a contact remembers, and their effect.
 
 [Masing1926] G. Masing, "Eigenspannungen und Verfestigung beim Messing".
 """
@@ -12,13 +12,13 @@ import numpy as np
 def masing(virgin: Callable[[Any], Any], turns: Sequence[Any], twist: Any) -> Any:
     """A quantity after reversals at constant pressure ([Masing1926]).
 
-    Each branch is the first-loading curve enlarged twice from the point where it turned, as long
-    as the twist stays within the last two turns.
+    Each branch is the first-loading curve, enlarged by two and started at the reversal. The twist
+    must stay between the last two reversals.
 
     Args:
         virgin: the quantity on first loading, odd in its argument (moment, u_θ at a radius, …).
         turns: twists at the reversals that are still open, oldest first [rad].
-        twist: twist now [rad].
+        twist: present twist [rad].
     """
     first, *rest = (*turns, twist)
     value = virgin(first)
@@ -28,10 +28,16 @@ def masing(virgin: Callable[[Any], Any], turns: Sequence[Any], twist: Any) -> An
 
 
 def open_turns(path: Sequence[float]) -> list[tuple[float, ...]]:
-    """For each twist of a path from 0, the reversals that it still remembers.
+    """Open reversals for each twist of a path that starts at 0 [rad].
 
-    A reversal is forgotten with its partner when the path passes the twist at which it began; one
-    that goes beyond every earlier twist is on the first-loading curve again.
+    A reversal and its partner are forgotten when the path passes the twist at which the loop began.
+    A path beyond every earlier twist is on the first-loading curve again.
+
+    Args:
+        path: twists [rad].
+
+    Returns:
+        For each twist, the twists at the open reversals, oldest first.
     """
     remembered: list[tuple[float, ...]] = []
     turns: list[float] = []
@@ -50,7 +56,7 @@ def open_turns(path: Sequence[float]) -> list[tuple[float, ...]]:
 
 
 def _passed(turns: Sequence[float], twist: float) -> bool:
-    """Whether the branch from the last turn has closed the loop it is part of."""
+    """Whether the branch from the last reversal has closed its loop."""
     if len(turns) == 1:
         return abs(twist) > abs(turns[0])
     return abs(twist - turns[-1]) >= abs(turns[-2] - turns[-1])

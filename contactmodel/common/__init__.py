@@ -1,1 +1,1 @@
-"""What the modules of all four packages share: files, checks, commands, versions."""
+"""Helpers shared by all four packages: files, checks, commands, versions."""

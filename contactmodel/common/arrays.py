@@ -1,4 +1,4 @@
-"""Functions of NumPy or JAX arrays: types, and which of the two computes. JAX is not imported."""
+"""Types and helpers for functions that take NumPy or JAX arrays. JAX is not imported."""
 
 import sys
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -15,18 +15,18 @@ else:
 
     @runtime_checkable
     class AnyArray(Protocol):
-        """An array of either kind, or a NumPy scalar."""
+        """A NumPy array, a JAX array or a NumPy scalar."""
 
         shape: tuple[int, ...]
 
         def __array_namespace__(self):
-            """The functions that take such an array."""
+            """The module whose functions take this array."""
 
     Value = AnyArray | bool | int | float | complex
 
 
 def as_arrays(*values: Value) -> tuple[Any, ...]:
-    """`jax.numpy` where one of the values is a JAX array, else `numpy`; then the values in it."""
+    """The values as arrays, after their module: `jax.numpy` if one is a JAX array, else `numpy`."""
     spaces = {
         value.__array_namespace__()
         for value in values
@@ -37,16 +37,22 @@ def as_arrays(*values: Value) -> tuple[Any, ...]:
 
 
 def is_traced(value: object) -> bool:
-    """Whether a value is not known yet: inside `jit`, `vmap` or a derivative."""
+    """Whether a value is a tracer, as inside `jit`, `vmap` or a derivative."""
     jax = sys.modules.get("jax")
     return jax is not None and isinstance(value, jax.core.Tracer)
 
 
 def refuse(array: Any, wrong: AnyArray, message: str) -> Any:
-    """The array, or the error with what was got.
+    """The array, or an error if any of it is wrong.
 
-    Outside `jit` the error is a ValueError. Inside it is a RuntimeError when the program runs, with
-    the words in front under `equinox.filter_jit`, and wrapped in JAX's own under `jax.jit`.
+    Outside `jit` the error is a ValueError with the array. Inside `jit` it is a RuntimeError when
+    the program runs: it starts with the message under `equinox.filter_jit`, and is wrapped in an
+    error of JAX under `jax.jit`.
+
+    Args:
+        array: array to return.
+        wrong: whether its values are wrong.
+        message: requirement that the values violate.
     """
     if is_traced(wrong):
         import equinox as eqx

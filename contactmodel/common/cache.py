@@ -1,4 +1,4 @@
-"""Where downloads and compiled programs are kept from one run to the next."""
+"""The folder that keeps downloads and compiled programs between runs."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,6 @@ from platformdirs import user_cache_dir
 
 
 def cache_folder() -> Path:
-    """The folder that `CONTACTMODEL_CACHE` names, else the platform's cache folder of the user."""
+    """The folder that `CONTACTMODEL_CACHE` names, else the user's cache folder of the platform."""
     chosen = os.environ.get("CONTACTMODEL_CACHE")
     return Path(chosen or user_cache_dir("contactmodel", appauthor=False))

@@ -1,4 +1,4 @@
-"""Converters of fields: numbers become JAX arrays, wrong values are refused."""
+"""Converters of fields: numbers become JAX arrays, and wrong values are rejected."""
 
 from collections.abc import Sequence
 
@@ -14,19 +14,19 @@ Numbers = ArrayLike | Sequence[float]
 
 
 def number(value: Numbers) -> Float[Array, "*shape"]:
-    """Floating-point numbers, finite."""
+    """Convert to a floating-point array; ValueError unless all values are finite."""
     array = jnp.asarray(value, dtype=_precision(value))
     return refuse(array, ~(abs(known(array)) < np.inf), "a value must be a finite number")
 
 
 def positive(value: Numbers) -> Float[Array, "*shape"]:
-    """Numbers above 0."""
+    """Convert to an array; ValueError unless all values are above 0."""
     array = number(value)
     return refuse(array, ~(known(array) > 0), "a modulus, radius or length must be above 0")
 
 
 def non_negative(value: Numbers) -> Float[Array, "*shape"]:
-    """Numbers from 0."""
+    """Convert to an array; ValueError unless all values are from 0."""
     array = number(value)
     return refuse(
         array,
@@ -36,7 +36,7 @@ def non_negative(value: Numbers) -> Float[Array, "*shape"]:
 
 
 def poisson(value: Numbers) -> Float[Array, "*shape"]:
-    """Poisson's ratios from 0 to 0.5."""
+    """Convert to an array; ValueError unless all values are from 0 to 0.5."""
     array = number(value)
     wrong = ~((known(array) >= 0) & (known(array) <= 0.5))
     return refuse(array, wrong, "Poisson's ratio must lie from 0 to 0.5")
@@ -51,5 +51,5 @@ def _precision(value: Numbers) -> np.dtype:
 
 
 def known(array: Array) -> AnyArray:
-    """An array in NumPy where its value is known: a compiled program for a check takes longer."""
+    """The array in NumPy unless it is traced, because a compiled check takes longer."""
     return array if is_traced(array) else np.asarray(array)

@@ -1,7 +1,7 @@
-"""What the commands of all four packages share: how they look, fail and use JAX.
+"""Command lines of all four packages: help, errors and the set-up of JAX.
 
-Importing this module imports no JAX, and a module of commands imports what it runs within the
-functions that run it: help is shown at once.
+This module does not import JAX. Modules of commands import the code of a command inside its
+function, so that help appears at once.
 """
 
 import os
@@ -24,10 +24,10 @@ say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
 
 
 class Commands(TyperGroup):
-    """A group of commands that lists them with the whole first paragraph of their help."""
+    """A group of commands whose list shows the whole first paragraph of each help text."""
 
     def format_commands(self, ctx, formatter) -> None:
-        """Write the list, wrapped where it would be cut."""
+        """Write the list; long texts are wrapped, not cut."""
         rows = []
         for name in self.list_commands(ctx):
             command = self.get_command(ctx, name)
@@ -38,7 +38,7 @@ class Commands(TyperGroup):
 
 
 def make_app(purpose: str) -> typer.Typer:
-    """An application without commands yet, with `--version`."""
+    """An application without commands, with the option `--version`."""
     app = typer.Typer(
         cls=Commands,
         add_completion=False,
@@ -51,7 +51,7 @@ def make_app(purpose: str) -> typer.Typer:
 
 
 def run_app(app: typer.Typer) -> None:
-    """Run an application in double precision; wrong input goes to stderr, exit status 2."""
+    """Run an application in double precision; wrong input is reported on stderr, exit status 2."""
     _set_up_jax()
     warnings.showwarning = partial(_show_warning, otherwise=warnings.showwarning)
     try:
@@ -62,14 +62,14 @@ def run_app(app: typer.Typer) -> None:
 
 
 def say_error(message: str) -> None:
-    """A line on stderr."""
+    """Print an error message on stderr."""
     errors.print(f"[red]error:[/red] {escape(message)}", highlight=False, soft_wrap=True)
 
 
 def _show_warning(
     message: Warning | str, category: type[Warning], *where: Any, otherwise: Callable[..., None]
 ) -> None:
-    """What an old file's keys are called now goes to the user without a place in the program."""
+    """Print warnings about renamed keys of old files without the line of the program."""
     if issubclass(category, RenamedKeyWarning):
         say(f"note: {message}")
     else:
@@ -93,21 +93,21 @@ def _take_version(
         ),
     ] = False,
 ) -> None:
-    """What every application takes before its commands."""
+    """Options of every application, before its commands."""
 
 
 def _set_up_jax() -> None:
-    """Double precision, and a folder for compiled programs, which the next run need not compile.
+    """Switch JAX to double precision, and keep compiled programs in a folder for later runs.
 
-    By JAX's own environment variables: most commands need no JAX, and importing it takes long.
-    `JAX_ENABLE_COMPILATION_CACHE=0` switches the folder off. It grows to 1 GiB, then the programs
-    go that were not used for longest; FileLock keeps processes apart. A folder that cannot be read
-    or written costs what compiling costs, nothing else.
+    JAX's own environment variables are used, because most commands need no JAX and importing it
+    takes long. `JAX_ENABLE_COMPILATION_CACHE=0` switches the folder off. Above 1 GiB, the programs
+    that were unused for longest are deleted. A file lock keeps processes apart. If the folder
+    cannot be read or written, programs are only compiled again.
     """
     os.environ["JAX_ENABLE_X64"] = "True"
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_folder() / "compiled"))
     os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(2**30))  # bytes; also locks it
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
-    if "jax" in sys.modules:  # imported by a caller, who chooses where programs are kept
+    if "jax" in sys.modules:  # imported by a caller, who chooses the folder
         sys.modules["jax"].config.update("jax_enable_x64", True)

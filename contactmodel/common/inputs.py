@@ -1,7 +1,7 @@
-"""Text files that come from outside, read so that every error helps: texts, numbers, CSV.
+"""Read texts, numbers and CSV from outside, with errors that name the file and the cause.
 
-Whatever is wrong with a file ends in a ValueError that begins with its name. Files that are not
-there or cannot be opened end in the OSError of the system, which names them, too.
+Wrong content raises a ValueError that begins with the file's name. A file that is missing or cannot
+be opened raises the system's OSError, which names it too.
 """
 
 import csv
@@ -13,24 +13,24 @@ from pathlib import Path
 from typing import Any
 
 LARGEST_WHOLE = 2**53
-"""From here on double precision no longer has every whole number."""
+"""Above it, double precision does not hold every whole number."""
 
 
 class RenamedKeyWarning(UserWarning):
-    """A file has a key under the name that an earlier version gave it."""
+    """A file uses a key's name of an earlier version."""
 
 
 @contextmanager
 def naming(path: str | Path, what: str = "") -> Iterator[None]:
-    """Put the file's name in front of what is wrong with its content.
+    """Put the file's name in front of errors about its content.
 
     Args:
-        path: of the file.
-        what: it is not, if there is an error.
+        path: path of the file.
+        what: words to put after "PATH is", for example "not a TOML file".
 
     Raises:
-        ValueError: in place of every ValueError that does not begin with the name, and of a
-            KeyError for a key that is missing.
+        ValueError: replaces a ValueError that does not begin with the name, and a KeyError for a
+            missing key.
     """
     start = f"{path} is {what}" if what else f"{path}"
     try:
@@ -46,11 +46,11 @@ def naming(path: str | Path, what: str = "") -> Iterator[None]:
 
 
 def read_text(path: Path) -> str:
-    """A text file's content.
+    """Read a text file.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not UTF-8 text.
+        ValueError: the file is not UTF-8 text.
     """
     try:
         return path.read_text(encoding="utf-8-sig")
@@ -59,10 +59,10 @@ def read_text(path: Path) -> str:
 
 
 def as_number(value: Any, name: str) -> float:
-    """A number of a TOML file, which may be infinite or NaN.
+    """Convert a value of a TOML file to a number, which may be infinite or NaN.
 
     Raises:
-        ValueError: it is none, or too large.
+        ValueError: the value is not a number, or too large.
     """
     if type(value) not in (int, float):  # true and false are not
         raise ValueError(f"{name} must be a number, got {show(value)}")
@@ -73,10 +73,10 @@ def as_number(value: Any, name: str) -> float:
 
 
 def as_whole(value: Any, name: str) -> int:
-    """A whole number of a TOML file, written with or without a decimal point.
+    """Convert a value of a TOML file, with or without a decimal point, to a whole number.
 
     Raises:
-        ValueError: it is none, or beyond 2⁵³.
+        ValueError: the value is not a whole number, or its size is 2⁵³ or more.
     """
     number = as_number(value, name)
     if not (math.isfinite(number) and number.is_integer() and abs(number) < LARGEST_WHOLE):
@@ -85,23 +85,25 @@ def as_whole(value: Any, name: str) -> int:
 
 
 def show(value: Any) -> str:
-    """A value as it may stand in a message, shortened where it is long."""
+    """Text of a value for a message; long texts are shortened."""
     shown = repr(value) if not isinstance(value, int) or abs(value) < 10**40 else "an integer"
     return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
 def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict[str, str]]]:
-    """The rows of a CSV file: where each is, for errors, and its cells by the columns' names.
-
-    What a row lacks is empty.
+    """Read the rows of a CSV file.
 
     Args:
-        path: of the file.
-        columns: that there must be.
+        path: path of the file.
+        columns: names of required columns.
+
+    Returns:
+        For each row, its place in the file, for errors, and its cells by column name. Missing
+        cells are empty.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not a CSV file, or lacks a column.
+        ValueError: the file is not CSV, or lacks a required column.
     """
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     try:
@@ -125,14 +127,14 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
 
 
 def cell_number(cell: str, where: str) -> float:
-    """A number in a cell of a CSV file, which may be infinite or NaN.
+    """Convert a cell of a CSV file to a number, which may be infinite or NaN.
 
     Args:
-        cell: its text.
-        where: the file, the line and the column, for the error.
+        cell: text of the cell.
+        where: file, line and column, for the error.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the cell is not a number.
     """
     try:
         return float(cell)
@@ -141,13 +143,13 @@ def cell_number(cell: str, where: str) -> float:
 
 
 def cell_whole(cell: str, where: str) -> int:
-    """A whole number in a cell of a CSV file.
+    """Convert a cell of a CSV file to a whole number.
 
     Args:
-        cell: its text.
-        where: the file, the line and the column, for the error.
+        cell: text of the cell.
+        where: file, line and column, for the error.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the cell is not a whole number, or its size is 2⁵³ or more.
     """
     return as_whole(cell_number(cell, where), where)

@@ -1,7 +1,7 @@
-"""A package's public names, imported when they are first used.
+"""Lazy packages: public names are imported when they are first used.
 
-`import contactmodel` costs nothing this way, and a command's `--help` does not wait for JAX. A
-package's public names stand once, as imports in its `__init__.pyi`, which type checkers read too.
+`import contactmodel` is therefore fast, and `--help` does not wait for JAX. The public names of a
+package are listed once, as imports in its `__init__.pyi`, which type checkers read too.
 """
 
 import ast
@@ -15,11 +15,11 @@ Getter = Callable[[str], Any]
 
 
 def public_names(package: str, file: str) -> tuple[Getter, Callable[[], list[str]], list[str]]:
-    """`__getattr__`, `__dir__` and `__all__` of a package, from the stub beside its `__init__.py`.
+    """Make `__getattr__`, `__dir__` and `__all__` of a package from its stub `__init__.pyi`.
 
     Args:
-        package: its `__name__`.
-        file: its `__file__`.
+        package: `__name__` of the package.
+        file: `__file__` of the package.
     """
     stub = ast.parse(Path(file).with_name("__init__.pyi").read_text("utf-8"))
     homes = {
@@ -33,7 +33,7 @@ def public_names(package: str, file: str) -> tuple[Getter, Callable[[], list[str
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(homes[name]), name)
-        setattr(sys.modules[package], name, value)  # from now on it is found without this function
+        setattr(sys.modules[package], name, value)  # later look-ups do not call this function
         return value
 
     def names() -> list[str]:

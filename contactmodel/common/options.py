@@ -1,8 +1,8 @@
-"""Options of a command, made from the settings that it fills in.
+"""Command options made from settings dataclasses.
 
-A settings object is a dataclass whose docstring says under `Attributes:` what each field is, with
-its unit. Those lines are the help, its defaults the defaults: nothing is said twice. A field of
-type `tuple[str, ...]` is an option that may be given several times.
+The docstring of a settings dataclass describes each field with its unit under `Attributes:`. These
+lines are the options' help, and the fields' defaults are the options' defaults, so that nothing is
+written twice. A field of type `tuple[str, ...]` is an option that may be repeated.
 """
 
 import functools
@@ -23,50 +23,54 @@ _SEVERAL = tuple[str, ...]
 def option(
     shown: str = "", *names: str, more: str = "", metavar: str | None = None
 ) -> dict[str, Any]:
-    """Metadata of a field: what its help calls a default of None, and its names as an option.
+    """Metadata of a field: its option's names, and texts of the help.
 
     Args:
-        shown: what holds where the option is not given.
-        *names: instead of that of the field, such as `--dark/--bright`.
-        more: what its help says at the end.
-        metavar: what stands for its value in the help; that of its type by default.
+        shown: text for a default of None: what applies without the option.
+        *names: names in place of the field's, such as `--dark/--bright`.
+        more: text at the end of the help.
+        metavar: placeholder of the value in the help; by default that of its type.
     """
     return {"shown": shown, "names": names, "more": more, "metavar": metavar}
 
 
 def spread(command: Callable[..., None]) -> Callable[..., None]:
-    """A command that has an option for each plain field of its parameters that are dataclasses.
+    """Replace each dataclass parameter of a command by one option per plain field.
 
-    A dataclass within a dataclass is spread as well; a field of another type keeps its default. One
-    that is made while the program runs is given as `Annotated[Any, made]`.
+    Nested dataclasses are spread as well. A field of another type keeps its default. A dataclass
+    that is made while the program runs is annotated as `Annotated[Any, made]`.
     """
     hints = get_type_hints(command, include_extras=True)
     signature = inspect.signature(command)
     owners = {name: (*get_args(hint)[1:], hint)[0] for name, hint in hints.items()}
     whole = {name: owners[name] for name in signature.parameters if is_dataclass(owners[name])}
     parameters = [
-        one.replace(annotation=hints[name])
-        for name, one in signature.parameters.items()
+        parameter.replace(annotation=hints[name])
+        for name, parameter in signature.parameters.items()
         if name not in whole
     ]
     parameters += [option for owner in whole.values() for option in _options_of(owner)]
 
     @functools.wraps(command)
-    def spread_command(**given: Any) -> None:
+    def spread_command(**options: Any) -> None:
         command(
-            **{name: given[name] for name in signature.parameters if name not in whole},
-            **{name: _fill(owner, given) for name, owner in whole.items()},
+            **{name: options[name] for name in signature.parameters if name not in whole},
+            **{name: _fill(owner, options) for name, owner in whole.items()},
         )
 
     vars(spread_command)["__signature__"] = signature.replace(
-        parameters=[one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in parameters]
+        parameters=[
+            parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in parameters
+        ]
     )
-    spread_command.__annotations__ = {one.name: one.annotation for one in parameters}
+    spread_command.__annotations__ = {
+        parameter.name: parameter.annotation for parameter in parameters
+    }
     return spread_command
 
 
 def describe_parameters(owner: object) -> dict[str, str]:
-    """What the docstring of a class or function says of each attribute or argument."""
+    """Descriptions of attributes or arguments in the docstring of a class or function."""
     if isinstance(owner, type) and owner.__base__ is not None:
         inherited = describe_parameters(owner.__base__)
     else:
@@ -76,35 +80,34 @@ def describe_parameters(owner: object) -> dict[str, str]:
     if section is None:
         return inherited
     entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8,}.*)*)", section.group(1), re.MULTILINE)
-    return inherited | {name: " ".join(said.split()) for name, said in entries}
+    return inherited | {name: " ".join(text.split()) for name, text in entries}
 
 
 def _options_of(owner: type) -> list[inspect.Parameter]:
-    said, hints = describe_parameters(owner), get_type_hints(owner)
+    descriptions, hints = describe_parameters(owner), get_type_hints(owner)
     options = []
     for field in fields(owner):
         if is_dataclass(hints[field.name]):
             options += _options_of(hints[field.name])
         elif _is_plain(hints[field.name]):
-            told = _option(field, hints[field.name], said[field.name])
-            options.append(told)
+            options.append(_option(field, hints[field.name], descriptions[field.name]))
     return options
 
 
 def _is_plain(hint: Any) -> bool:
     if hint == _SEVERAL:
         return True
-    if get_origin(hint) is not tuple and get_args(hint):  # of a union
+    if get_origin(hint) is not tuple and get_args(hint):  # a union
         return all(map(_is_plain, get_args(hint)))
-    return all(one in (*_PLAIN, NoneType) for one in get_args(hint) or (hint,))
+    return all(kind in (*_PLAIN, NoneType) for kind in get_args(hint) or (hint,))
 
 
-def _option(field: Field, hint: Any, said: str) -> inspect.Parameter:
+def _option(field: Field, hint: Any, description: str) -> inspect.Parameter:
     names = field.metadata.get("names", ())
     if not names and hint is bool:
-        names = (f"--{field.name.replace('_', '-')}",)  # without its opposite
+        names = (f"--{field.name.replace('_', '-')}",)  # without an option --no-…
     shown = field.metadata.get("shown", "")
-    text = said[:1].upper() + said[1:] + field.metadata.get("more", "")
+    text = description[:1].upper() + description[1:] + field.metadata.get("more", "")
     metavar = field.metadata.get("metavar")
     made = typer.Option(*names, help=text, show_default=shown or True, metavar=metavar)
     return inspect.Parameter(
@@ -115,12 +118,12 @@ def _option(field: Field, hint: Any, said: str) -> inspect.Parameter:
     )
 
 
-def _fill(owner: type, given: dict[str, Any]) -> Any:
+def _fill(owner: type, options: dict[str, Any]) -> Any:
     hints, filled = get_type_hints(owner), {}
     for field in fields(owner):
         if is_dataclass(hints[field.name]):
-            filled[field.name] = _fill(hints[field.name], given)
+            filled[field.name] = _fill(hints[field.name], options)
         elif _is_plain(hints[field.name]):
-            value = given[field.name]
+            value = options[field.name]
             filled[field.name] = tuple(value or ()) if hints[field.name] == _SEVERAL else value
     return owner(**filled)

@@ -1,8 +1,8 @@
-"""Settings files: tables of TOML read into plain frozen dataclasses, and written from them.
+"""Settings files: TOML tables that are read into frozen dataclasses and written from them.
 
-A dataclass describes its table: a field is a key, its type is what may stand there, and its default
-holds where the key is left out. `unit` gives a field the unit that its key ends in and the limits
-of its value. The structure is read by cattrs, imported only where a file is read: help comes fast.
+A dataclass describes its table: a field is a key, the field's type is the type of the value, and
+its default applies if the key is missing. `unit` sets the unit at the end of the key and the limits
+of the value. cattrs reads the structure. It is imported only to read a file, so that help is fast.
 """
 
 import tomllib
@@ -23,7 +23,7 @@ from contactmodel.common.inputs import RenamedKeyWarning, as_number, as_whole, r
 T = TypeVar("T")
 
 SCALES = {"deg": pi / 180.0, "um": 1e-3}
-"""Units of files whose attributes have another one: rad and mm."""
+"""Factors from units of files to those of attributes, rad and mm."""
 
 
 def unit(
@@ -34,29 +34,29 @@ def unit(
     most: float | None = None,
     required: str = "",
 ) -> dict[str, Any]:
-    """What a field's `metadata` says about its key and its value.
+    """`metadata` of a field: unit of its key and limits of its value.
 
     Args:
-        name: unit that the key ends in; those of `SCALES` change the value, too.
-        above: limit that `check_limits` refuses, and everything below.
-        least: smallest value.
-        most: largest value; no limit, but finite, if None.
-        required: what to do where the file lacks the key, although the field has a default.
+        name: unit at the end of the key; units of `SCALES` also convert the value.
+        above: exclusive lower limit.
+        least: smallest allowed value.
+        most: largest allowed value; if None, every finite value is allowed.
+        required: advice if the key is missing; makes it required although the field has a default.
     """
     return {"unit": name, "limits": (above, least, most), "required": required}
 
 
 def key_of(field: Field) -> str:
-    """A field's key in the file: its name and its unit."""
+    """Key of a field in the file: its name and its unit."""
     name = field.metadata.get("unit")
     return f"{field.name}_{name}" if name else field.name
 
 
 def check_limits(settings: Any) -> None:
-    """Refuse a dataclass with a value, or a list of values, beyond the limits of its field.
+    """Check that all values of a dataclass, and of its lists, are within their fields' limits.
 
     Raises:
-        ValueError: there is one; the text begins with its key.
+        ValueError: a value is outside its limits; the message begins with its key.
     """
     for field in _limited(type(settings)):
         if (value := getattr(settings, field.name)) is None:
@@ -81,11 +81,16 @@ def _limited(kind: type) -> list[Field]:
 def read_toml(
     path: Path, version: int | None = None, renamed: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
-    """The content of a TOML file, see `parse_toml`.
+    """Read a TOML file; see `parse_toml`.
+
+    Args:
+        path: path of the file.
+        version: required `format_version`; None if the file has none.
+        renamed: renamed keys, see `rename_keys`.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not TOML, of another version, or has a key under both of its names.
+        ValueError: the file is not TOML, has another version, or has a key under both of its names.
     """
     return parse_toml(read_text(path), path, version, renamed)
 
@@ -93,16 +98,16 @@ def read_toml(
 def parse_toml(
     text: str, path: Path, version: int | None = None, renamed: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
-    """The content of a TOML file that has been read, without its `format_version`.
+    """Parse the text of a TOML file; its `format_version` is checked and removed.
 
     Args:
-        text: of the file.
-        path: of it, for errors.
-        version: that `format_version` must have; the file has none if None.
-        renamed: see `rename_keys`.
+        text: text of the file.
+        path: path of the file, for errors.
+        version: required `format_version`; None if the file has none.
+        renamed: renamed keys, see `rename_keys`.
 
     Raises:
-        ValueError: it is not TOML, of another version, or has a key under both of its names.
+        ValueError: the text is not TOML, has another version, or has a key under both of its names.
     """
     try:
         content = tomllib.loads(text)
@@ -111,22 +116,22 @@ def parse_toml(
     if version is not None:
         if "format_version" not in content:
             raise ValueError(f"{path}: format_version is missing; this version reads {version}")
-        found = content.pop("format_version")
-        if type(found) is not int or found != version:
-            raise ValueError(f"{path}: format_version is {found!r}; this version reads {version}")
+        stated = content.pop("format_version")
+        if type(stated) is not int or stated != version:
+            raise ValueError(f"{path}: format_version is {stated!r}; this version reads {version}")
     return rename_keys(content, renamed or {}, path)
 
 
 def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path) -> dict[str, Any]:
-    """The content with the keys of version 0.1.0 under their present names, with a warning.
+    """Rename the keys of version 0.1.0 to their present names, and warn.
 
     Args:
-        content: of the file.
-        renamed: present names by old ones, each after its table and a dot; '' if no longer used.
-        path: of the file, for errors and warnings.
+        content: content of the file, changed in place.
+        renamed: present names by old names, each with its table and a dot; '' if no longer used.
+        path: path of the file, for errors and warnings.
 
     Raises:
-        ValueError: a key is there under both names.
+        ValueError: a key is present under both names.
     """
     notes = []
     for old, new in renamed.items():
@@ -145,21 +150,21 @@ def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path)
             table[name] = value
         notes.append(f"{old} is now called {new}" if new else f"{old} is no longer used")
     if notes:
-        said = f"{path} is of version 0.1.0, change its keys: {'; '.join(notes)}"
-        warnings.warn(said, RenamedKeyWarning, stacklevel=2)
+        warning = f"{path} is of version 0.1.0, change its keys: {'; '.join(notes)}"
+        warnings.warn(warning, RenamedKeyWarning, stacklevel=2)
     return content
 
 
 def from_table(content: Any, kind: type[T], where: str = "") -> T:
-    """A dataclass from the content of a table.
+    """Make a dataclass from the content of a table.
 
     Args:
-        content: the table.
-        kind: of the dataclass.
-        where: name of the table, for errors; none for the file itself.
+        content: content of the table.
+        kind: the dataclass.
+        where: name of the table, for errors; empty for the file itself.
 
     Raises:
-        ValueError: a key that is unknown or missing, or a wrong value; the text names them.
+        ValueError: a key is unknown or missing, or its value is wrong; the message names the key.
     """
     from cattrs import BaseValidationError
 
@@ -170,20 +175,20 @@ def from_table(content: Any, kind: type[T], where: str = "") -> T:
 
 
 def to_table(settings: Any) -> dict[str, Any]:
-    """A dataclass as the content of a table; what is None or empty is left out."""
+    """Content of a dataclass's table; values that are None or empty are left out."""
     table = {
-        key_of(one): _to_plain(
-            getattr(settings, one.name), SCALES.get(one.metadata.get("unit", ""))
+        key_of(field): _to_plain(
+            getattr(settings, field.name), SCALES.get(field.metadata.get("unit", ""))
         )
-        for one in fields(settings)
+        for field in fields(settings)
     }
     return {key: value for key, value in table.items() if value not in (None, {}, [])}
 
 
 def _to_plain(value: Any, scale: float | None) -> Any:
-    """A value as files have it."""
+    """A value in the form and unit of files."""
     if isinstance(value, tuple):
-        return [_to_plain(one, scale) for one in value]
+        return [_to_plain(item, scale) for item in value]
     if isinstance(value, np.ndarray):
         return value.tolist()
     if is_dataclass(value):
@@ -192,11 +197,11 @@ def _to_plain(value: Any, scale: float | None) -> Any:
 
 
 def toml_text(content: Any, version: int | None = None) -> str:
-    """A TOML document of a table, or of a dataclass.
+    """TOML text of a table or a dataclass.
 
     Args:
-        content: what stands in it.
-        version: its `format_version`, if it has one.
+        content: table or dataclass.
+        version: `format_version` to write; None for a file without one.
     """
     table = to_table(content) if is_dataclass(content) else content
     return tomli_w.dumps(({} if version is None else {"format_version": version}) | table)
@@ -204,7 +209,7 @@ def toml_text(content: Any, version: int | None = None) -> str:
 
 @cache
 def _converter() -> Any:
-    """Reads and writes dataclasses; made once, where it is first needed."""
+    """The converter of dataclasses; made once, at its first use."""
     from cattrs import Converter
 
     made = Converter()
@@ -218,7 +223,7 @@ def _converter() -> Any:
 
 
 def _expect(kind: type, words: str, value: Any) -> Any:
-    """A value of a kind; errors go on where the key's name ends, as do those of numbers."""
+    """Check the type of a value; errors continue the key's name, like those of numbers."""
     if not isinstance(value, kind):
         raise ValueError(f" must be {words}, got {show(value)}")
     return value
@@ -238,7 +243,7 @@ def _read_mapping(kind: Any, converter: Any) -> Any:
 
 
 def _read_list(kind: Any, converter: Any) -> Any:
-    """Reads tuples of one kind of value, as long as their type says."""
+    """Read tuples of values of one type, of the length that their type states."""
     inner = get_args(kind)
     count = None if inner[-1] is Ellipsis else len(inner)
     words = f"{count or 'a list of'} {_PLURALS.get(inner[0], 'lists or tables')}"
@@ -252,15 +257,15 @@ def _read_list(kind: Any, converter: Any) -> Any:
 
 
 def _read_array(kind: Any, converter: Any) -> Any:
-    """Reads arrays of numbers, one list or several of the same length."""
+    """Read arrays of numbers: one list, or several of the same length."""
     row = tuple[float, ...]
     rows = row if len(kind.dims) == 1 else tuple[row, ...]
 
     def read(value: Any, _: Any) -> Any:
-        found = converter.structure(value, rows)
-        if len(kind.dims) == 2 and len({len(row) for row in found}) != 1:
+        numbers = converter.structure(value, rows)
+        if len(kind.dims) == 2 and len({len(row) for row in numbers}) != 1:
             raise ValueError(f" must have rows of one length, got {show(value)}")
-        return np.array(found)
+        return np.array(numbers)
 
     return read
 
@@ -270,28 +275,28 @@ def _is_array(kind: Any) -> bool:
 
 
 def _read_table(kind: Any, converter: Any) -> Any:
-    """Reads a dataclass, whose keys are checked before their values."""
+    """Read a dataclass; keys are checked before values."""
     from cattrs.gen import make_dict_structure_fn, override
 
-    own = fields(kind)
-    known = {key_of(one): one for one in own}
+    keys = {key_of(field): field for field in fields(kind)}
     needed = [
         key
-        for key, one in known.items()
-        if one.metadata.get("required") or one.default is one.default_factory is MISSING
+        for key, field in keys.items()
+        if field.metadata.get("required") or field.default is field.default_factory is MISSING
     ]
     rules: dict[str, Any] = {
-        one.name: override(rename=key_of(one), struct_hook=_scaled(one, converter)) for one in own
+        field.name: override(rename=key, struct_hook=_scaled(field, converter))
+        for key, field in keys.items()
     }
     make = make_dict_structure_fn(kind, converter, **rules)
 
     def read(value: Any, _: Any) -> Any:
-        if unknown := sorted(set(_expect(dict, "a table", value)) - set(known)):
-            raise ValueError(f"unknown key {unknown[0]!r}; known are {', '.join(known)}")
+        if unknown := sorted(set(_expect(dict, "a table", value)) - set(keys)):
+            raise ValueError(f"unknown key {unknown[0]!r}; known are {', '.join(keys)}")
         if missing := [key for key in needed if key not in value]:
-            remedy = known[missing[0]].metadata.get("required")
-            said = f"the key {missing[0]!r} is missing"
-            raise ValueError(f"{said}: {remedy}" if remedy else said)
+            remedy = keys[missing[0]].metadata.get("required")
+            message = f"the key {missing[0]!r} is missing"
+            raise ValueError(f"{message}: {remedy}" if remedy else message)
         made = make(value, kind)
         check_limits(made)
         return made
@@ -300,7 +305,7 @@ def _read_table(kind: Any, converter: Any) -> Any:
 
 
 def _scaled(field: Field, converter: Any) -> Any:
-    """Reads a value whose attribute has another unit than its key; None for other values."""
+    """Reader of a value whose attribute has another unit than its key; None for other values."""
     scale = SCALES.get(field.metadata.get("unit", ""))
     if scale is None:
         return None
@@ -308,17 +313,17 @@ def _scaled(field: Field, converter: Any) -> Any:
 
 
 def _times(value: Any, scale: float) -> Any:
-    """A number, or each of a tuple, by a factor; None stays."""
+    """A number, or each number of a tuple, times a factor; None stays None."""
     if isinstance(value, tuple):
-        return tuple(_times(one, scale) for one in value)
+        return tuple(_times(item, scale) for item in value)
     return value if value is None else value * scale
 
 
 def _explain(error: Any, where: str) -> str:
-    """The first of the errors of a table, with the name of the key that it is at."""
+    """Message of the first error in a table, with the name of its key."""
     if not hasattr(error, "group_exceptions"):
         if not isinstance(error, ValueError):
-            raise error  # the program's fault
+            raise error  # an error of the program
         text = str(error)
         if text.startswith(" "):
             return f"{where or 'the file'}{text}"
@@ -329,5 +334,5 @@ def _explain(error: Any, where: str) -> str:
     inner, note = noted[0]
     if not hasattr(note, "name"):
         return _explain(inner, f"{where} #{note.index + 1}")
-    key = next(key_of(one) for one in fields(error.cl) if one.name == note.name)
+    key = next(key_of(field) for field in fields(error.cl) if field.name == note.name)
     return _explain(inner, f"{where}.{key}" if where else key)

@@ -1,4 +1,4 @@
-"""Arrays in files, `.npy` and `.npz`: nothing is unpickled, no more memory taken than they hold."""
+"""Read `.npy` and `.npz` files without unpickling, and with no more memory than they hold."""
 
 import io
 import math
@@ -12,18 +12,18 @@ import numpy as np
 from jaxtyping import Shaped
 
 _HEADER = (ValueError, EOFError, OverflowError, TokenError)
-"""What NumPy raises where a header is damaged, which it parses as Python."""
+"""Errors of NumPy for a damaged header, which it parses as Python."""
 _ARCHIVE = (zipfile.BadZipFile, zlib.error, RuntimeError, OSError)
-"""What zipfile raises where an archive is: the last two for a password or a compression that is not
-known, and for a place beyond the file."""
+"""Errors of zipfile for a damaged archive. RuntimeError stands for a password or an unknown
+compression, OSError for a position beyond the file."""
 
 
 def read_array(path: Path) -> Shaped[np.ndarray, "..."]:
-    """The array of a `.npy` file.
+    """Read the array of a `.npy` file.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is damaged, incomplete, or holds objects.
+        ValueError: the file is damaged, incomplete, or holds objects.
     """
     with path.open("rb") as file:
         try:
@@ -33,11 +33,11 @@ def read_array(path: Path) -> Shaped[np.ndarray, "..."]:
 
 
 def read_arrays(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
-    """The arrays of a `.npz` file by name.
+    """Read the arrays of a `.npz` file by name.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is damaged, incomplete, or holds objects.
+        ValueError: the file is damaged, incomplete, or holds objects.
     """
     with path.open("rb") as file:
         try:
@@ -57,19 +57,19 @@ def _read_entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Shaped[np.n
 
 
 def _read(file: IO[bytes] | io.BufferedIOBase, size: int) -> Shaped[np.ndarray, "..."]:
-    """An array, once its header is seen to fit the size of the file [bytes]."""
+    """Read an array after checking its header against the size of the file [bytes]."""
     version = np.lib.format.read_magic(file)
     read_header = {
         (1, 0): np.lib.format.read_array_header_1_0,
         (2, 0): np.lib.format.read_array_header_2_0,
     }.get(version)
     if read_header is None:
-        raise ValueError(f"version {version} of the format is not known")
+        raise ValueError(f"version {version} of the format is unknown")
     shape, _, kind = read_header(file)
     needed = math.prod(shape) * kind.itemsize
     if min(shape, default=0) < 0 or needed > size - file.tell():
         raise ValueError(
-            f"it declares {needed} bytes and has {size - file.tell()}: it is truncated"
+            f"it declares {needed} bytes but has {size - file.tell()}: it is truncated"
         )
     file.seek(0)
     return np.lib.format.read_array(file, allow_pickle=False)

@@ -1,23 +1,23 @@
-"""Kinematics of a contact that turns far: what sticks goes round on circles, and the gel along.
+"""Kinematics of large twists: sticking points and the gel move on circles.
 
-Linear elasticity lets points move along straight lines. Imposing the true path of sticking points,
-(R − I) r, makes it read the versine 1 − cos θ as strain, which loads friction falsely; imposing
-θ × r leaves the points beside their circles. Both errors are of the second order in θ, and both
+In linear elasticity points move along straight lines. If the true path (R − I) r of sticking points
+is imposed, linear elasticity takes the versine 1 − cos θ for strain, which loads friction wrongly.
+If θ × r is imposed, the points leave their circles. Both errors are of second order in θ, and both
 vanish in a frame that turns with the object:
 
-1. In a round contact a point turns by ψ(r) about the axis. Of the strains of such a twist only the
-   shears r ψ,r and r ψ,z are of first order, and they are linear in ψ however large it is. So the
-   twist by arcs r ψ is the linear problem, and its displacement u_θ is an arc on the circle on
-   which the point now is, of radius r + u_r: a step by dθ imposes the arc dθ (r + u_r) on what
-   sticks, and everywhere ψ = u_θ/(r + u_r).
-2. Tractions that the object carries round stay as they are in its frame, and so does the
-   compliance, which is the same in all directions. A shift S of the object is R(−θ) S there, and
-   what a shift displaces is turned back by R(θ).
+1. In a round contact a point turns by ψ(r) about the axis. The only first-order strains of this
+   twist are the shears r ψ,r and r ψ,z, which are linear in ψ of any size. A twist by arcs r ψ is
+   therefore the linear problem. Its displacement u_θ is an arc on the point's present circle, of
+   radius r + u_r: a step by dθ imposes the arc dθ (r + u_r) on sticking points, and
+   ψ = u_θ/(r + u_r) everywhere.
+2. Tractions that turn with the object are constant in its frame. So is the compliance, because it
+   is the same in all directions. A shift S of the object is R(−θ) S in the frame, and the
+   displacement by a shift is turned back by R(θ).
 
-The gel's displacement in the frame is split about the object's middle into what is odd, the twist
-and the press, and what is even, the shift; sticking points are split exactly, and those of round
-contacts. With ψ and u_r of the odd part and e the even one, a point X ends at
-R(ψ) X (1 + u_r/r) + R(θ) e. Friction and slip are those of the frame, which is the object's.
+The gel's displacement in the frame is split about the object's middle into an odd part, from twist
+and press, and an even part, from the shift. The split is exact for sticking points and for round
+contacts. With ψ and u_r of the odd part and the even part e, a point X moves to
+R(ψ) X (1 + u_r/r) + R(θ) e. Friction and slip refer to the frame, which is the object's.
 """
 
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 
 
 def turn(vectors: Float[Array, "2 ..."], angle: Float[Array, "..."]) -> Float[Array, "2 ..."]:
-    """Vectors in the plane, turned counter-clockwise by an angle, or each by its own [rad]."""
+    """Turn plane vectors counter-clockwise by one angle, or each by its own [rad]."""
     c, s = jnp.cos(angle), jnp.sin(angle)
     return jnp.stack([c * vectors[0] - s * vectors[1], s * vectors[0] + c * vectors[1]])
 
@@ -33,11 +33,11 @@ def turn(vectors: Float[Array, "2 ..."], angle: Float[Array, "..."]) -> Float[Ar
 def on_circles(
     points: Float[Array, "2 ..."], moved: Float[Array, "2 ..."]
 ) -> Float[Array, "2 ..."]:
-    """Points moved along the radius only, as far as their displacement goes along it.
+    """Move points by the radial part of their displacement only [mm].
 
     Args:
-        points: seen from the axis [mm].
-        moved: their displacement in the frame that turns [mm].
+        points: positions relative to the axis [mm].
+        moved: displacements in the turning frame [mm].
     """
     return points * (1.0 + _along(points, moved))
 
@@ -48,11 +48,11 @@ def to_space(
     opposite: Float[Array, "2 ..."],
     twist: Float[Array, "..."],
 ) -> Float[Array, "2 ..."]:
-    """Displacement in space of the gel's points, from that in the frame that turns [mm].
+    """Displacement of the gel's points in space, from that in the turning frame [mm].
 
     Args:
-        points: of the undeformed gel, seen from the object's middle [mm].
-        moved: their displacement in the frame [mm].
+        points: undeformed positions relative to the object's middle [mm].
+        moved: displacement of the points in the frame [mm].
         opposite: displacement of −points in the frame [mm].
         twist: θ of the object [rad].
     """
@@ -68,7 +68,7 @@ def _along(
     moved: Float[Array, "2 ..."],
     direction: Float[Array, "2 ..."] | None = None,
 ) -> Float[Array, "..."]:
-    """Displacement over distance, along the radius or another direction; 0 on the axis [-]."""
+    """Displacement along the radius or another direction, over the distance; 0 on the axis [-]."""
     square = points[0] ** 2 + points[1] ** 2
     off = square > 0.0
     x, y = points if direction is None else direction

@@ -1,4 +1,4 @@
-"""The bodies in contact and how they give way."""
+"""The bodies in contact: half-space, layer and rigid body, and their compliance."""
 
 import abc
 import math
@@ -36,22 +36,27 @@ class AbstractBody(eqx.Module):
 
     @abc.abstractmethod
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
-        """Displacement of the surface by unit tractions on a cell [mm/MPa]."""
+        """Displacement of the surface under unit tractions on a cell [mm/MPa].
+
+        Args:
+            cell: integrals of the point loads' displacement over the cell.
+            spacing: lengths of a cell along x and y [mm].
+        """
 
     def checked(
         self, spacing: tuple[float, float], depth: ArrayLike | None = None
     ) -> "AbstractBody":
-        """The body, if its coefficients are made for a grid's cells and a depth.
+        """The body, if its coefficients are valid for a grid's cells and a depth.
 
-        Asked before a program runs, so that the error is a plain one, and the program calls
-        nothing on the host.
+        The check runs before a compiled program, so that it can raise a plain error, and the
+        program need not call the host.
 
         Args:
-            spacing: lengths of a cell [mm].
-            depth: of the displaced points below the surface; None on it [mm].
+            spacing: lengths of a cell along x and y [mm].
+            depth: depth of the displaced points below the surface; None at the surface [mm].
 
         Raises:
-            ValueError: they are not.
+            ValueError: the coefficients are not valid.
         """
         return self
 
@@ -85,7 +90,7 @@ class HalfSpace(AbstractBody):
     poisson_ratio: Float[Array, ""] = eqx.field(converter=poisson)
 
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
-        """The solutions of Boussinesq and Cerruti, integrated over the cell."""
+        """The solutions of Boussinesq and Cerruti, integrated over the cell [mm/MPa]."""
         nu = self.poisson_ratio
         loose = 1.0 - 2.0 * nu
         unit = 0.25 / (jnp.pi * self.shear_modulus)
@@ -115,7 +120,7 @@ class Layer(AbstractBody):
     Attributes:
         shear_modulus: G [MPa].
         poisson_ratio: ν [-], from 0 to 0.5.
-        thickness: h, not below the length of a cell of the grid [mm].
+        thickness: h, at least the length of a grid cell [mm].
 
     Examples:
         >>> from contactmodel import Contact, Grid, Layer, Pose, Rigid, Sphere, solve_contact
@@ -133,7 +138,7 @@ class Layer(AbstractBody):
     thickness: Float[Array, ""] = eqx.field(converter=positive)
 
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
-        """The half-space's, and what the base changes (see `layer`)."""
+        """The half-space's coefficients plus the effect of the base (see `layer`) [mm/MPa]."""
         h, depth = self.thickness, jnp.asarray(cell.depth)
         half = HalfSpace(self.shear_modulus, self.poisson_ratio).coefficients(cell, spacing)
         base = self._base(cell, h, depth, spacing)
@@ -141,18 +146,26 @@ class Layer(AbstractBody):
         return jax.tree.map(lambda a, b: jnp.where(square < REACH**2, a + b, 0.0), half, base)
 
     def checked(self, spacing: tuple[float, float], depth: ArrayLike | None = None) -> "Layer":
-        """Refuse a layer thinner than a cell, or a depth beyond it."""
+        """The layer, if it is at least as thick as a cell and contains the depth.
+
+        Args:
+            spacing: lengths of a cell along x and y [mm].
+            depth: depth of the displaced points below the surface; None at the surface [mm].
+
+        Raises:
+            ValueError: the layer is thinner than a cell, or the depth is below its base.
+        """
         thin = "a layer must not be thinner than a cell of the grid: use smaller cells"
         h = refuse(self.thickness, known(self.thickness) < max(spacing), thin)
         if depth is not None:
-            low = "a depth must not be beyond the layer's base, at its thickness"
+            low = "a depth must not be larger than the layer's thickness"
             h = refuse(h, known(jnp.asarray(depth)) > known(h), low)
         return eqx.tree_at(lambda body: body.thickness, self, h)
 
     def _base(
         self, cell: CellIntegrals, h: Array, depth: Array, spacing: tuple[float, float]
     ) -> Coefficients:
-        """What the base changes; a longer side of the cell is made up of two squares' middles."""
+        """Effect of the base; an oblong cell is replaced by two squares at a distance."""
         short = min(spacing)
         apart = [math.sqrt((d**2 - short**2) / 12.0) for d in spacing]  # the same second moment
         signs = (1.0,) if spacing[0] == spacing[1] else (1.0, -1.0)
@@ -167,8 +180,8 @@ class Layer(AbstractBody):
     def _base_of_square(
         self, x: Array, y: Array, h: Array, depth: Array, side: float
     ) -> Coefficients:
-        """What the base changes in the displacement by a unit force on a square."""
-        distance = jnp.sqrt(jnp.maximum(x**2 + y**2, 1e-24))  # its derivative 0 at 0
+        """Effect of the base on the displacement under a unit force on a square."""
+        distance = jnp.sqrt(jnp.maximum(x**2 + y**2, 1e-24))  # its derivative is 0 at 0
         kernel = base_kernels(distance, self.poisson_ratio, depth / h, side / h)
         unit = 0.5 / (jnp.pi * self.shear_modulus * h)
         uneven = 0.5 * (x**2 - y**2) * kernel.split
@@ -215,7 +228,11 @@ class Rigid(AbstractBody):
 
 
 def stiffness_ratio(elastomer: AbstractBody, object_: AbstractBody) -> Float[Array, ""]:
-    """k = G_S/G_B; 0 for a rigid object. Of a layer, see `layer_gain`.
+    """k = G_S/G_B [-]; 0 for a rigid object. For the effect of a layer's base, see `layer_gain`.
+
+    Args:
+        elastomer: the elastomer S.
+        object_: the object B.
 
     Examples:
         >>> from contactmodel import HalfSpace, stiffness_ratio
@@ -227,10 +244,13 @@ def stiffness_ratio(elastomer: AbstractBody, object_: AbstractBody) -> Float[Arr
 
 
 def make_body(material: Material) -> HalfSpace | Layer:
-    """A layer where a thickness is known, else a half-space.
+    """The body of a material: a layer if its thickness is known and finite, else a half-space.
+
+    Args:
+        material: elastic constants and thickness.
 
     Raises:
-        ValueError: the modulus or Poisson's ratio is unknown.
+        ValueError: the shear modulus or Poisson's ratio is missing.
 
     Examples:
         >>> from contactmodel import Material, make_body

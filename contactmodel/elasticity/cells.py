@@ -1,4 +1,4 @@
-"""A cell of the grid under a uniform traction: integrals of the point loads' displacement over it.
+"""A uniform traction on a grid cell: the displacement by point loads, integrated over the cell.
 
 [Love1929] A. E. H. Love, "The stress produced in a semi-infinite solid by pressure on part of the
 boundary"; the integrals of Boussinesq's and Cerruti's solutions over a rectangle.
@@ -13,13 +13,13 @@ from contactmodel.common.arrays import AnyArray
 
 
 class CellIntegrals(NamedTuple):
-    """Integrals over a cell at the surface, r from a point of the cell to a point at the depth z.
+    """Integrals over a cell of the surface; r leads from a point of the cell to the field point.
 
-    At the surface flat_xx is yy and flat_xy is −xy, and what has z in it is 0.
+    If the field point is at the surface, flat_xx = yy, flat_xy = −xy, and integrals with z are 0.
 
     Attributes:
-        offset: field point minus centre of the cell along x, y [mm].
-        depth: z of the field point [mm].
+        offset: field point minus centre of the cell along x and y [mm].
+        depth: depth z of the field point [mm].
         xx: ∬x²/r³ [mm].
         yy: ∬y²/r³ [mm].
         xy: ∬xy/r³ [mm].
@@ -53,7 +53,7 @@ class CellIntegrals(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Displacement of a body by unit tractions on a cell [mm/MPa].
+    """Displacement of a body under unit tractions on a cell [mm/MPa].
 
     w is the displacement into the body. At the surface, w/τ = −u/p by reciprocity.
 
@@ -88,13 +88,13 @@ def cell_integrals(
     spacing: tuple[float, float],
     depth: ArrayLike = 0.0,
 ) -> CellIntegrals:
-    """The integrals at the distance (x, y) from the centre of a cell ([Love1929]) [mm].
+    """Integrals at the distance (x, y) from the centre of a cell ([Love1929]) [mm].
 
     Args:
-        x: field point minus centre of the cell [mm].
-        y: the same along y [mm].
-        spacing: length of the cell along x and y [mm].
-        depth: z of the field point below the surface [mm].
+        x: field point minus centre of the cell along x [mm].
+        y: field point minus centre of the cell along y [mm].
+        spacing: lengths of the cell along x and y [mm].
+        depth: depth z of the field point below the surface [mm].
     """
     point = _Below(x.__array_namespace__(), depth)
     z, length, angle = point.z, point.length, point.angle
@@ -125,25 +125,25 @@ def cell_integrals(
 
 
 class _Below:
-    """Primitives of the integrals by the corner (s, t) of a cell, for points at a depth."""
+    """Primitives of the integrals at a cell's corner (s, t), for field points at a depth."""
 
     def __init__(self, namespace, depth: ArrayLike) -> None:
         self.xp, self.z = namespace, namespace.asarray(depth)
 
     def length(self, s, t):
-        """√(s²+t²+z²), its derivative 0 at 0."""
+        """√(s²+t²+z²); its derivative is 0 at 0."""
         square = s**2 + t**2 + self.z**2
         root = self.xp.sqrt(self.xp.where(square > 0.0, square, 1.0))
         return self.xp.where(square > 0.0, root, 0.0)
 
     def log(self, s, t):
-        """The logarithm of s + r, free of cancellation for s < 0; r = |s| left out."""
+        """ln(s + r), without cancellation for s < 0 and without its pole at r = |s|."""
         square = t**2 + self.z**2
         t = self.xp.sqrt(self.xp.where(square > 0.0, square, 1.0))
         return self.xp.asinh(s / t) + self.xp.log(t)
 
     def angle(self, s, t):
-        """Of the solid angle of the corner."""
+        """Angle atan(st/zr), the corner's part of the cell's solid angle."""
         xp, below = self.xp, self.z * self.length(s, t)
         steep = 0.5 * xp.pi * xp.sign(s * t)
         return xp.where(below > 0.0, xp.atan(s * t / xp.where(below > 0.0, below, 1.0)), steep)
@@ -155,7 +155,7 @@ class _Below:
         return xp.atan(up / xp.where(along > 0.0, along, 1.0)) * (along > 0.0)
 
     def depth_log(self, s, t):
-        """The logarithm of r + z."""
+        """ln(r + z)."""
         total = self.length(s, t) + self.z
         return self.xp.log(self.xp.where(total > 0.0, total, 1.0))
 

@@ -1,9 +1,9 @@
-"""Displacement of a surface under tractions that are uniform on each cell of a grid.
+"""Displacement of a surface under tractions that are uniform on each cell of a grid, by FFT.
 
 [Vollebregt2014] E. A. H. Vollebregt, "A new solver for the elastic normal contact problem using
 conjugate gradients, deflation, and an FFT-based preconditioner".
 
-The convolution runs by FFT on a grid of twice the size, so that there are no periodic images.
+The FFT uses a grid of twice the size, so that there are no periodic images.
 """
 
 from collections.abc import Callable, Mapping
@@ -41,12 +41,12 @@ _PARITY = {  # along x and y: +1 even, -1 odd
 def grid_coefficients(
     body: AbstractBody, grid: Grid, depth: Float[Array, ""] | None = None
 ) -> Coefficients:
-    """A body's coefficients for every distance on a grid that is not negative along x and y.
+    """Coefficients of a body for every non-negative distance along x and y on a grid.
 
     Args:
-        body: half-space, layer or rigid.
+        body: half-space, layer or rigid body.
         grid: cells.
-        depth: of the displaced points below the surface; none at the surface [mm].
+        depth: depth of the displaced points below the surface; None at the surface [mm].
     """
     body = body.checked(grid.spacing, depth)
     if depth is None:
@@ -56,33 +56,34 @@ def grid_coefficients(
 
 
 def convolve(spectrum: Array, field: Float[Array, "*batch nx ny"]) -> Float[Array, "*batch nx ny"]:
-    """Sum over all cells of coefficient times field, by FFT.
+    """Sum of coefficient times field over all cells, by FFT.
 
     Args:
-        spectrum: `transform` of the coefficient.
-        field: traction on each cell.
+        spectrum: spectrum of the coefficient, made by `transform`.
+        field: traction on each cell [MPa].
     """
     return _mix(jnp.multiply, spectrum, field)
 
 
 def transform(coefficient: Float[Array, "hx hy"], name: str) -> Array:
-    """Spectrum on the doubled grid of a coefficient, waves along y first.
+    """Spectrum of a coefficient on the doubled grid; waves along y are the first axis.
 
     Args:
-        coefficient: for distances that are not negative, of `grid_coefficients`.
-        name: which of `Coefficients` it is.
+        coefficient: values for non-negative distances, made by `grid_coefficients`.
+        name: name of the coefficient in `Coefficients`.
     """
     factor = {2: 1.0, 0: 1j, -2: -1.0}[sum(_PARITY[name])]
     return factor * _waves(coefficient, name)
 
 
 class Compliance(eqx.Module):
-    """Compliance of a pair of bodies, as spectra of the doubled grid, waves along y first.
+    """Compliance of a pair of bodies as spectra on the doubled grid; waves along y come first.
 
     Attributes:
-        normal: of w_S + w_B by p [mm/MPa].
-        shear: xx, yy, xy of u_S − u_B by τ [mm/MPa].
-        coupling: along x and y of u_S − u_B by p, over i; None where they do not couple [mm/MPa].
+        normal: w_S + w_B by p [mm/MPa].
+        shear: components xx, yy, xy of u_S − u_B by τ [mm/MPa].
+        coupling: components x, y of u_S − u_B by p, over i; None if pressure and traction are not
+            coupled [mm/MPa].
     """
 
     normal: Float[Array, "my mx"]
@@ -90,21 +91,21 @@ class Compliance(eqx.Module):
     coupling: Float[Array, "2 my mx"] | None
 
     def press(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
-        """w_S + w_B by a pressure [mm]."""
+        """w_S + w_B under a pressure [mm]."""
         return _mix(_scale, self.normal, pressure)
 
     def drag(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
-        """u_S − u_B by a traction [mm]."""
+        """u_S − u_B under a traction [mm]."""
         return _mix(_shear, self.shear, traction)
 
     def pull(self, pressure: Float[Array, "nx ny"]) -> Float[Array, "2 nx ny"]:
-        """u_S − u_B by a pressure [mm]."""
+        """u_S − u_B under a pressure [mm]."""
         if self.coupling is None:
             return jnp.zeros((2, *pressure.shape), pressure.dtype)
         return jnp.stack([_mix(_scale_by_i, c, pressure) for c in self.coupling])
 
     def lift(self, traction: Float[Array, "2 nx ny"]) -> Float[Array, "nx ny"]:
-        """w_S + w_B by a traction [mm]."""
+        """w_S + w_B under a traction [mm]."""
         if self.coupling is None:
             return jnp.zeros_like(traction[0])
         x, y = _mix(_scale_by_i, self.coupling, traction)
@@ -113,18 +114,18 @@ class Compliance(eqx.Module):
     def displace(
         self, pressure: Float[Array, "nx ny"], traction: Float[Array, "2 nx ny"]
     ) -> tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]:
-        """w_S + w_B and u_S − u_B by both: press and lift, pull and drag [mm]."""
+        """w_S + w_B and u_S − u_B under pressure and traction: press, lift, pull and drag [mm]."""
         if self.coupling is None:
             return self.press(pressure), self.drag(traction)
-        both = jnp.concatenate([pressure[None], traction])
-        moved = _mix(_displace, (self.normal, self.shear, self.coupling), both)
+        loads = jnp.concatenate([pressure[None], traction])
+        moved = _mix(_displace, (self.normal, self.shear, self.coupling), loads)
         return moved[0], moved[1:]
 
     def inverse(self) -> "Compliance":
-        """Roughly the inverse of `press` and of `drag`, each alone: that of each wave.
+        """Approximate inverse of `press` and of `drag` alone, wave by wave ([Vollebregt2014]).
 
-        [Vollebregt2014]. A uniform pressure does not move an incompressible layer; it counts as
-        the next wave.
+        A uniform pressure does not move an incompressible layer, so the longest wave is treated
+        like the next.
         """
         next_wave = jnp.minimum(self.normal[1, 0], self.normal[0, 1])
         xx, yy, xy = self.shear
@@ -135,7 +136,7 @@ class Compliance(eqx.Module):
         )
 
     def joint_inverse(self) -> "Compliance":
-        """Roughly the inverse of `displace`, wave by wave (Schur complement of the pressure)."""
+        """Approximate inverse of `displace`, wave by wave (Schur complement of the pressure)."""
         if self.coupling is None:
             return self.inverse()
         soft, (x, y), (xx, yy, xy) = self.inverse().normal, self.coupling, self.shear
@@ -146,7 +147,7 @@ class Compliance(eqx.Module):
         return Compliance(normal, shear, -pull)
 
     def coarsen(self, ratio: int) -> "Compliance":
-        """Its long waves: the compliance of cells `ratio` times as long, roughly."""
+        """Approximate compliance of cells `ratio` times as long, from the long waves."""
         my, mx = self.normal.shape
         rows, half = (my - 1) // ratio + 1, mx // (2 * ratio)
 
@@ -160,7 +161,7 @@ class Compliance(eqx.Module):
 
     @property
     def stiffest(self) -> Float[Array, ""]:
-        """The largest displacement by a unit traction of any wave, a bound on `drag` [mm/MPa]."""
+        """Largest displacement under a unit traction wave, a bound on `drag` [mm/MPa]."""
         xx, yy, xy = self.shear
         return jnp.max(0.5 * (xx + yy) + jnp.sqrt(0.25 * (xx - yy) ** 2 + xy**2))
 
@@ -168,16 +169,16 @@ class Compliance(eqx.Module):
 def pair_compliance(
     elastomer: AbstractBody, object_: AbstractBody, grid: Grid, *, smooth: bool = False
 ) -> Compliance:
-    """Compliance of two bodies pressed against each other: the sum of theirs.
+    """Compliance of two bodies pressed against each other: the sum of both compliances.
 
-    Only the coupling is their difference, as the object carries −τ. Where that is known to be 0
-    there is none.
+    The coupling is their difference, because the object carries −τ. It is None if the difference is
+    known to be 0.
 
     Args:
-        elastomer: S.
-        object_: B.
+        elastomer: the elastomer S.
+        object_: the object B.
         grid: cells.
-        smooth: without friction nothing is sheared, and `shear` is left at 0.
+        smooth: whether there is no friction; `shear` is then not computed and is 0.
     """
     pair = _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
     pull = pair.coupling
@@ -196,9 +197,9 @@ def _pair(
 ) -> Compliance:
     cell = _at_surface(integrals, grid)
     s, b = (body.coefficients(cell, grid.spacing) for body in (elastomer, object_))
-    both = jax.tree.map(jnp.add, s, b)
-    normal = _waves(both.zz, "zz")
-    shear = [_waves(both.xx, "xx"), _waves(both.yy, "yy"), -_waves(both.xy, "xy")]
+    total = jax.tree.map(jnp.add, s, b)
+    normal = _waves(total.zz, "zz")
+    shear = [_waves(total.xx, "xx"), _waves(total.yy, "yy"), -_waves(total.xy, "xy")]
     return Compliance(
         normal=normal,
         shear=jnp.zeros((3, 1, 1), normal.dtype) if smooth else jnp.stack(shear),
@@ -209,19 +210,19 @@ def _pair(
 def _mix(mix: Callable, spectra: Any, field: Array) -> Array:
     """Transform a field, mix its waves by spectra, transform back.
 
-    On a large grid some waves along y at a time: those stay in the processor's cache and take
-    little memory. Lines of zeros are left out.
+    A large grid is mixed in blocks of waves along y, which stay in the processor's cache and take
+    little memory. The padding with zeros is not transformed.
     """
     nx, ny = field.shape[-2:]
 
     def along_x(start: ArrayLike, count: int, waves: Array) -> Array:
         def cut(array: Array) -> Array:
-            few = array.shape[-2] == 1
-            return array if few else jax.lax.dynamic_slice_in_dim(array, start, count, -2)
+            single = array.shape[-2] == 1
+            return array if single else jax.lax.dynamic_slice_in_dim(array, start, count, -2)
 
-        some = mix(jax.tree.map(cut, spectra), jnp.fft.fft(cut(waves), n=2 * nx))
-        some = jnp.fft.ifft(some)[..., :nx]
-        return jax.lax.dynamic_update_slice_in_dim(waves, some, start, -2)
+        block = mix(jax.tree.map(cut, spectra), jnp.fft.fft(cut(waves), n=2 * nx))
+        block = jnp.fft.ifft(block)[..., :nx]
+        return jax.lax.dynamic_update_slice_in_dim(waves, block, start, -2)
 
     waves = jnp.swapaxes(jnp.fft.rfft(field, n=2 * ny), -2, -1)
     whole, rest = divmod(ny + 1, _ROWS) if ny > 2 * _ROWS else (0, ny + 1)
@@ -233,12 +234,12 @@ def _mix(mix: Callable, spectra: Any, field: Array) -> Array:
 
 
 def _scale(factor: Array, waves: Array) -> Array:
-    """Real times complex; XLA would make both complex."""
+    """Real factor times complex waves; XLA would convert the factor to complex numbers."""
     return jax.lax.complex(factor * waves.real, factor * waves.imag)
 
 
 def _scale_by_i(factor: Array, waves: Array) -> Array:
-    """The same times i."""
+    """Real factor times i times complex waves."""
     return jax.lax.complex(-factor * waves.imag, factor * waves.real)
 
 
@@ -256,7 +257,7 @@ def _displace(spectra: tuple[Array, Array, Array], waves: Array) -> Array:
 
 
 def _waves(coefficient: Array, name: str) -> Array:
-    """The spectrum but for its factor, real; each axis by its parity."""
+    """The spectrum without its complex factor, real; each axis is transformed by its parity."""
     waves = coefficient
     for parity in _PARITY[name]:
         half = jnp.fft.rfft(_mirror(waves, parity), axis=0)
@@ -265,54 +266,56 @@ def _waves(coefficient: Array, name: str) -> Array:
 
 
 def _mirror(half: Array, parity: int) -> Array:
-    """Along the first axis, all in FFT order from those that are not negative.
+    """Extend values at non-negative distances along the first axis to all, in FFT order.
 
-    The distance of a whole grid is never used; there, what is odd has no definite sign and is 0.
+    The distance of a whole grid is never used. Odd coefficients have no definite sign there and
+    are set to 0.
     """
     last = half[-1:] if parity > 0 else jnp.zeros_like(half[-1:])
     return jnp.concatenate([half[:-1], last, parity * half[-2:0:-1]])
 
 
 def _distances(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Distances along x and along y that are not negative [mm]."""
+    """Non-negative distances along x and along y [mm]."""
     x, y = (np.arange(n + 1) * d for n, d in zip(grid.shape, grid.spacing, strict=True))
     return x, y
 
 
 @lru_cache(maxsize=8)
 def _surface_integrals(grid: Grid) -> dict[str, np.ndarray]:
-    """What does not vanish at the surface, for the distances on the grid.
+    """Integrals that do not vanish at the surface, for the distances on the grid.
 
-    In double precision always, and by rows: what is needed on the way takes far more memory. On a
-    square grid of square cells y is x, swapped.
+    They are computed in double precision and in blocks of rows, because intermediate arrays take
+    far more memory. On a square grid of square cells, those along y are the transposes of those
+    along x.
     """
     x, y = _distances(grid)
     names = ("xx", "xy", "x", "turn_x")
     names = names if np.array_equal(x, y) else (*names, "yy", "y", "turn_y")
-    kept = {name: np.empty((len(x), len(y))) for name in names}
+    integrals = {name: np.empty((len(x), len(y))) for name in names}
     for row in range(0, len(x), _ROWS):
         here = slice(row, row + _ROWS)
         cell = cell_integrals(*np.meshgrid(x[here], y, indexing="ij"), grid.spacing)
         for name in names:
-            kept[name][here] = getattr(cell, name)
-    return kept
+            integrals[name][here] = getattr(cell, name)
+    return integrals
 
 
 def _at_surface(integrals: Mapping[str, AnyArray], grid: Grid) -> CellIntegrals:
     """All integrals at the surface."""
-    known = {name: jnp.asarray(value) for name, value in integrals.items()}
-    if "yy" not in known:
-        known |= {"yy": known["xx"].T, "y": known["x"].T, "turn_y": -known["turn_x"].T}
+    arrays = {name: jnp.asarray(value) for name, value in integrals.items()}
+    if "yy" not in arrays:
+        arrays |= {"yy": arrays["xx"].T, "y": arrays["x"].T, "turn_y": -arrays["turn_x"].T}
     x, y = jnp.meshgrid(*map(jnp.asarray, _distances(grid)), indexing="ij")
-    none = jnp.zeros_like(x)
+    zero = jnp.zeros_like(x)
     return CellIntegrals(
         offset=(x, y),
         depth=jnp.zeros(()),
-        zz=none,
-        xz=none,
-        yz=none,
-        flat_xx=known["yy"],
-        flat_yy=known["xx"],
-        flat_xy=-known["xy"],
-        **known,
+        zz=zero,
+        xz=zero,
+        yz=zero,
+        flat_xx=arrays["yy"],
+        flat_yy=arrays["xx"],
+        flat_xy=-arrays["xy"],
+        **arrays,
     )

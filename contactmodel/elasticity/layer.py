@@ -1,8 +1,8 @@
-"""What a rigid base under a body changes: displacement of a bonded layer less that of a half-space.
+"""Effect of a rigid base: the displacement of a bonded layer minus that of a half-space.
 
 The difference is smooth where the half-space's displacement is singular, and cancels it far away.
-Its Hankel transforms (`transfer` has it by wave number) are integrated once for a body and
-evaluated by their Chebyshev series.
+`transfer` gives it by wave number. Its Hankel transforms are integrated once for a body and
+evaluated by Chebyshev series.
 """
 
 from functools import lru_cache
@@ -21,19 +21,19 @@ from contactmodel.elasticity.transfer import base_transfer
 REACH = 40.0  # in thicknesses; beyond, a layer's displacement is below 1e-12 of the half-space's
 _WAVES = 22.0  # the integrands fall at least like e^{−x}
 _NODES = 960
-_TERMS = 64  # of the series in asinh(r/2h): 2e-13 of the largest
+_TERMS = 64  # of the series in asinh(r/2h); its error is 2e-13 of the largest value
 
 
 class Kernels(NamedTuple):
-    """Displacement by a point force, times 2πGh, less the half-space's; functions of r/h.
+    """Displacement under a point force times 2πGh, minus the half-space's, as functions of r/h.
 
     Attributes:
-        mean: half the sum of those along and across r by a force in the plane.
-        split: of their difference, by (r/h)².
-        normal: w by a pressing force.
-        pull: −u along r by a pressing force, by r/h.
-        lift: w by a force along r, by r/h.
-        turn: ½ rot u by a force across r, times h, by r/h.
+        mean: half the sum of the displacements along and across r under a force in the plane.
+        split: their difference, across minus along, over (r/h)².
+        normal: w under a pressing force.
+        pull: −u along r under a pressing force, over r/h.
+        lift: w under a force along r, over r/h.
+        turn: ½ rot u under a force across r, times h, over r/h.
     """
 
     mean: Array
@@ -50,7 +50,7 @@ def base_kernels(
     depth: ArrayLike,
     cell: ArrayLike,
 ) -> Kernels:
-    """Displacement of a layer by a force on a small square, less the half-space's.
+    """Displacement of a layer under a force on a small square, minus the half-space's.
 
     Args:
         distance: r/h, up to `REACH` [-].
@@ -78,7 +78,7 @@ def base_kernels(
 
 @jax.custom_jvp
 def _evaluate(series: Float[Array, "terms kernels"], v: Array) -> Array:
-    """Σ series_k T_k(v) by Clenshaw's recurrence; the kernels come first."""
+    """Σ series_k T_k(v) by Clenshaw's recurrence; the kernels are the first axis."""
 
     def step(carry, term):
         after, later = carry
@@ -91,7 +91,7 @@ def _evaluate(series: Float[Array, "terms kernels"], v: Array) -> Array:
 
 @_evaluate.defjvp
 def _evaluate_jvp(primals, tangents):
-    """The derivative by its own series: reverse mode keeps nothing of the recurrence."""
+    """The derivative as a series, so that reverse mode stores no steps of the recurrence."""
     (series, v), (dseries, dv) = primals, tangents
     slope = _evaluate(jnp.asarray(_derivative()) @ series, v)
     return _evaluate(series, v), _evaluate(dseries, v) + slope * dv
@@ -99,7 +99,7 @@ def _evaluate_jvp(primals, tangents):
 
 @lru_cache(maxsize=1)
 def _quadrature() -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Gauss nodes and weights in x, and J_i(xρ)/ρ^i at the series' points ρ."""
+    """Gauss nodes and weights in x, and J_i(xρ)/ρ^i at the Chebyshev points ρ."""
     nodes, weights = roots_legendre(_NODES)
     x = 0.5 * _WAVES * (nodes + 1.0)
     v = np.polynomial.chebyshev.chebpts1(_TERMS)
@@ -110,7 +110,7 @@ def _quadrature() -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
 
 @lru_cache(maxsize=1)
 def _to_series() -> np.ndarray:
-    """From values at the Chebyshev points to coefficients."""
+    """Matrix from values at the Chebyshev points to the series' coefficients."""
     v = np.polynomial.chebyshev.chebpts1(_TERMS)
     matrix = 2.0 / _TERMS * np.polynomial.chebyshev.chebvander(v, _TERMS - 1).T
     matrix[0] *= 0.5
@@ -119,6 +119,6 @@ def _to_series() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _derivative() -> np.ndarray:
-    """From the coefficients of a series to those of its derivative."""
+    """Matrix from the coefficients of a series to those of its derivative."""
     slope = np.polynomial.chebyshev.chebder(np.eye(_TERMS))
     return np.concatenate([slope, np.zeros((1, _TERMS))])

@@ -1,12 +1,12 @@
-"""What a sensor's pad is, once for all that model it: the table `pad` of files.
+"""The pad of a sensor, as described by the table `pad` of all files.
 
 [pad]
 shear_modulus_mpa = 0.2
 poisson_ratio = 0.48
-thickness_mm = 3.0           # on its rigid base; left out, or inf, for a half-space
-marker_depth_mm = 0.3        # of the markers below the surface
-dome_radius_mm = 30.0        # of the surface; left out where it is flat
-size_mm = [20.0, 20.0]       # of its surface along x and y
+thickness_mm = 3.0           # on a rigid base; omit it, or use inf, for a half-space
+marker_depth_mm = 0.3        # depth of the markers below the surface
+dome_radius_mm = 30.0        # radius of the surface; omit it if the surface is flat
+size_mm = [20.0, 20.0]       # size of the surface along x and y
 """
 
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ RENAMED = {
     "elastomer.dome_radius": "pad.dome_radius_mm",
     "elastomer.friction_coefficient": "",
 }
-"""The keys of version 0.1.0's sensor descriptions, and what they are called now."""
+"""Keys of version 0.1.0's sensor descriptions and their present names."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class Material:
     Attributes:
         shear_modulus: G [MPa].
         poisson_ratio: ν [-].
-        thickness: on its rigid base; infinite or None for a half-space [mm].
+        thickness: thickness on a rigid base; infinite or None for a half-space [mm].
 
     Raises:
-        ValueError: a value that no body has.
+        ValueError: a value is outside its range.
 
     Examples:
         >>> from contactmodel import Material
@@ -67,13 +67,13 @@ class Pad(Material):
     Attributes:
         shear_modulus: G_S [MPa].
         poisson_ratio: ν_S [-].
-        thickness: on its rigid base; infinite or None for a half-space [mm].
-        marker_depth: of the markers below the surface [mm].
-        dome_radius: of the surface; infinite or None where it is flat [mm].
-        size: of the surface along x and y [mm].
+        thickness: thickness on a rigid base; infinite or None for a half-space [mm].
+        marker_depth: depth of the markers below the surface [mm].
+        dome_radius: radius of the surface; infinite or None for a flat surface [mm].
+        size: size of the surface along x and y [mm].
 
     Raises:
-        ValueError: a value that no pad has, or markers below its base.
+        ValueError: a value is outside its range, or the markers lie below the base.
 
     Examples:
         >>> from contactmodel import Pad, make_body
@@ -87,21 +87,27 @@ class Pad(Material):
     size: tuple[float, float] | None = field(default=None, metadata=unit("mm", above=0.0))
 
     def __post_init__(self) -> None:
-        """Check the values."""
+        """Check the values and the depth of the markers."""
         check_limits(self)
         if (self.marker_depth or 0.0) > (inf if self.thickness is None else self.thickness):
             raise ValueError(
-                f"marker_depth_mm is {self.marker_depth}; it must not be beyond thickness_mm, "
+                f"marker_depth_mm is {self.marker_depth}; it must not be larger than thickness_mm, "
                 f"{self.thickness}"
             )
 
 
 def read_pad(path: Path) -> Pad:
-    """The pad of a sensor description.
+    """Read the pad of a sensor description.
+
+    Args:
+        path: TOML file.
+
+    Returns:
+        The pad; without a table `pad`, all of its values are None.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: its table `pad` is wrong.
+        ValueError: the file is not a sensor description, or its table `pad` is wrong.
 
     Examples:
         >>> from pathlib import Path
@@ -116,5 +122,5 @@ def read_pad(path: Path) -> Pad:
 
 
 def complete_pad(own: Pad, sensor: Pad) -> Pad:
-    """A pad with what is not known of it taken from another description."""
+    """A pad whose unknown values are taken from a sensor's pad."""
     return Pad(**{**vars(sensor), **{k: v for k, v in vars(own).items() if v is not None}})

@@ -1,17 +1,17 @@
-"""What waves do to a half-space and to a layer, and what that makes of the object's rotation.
+"""Compliance of half-spaces and layers by wave, and its effect on the object's rotation.
 
 [Burmister1945] D. M. Burmister, "The general theory of stresses and displacements in layered
-systems"; here solved for one layer on a rigid base. The functions are dimensionless: x = qh, q the
-wave number and h the thickness; a compliance is δ/(Gq).
+systems"; solved here for one layer on a rigid base. The functions are dimensionless: x = qh, where
+q is the wave number and h the thickness. A compliance is δ/(Gq).
 
-In Fourier space (e^{+iq·r}) the traction along q (L) and the pressure couple, the traction across
-q (T) does not: û_L = C_LL τ_L + iC_Lp p, ŵ = C_zz p − iC_zL τ_L, û_T = C_TT τ_T.
+In Fourier space (e^{+iq·r}) the traction along q (L) and the pressure are coupled. The traction
+across q (T) is not: û_L = C_LL τ_L + iC_Lp p, ŵ = C_zz p − iC_zL τ_L, û_T = C_TT τ_T.
 
-[Li2024] is the paper of `equations`: Eq. (2) and (13) have a number k = G_S/G_B and a load term L.
-On bodies that are alike along the surface only the transverse part of the traction turns it, and
-every wave q of it turns S and B in opposite senses in the ratio k̂(q) of their transverse
-compliances, whatever slides. Of two half-spaces k̂ is k; of a layer it depends on q, and the number
-k is a projection.
+[Li2024] is the paper of `equations`. Its Eqs. (2) and (13) contain a number k = G_S/G_B and a load
+term L. If both bodies are uniform along the surface, only the transverse part of the traction turns
+the surface. Every wave q turns S and B in opposite senses, in the ratio k̂(q) of their transverse
+compliances, wherever the contact slides. For two half-spaces k̂ = k. For a layer k̂ depends on q, and
+the number k is a projection.
 """
 
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from contactmodel.common.arrays import AnyArray, Value, as_arrays
 
 
 class Transfer(NamedTuple):
-    """Displacement by the waves of a unit traction, times Gq [-].
+    """Displacement under waves of unit traction, times Gq [-].
 
     Attributes:
         transverse: û_T by τ_T.
@@ -40,7 +40,7 @@ class Transfer(NamedTuple):
 
 
 def half_space_transfer(depth: Float[AnyArray, "*waves"], poisson_ratio: Value) -> Transfer:
-    """Of a half-space.
+    """Transfer functions of a half-space.
 
     Args:
         depth: qz, depth times wave number [-].
@@ -58,7 +58,7 @@ def half_space_transfer(depth: Float[AnyArray, "*waves"], poisson_ratio: Value) 
 
 
 def base_transfer(x: Float[AnyArray, "*waves"], poisson_ratio: Value, depth: Value) -> Transfer:
-    """Of a bonded layer, less that of a half-space; no difference of large numbers.
+    """Transfer functions of a bonded layer minus a half-space's, without cancellation.
 
     Args:
         x: qh, thickness times wave number [-].
@@ -95,12 +95,13 @@ def base_transfer(x: Float[AnyArray, "*waves"], poisson_ratio: Value, depth: Val
 
 
 class LayerGain(NamedTuple):
-    """By how much more than a thick elastomer's a layer's waves count, less 1 [-].
+    """Factors of a layer's waves relative to a half-space's, minus 1 [-].
 
     Attributes:
-        below: 1/D − 1, D the motion by transverse waves at the depth over that at the surface.
-        transverse: k̂/k − 1 against a half-space, coth x − 1.
-        longitudinal: the same of longitudinal waves, both bodies incompressible.
+        below: 1/D − 1, where D is the displacement by transverse waves at the depth over that at
+            the surface.
+        transverse: k̂/k − 1 of a layer against a half-space, coth x − 1.
+        longitudinal: k̂/k − 1 of longitudinal waves, for two incompressible bodies.
     """
 
     below: AnyArray
@@ -109,13 +110,13 @@ class LayerGain(NamedTuple):
 
 
 def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -> LayerGain:
-    """Factors, less 1, that turn what a layer's markers show into a half-space's, wave by wave.
+    """Factors, minus 1, that convert the motion of a layer's markers to a half-space's, by wave.
 
-    Between two layers k̂/k is the quotient of their 1 + `transverse`.
+    For two layers, k̂/k is the quotient of their values of 1 + `transverse`.
 
     Args:
         x: qh, thickness times wave number; infinite for a half-space [-].
-        depth: qz, depth times wave number, below qh [-].
+        depth: qz, depth times wave number, less than qh [-].
 
     Examples:
         >>> import numpy as np
@@ -126,7 +127,7 @@ def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -
         [1.   1.09 1.52]
     """
     xp, x, depth = as_arrays(x, depth)
-    x = xp.minimum(x, 1e3)  # nothing is left of the base there
+    x = xp.minimum(x, 1e3)  # the base has no effect there
     at, under = base_transfer(x, 0.5, 0.0), base_transfer(x, 0.5, xp.minimum(depth / x, 1.0))
     fade = half_space_transfer(depth, 0.5).transverse
     return LayerGain(
@@ -137,13 +138,13 @@ def layer_gain(x: Float[AnyArray, "*waves"], depth: Float[AnyArray, "*waves"]) -
 
 
 def ball_gain(x: Float[AnyArray, "*waves"]) -> AnyArray:
-    """By how much more a ball's surface turns than a half-space's, wave by wave, less 1 [-].
+    """Rotation of a ball's surface over that of a half-space, wave by wave, minus 1 [-].
 
-    A traction on a sphere that turns its surface by the harmonic n, u = r̂ × ∇Y_n, moves it by
-    R/(G(n − 1)): inside, u grows like r^n, and the traction is G r d(u/r)/dr. Seen from near its
-    pole the wave is that of number q = (n + ½)/R on a half-space, which moves by 1/(Gq). So the
-    ball's compliance is qR/(qR − 3/2) of that; n = 1 is a rigid turn, which is the grip's, and
-    waves as long as the ball, n < 2, count like n = 2.
+    A unit traction that turns a sphere's surface by the harmonic n, u = r̂ × ∇Y_n, displaces it by
+    R/(G(n − 1)): inside, u grows like r^n, and the traction is G r d(u/r)/dr. Near the pole this
+    wave is the wave q = (n + ½)/R on a half-space, which moves by 1/(Gq). The ball's compliance is
+    therefore qR/(qR − 3/2) times the half-space's. n = 1 is a rigid rotation, which the grip
+    determines. Waves as long as the ball, n < 2, are treated like n = 2.
 
     Args:
         x: qR, radius times wave number; infinite for a flat object [-].
@@ -164,9 +165,9 @@ class ScalarTransfer(NamedTuple):
 
     Attributes:
         stiffness_ratio: k [-].
-        load_term: L = L_xy − L_yx, in the paper's sign as everywhere: the object turns by
-            (1 + k) φ − L/2, counter-clockwise [rad].
-        residual: root mean square of what they leave of the object's rotation [rad].
+        load_term: L = L_xy − L_yx with the paper's sign: the object turns by (1 + k) φ − L/2,
+            counter-clockwise [rad].
+        residual: root mean square of the object's rotation that k and L do not explain [rad].
 
     Examples:
         >>> import numpy as np
@@ -188,15 +189,15 @@ def fit_scalar_transfer(
     object_rotation: Float[AnyArray, "*cells"],
     region: Bool[AnyArray, "*cells"],
 ) -> ScalarTransfer:
-    """The k that follows the object's rotation best over a region, and the mean L left there.
+    """Fit k to the object's rotation over a region, then L to the mean of the residual.
 
-    Least squares of ½ rot u_B = −k ½ rot u_S, then the mean of the rest. Both at once would not
-    do: where everything sticks the two rotations differ by a constant, and k = −1 would fit.
+    k is the least-squares fit of ½ rot u_B = −k ½ rot u_S. Both are not fitted together: if
+    everything sticks, the two rotations differ by a constant, and the fit would give k = −1.
 
     Args:
-        elastomer_rotation: ½ rot u_S, as `ContactSolution.elastomer_rotation` has it [rad].
-        object_rotation: ½ rot u_B [rad].
-        region: cells to fit, those in contact for example.
+        elastomer_rotation: ½ rot u_S, as returned by `ContactSolution.elastomer_rotation` [rad].
+        object_rotation: ½ rot u_B, as returned by `ContactSolution.object_rotation` [rad].
+        region: cells to fit, for example those in contact.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Sphere
@@ -213,10 +214,10 @@ def fit_scalar_transfer(
     square = xp.sum(weight * phi**2)
     moves = square > 0.0
     k = xp.where(moves, xp.sum(weight * phi * opposite) / xp.where(moves, square, 1.0), 0.0)
-    rest = opposite - k * phi
+    residual = opposite - k * phi
     count = xp.maximum(xp.sum(weight), 1.0)
-    mean = xp.sum(weight * rest) / count
-    spread = xp.sum(weight * (rest - mean) ** 2) / count
+    mean = xp.sum(weight * residual) / count
+    spread = xp.sum(weight * (residual - mean) ** 2) / count
     root = xp.sqrt(xp.where(spread > 0.0, spread, 1.0)) * (spread > 0.0)
     return ScalarTransfer(k, -2.0 * mean, root)
 

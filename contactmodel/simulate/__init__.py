@@ -1,1 +1,1 @@
-"""`python -m contactmodel simulate`: a configuration file, and what is written of its contact."""
+"""`python -m contactmodel simulate`: reads a configuration, solves the contact, writes results."""

@@ -1,9 +1,9 @@
-"""Simulations as TOML files describe them, with units in their keys.
+"""Configuration files of simulations: TOML with units in the keys.
 
-`examples/` next to this module holds some with comments. Legs may give `normal_force_n`,
-`shear_force_n` and `moment_nmm` in place of `approach_mm`, `shift_mm` and `twist_deg`, in all legs
-alike; they run straight from the leg before, from 0 at first. With `sliding = true` the object's
-shape goes along as it slides. What its table `pad` does not say is that of a sensor description.
+`examples/` next to this module holds commented files. All legs may give `normal_force_n`,
+`shear_force_n` and `moment_nmm` in place of `approach_mm`, `shift_mm` and `twist_deg`. A leg runs
+straight from the end of the previous leg, the first from 0. With `sliding = true` the object's
+shape moves as it slides. Keys that the table `pad` lacks come from a sensor description.
 """
 
 import hashlib
@@ -46,7 +46,7 @@ from contactmodel.pose import Pose, Resultants, make_path
 
 EXAMPLES = resources.files("contactmodel.simulate") / "examples"
 MOST_STEPS = 100_000
-"""Steps of a motion, each a file of its own."""
+"""Largest number of steps of a motion; each is written to its own file."""
 Pair = tuple[float, float]
 LENGTH = unit("mm", above=0.0)
 
@@ -59,7 +59,7 @@ class _Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class _Indenter:
-    """An object's shape, and where it is."""
+    """An object's shape, position and angle."""
 
     shape: str
     position: Pair = field(default=(0.0, 0.0), metadata=unit("mm"))
@@ -102,12 +102,12 @@ SHAPES: dict[str, tuple[type[_Indenter], Callable[[Any, "_Maps"], AbstractIndent
     "round_punch": (_RoundPunch, lambda t, _: RoundPunch(t.radius, t.edge_radius)),
     "square_punch": (_SquarePunch, lambda t, _: SquarePunch(t.width, t.edge_radius)),
 }
-"""Table and class of each shape."""
+"""Table of the file and constructor of each shape."""
 
 
 @dataclass(frozen=True)
 class _Friction:
-    """A coefficient, or a map of it, and the law by which it falls with pressure."""
+    """A friction coefficient or a map of it, and the law by which it falls with pressure."""
 
     friction_coefficient: float | None = field(default=None, metadata=unit(least=0.0))
     friction_coefficient_file: str | None = None
@@ -117,7 +117,7 @@ class _Friction:
 
 @dataclass(frozen=True)
 class _Leg:
-    """Where a leg of the motion ends; what it does not name stays."""
+    """End of a leg of the motion; missing values stay as in the previous leg."""
 
     steps: int = field(metadata=unit(least=1.0))
     approach: float | None = field(default=None, metadata=unit("mm"))
@@ -148,14 +148,14 @@ class _File:
 
 @dataclass(frozen=True)
 class Simulation:
-    """What a configuration file asks for.
+    """The simulation that a configuration file describes.
 
     Attributes:
-        text: the file, and below it the hashes of the maps that it names.
-        contact: bodies, shape, grid, friction and the depth at which `u_marker` is written.
-        path: motion of B.
-        resultants: given in place of some of it, for each step.
-        sliding: whether the shape goes along with what slides.
+        text: text of the file, followed by the hashes of the maps that it names.
+        contact: bodies, shape, grid, friction, and the marker depth at which `u_marker` is written.
+        path: motion of the object B.
+        resultants: force and moment of each step in place of parts of the motion, or None.
+        sliding: whether the object's shape moves as it slides.
     """
 
     text: str
@@ -173,12 +173,12 @@ def read_simulation(path: str | Path, pad: Pad | None = None) -> Simulation:
     """Read a configuration file, or a shipped example by its name.
 
     Args:
-        path: of the file, or name of the example.
-        pad: of a sensor description, for what the file's own table `pad` does not say.
+        path: path of the file, or name of the example.
+        pad: pad of a sensor description; supplies the keys that the file's table `pad` lacks.
 
     Raises:
-        FileNotFoundError: neither a file nor an example, or a map that it names is not there.
-        ValueError: keys that are missing, unknown or have wrong values.
+        FileNotFoundError: there is no such file or example, or a map that it names is missing.
+        ValueError: a key is missing or unknown, or its value is wrong.
     """
     example = EXAMPLES / f"{path}.toml"
     if not Path(path).is_file() and not example.is_file():
@@ -196,18 +196,18 @@ def read_simulation(path: str | Path, pad: Pad | None = None) -> Simulation:
 
 
 class _Maps:
-    """Reads the maps that a configuration names, and notes their hashes."""
+    """Reads the maps that a configuration names, and collects their hashes."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.hashes = ""
 
     def read(self, name: str) -> np.ndarray:
-        """The array of a file that is named relative to the configuration."""
+        """Read the array of a file whose name is relative to the configuration."""
         file = self.folder / name
         values = read_array(file)
         if values.dtype.kind not in "iuf":
-            raise ValueError(f"{name} holds {values.dtype}; it must hold numbers")
+            raise ValueError(f"{name} holds values of type {values.dtype}; it must hold numbers")
         self.hashes += f"# {name}: sha256 {hashlib.sha256(file.read_bytes()).hexdigest()}\n"
         return values.astype(float)
 
@@ -223,7 +223,7 @@ def _make(file: _File, sensor: Pad, text: str, maps: _Maps) -> Simulation:
         if body.thickness is not None and body.thickness < max(grid.spacing):
             raise ValueError(
                 f"{name}: thickness_mm is {body.thickness}, less than a cell of "
-                f"{max(grid.spacing):.4g} mm: take more cells or a smaller size_mm"
+                f"{max(grid.spacing):.4g} mm: use more cells or a smaller size_mm"
             )
     with naming("pad"):
         elastomer = make_body(pad)
@@ -242,16 +242,19 @@ def _make(file: _File, sensor: Pad, text: str, maps: _Maps) -> Simulation:
 def _make_friction(
     table: _Friction, maps: _Maps, grid: Grid
 ) -> float | np.ndarray | PowerLawFriction:
-    """The coefficient, or the law by which it falls with pressure."""
+    """A coefficient, a map of it, or the law by which it falls with pressure."""
     coefficient: float | np.ndarray | None = table.friction_coefficient
     if table.friction_coefficient_file is not None:
         coefficient = maps.read(table.friction_coefficient_file)
         if coefficient.shape != grid.shape:
             raise ValueError(
-                f"friction must be a map of shape {grid.shape}, got {coefficient.shape}"
+                f"{table.friction_coefficient_file} must hold a map of shape {grid.shape}, got "
+                f"the shape {coefficient.shape}"
             )
         if not ((coefficient >= 0.0) & (coefficient < inf)).all():
-            raise ValueError(f"{table.friction_coefficient_file} must hold numbers from 0")
+            raise ValueError(
+                f"{table.friction_coefficient_file} must hold numbers from 0, all of them finite"
+            )
     law = {
         "friction_coefficient": coefficient,
         "reference_pressure_mpa": table.reference_pressure,
@@ -281,26 +284,30 @@ IN_PLACE_OF = {"normal_force": "approach", "shear_force": "shift", "moment": "tw
 
 
 def _make_path(motion: _Motion) -> tuple[Pose, Resultants | None]:
-    """The motion, and the resultants in place of some of it; both run straight along each leg."""
+    """The motion and the resultants that replace parts of it; both are linear along each leg."""
     if not motion.legs:
         raise ValueError("the motion has no legs")
-    keys = {one.name: key_of(one) for one in fields(_Leg)}
-    given = [{k: v for k, v in vars(leg).items() if v is not None} for leg in motion.legs]
-    used = {name for leg in given for name in leg}
+    keys = {leg_field.name: key_of(leg_field) for leg_field in fields(_Leg)}
+    ends = [{k: v for k, v in vars(leg).items() if v is not None} for leg in motion.legs]
+    used = {name for end in ends for name in end}
     for name, in_place_of in IN_PLACE_OF.items():
         if {name, in_place_of} <= used:
             raise ValueError(
-                f"the legs of the motion have both {keys[name]} and {keys[in_place_of]}; choose one"
+                f"the legs of the motion have both {keys[name]} and {keys[in_place_of]}; use only "
+                "one of the two keys"
             )
     if ("normal_force" in used) != (motion.first_approach is not None):
-        raise ValueError("first_approach_mm, at which the bodies touch, goes with normal_force_n")
+        raise ValueError(
+            "first_approach_mm, at which the bodies touch, and normal_force_n must be given "
+            "together"
+        )
     if (count := sum(leg.steps for leg in motion.legs)) > MOST_STEPS:
-        raise ValueError(f"the legs have {count} steps; {MOST_STEPS} are allowed at most")
+        raise ValueError(f"the legs have {count} steps; at most {MOST_STEPS} are allowed")
     state: dict[str, Any] = {"shift": (0.0, 0.0), "shear_force": (0.0, 0.0)}
     state |= dict.fromkeys(("twist", "normal_force", "moment"), 0.0)
     states = [state | {"approach": motion.first_approach or 0.0}]
-    for leg in given:
-        states.append(states[-1] | leg)
+    for end in ends:
+        states.append(states[-1] | end)
     steps = [leg.steps for leg in motion.legs]
     poses = [Pose(s["approach"], s["shift"], s["twist"], motion.centre) for s in states]
     ramps = {name: _ramp([s[name] for s in states], steps) for name in IN_PLACE_OF if name in used}
@@ -308,7 +315,7 @@ def _make_path(motion: _Motion) -> tuple[Pose, Resultants | None]:
 
 
 def _ramp(corners: list[Any], steps: list[int]) -> np.ndarray:
-    """Straight from corner to corner, without the first."""
+    """Interpolate linearly between corners; the first corner is left out."""
     legs = zip(corners[:-1], corners[1:], steps, strict=True)
     parts = [np.linspace(start, end, count + 1)[1:] for start, end, count in legs]
     return np.concatenate(parts)

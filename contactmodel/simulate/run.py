@@ -1,6 +1,6 @@
-"""A simulation, run step by step into a folder.
+"""Run a simulation step by step, and write it to a folder.
 
-Every step is a file of its own, so that a run that was interrupted goes on where it stopped.
+Every step is written to its own file, so that an interrupted run resumes.
 """
 
 import csv
@@ -24,16 +24,20 @@ from contactmodel.solve import solve_contact
 
 
 def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, ContactSolution]]:
-    """Solve step by step, write each, and go on from what the folder already holds.
+    """Solve and write each step; steps that the folder already holds are read instead.
 
     A step whose file is damaged is solved again.
+
+    Args:
+        simulation: contact, path and resultants.
+        folder: folder to write to; created if missing.
 
     Yields:
         Number of the step, from 1, and its contact.
 
     Raises:
         ValueError: the folder is a file, or holds another simulation.
-        RuntimeError: a step that failed.
+        RuntimeError: a step failed.
     """
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file; choose a folder to write to")
@@ -59,11 +63,11 @@ def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, 
 
 
 def write_results(path: ContactSolution, folder: Path) -> None:
-    """Write the table of the path, and pictures of it and of its last contact.
+    """Write the table of a path, and pictures of the path and of its last contact.
 
     Args:
-        path: the contacts, steps along the first axis.
-        folder: where to write `path.csv` and the pictures.
+        path: contacts, with the steps along the first axis.
+        folder: folder for `path.csv` and the pictures.
     """
     _write(folder / "path.csv", lambda part: _write_table(path, part))
     last = path.at_step(-1)
@@ -81,7 +85,11 @@ def write_results(path: ContactSolution, folder: Path) -> None:
 def save_step(solution: ContactSolution, file: Path) -> None:
     """Write the arrays of a contact under their names, and `u_marker`.
 
-    That is the displacement of the elastomer at the markers' depth under the cells [mm].
+    `u_marker` is the displacement of the elastomer below the cells at the markers' depth [mm].
+
+    Args:
+        solution: a single contact.
+        file: `.npz` file to write.
     """
     bare = eqx.tree_at(lambda s: s.problem, solution, None)
     leaves = jax.tree_util.tree_leaves_with_path(bare)
@@ -92,15 +100,15 @@ def save_step(solution: ContactSolution, file: Path) -> None:
 
 
 def load_step(skeleton: ContactSolution, file: Path) -> ContactSolution:
-    """Read what `save_step` has written.
+    """Read a contact that `save_step` has written.
 
     Args:
         skeleton: a contact of the same simulation, or its shapes.
-        file: to read.
+        file: file to read.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is damaged, or of another simulation.
+        ValueError: the file is damaged or belongs to another simulation.
     """
     bare = eqx.tree_at(lambda s: s.problem, skeleton, None)
     leaves, tree = jax.tree_util.tree_flatten_with_path(bare)
@@ -116,13 +124,13 @@ def load_step(skeleton: ContactSolution, file: Path) -> ContactSolution:
 
 
 def _make_skeleton(simulation: Simulation) -> ContactSolution:
-    """The shapes of a step, with the problem that is solved."""
+    """The array shapes of a step's contact, with the problem that is solved."""
     shapes = eqx.filter_eval_shape(lambda: _solve(simulation, 0, None))
     return eqx.tree_at(lambda s: s.problem, shapes, simulation.contact)
 
 
 def _load_if_whole(skeleton: ContactSolution, file: Path) -> ContactSolution | None:
-    """A step that was solved before, if its file is there and can be read."""
+    """The contact of a step from its file; None if the file is missing or damaged."""
     try:
         return load_step(skeleton, file)
     except (FileNotFoundError, ValueError):
@@ -130,9 +138,10 @@ def _load_if_whole(skeleton: ContactSolution, file: Path) -> ContactSolution | N
 
 
 def _solve(simulation: Simulation, index: int, previous: ContactSolution | None) -> ContactSolution:
-    pose, given = jax.tree.map(lambda leaf: leaf[index], (simulation.path, simulation.resultants))
+    steps = simulation.path, simulation.resultants
+    pose, resultants = jax.tree.map(lambda leaf: leaf[index], steps)
     how = {"previous": previous, "sliding": simulation.sliding}
-    return solve_contact(simulation.contact, pose, given, **how)
+    return solve_contact(simulation.contact, pose, resultants, **how)
 
 
 def _write_table(path: ContactSolution, file: Path) -> None:
@@ -161,7 +170,7 @@ def _write_table(path: ContactSolution, file: Path) -> None:
 
 
 def _write(file: Path, write: Callable[[Path], object]) -> None:
-    """Write under another name first, so that nothing half-written is left."""
+    """Write to a temporary name, then rename, so that no incomplete file remains."""
     part = file.with_name(f".part-{file.name}")
     try:
         write(part)
@@ -171,5 +180,5 @@ def _write(file: Path, write: Callable[[Path], object]) -> None:
 
 
 def _key(path: tuple[Any, ...]) -> str:
-    """Name of an array: where it is in the solution."""
+    """Name of an array: its path in the solution."""
     return jax.tree_util.keystr(path, simple=True, separator=".")

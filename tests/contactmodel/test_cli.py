@@ -104,7 +104,7 @@ def test_simulate_writes_fields_table_and_pictures_and_goes_on(config, tmp_path)
         (
             "poisson_ratio = 0.48",
             "poisson_ratio = 0.48\nthickness_mm = 2.0\nmarker_depth_mm = 2.1",
-            "pad: marker_depth_mm is 2.1; it must not be beyond thickness_mm, 2.0",
+            "pad: marker_depth_mm is 2.1; it must not be larger than thickness_mm, 2.0",
         ),
         (
             "friction_coefficient = 0.5",
