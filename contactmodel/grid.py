@@ -42,7 +42,8 @@ class Grid:
         shape, size = np.asarray(self.shape), np.asarray(self.size)
         if shape.shape != (2,) or shape.dtype.kind not in "iu" or shape.min() < 2:
             raise ValueError(
-                f"the shape of a grid must be two whole numbers, at least 2 cells, got {self.shape}"
+                "the shape of a grid must be two whole numbers, at least 2 cells along x and y, "
+                f"got {self.shape}"
             )
         lengths = size.shape == (2,) and size.dtype.kind in "iuf"
         if not lengths or not np.all(np.isfinite(size) & (size > 0)):

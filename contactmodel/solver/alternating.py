@@ -1,11 +1,11 @@
-"""Pressure and traction together, each bound to the other.
+"""Pressure and traction together, if each depends on the other.
 
-Pressing pulls the surfaces of dissimilar bodies past each other, and friction lifts them. From a
-start that is near, Newton's method finds both at once (`newton`). It needs one: for a given
-traction the pressure is the minimum of one convex energy, for a given pressure the traction that
-of another (`normal`, `friction`), and solving these in turn comes nearer from anywhere, though
-slowly, as the two together are not one minimum. So a turn goes before each attempt that has nothing
-to start from or got stuck. Bodies with the same (1−2ν)/G need one turn only.
+Pressing pulls the surfaces of dissimilar bodies past each other, and friction lifts them. Newton's
+method finds pressure and traction at once (`newton`), but needs a near start. For a given traction
+the pressure minimises one convex energy, and for a given pressure the traction minimises another
+(`normal`, `friction`). Solving these two in turn approaches the solution from any start, but
+slowly, because both together do not minimise one energy. A turn therefore precedes each attempt of
+Newton's method that has no start or has stalled. Bodies with the same (1−2ν)/G need only one turn.
 """
 
 from typing import NamedTuple
@@ -25,21 +25,21 @@ from contactmodel.solver.normal import pressure_residual, solve_pressure
 from contactmodel.solver.tangent import Load
 
 MAX_TURNS = 60
-_FORCING = 0.03  # tolerance of both solvers by the residual of the turn before
-_FLOOR = 0.5  # the least, by that of the whole: at 1, what one leaves can keep the other above it
+_FORCING = 0.03  # tolerance of both solvers over the residual of the previous turn
+_FLOOR = 0.5  # smallest, over rtol: at 1, the residual of one can keep the other above rtol
 
 
 class Tractions(NamedTuple):
-    """What was found, and how.
+    """Pressure and traction, and the solvers' iterations.
 
     Attributes:
         pressure: p [MPa].
         traction: τ [MPa].
-        normal: iterations of all turns; residual under the last traction.
-        tangential: the same of the traction, and those of both at once.
-        turns: pressure solved and traction solved.
+        normal: pressure iterations of all turns; residual under the last traction.
+        tangential: traction iterations of all turns, joint Newton steps included.
+        turns: number of turns; each solves the pressure and then the traction.
         pressed: whether the pressure converged in the last turn.
-        rubbed: whether the traction did.
+        rubbed: whether the traction converged in the last turn.
     """
 
     pressure: Float[Array, "nx ny"]
@@ -60,15 +60,15 @@ def solve_tractions(
     rtol: ArrayLike,
     max_steps: ArrayLike,
 ) -> Tractions:
-    """Pressure and traction that fulfil the laws of contact and of friction.
+    """Solve for pressure and traction that satisfy the laws of contact and friction.
 
     Args:
-        compliance: of the pair.
+        compliance: compliance of the pair.
         load: shape, motion and friction.
-        start: pressure and traction to begin with [MPa].
-        smooth: whether there is no friction; then the pressure alone is solved for.
-        rtol: tolerance on the residuals of `normal` and `friction` [-].
-        max_steps: of each solver in each turn.
+        start: initial pressure and traction [MPa].
+        smooth: whether there is no friction; then only the pressure is solved for.
+        rtol: tolerance of the residuals of `normal` and `friction` [-].
+        max_steps: largest number of iterations of each solver in each turn.
 
     Returns:
         Pressure and traction, differentiable with respect to the compliance and the load.
@@ -89,7 +89,7 @@ def _solve(
 
 @_solve.def_jvp
 def _solve_jvp(primals, tangents):
-    """The derivative of what was found; that of the start is 0."""
+    """The derivative of the solution; that by the start is 0."""
     task, _, smooth, rtol, max_steps = primals
     end = _solve(*primals)
 
@@ -111,23 +111,26 @@ def find_tractions(
     rtol: ArrayLike,
     max_steps: ArrayLike,
 ) -> Tractions:
-    """The same, without a derivative: both at once, and in turn where that does not do."""
+    """Solve without a derivative: jointly, and in turn where the joint solve does not converge.
+
+    Arguments as for `solve_tractions`.
+    """
     if smooth:
         return _press(compliance, load, start, rtol, max_steps)
     coupled = compliance.coupling is not None
     acts = jnp.any(compliance.coupling != 0.0) if coupled else jnp.zeros((), bool)
 
-    def tolerance(found: Tractions) -> Array:
-        before = jnp.minimum(found.normal.residual, _FORCING)
+    def tolerance(last: Tractions) -> Array:
+        before = jnp.minimum(last.normal.residual, _FORCING)
         return jnp.where(acts, jnp.maximum(_FORCING * before, _FLOOR * rtol), rtol)
 
-    def turn(found: Tractions) -> Tractions:
-        how = {"rtol": tolerance(found), "max_steps": max_steps}
-        gap = load.gap + compliance.lift(found.traction)
-        pressure, normal = solve_pressure(compliance, gap, start=found.pressure, **how)
+    def turn(last: Tractions) -> Tractions:
+        how = {"rtol": tolerance(last), "max_steps": max_steps}
+        gap = load.gap + compliance.lift(last.traction)
+        pressure, normal = solve_pressure(compliance, gap, start=last.pressure, **how)
         drive = load.motion - compliance.pull(pressure)
         traction, tangential = solve_traction(
-            compliance, drive, load.friction.limit(pressure), start=found.traction, **how
+            compliance, drive, load.friction.limit(pressure), start=last.traction, **how
         )
         pressed, rubbed = (
             end.residual <= jnp.maximum(how["rtol"], rtol) for end in (normal, tangential)
@@ -135,29 +138,29 @@ def find_tractions(
         if coupled:
             gap = load.gap + compliance.lift(traction)
             normal = normal._replace(residual=pressure_residual(compliance, gap, pressure))
-        normal = normal.after(found.normal)
-        tangential = tangential.after(found.tangential)
-        return Tractions(pressure, traction, normal, tangential, found.turns + 1, pressed, rubbed)
+        normal = normal.after(last.normal)
+        tangential = tangential.after(last.tangential)
+        return Tractions(pressure, traction, normal, tangential, last.turns + 1, pressed, rubbed)
 
-    def settled(found: Tractions) -> Array:
-        return (found.normal.residual <= rtol) & (found.tangential.residual <= rtol)
+    def converged(state: Tractions) -> Array:
+        return (state.normal.residual <= rtol) & (state.tangential.residual <= rtol)
 
-    def attempt(found: Tractions) -> Tractions:
-        near = acts & jnp.any(found.pressure > 0.0)
-        start = found.pressure, found.traction
+    def attempt(state: Tractions) -> Tractions:
+        near = acts & jnp.any(state.pressure > 0.0)
+        start = state.pressure, state.traction
         end = solve_jointly(compliance, load, start=start, near=near, rtol=rtol)
-        together = found._replace(
+        joint = state._replace(
             pressure=end.pressure,
             traction=end.traction,
-            normal=found.normal._replace(residual=end.normal),
-            tangential=end.tangential.after(found.tangential),
+            normal=state.normal._replace(residual=end.normal),
+            tangential=end.tangential.after(state.tangential),
         )
-        found = jax.tree.map(lambda a, b: jnp.where(near, a, b), together, found)
-        return jax.lax.cond(settled(found), lambda: found, lambda: turn(found))
+        state = jax.tree.map(lambda a, b: jnp.where(near, a, b), joint, state)
+        return jax.lax.cond(converged(state), lambda: state, lambda: turn(state))
 
-    def go_on(found: Tractions) -> Array:
-        more = (found.turns < MAX_TURNS) & found.pressed & found.rubbed
-        return ~settled(found) & more
+    def go_on(state: Tractions) -> Array:
+        more = (state.turns < MAX_TURNS) & state.pressed & state.rubbed
+        return ~converged(state) & more
 
     begin = begin_with(start)
     return jax.lax.while_loop(go_on, attempt, begin) if coupled else turn(begin)
@@ -170,7 +173,7 @@ def _press(
     rtol: ArrayLike,
     max_steps: ArrayLike,
 ) -> Tractions:
-    """The pressure alone, without friction."""
+    """Solve for the pressure alone, without friction."""
     how = {"rtol": rtol, "max_steps": max_steps}
     pressure, normal = solve_pressure(compliance, load.gap, start=start[0], **how)
     begin = begin_with(start)
@@ -186,7 +189,7 @@ def _press(
 
 
 def begin_with(start: tuple[Float[Array, "nx ny"], Float[Array, "2 nx ny"]]) -> Tractions:
-    """Pressure and traction to begin with [MPa], before anything is solved."""
+    """The state before any iteration, with the initial pressure and traction [MPa]."""
     zero, true = jnp.zeros((), jnp.int32), jnp.ones((), bool)
-    none = Iterations(zero, zero, jnp.full((), jnp.inf, start[0].dtype))
-    return Tractions(*start, none, none, zero, true, true)
+    begin = Iterations(zero, zero, jnp.full((), jnp.inf, start[0].dtype))
+    return Tractions(*start, begin, begin, zero, true, true)

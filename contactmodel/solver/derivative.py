@@ -1,7 +1,7 @@
 """The derivative of pressure and traction, by the implicit function theorem on the converged sets.
 
-Conjugate residuals solve the equations of `tangent` for both at once, and
-`jax.lax.custom_linear_solve` makes forward and reverse mode of it.
+Conjugate residuals solve the equations of `tangent` for pressure and traction at once.
+`jax.lax.custom_linear_solve` derives forward and reverse mode from this solve.
 """
 
 import jax
@@ -31,16 +31,16 @@ def attach_derivative(
     Args:
         pressure: the solution [MPa].
         traction: the solution [MPa].
-        compliance: of the pair.
+        compliance: compliance of the pair.
         load: shape, motion and friction.
         smooth: whether there is no friction; then only the pressure changes.
         rtol: tolerance of the linear solve [-].
-        max_steps: of the linear solve at most.
+        max_steps: largest number of iterations of the linear solve.
     """
-    found = jax.lax.stop_gradient((pressure, traction))
+    p, t = jax.lax.stop_gradient((pressure, traction))
     if smooth:
-        return _attach_smooth(found[0], compliance, load.gap, rtol, max_steps), found[1]
-    return _attach_both(*found, compliance, load, rtol, max_steps)
+        return _attach_smooth(p, compliance, load.gap, rtol, max_steps), t
+    return _attach_both(p, t, compliance, load, rtol, max_steps)
 
 
 def _attach_both(
@@ -51,11 +51,11 @@ def _attach_both(
     rtol: ArrayLike,
     max_steps: ArrayLike,
 ) -> tuple[Array, Array]:
-    """Of pressure and traction, by conjugate residuals."""
+    """Attach the derivative of pressure and traction, by conjugate residuals."""
     fixed, law = jax.lax.stop_gradient((compliance, load.friction))
     sets = _find_sets(p, t, fixed, jax.lax.stop_gradient(load.motion), law.limit(p))
     limit = load.friction.limit(p)
-    carried = t + (limit - jax.lax.stop_gradient(limit)) * sets.normal  # it acts on what slides
+    carried = t + (limit - jax.lax.stop_gradient(limit)) * sets.normal  # acts on sliding cells
     w, u = compliance.displace(p, carried)
     tangent = Tangent(fixed, p > 0.0, sets, law.slope(p))
     defect = tangent.restrict(w + load.gap, u - load.motion)
@@ -76,13 +76,13 @@ def _attach_both(
 def _attach_smooth(
     p: Array, compliance: Compliance, gap: Array, rtol: ArrayLike, max_steps: ArrayLike
 ) -> Array:
-    """Of the pressure without friction, by conjugate gradients."""
+    """Attach the derivative of the pressure without friction, by conjugate gradients."""
     fixed = jax.lax.stop_gradient(compliance)
     contact, inverse = p > 0.0, fixed.inverse()
     gap = compliance.press(p) + gap
     change = jnp.where(contact, jax.lax.stop_gradient(gap) - gap, 0.0)
 
-    def on_contact(press: Operator) -> Operator:  # the identity where nothing may change
+    def on_contact(press: Operator) -> Operator:  # the identity outside the contact
         return lambda field: jnp.where(contact, press(jnp.where(contact, field, 0.0)), field)
 
     def solve(operator: Operator, rhs: Array) -> Array:
@@ -95,7 +95,7 @@ def _attach_smooth(
 def _find_sets(
     pressure: Array, traction: Array, compliance: Compliance, motion: Array, limit: Array
 ) -> Sets:
-    """The sets of the solution; where friction is 0, what touches slides along its slip."""
+    """The sets of the solution; cells in contact without friction slide along their slip."""
     slip = motion - compliance.displace(pressure, traction)[1]
     sets = find_sets(traction, slip, limit, compliance.stiffest)
     square = dot(slip, slip)

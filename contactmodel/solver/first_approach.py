@@ -1,8 +1,8 @@
-"""How deep to press for a given normal force, before any contact is solved.
+"""First estimate of the approach for a normal force, before any contact is solved.
 
-[Hertz1882] H. Hertz, "Über die Berührung fester elastischer Körper". A round contact of radius a
-gets stiffer as 2E*a. On half-spaces the bodies touch where the undeformed surfaces overlap, on
-half of that area for a paraboloid; here the overlap is counted in cells, for any shape.
+[Hertz1882] H. Hertz, "Über die Berührung fester elastischer Körper". The stiffness of a round
+contact of radius a is 2E*a. A paraboloid on a half-space touches half of the area where the
+undeformed surfaces overlap. This relation is applied here to the cells that overlap, for any shape.
 """
 
 import jax.numpy as jnp
@@ -19,19 +19,19 @@ def estimate_approach(
     grid: Grid,
     normal_force: Float[Array, ""],
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Approach at which the bodies first touch, and an estimate of that under a force.
+    """Approach at which the bodies first touch, and an estimate of the approach under a force.
 
-    The estimate is Hertz's for a paraboloid on half-spaces, too small by up to a third under a flat
-    face and too large on a layer that is thin beside the contact.
+    The estimate is Hertz's for a paraboloid on half-spaces. It is up to a third too small for a
+    flat face, and too large for a layer that is thin relative to the contact.
 
     Args:
-        compliance: of the pair.
-        heights: of the object's undeformed surface [mm].
+        compliance: compliance of the pair.
+        heights: heights of the object's undeformed surface [mm].
         grid: cells.
-        normal_force: pressing the bodies together, 0 or more [N].
+        normal_force: force that presses the bodies together, from 0 [N].
 
     Returns:
-        Both approaches [mm].
+        Approach at first touch and estimated approach [mm].
     """
     heights = jnp.sort(jnp.ravel(heights))
     cell = cell_integrals(jnp.zeros(()), jnp.zeros(()), grid.spacing)

@@ -1,15 +1,16 @@
-"""The traction: one step of Coulomb friction at a given pressure.
+"""The traction of one step with Coulomb friction, at a given pressure.
 
 [Kalker1990] J. J. Kalker, "Three-Dimensional Elastic Bodies in Rolling Contact", Section 4.2.
 [Vollebregt2010] E. A. H. Vollebregt, "Improving the speed and accuracy of the frictional rolling
 contact model CONTACT" (TangCG: conjugate gradients on the sets of sticking and sliding cells).
 
-Minimise ½ τ·Cτ − τ·b over |τ| ≤ μp. The drive b is the rigid increment plus Cτ of the step before.
-The remainder s = b − Cτ is the increment of slip: 0 where a cell sticks, along τ where it slides.
+The solver minimises ½ τ·Cτ − τ·b over |τ| ≤ μp. The drive b is the rigid increment plus Cτ of the
+previous step. The remainder s = b − Cτ is the increment of slip: 0 where a cell sticks, parallel
+to τ where it slides.
 
-The loop is our own: each of its steps is a Newton step on the present sets. A sticking cell has
-two unknowns; a sliding one moves along its circle, with the curvature s/μp. Newton's method alone
-diverges on shifts and pivots; here each step is cut back until the energy falls.
+The loop is our own. Each iteration is a Newton step on the present sets: a sticking cell has two
+unknowns, and a sliding cell moves along its circle, with the curvature s/μp. Newton's method alone
+diverges for shifts and pivots. Here each step is shortened until the energy falls.
 """
 
 from typing import NamedTuple
@@ -23,16 +24,16 @@ from contactmodel.elasticity.compliance import Compliance
 from contactmodel.grid import dot
 from contactmodel.solver.linear import Iterations, Operator, conjugate_gradients
 
-_FORCING = 0.05  # each Newton step solves its linear system to this; tighter buys nothing
-_NEWTON_STEPS = 25  # conjugate gradients within it at most
+_FORCING = 0.05  # tolerance of a Newton step's linear system; a smaller one saves no steps
+_NEWTON_STEPS = 25  # largest number of conjugate gradient iterations in a Newton step
 _HALVINGS = 6
-_STILL = 10.0  # slip below this many tolerances is none
-_SOFT = 4.0  # share of the shortest waves' compliance in what slides; 1 to 8 do as well
-_NEAR_LIMIT = 1e-3  # short of μp by less, a cell may be taken for sliding
+_STILL = 10.0  # slip below this many tolerances counts as 0
+_SOFT = 4.0  # share of the shortest waves' compliance in sliding cells; 1 to 8 work as well
+_NEAR_LIMIT = 1e-3  # a cell that is closer to μp may count as sliding
 
 
 class Sets(NamedTuple):
-    """The state of each cell, and the frame in which a sliding one moves.
+    """The state of each cell, and the direction of the traction of sliding cells.
 
     Attributes:
         stick: cells in contact that stick.
@@ -47,7 +48,7 @@ class Sets(NamedTuple):
     stiffness: Float[Array, "nx ny"]
 
     def along(self, field: Float[Array, "2 nx ny"]) -> Float[Array, "2 nx ny"]:
-        """The part of a field in which cells are free: all that stick, or along their circle."""
+        """The free part of a field: all in sticking cells, along the circle in sliding cells."""
         across = dot(field, self.normal) * self.normal
         return jnp.where(self.stick | self.slide, field - across, 0.0)
 
@@ -66,10 +67,11 @@ def find_sets(
     limit: Float[Array, "nx ny"],
     stiffest: Float[Array, ""],
 ) -> Sets:
-    """What sticks and what slides: the latter carries μp, and its slip does not pull it back.
+    """Find the sticking and sliding cells.
 
-    A cell short of μp slides if its slip would take it there by the shortest step down the
-    gradient. At the rim μp is so small that rounding hides what that step gains.
+    A sliding cell carries μp, and its slip is not against τ. A cell just below μp also slides if
+    the shortest step down the gradient would bring it to μp. At the rim μp is so small that
+    rounding hides the gain of that step.
 
     Args:
         traction: τ [MPa].
@@ -105,16 +107,16 @@ def find_sliding(
     limit: Float[Array, "nx ny"],
     rtol: ArrayLike,
 ) -> Bool[Array, "nx ny"]:
-    """Cells in contact that slide by more than the solver leaves to those that stick.
+    """Cells in contact that slide by more than the residual slip of sticking cells.
 
     Args:
-        compliance: of the pair.
+        compliance: compliance of the pair.
         traction: τ [MPa].
-        motion: of the rigid object, with what was left of the slip before the step [mm].
+        motion: motion of the rigid object plus the relative displacement before the step [mm].
         slip: increment of slip s [mm].
         pressure: p [MPa].
         limit: μp [MPa].
-        rtol: tolerance that the traction was solved to [-].
+        rtol: tolerance with which the traction was solved [-].
     """
     contact = pressure > 0.0
     at_limit = find_sets(traction, slip, limit, compliance.stiffest).slide | (limit <= 0.0)
@@ -132,25 +134,25 @@ def solve_traction(
     rtol: ArrayLike,
     max_steps: ArrayLike,
 ) -> tuple[Float[Array, "2 nx ny"], Iterations]:
-    """Traction on the elastomer, |τ| ≤ μp, that sticks or slides along the slip.
+    """Solve for the traction on the elastomer: |τ| ≤ μp, without slip or parallel to it.
 
-    By Newton steps on the present sets, each cut back until the energy falls. Derivatives stop
-    here; see `derivative`.
+    Each Newton step on the present sets is shortened until the energy falls. Derivatives stop here;
+    see `derivative`.
 
-    The residual is the root mean square, over the cells in contact, of the slip that sticking
-    cells have, of the slip across τ and of the slip against τ that sliding cells have, divided by
-    the root mean square of the drive.
+    The residual is the root mean square, over the cells in contact, of the slip of sticking cells
+    and of the slip of sliding cells across τ and against τ, divided by the root mean square of the
+    drive.
 
     Args:
-        compliance: of the pair.
+        compliance: compliance of the pair.
         drive: b [mm].
         limit: μp, 0 outside the contact [MPa].
-        start: a traction to begin with [MPa].
-        rtol: tolerance on the residual [-].
-        max_steps: Newton steps at most.
+        start: initial traction [MPa].
+        rtol: tolerance of the residual [-].
+        max_steps: largest number of Newton steps.
 
     Returns:
-        Traction [MPa], and what the solver did.
+        Traction [MPa] and the solver's iterations.
     """
     compliance, drive, limit, start = jax.lax.stop_gradient((compliance, drive, limit, start))
     typical = _sum_of_squares(drive, limit)
@@ -193,13 +195,13 @@ def _descend(
     sets: Sets,
     direction: Array,
 ) -> tuple[tuple[Array, Array, Array], Array]:
-    """A step along the direction, halved until the energy falls; else one down the gradient.
+    """Take a step along the direction, halved until the energy falls, else down the gradient.
 
     Returns:
-        Traction, slip and what is wrong with them; applications.
+        Traction, slip and their violation of the law; number of applications.
     """
     work = jnp.sum(jnp.abs(state.slip * state.traction))
-    rounding = 100.0 * jnp.finfo(work.dtype).eps * work  # below it, only the residual tells
+    rounding = 100.0 * jnp.finfo(work.dtype).eps * work  # below it, only the residual decides
     origin = jnp.where(sets.slide, limit * sets.normal, state.traction)
 
     def attempt(move: Array) -> tuple[tuple[Array, Array, Array], Array]:
@@ -238,10 +240,10 @@ def friction_residual(
     limit: Float[Array, "nx ny"],
     drive: Float[Array, "2 nx ny"],
 ) -> Float[Array, ""]:
-    """How far a traction is from Coulomb's law [-]; see `solve_traction`.
+    """Residual of Coulomb's law for a traction [-]; see `solve_traction`.
 
     Args:
-        compliance: of the pair.
+        compliance: compliance of the pair.
         traction: τ [MPa].
         slip: increment of slip s [mm].
         limit: μp [MPa].
@@ -252,13 +254,13 @@ def friction_residual(
 
 
 def _sum_of_squares(drive: Array, limit: Array) -> Array:
-    """Of the drive over the contact; above 0."""
+    """Sum of squares of the drive over the contact; above 0."""
     square = jnp.sum(jnp.where(limit > 0.0, drive, 0.0) ** 2)
     return jnp.maximum(square, jnp.finfo(square.dtype).tiny)
 
 
 def _violation(compliance: Compliance, traction: Array, slip: Array, limit: Array) -> Array:
-    """Sum of the squares of the slip that Coulomb's law forbids, and of what sliding cells lack."""
+    """Sum of squares of the slip against Coulomb's law, and of sliding cells' lack of traction."""
     stiffest = compliance.stiffest
     sets = find_sets(traction, slip, limit, stiffest)
     lack = jnp.where(sets.slide, limit - dot(traction, sets.normal), 0.0)
@@ -266,11 +268,11 @@ def _violation(compliance: Compliance, traction: Array, slip: Array, limit: Arra
 
 
 def make_preconditioner(compliance: Compliance, sets: Sets) -> Operator:
-    """Roughly the inverse of the tangential system on the sets, for fields that are free there.
+    """Approximate inverse of the tangential system on the sets, for free parts of fields.
 
     Args:
-        compliance: of the pair.
-        sets: which cells are free, and how.
+        compliance: compliance of the pair.
+        sets: sticking and sliding cells.
     """
     inverse = compliance.inverse()
     weight, local = blend(inverse, sets)
@@ -282,17 +284,18 @@ def make_preconditioner(compliance: Compliance, sets: Sets) -> Operator:
 
 
 def blend(inverse: Compliance, sets: Sets) -> tuple[Float[Array, "nx ny"], Float[Array, "nx ny"]]:
-    """How much of the tangential system's inverse is the compliance's, and what else it is.
+    """Weights that blend two approximate inverses of the tangential system.
 
-    The compliance's where cells stick or slide little, that of the stiffness where this is the
-    larger. The first alone takes the more steps the finer the grid: at 512² four times as many.
+    The inverse compliance is used where cells stick or slide little, the inverse of the cells'
+    stiffness where this is larger. The inverse compliance alone needs more steps on finer grids:
+    four times as many at 512².
 
     Args:
-        inverse: of the compliance.
-        sets: which cells are free, and how.
+        inverse: inverse of the compliance.
+        sets: sticking and sliding cells.
 
     Returns:
-        Weight of the compliance's inverse, on both of its sides [-]; the rest, by cell [MPa/mm].
+        Weight on both sides of the inverse compliance [-]; local part of the inverse [MPa/mm].
     """
     diagonal = jnp.mean(0.5 * (inverse.shear[0] + inverse.shear[1]))  # of the inverse, all waves
     share = 1.0 / (1.0 + diagonal * sets.stiffness)
@@ -302,7 +305,7 @@ def blend(inverse: Compliance, sets: Sets) -> tuple[Float[Array, "nx ny"], Float
 def confine(
     traction: Float[Array, "2 nx ny"], limit: Float[Array, "nx ny"]
 ) -> Float[Array, "2 nx ny"]:
-    """The traction, drawn back to |τ| ≤ μp.
+    """Scale a traction back to |τ| ≤ μp.
 
     Args:
         traction: τ [MPa].

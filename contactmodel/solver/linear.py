@@ -1,8 +1,8 @@
 """Linear systems on part of the grid.
 
-The loops are our own: they count the applications of the operator, on which the cost
-of every solver here is measured and which JAX's do not report. lineax's CG takes as many steps, but
-its guard against breakdown ends it after one in single precision from 256² cells on. Its GMRES and
+The loops are our own. They count the applications of the operator, which measure the cost of every
+solver here; JAX's solvers do not report them. lineax's CG takes as many steps, but in single
+precision its guard against breakdown stops it after one step from 256² cells on. Its GMRES and
 BiCGStab apply the operator up to four times as often as `conjugate_residuals`, and double the time
 of a coupled path (`tests.benchmarks.krylov`).
 
@@ -22,12 +22,13 @@ Operator = Callable[[Array], Array]
 
 
 class Iterations(NamedTuple):
-    """What a solver did.
+    """Iterations of a solver and its final residual.
 
     Attributes:
-        steps: iterations.
-        applications: of the compliance or, as long, of its rough inverse.
-        residual: at the end, relative; its norm is named by the solver.
+        steps: number of iterations.
+        applications: number of applications of the compliance, or of its approximate inverse,
+            which takes as long.
+        residual: relative residual at the end [-]; the solver defines its norm.
     """
 
     steps: Int[Array, ""]
@@ -35,7 +36,7 @@ class Iterations(NamedTuple):
     residual: Float[Array, ""]
 
     def after(self, before: "Iterations") -> "Iterations":
-        """These and those before; the residual is that of these."""
+        """Sum of these and earlier iterations, with the residual of these."""
         applications = before.applications + self.applications
         return Iterations(before.steps + self.steps, applications, self.residual)
 
@@ -60,13 +61,13 @@ def conjugate_gradients(
 
     Args:
         operator: applies the matrix.
-        rhs: right-hand side; 0 is answered by 0.
-        preconditioner: applies roughly the inverse, symmetric as well.
-        rtol: of the defect's norm by that of the right-hand side [-].
-        max_steps: iterations at most.
+        rhs: right-hand side; if 0, so is the solution.
+        preconditioner: applies an approximate inverse, symmetric as well.
+        rtol: tolerance of the defect's norm over that of the right-hand side [-].
+        max_steps: largest number of iterations.
 
     Returns:
-        The solution and the number of iterations, each with one application of both.
+        The solution and the number of iterations; each applies operator and preconditioner once.
     """
     limit = rtol**2 * jnp.sum(rhs**2)
 
@@ -93,7 +94,7 @@ def conjugate_gradients(
     return end.solution, end.steps
 
 
-class _Kept(NamedTuple):
+class _History(NamedTuple):
     solution: Array
     defect: Array
     directions: Array
@@ -114,22 +115,22 @@ def conjugate_residuals(
 
     Args:
         operator: applies the matrix.
-        rhs: right-hand side; 0 is answered by 0.
-        preconditioner: applies roughly the inverse.
-        rtol: of the defect's norm by that of the right-hand side [-].
-        max_steps: iterations at most.
-        kept: directions that a new one is made conjugate to.
+        rhs: right-hand side; if 0, so is the solution.
+        preconditioner: applies an approximate inverse.
+        rtol: tolerance of the defect's norm over that of the right-hand side [-].
+        max_steps: largest number of iterations.
+        kept: number of earlier directions to which a new one is made conjugate.
 
     Returns:
-        The solution and the number of iterations, each with one application of both.
+        The solution and the number of iterations; each applies operator and preconditioner once.
     """
     limit = rtol**2 * jnp.sum(rhs**2)
 
-    def go_on(done: _Kept) -> Array:
+    def go_on(done: _History) -> Array:
         return (jnp.sum(done.defect**2) > limit) & (done.steps < max_steps)
 
-    def part(done: _Kept) -> Callable:
-        """Takes a kept direction's share out of a new one."""
+    def part(done: _History) -> Callable:
+        """Remove the component along an earlier direction from a new one."""
 
         def take_out(i: Array, pair: tuple[Array, Array]) -> tuple[Array, Array]:
             share = jnp.sum(done.images[i] * pair[1])
@@ -137,7 +138,7 @@ def conjugate_residuals(
 
         return take_out
 
-    def step(done: _Kept) -> _Kept:
+    def step(done: _History) -> _History:
         direction = preconditioner(done.defect)
         image = operator(direction)
         count = jnp.minimum(done.steps, kept)
@@ -146,7 +147,7 @@ def conjugate_residuals(
         direction, image = unit * direction, unit * image
         length = jnp.sum(done.defect * image)
         place = done.steps % kept
-        return _Kept(
+        return _History(
             solution=done.solution + length * direction,
             defect=done.defect - length * image,
             directions=done.directions.at[place].set(direction),
@@ -154,7 +155,7 @@ def conjugate_residuals(
             steps=done.steps + 1,
         )
 
-    none = jnp.zeros((kept, *rhs.shape), rhs.dtype)
-    start = _Kept(jnp.zeros_like(rhs), rhs, none, none, jnp.zeros((), jnp.int32))
+    empty = jnp.zeros((kept, *rhs.shape), rhs.dtype)
+    start = _History(jnp.zeros_like(rhs), rhs, empty, empty, jnp.zeros((), jnp.int32))
     end = jax.lax.while_loop(go_on, step, start)
     return end.solution, end.steps

@@ -1,9 +1,9 @@
-"""Pressure and traction at once, by Newton's method from a start that is near.
+"""Pressure and traction at once, by Newton's method from a near start.
 
-Each step takes what touches, sticks and slides from the present pressure and traction and solves
-the equations of `tangent` roughly. It may lead away a little, since cells that change their state
-on the way often change it back. There is no energy that both make least, hence no promise: from
-afar, and where a step leads far away, `alternating` solves them in turn.
+Each step finds the touching, sticking and sliding cells from the present pressure and traction, and
+solves the equations of `tangent` approximately. The residual may rise a little, because cells that
+change their state often change it back. No energy is minimised by both, so convergence is not
+guaranteed. From a far start, or after a step that leads far away, `alternating` solves in turn.
 """
 
 from typing import NamedTuple
@@ -19,21 +19,21 @@ from contactmodel.solver.linear import Iterations, conjugate_residuals
 from contactmodel.solver.normal import gap_residual
 from contactmodel.solver.tangent import Load, Tangent
 
-_FORCING = 0.05  # each step solves its linear system to this; tighter buys nothing
-_LINEAR_STEPS = 6  # of that solver at most
+_FORCING = 0.05  # tolerance of a step's linear system; a smaller one saves no steps
+_LINEAR_STEPS = 6  # largest number of iterations for the linear system
 _NEWTON_STEPS = 12
-_RISE = 2.0  # of the residual in a step at most
+_RISE = 2.0  # largest factor by which a step may raise the residual
 
 
 class Joint(NamedTuple):
-    """Pressure and traction, and how far they are from both laws.
+    """Pressure and traction with their residuals.
 
     Attributes:
         pressure: p [MPa].
         traction: τ [MPa].
         normal: residual of `normal` [-].
-        tangential: Newton steps; applications of the compliance to pressure and traction at once
-            or, as long, of its rough inverse; residual of `friction`.
+        tangential: number of Newton steps; number of applications of the compliance to pressure
+            and traction at once, or of its approximate inverse; residual of `friction`.
     """
 
     pressure: Float[Array, "nx ny"]
@@ -72,17 +72,17 @@ def solve_jointly(
     near: Bool[Array, ""],
     rtol: ArrayLike,
 ) -> Joint:
-    """Come nearer to pressure and traction that fulfil both laws. Derivatives stop here.
+    """Improve pressure and traction by joint Newton steps. Derivatives stop here.
 
     Args:
-        compliance: of the pair.
+        compliance: compliance of the pair.
         load: shape, motion and friction.
-        start: pressure and traction to begin with [MPa].
-        near: whether that is worth while; else no step is taken.
-        rtol: tolerance on both residuals [-].
+        start: initial pressure and traction [MPa].
+        near: whether the start is near enough; otherwise no step is taken.
+        rtol: tolerance of both residuals [-].
 
     Returns:
-        What was found; the start if that is not nearer.
+        The pressure and traction with the smallest residuals; the start if no step improves them.
     """
     compliance, load, start = jax.lax.stop_gradient((compliance, load, start))
     pressure = jnp.maximum(start[0], 0.0)
@@ -95,8 +95,8 @@ def solve_jointly(
         return ~search.ended & (search.steps < _NEWTON_STEPS)
 
     zero, inf = jnp.zeros((), jnp.int32), jnp.full((), jnp.inf, load.gap.dtype)
-    none = _State(pressure, traction, load.gap, load.motion, inf, inf)
-    first = _Search(none, (pressure, traction), inf, zero, zero + 1, ~near)
+    begin = _State(pressure, traction, load.gap, load.motion, inf, inf)
+    first = _Search(begin, (pressure, traction), inf, zero, zero + 1, ~near)
     end = jax.lax.while_loop(go_on, task.step, first)
     best = end.best
     done = Iterations(end.steps, end.applications, best.tangential)
@@ -104,7 +104,7 @@ def solve_jointly(
 
 
 class _Task(NamedTuple):
-    """What is solved, and what the residuals are relative to."""
+    """The problem, and the scales of the residuals."""
 
     compliance: Compliance
     load: Load
@@ -113,7 +113,7 @@ class _Task(NamedTuple):
     rtol: ArrayLike
 
     def assess(self, pressure: Array, traction: Array) -> _State:
-        """How far a pressure and a traction are from both laws."""
+        """Residuals of a pressure and a traction."""
         load, limit = self.load, self.load.friction.limit(pressure)
         w, u = self.compliance.displace(pressure, traction)
         gap, slip = load.gap + w, load.motion - u
@@ -122,7 +122,7 @@ class _Task(NamedTuple):
         return _State(pressure, traction, gap, slip, normal, tangential)
 
     def step(self, search: _Search) -> _Search:
-        """Judge the next pressure and traction, and take a Newton step from them."""
+        """Assess the next pressure and traction, and take a Newton step from them."""
         new, best = self.assess(*search.next), search.best
         astray = ~(new.worst < _RISE * search.last)
         best = jax.tree.map(lambda a, b: jnp.where(new.worst < best.worst, a, b), new, best)

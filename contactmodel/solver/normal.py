@@ -1,14 +1,14 @@
-"""The pressure: contact without friction, at a given approach.
+"""The pressure of a contact without friction, at a given approach.
 
 [Polonsky1999] I. A. Polonsky, L. M. Keer, "A numerical method for solving rough contact problems
 based on the multi-level multi-summation and conjugate gradient techniques".
 [Vollebregt2014] E. A. H. Vollebregt, "A new solver for the elastic normal contact problem using
 conjugate gradients, deflation, and an FFT-based preconditioner" (BCCG).
 
-Minimise ½ p·Cp + p·g₀ over p ≥ 0, g₀ the gap at p = 0. The loop is our own: the minimisers of
-JAX's libraries take neither bounds nor the preconditioner on which the few iterations rest. On 64²
-cells optimistix's L-BFGS on p = q² stops after 519 steps at a residual of 0.5, this one after 13 at
-2e-9 (`tests/benchmarks/loops.py`).
+The solver minimises ½ p·Cp + p·g₀ over p ≥ 0, where g₀ is the gap at p = 0. The loop is our own:
+minimisers of JAX libraries take neither bounds nor the preconditioner that keeps the number of
+iterations small. On 64² cells optimistix's L-BFGS on p = q² stops after 519 steps at a residual of
+0.5, this solver after 13 steps at 2e-9 (`tests/benchmarks/loops.py`).
 """
 
 from typing import NamedTuple
@@ -22,9 +22,9 @@ from contactmodel.elasticity.compliance import Compliance
 from contactmodel.grid import Grid
 from contactmodel.solver.linear import Iterations
 
-_LARGE = 128  # cells along a side, from which on a coarse grid pays; measured
+_LARGE = 128  # cells along a side from which a coarse first solve saves time; measured
 _RATIO = 4
-_ROUGH = 1e-3  # tolerance on it; tighter saves no more iterations
+_ROUGH = 1e-3  # tolerance of the coarse solve; a smaller one saves no iterations
 _STEPS = 50
 
 
@@ -35,7 +35,7 @@ class _State(NamedTuple):
     defect: Float[Array, "nx ny"]
     descent: Float[Array, ""]
     steps: Int[Array, ""]
-    clipped: Int[Array, ""]  # steps that would have pulled
+    clipped: Int[Array, ""]  # number of steps that led to negative pressure
 
 
 def solve_pressure(
@@ -46,20 +46,20 @@ def solve_pressure(
     rtol: ArrayLike,
     max_steps: ArrayLike,
 ) -> tuple[Float[Array, "nx ny"], Iterations]:
-    """Pressure p ≥ 0 that leaves a gap ≥ 0, and none where p > 0, by conjugate gradients.
+    """Solve for the pressure p ≥ 0 with gap ≥ 0, and gap = 0 where p > 0, by conjugate gradients.
 
-    The set of cells in contact is revised at every iteration. Derivatives stop here; see
+    The set of cells in contact is updated in every iteration. Derivatives stop here; see
     `derivative`.
 
     Args:
-        compliance: of the pair.
-        gap: at p = 0, below 0 where the undeformed bodies overlap [mm].
-        start: a pressure to begin with [MPa].
-        rtol: tolerance on the residual, `pressure_residual` [-].
-        max_steps: iterations at most.
+        compliance: compliance of the pair.
+        gap: gap at p = 0, below 0 where the undeformed bodies overlap [mm].
+        start: initial pressure [MPa].
+        rtol: tolerance of the residual, `pressure_residual` [-].
+        max_steps: largest number of iterations.
 
     Returns:
-        Pressure [MPa], and what the solver did.
+        Pressure [MPa] and the solver's iterations.
     """
     compliance, gap, start = jax.lax.stop_gradient((compliance, gap, start))
     inverse = compliance.inverse()
@@ -86,11 +86,11 @@ def solve_pressure(
 
 
 def _step(compliance: Compliance, inverse: Compliance, gap: Array, state: _State) -> _State:
-    """One step of the conjugate gradients, among the cells in contact."""
+    """One conjugate gradient step on the cells in contact."""
     contact: Bool[Array, "nx ny"] = (state.pressure > 0.0) | (state.gap < 0.0)
     defect = jnp.where(contact, -state.gap, 0.0)
     improved = jnp.where(contact, inverse.press(defect), 0.0)
-    # Polak and Ribière: where the set has changed much, the old direction drops out
+    # Polak and Ribière: after a large change of the set, the old direction is dropped
     turn = jnp.sum(improved * (defect - state.defect)) / state.descent
     direction = improved + jnp.maximum(turn, 0.0) * jnp.where(contact, state.direction, 0.0)
     image = compliance.press(direction)
@@ -114,20 +114,23 @@ def _step(compliance: Compliance, inverse: Compliance, gap: Array, state: _State
 
 
 def is_large(grid: Grid) -> bool:
-    """Whether `guess_pressure` pays, and can be had: cells have to go together in fours."""
+    """Whether `guess_pressure` saves time and is possible: numbers of cells are multiples of 4."""
     return min(grid.shape) >= _LARGE and not any(n % _RATIO for n in grid.shape)
 
 
 def guess_pressure(
     compliance: Compliance, gap: Float[Array, "nx ny"]
 ) -> tuple[Float[Array, "nx ny"], Iterations]:
-    """A pressure to begin with on a large grid: that of cells four times as long.
+    """Initial pressure for a large grid, solved on cells four times as long.
 
-    Most iterations look for the edge of the contact, and on those cells they cost little.
+    Most iterations search for the edge of the contact; on the coarse grid they are cheap.
 
     Args:
-        compliance: of the pair.
-        gap: at p = 0 [mm].
+        compliance: compliance of the pair.
+        gap: gap at p = 0 [mm].
+
+    Returns:
+        Pressure [MPa] and the solver's iterations on the coarse grid.
     """
     nx, ny = gap.shape
     blocks = gap.reshape(nx // _RATIO, _RATIO, ny // _RATIO, _RATIO)
@@ -141,14 +144,14 @@ def guess_pressure(
 def pressure_residual(
     compliance: Compliance, gap: Float[Array, "nx ny"], pressure: Float[Array, "nx ny"]
 ) -> Float[Array, ""]:
-    """How far a pressure is from the solution [-].
+    """Residual of a pressure [-].
 
-    The root mean square, over the cells in contact, of the gap there and of the overlap elsewhere,
-    divided by the largest overlap at p = 0.
+    It is the root mean square, over the cells in contact, of the gap there and of the overlap
+    elsewhere, divided by the largest overlap at p = 0.
 
     Args:
-        compliance: of the pair.
-        gap: at p = 0 [mm].
+        compliance: compliance of the pair.
+        gap: gap at p = 0 [mm].
         pressure: p [MPa].
     """
     return gap_residual(pressure, compliance.press(pressure) + gap, gap)
@@ -159,11 +162,11 @@ def gap_residual(
     gap: Float[Array, "nx ny"],
     undeformed: Float[Array, "nx ny"],
 ) -> Float[Array, ""]:
-    """The same, the gap under the pressure known.
+    """Residual of a pressure with a known gap [-]; see `pressure_residual`.
 
     Args:
         pressure: p [MPa].
-        gap: under it [mm].
+        gap: gap under this pressure [mm].
         undeformed: gap at p = 0 [mm].
     """
     scale = jnp.maximum(jnp.max(-undeformed), jnp.finfo(gap.dtype).tiny)

@@ -1,15 +1,15 @@
-"""Force and moment given in place of motion.
+"""Force and moment in place of motion.
 
-Newton's method on the motion, with the derivative of the resultants that the solution itself has.
-From rest it approaches from below, as friction gives way under growing motion. Once everything
-slides and the resultants are still short, friction carries no more. A normal force begins at the
-approach that was given or, where that is far too small or too large, at an estimate of it.
+Newton's method solves for the motion, with the solution's own derivative of the resultants. From
+rest it approaches from below, because friction yields as the motion grows. If everything slides and
+the resultants are still too small, friction cannot carry them. For a normal force the search starts
+at the given approach or, if that is far too small or too large, at an estimate.
 
-The loop is our own: optimistix's root finders have neither the longest steps nor the verdicts. On
-four cases of the tests that can be met (24², all four given) this one solves the contact 5 to 7
-times, its Newton's method 10 to 14, Dogleg 12 to 16, Levenberg–Marquardt 24 to 50; where friction
-cannot carry what is asked for it says so after 4 to 14, its Newton's method after 12 to 120, the
-others after all the steps they may take. Compiling takes as long.
+The loop is our own: optimistix's root finders neither limit steps nor report why they fail. In four
+solvable cases of the tests (24², all four resultants given) this loop solves the contact 5 to 7
+times, optimistix's Newton's method 10 to 14, Dogleg 12 to 16, Levenberg–Marquardt 24 to 50 times.
+If friction cannot carry the resultants, this loop stops after 4 to 14 solves, optimistix's Newton's
+method after 12 to 120, and the others after their largest number of steps. Compiling takes as long.
 """
 
 from typing import NamedTuple
@@ -26,20 +26,20 @@ from contactmodel.solver.first_approach import estimate_approach
 from contactmodel.solver.results import RESULTS
 from contactmodel.solver.step import How, Problem, Step, complete, make_load, start
 
-_RTOL = 10.0  # tolerance on the resultants, by that of the solver
-_FLOOR = 1e-9  # of the slope, where everything slides and it vanishes
-_SHARE = 1e-4  # of a step, if less brings the resultants no nearer
-_LOOSE = 0.1  # sticking share of a contact that cannot carry more
-_FAR = 8.0  # times the estimated depth, or one by that: then the estimate is the better start
-# A step is at most this share of the depth and of the contact's radius, and this twist [rad].
+_RTOL = 10.0  # tolerance of the resultants over that of the solver
+_FLOOR = 1e-9  # smallest slope, because it vanishes if everything slides
+_SHARE = 1e-4  # the search stops if steps shortened to this share do not help
+_LOOSE = 0.1  # sticking fraction below which a contact cannot carry more
+_FAR = 8.0  # if the given depth differs from the estimate by this factor, the estimate is used
+# Largest step as a share of the depth, as a share of the contact's radius, and as a twist [rad].
 _APPROACH, _SHIFT, _TWIST = 0.5, 0.1, 0.1
 
 
 class Target(NamedTuple):
-    """What is given in place of approach, shift along x and y, and twist.
+    """Resultants that replace approach, shift along x, shift along y and twist.
 
     Attributes:
-        given: which.
+        given: whether each of the four is replaced.
         value: normal force, shear force and moment [N, N, N, N·mm].
     """
 
@@ -48,7 +48,7 @@ class Target(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Where Newton's method is; `columns` are the changes of p and τ by each part of the motion."""
+    """State of Newton's method; `columns` are the changes of p and τ by each part of the motion."""
 
     motion: Float[Array, "4"]
     end: Tractions
@@ -62,7 +62,7 @@ class _State(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Where it looks next, how far of the way, and whether friction carries no more."""
+    """The next motion, the share of the step, and whether friction cannot carry more."""
 
     best: _State
     next: Float[Array, "4"]
@@ -72,19 +72,20 @@ class _Search(NamedTuple):
 
 
 def solve_resultants(problem: Problem, target: Target, how: How) -> Step:
-    """The step whose motion is such that the resultants are those given.
+    """Solve a step for the motion that produces the given resultants.
 
     Args:
-        problem: its pose is a first guess where something is given in place of it.
+        problem: problem of the step; the replaced parts of its pose are a first guess.
         target: the resultants.
-        how: tolerance of the solver; ten times as much on the resultants, by what friction carries.
+        how: tolerance and largest number of steps. The resultants have ten times that tolerance,
+            relative to the largest force and moment that friction carries.
     """
-    found, beyond = _search(problem, target, how)
-    solved = problem._replace(pose=_replace_motion(problem.pose, found.motion))
-    step = complete(solved, found.end, how)
+    state, beyond = _search(problem, target, how)
+    solved = problem._replace(pose=_replace_motion(problem.pose, state.motion))
+    step = complete(solved, state.end, how)
     apart = step.result == RESULTS.no_contact
     failed = (step.result == RESULTS.successful) | apart
-    failed &= ~(found.residual <= _RTOL * how.rtol)
+    failed &= ~(state.residual <= _RTOL * how.rtol)
     result = RESULTS.where(failed, RESULTS.resultant_max_steps, step.result)
     result = RESULTS.where(failed & beyond, RESULTS.beyond_friction, result)
     result = RESULTS.where(failed & apart, RESULTS.out_of_touch, result)
@@ -93,7 +94,7 @@ def solve_resultants(problem: Problem, target: Target, how: How) -> Step:
 
 @eqx.filter_custom_jvp
 def _search(problem: Problem, target: Target, how: How) -> tuple[_State, Bool[Array, ""]]:
-    """Newton's method, each step cut back until the resultants come nearer."""
+    """Newton's method; each step is shortened until the resultants come nearer to the target."""
     lowest, guess = _start(problem, target, how)
 
     def step(search: _Search) -> _Search:
@@ -101,7 +102,7 @@ def _search(problem: Problem, target: Target, how: How) -> tuple[_State, Bool[Ar
         new = _assess(problem, target, search.next, before.end, how, lowest)
         better = (new.residual < before.residual) | (search.trials == 0)
         best = jax.tree.map(lambda a, b: jnp.where(better, a, b), new, before)
-        along = jnp.sum(before.defect * new.defect / new.scale**2)  # still short of the target
+        along = jnp.sum(before.defect * new.defect / new.scale**2)  # > 0: still below the target
         share = jnp.where(better, jnp.minimum(2.0 * search.share, 1.0), 0.5 * search.share)
         move = jnp.linalg.solve(best.slope, best.defect)
         move = move / jnp.maximum(jnp.max(jnp.abs(move) / best.limit), 1.0)
@@ -132,30 +133,30 @@ def _search(problem: Problem, target: Target, how: How) -> tuple[_State, Bool[Ar
 
 @_search.def_jvp
 def _search_jvp(primals, tangents):
-    """Implicit function theorem: the resultants stay where they are asked to be."""
+    """Implicit function theorem: the resultants keep their given values."""
     how = primals[2]
-    found, beyond = _search(*primals)
+    state, beyond = _search(*primals)
 
     def attach(task: tuple[Problem, Target]) -> tuple[Array, tuple[Array, Array]]:
         problem, target = task
-        motion = jnp.where(target.given, found.motion, _get_motion(problem.pose))
-        fields, carried = _attach(problem, found.end, motion, how)
+        motion = jnp.where(target.given, state.motion, _get_motion(problem.pose))
+        fields, carried = _attach(problem, state.end, motion, how)
         defect = jnp.where(target.given, target.value - carried, 0.0)
-        change = jnp.linalg.solve(found.slope, defect)
-        moved = (jnp.tensordot(change, column, 1) for column in found.columns)
+        change = jnp.linalg.solve(state.slope, defect)
+        moved = (jnp.tensordot(change, column, 1) for column in state.columns)
         pressure, traction = (a + b for a, b in zip(fields, moved, strict=True))
         return motion + change, (pressure, traction)
 
     _, (motion, (pressure, traction)) = eqx.filter_jvp(attach, (primals[:2],), (tangents[:2],))
-    still, none = jax.tree.map(lambda _: None, (found, beyond))
+    still, none = jax.tree.map(lambda _: None, (state, beyond))
     end = still.end._replace(pressure=pressure, traction=traction)
-    return (found, beyond), (still._replace(motion=motion, end=end), none)
+    return (state, beyond), (still._replace(motion=motion, end=end), none)
 
 
 def _start(problem: Problem, target: Target, how: How) -> tuple[Array, Array]:
-    """Approach at which the bodies first touch, and the motion to begin with.
+    """Approach at which the bodies first touch, and the initial motion.
 
-    What is sought begins as it was in the step before, if there was one.
+    The unknown parts of the motion start at those of the previous step, if there is one.
     """
     given, pose, last = target.given, _get_motion(problem.pose), _get_motion(problem.last.pose)
     guess = jnp.where(given & problem.last.begun, last, pose)
@@ -169,9 +170,9 @@ def _start(problem: Problem, target: Target, how: How) -> tuple[Array, Array]:
 def _assess(
     problem: Problem, target: Target, motion: Array, last: Tractions, how: How, lowest: Array
 ) -> _State:
-    """Resultants at a motion, how they change with it, and their scales.
+    """Resultants at a motion, their derivatives by it, and their scales.
 
-    Out of touch every motion carries nothing: no nearer to what is asked for than another.
+    Without contact no motion produces resultants, so the residual is infinite.
     """
     given = target.given
     placed = problem._replace(pose=_replace_motion(problem.pose, motion))
@@ -228,7 +229,7 @@ def _get_motion(pose: Pose) -> Array:
 
 
 def _resultants(pose: Pose, fields: tuple[Array, Array], how: How) -> Array:
-    """What works on approach, shift and twist: normal force, shear force and moment."""
+    """Resultants conjugate to approach, shift and twist: normal force, shear force and moment."""
     pressure, (tau_x, tau_y) = fields
     x, y = jnp.asarray(how.grid.points, pressure.dtype) - pose.centre[:, None, None]
     sums = [jnp.sum(part) for part in (pressure, tau_x, tau_y, x * tau_y - y * tau_x)]
@@ -238,7 +239,7 @@ def _resultants(pose: Pose, fields: tuple[Array, Array], how: How) -> Array:
 def _scales(
     placed: Problem, end: Tractions, target: Target, how: How, lowest: Array
 ) -> tuple[Array, Array]:
-    """Of the resultants: what friction carries; of the motion: the longest step."""
+    """Scales of the resultants (the largest that friction carries) and largest steps of motion."""
     area, pressure = how.grid.cell_area, end.pressure
     force = jnp.sum(pressure) * area
     x, y = jnp.asarray(how.grid.points, pressure.dtype)

@@ -1,4 +1,4 @@
-"""How a solve may end."""
+"""Results of a solve."""
 
 import equinox as eqx
 
@@ -19,19 +19,17 @@ class RESULTS(eqx.Enumeration):
     successful = ""
     no_contact = "the bodies do not touch: the approach is too small"
     at_the_edge = (
-        "the contact reaches the edge of the grid: take a larger grid, or a smaller approach or "
+        "the contact reaches the edge of the grid: use a larger grid, or a smaller approach or "
         "indenter"
     )
-    normal_max_steps = (
-        "the pressure did not converge within max_steps: allow more, or a larger rtol"
-    )
+    normal_max_steps = "the pressure did not converge within max_steps: increase max_steps or rtol"
     friction_max_steps = (
-        "the traction did not converge within max_steps: allow more, a larger rtol, or take the "
-        "path in smaller steps"
+        "the traction did not converge within max_steps: increase max_steps or rtol, or divide the "
+        "path into smaller steps"
     )
     coupling_max_turns = (
-        "pressure and traction did not converge together: take the path in smaller steps, or a "
-        "smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
+        "pressure and traction did not converge together: divide the path into smaller steps, or "
+        "use a smaller friction coefficient (above about 2, dissimilar bodies may have no solution)"
     )
     out_of_touch = (
         "the bodies do not touch, and carry no force and no moment: give a larger approach, or a "
@@ -39,5 +37,6 @@ class RESULTS(eqx.Enumeration):
     )
     beyond_friction = "friction cannot carry the requested force or moment"
     resultant_max_steps = (
-        "no motion gives the requested force or moment: start closer to it, or take smaller steps"
+        "no motion was found for the requested force or moment: start closer to it, or use smaller "
+        "steps"
     )

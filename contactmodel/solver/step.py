@@ -1,8 +1,8 @@
-"""One step of a contact: what it remembers, what is solved for, and what follows from that.
+"""One step of a contact: its memory, its problem and its results.
 
-Above the elastomer's point X, where the slip is s and the object has turned by R, is the object's
-point X − R⁻¹ s. Where the object's shape goes along as it slides, a step takes the heights from
-there, with the slip of the step before.
+If the slip is s and the object has turned by R, the object's point X − R⁻¹ s is above the
+elastomer's point X. If the object's shape moves as it slides, a step takes the heights at these
+points, with the slip of the previous step.
 """
 
 from typing import NamedTuple
@@ -36,10 +36,10 @@ class Earlier(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a step needs of the one before; `earlier` is used to guess where it leads.
+    """State after the previous step; `earlier` is used to extrapolate the initial guess.
 
     Attributes:
-        begun: whether there was one; else the object rests before it touches.
+        begun: whether there was a previous step; otherwise the object is at rest, before contact.
     """
 
     begun: Bool[Array, ""]
@@ -52,7 +52,7 @@ class Memory(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a step adds to a solution; the names are those of `ContactSolution`."""
+    """Results of a step; the names are those of `ContactSolution`."""
 
     pose: Pose
     pressure: Float[Array, "nx ny"]
@@ -68,14 +68,14 @@ class Step(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """A step before it is solved: what its solution can be differentiated by.
+    """Problem of a step; its solution can be differentiated by all of these.
 
     Attributes:
-        compliance: of the pair.
-        friction: between the bodies.
-        height: of the object's shape on the grid [mm].
-        pose: of the object.
-        last: the step before.
+        compliance: compliance of the pair.
+        friction: friction law between the bodies.
+        height: height of the object's shape on the grid [mm].
+        pose: pose of the object.
+        last: state after the previous step.
     """
 
     compliance: Compliance
@@ -86,14 +86,15 @@ class Problem(NamedTuple):
 
 
 class How(NamedTuple):
-    """How a step is solved.
+    """Settings of a step's solvers.
 
     Attributes:
         grid: cells.
         smooth: whether there is no friction.
-        coarse_first: whether the pressure begins on a coarser grid, not with that before.
-        rtol: tolerance on the residuals [-].
-        max_steps: of each of the solvers.
+        coarse_first: whether the pressure starts from a solve on a coarser grid instead of the
+            previous pressure.
+        rtol: tolerance of the residuals [-].
+        max_steps: largest number of iterations of each solver.
     """
 
     grid: Grid
@@ -104,23 +105,23 @@ class How(NamedTuple):
 
 
 def rest(pose: Pose, grid: Grid) -> Memory:
-    """What there is before the first of some poses: nothing."""
+    """State before the first pose: at rest, without pressure, traction or slip."""
     dtype = pose.approach.dtype
-    zero, none = jnp.zeros((), dtype), jnp.zeros(grid.shape, dtype)
+    zero, pressure = jnp.zeros((), dtype), jnp.zeros(grid.shape, dtype)
     still = jnp.zeros((2, *grid.shape), dtype)
     centre = pose.centre.reshape(-1, 2)[0]
     parts = (zero, jnp.zeros(2, dtype), zero, centre)  # not by `Pose`, which would check them
     before = eqx.tree_at(lambda p: (p.approach, p.shift, p.twist, p.centre), pose, parts)
-    earlier = Earlier(before, none, still)
-    return Memory(jnp.zeros((), bool), before, none, still, still, zero, earlier)
+    earlier = Earlier(before, pressure, still)
+    return Memory(jnp.zeros((), bool), before, pressure, still, still, zero, earlier)
 
 
 def remember(step: Step, last: Memory | None = None) -> Memory:
-    """What the next step needs of one.
+    """State after a step, for the next step.
 
     Args:
-        step: that one.
-        last: what there was before it; without, the next step begins where this one ended.
+        step: results of the step.
+        last: state before the step; without it, the next step does not extrapolate.
     """
     before = step if last is None else last
     earlier = Earlier(before.pose, before.pressure, before.traction)
@@ -138,13 +139,14 @@ def remember(step: Step, last: Memory | None = None) -> Memory:
 def find_heights(
     indenter: AbstractIndenter, grid: Grid, dtype: np.dtype, slid_by: Memory | None
 ) -> Float[Array, "nx ny"]:
-    """The object's shape on the grid [mm].
+    """Height of the object's shape on the grid [mm].
 
     Args:
-        indenter: that shape.
+        indenter: shape of the object.
         grid: cells.
-        dtype: precision.
-        slid_by: the step before, by whose slip the shape has gone along; None where it stays.
+        dtype: floating-point type.
+        slid_by: state after the previous step, by whose slip the shape has moved; None if the
+            shape does not move.
     """
     points = make_points(grid, dtype)
     if slid_by is None:
@@ -157,11 +159,11 @@ def find_heights(
 
 
 def make_load(problem: Problem, grid: Grid) -> Load:
-    """What a step is solved for at the problem's pose."""
+    """Load of a step at the problem's pose."""
     pose, last = problem.pose, problem.last
     points = make_points(grid, last.pressure.dtype)
     gap = _leave_out_rounding(problem.height - pose.approach)
-    if pose.corotated:  # its slip is a sum
+    if pose.corotated:  # the slip is a sum of increments
         _, carried = problem.compliance.displace(last.pressure, last.traction)
     else:
         carried = last.pose.displacement(points) - last.slip  # u_S − u_B at the pose before
@@ -170,9 +172,9 @@ def make_load(problem: Problem, grid: Grid) -> Load:
 
 
 def start(problem: Problem, how: How) -> tuple[tuple[Array, Array], Iterations | None]:
-    """Pressure and traction to begin with [MPa], and what finding them took."""
+    """Initial pressure and traction [MPa], and the iterations of the coarse solve, if any."""
     gap = make_load(problem, how.grid).gap
-    touching = jnp.any(gap < 0.0)  # else nothing is left of what was before
+    touching = jnp.any(gap < 0.0)  # without overlap, start from 0
     pressure, traction = (jnp.where(touching, old, 0.0) for old in _extrapolate(problem, how.grid))
     if not how.coarse_first:
         return (pressure, traction), None
@@ -181,7 +183,7 @@ def start(problem: Problem, how: How) -> tuple[tuple[Array, Array], Iterations |
 
 
 def complete(problem: Problem, end: Tractions, how: How) -> Step:
-    """What follows from pressure and traction, differentiable by all."""
+    """Results of a step from its pressure and traction, differentiable by the problem."""
     grid, last, pose = how.grid, problem.last, problem.pose
     points = make_points(grid, last.pressure.dtype)
     load, pressure, traction = make_load(problem, grid), end.pressure, end.traction
@@ -209,18 +211,19 @@ def complete(problem: Problem, end: Tractions, how: How) -> Step:
 
 
 def _leave_out_rounding(gap: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
-    """The gap at p = 0 [mm], without an overlap that is no more than the rounding of the gap.
+    """The gap at p = 0, without overlaps within rounding [mm].
 
-    Bodies that just touch overlap by an ulp or not; no pressure can be solved for that.
+    Bodies that just touch may overlap by an ulp; no pressure can be solved for such an overlap.
     """
     rounding = 4.0 * jnp.finfo(gap.dtype).eps * jnp.max(jnp.abs(gap))
     return jnp.where(jnp.min(gap) < -rounding, gap, jnp.maximum(gap, 0.0))
 
 
 def _extrapolate(problem: Problem, grid: Grid) -> tuple[Array, Array]:
-    """Pressure and traction as they were, or farther as the object moves on.
+    """Previous pressure and traction, extrapolated if the object continues its motion.
 
-    Not where it moves another way than in the step before, or presses: the contact's edge moves.
+    They are not extrapolated if the direction changes, or if the approach changes, because then
+    the contact's edge moves.
     """
     last, earlier = problem.last, problem.last.earlier
 
@@ -238,7 +241,7 @@ def _extrapolate(problem: Problem, grid: Grid) -> tuple[Array, Array]:
 
 
 def _judge(end: Tractions, how: How):
-    """How a step ended; the gravest first."""
+    """Result of a step; the most serious failure takes precedence."""
     contact = end.pressure > 0.0
     inside = jnp.any(contact[1:-1, 1:-1])
     edge = jnp.sum(contact) > jnp.sum(contact[1:-1, 1:-1])

@@ -1,9 +1,9 @@
-"""Small changes of pressure and traction while every cell stays as it is.
+"""Small changes of pressure and traction while every cell keeps its state.
 
-Where a cell touches, the gap stays 0; where it sticks, its slip too; where it slides, |τ| stays at
-the limit of friction f(p), μp by Coulomb's law, and τ turns with the slip. These are linear
-equations for the changes of both: dp and, on sliding cells with n = τ/|τ|, dτ = w + f′ dp n, w
-along their circle. But for f′ dp n they are symmetric.
+The gap of touching cells stays 0, and so does the slip of sticking cells. In sliding cells |τ|
+stays at the limit of friction f(p), μp by Coulomb's law, and τ turns with the slip. These
+conditions are linear equations for the changes of pressure and traction: dp and, in sliding cells
+with n = τ/|τ|, dτ = w + f′ dp n, with w along their circle. Without f′ dp n they are symmetric.
 """
 
 from typing import NamedTuple
@@ -20,12 +20,12 @@ from contactmodel.solver.linear import Operator
 
 
 class Load(NamedTuple):
-    """What a step of a contact is solved for.
+    """Load of a step of a contact.
 
     Attributes:
-        gap: between the undeformed bodies, below 0 where they overlap [mm].
-        motion: of the rigid object since the last step, with what was then left of the slip [mm].
-        friction: between the bodies.
+        gap: gap between the undeformed bodies, below 0 where they overlap [mm].
+        motion: motion of the rigid object since the last step plus u_S − u_B at that step [mm].
+        friction: friction law between the bodies.
     """
 
     gap: Float[Array, "nx ny"]
@@ -34,13 +34,13 @@ class Load(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """The equations; unknowns are dp and w, three components on the grid.
+    """The linear equations; their unknowns are dp and w, three components on the grid.
 
     Attributes:
-        compliance: of the pair.
+        compliance: compliance of the pair.
         contact: cells that touch.
-        sets: how they do.
-        slope: f′, of the limit of friction by the pressure; μ by Coulomb's law [-].
+        sets: sticking and sliding cells.
+        slope: f′, derivative of the limit of friction by the pressure; μ by Coulomb's law [-].
     """
 
     compliance: Compliance
@@ -49,7 +49,7 @@ class Tangent(NamedTuple):
     slope: Float[Array, "..."]
 
     def apply(self, unknown: Float[Array, "3 nx ny"]) -> Float[Array, "3 nx ny"]:
-        """What the unknowns change in gap and slip. They are 0 where nothing may change."""
+        """Change of gap and slip by the unknowns; 0 in cells whose gap and slip are free."""
         dp, free = unknown[0], unknown[1:]
         w, u = self.compliance.displace(dp, free + self._by_pressure * dp)
         return self._join(w, u, self.sets.stiffness * free)
@@ -63,7 +63,7 @@ class Tangent(NamedTuple):
     def restrict(
         self, gap: Float[Array, "nx ny"], slip: Float[Array, "2 nx ny"]
     ) -> Float[Array, "3 nx ny"]:
-        """What of gap and slip must vanish."""
+        """The parts of gap and slip that must vanish."""
         return self._join(gap, slip, 0.0)
 
     def changes(
@@ -74,7 +74,7 @@ class Tangent(NamedTuple):
         return free[0], free[1:] + self._by_pressure * free[0]
 
     def make_preconditioner(self) -> Operator:
-        """Roughly the inverse, but for what the pressure does to cells that slide."""
+        """Approximate inverse, without the effect of the pressure on sliding cells."""
         inverse = self.compliance.joint_inverse()
         weight, local = blend(inverse, self.sets)
 
@@ -87,10 +87,10 @@ class Tangent(NamedTuple):
 
     @property
     def _by_pressure(self) -> Array:
-        """dτ by dp of sliding cells."""
+        """Derivative of τ by p in sliding cells."""
         return self.slope * self.sets.normal
 
     def _join(self, normal: Array, tangential: Array, free: ArrayLike) -> Array:
-        """What of both may change, and what does so already."""
-        there = jnp.where(self.contact, normal, 0.0)
-        return jnp.stack([there, *(self.sets.along(tangential) + free)])
+        """Join the normal part in touching cells and the free tangential part."""
+        inside = jnp.where(self.contact, normal, 0.0)
+        return jnp.stack([inside, *(self.sets.along(tangential) + free)])

@@ -1,1 +1,1 @@
-"""`python -m contactmodel verify`: the model against closed forms, laws and itself."""
+"""`python -m contactmodel verify`: the solver against closed forms, laws and convergence."""

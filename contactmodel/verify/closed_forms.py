@@ -1,4 +1,4 @@
-"""Two half-spaces that do not couple, against closed forms.
+"""Two half-spaces without coupling, against closed forms.
 
 [Johnson1985] K. L. Johnson, "Contact Mechanics", Sections 3.4, 3.8 and 4.2. The other closed forms
 are those of `contactmodel.analytic`.
@@ -47,7 +47,7 @@ def check_hertz(count: int) -> list[Row]:
         relative("Hertz: peak pressure [MPa]", jnp.max(solution.pressure),
                   case.hertz.peak_pressure, by_cell(2e-4, 2.0, count), "second order"),
         relative("Hertz: contact radius [mm]", np.sqrt(area / np.pi), RADIUS,
-                  by_cell(6e-3, 1.0, count), "cells counted whole"),
+                  by_cell(6e-3, 1.0, count), "area counted in whole cells"),
         relative("Hertz: force [N]", -solution.force[2], case.hertz.force,
                   by_cell(5e-5, 2.0, count), "second order"),
         error("Hertz: pressure, relative L2 error", l2_error(solution.pressure, exact),
@@ -70,8 +70,8 @@ def check_punch(count: int) -> list[Row]:
                   by_cell(7e-3, 1.0, count), why),
         relative("Reissner–Sagoci: moment [N·mm]", solution.moment, moment,
                   by_cell(1.7e-2, 1.0, count), why),
-        error("Flat punch, huge friction: share that slides",
-               1.0 - solution.stick_ratio, 0.0, "μ = 1e6"),
+        error("Flat punch, μ = 1e6: sliding fraction",
+               1.0 - solution.stick_ratio, 0.0, "exact"),
     ]  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def check_torsion(count: int) -> list[Row]:
         rows += [
             Row(f"Lubkin, c/a = {kappa}: moment [N·mm]", float(solution.moment), moment,
                 abs(float(solution.moment) - moment) / case.limit, by_cell(5e-5, 2.0, count),
-                "by μPa; second order, with noise of where the rim cuts cells"),
+                "error over μPa; second order, with noise from cells cut by the rim"),
             error(f"Lubkin, c/a = {kappa}: traction, relative L2 error", l2_error(size, exact),
                    by_cell(2.5e-2, 1.0, count), "vertical tangents at the rims"),
         ]  # fmt: skip
@@ -122,18 +122,19 @@ def check_loop(count: int) -> list[Row]:
     rows = [
         Row(f"Masing, {place}: moment [N·mm]", float(value), exact,
             abs(float(value) - exact) / case.limit, by_cell(5e-5, 2.0, count),
-            "by μPa; as Lubkin's")
+            "error over μPa; as for Lubkin")
         for place, value, exact in zip(places, solution.moment, expected, strict=True)
     ]  # fmt: skip
     loss = np.diff(np.asarray(solution.dissipated_energy), prepend=0.0)
-    return [*rows, error("Loop: dissipation below 0 in a step", max(-loss.min(), 0.0), 0.0, "law")]
+    name = "Loop: negative dissipation in a step"
+    return [*rows, error(name, max(-loss.min(), 0.0), 0.0, "exact law")]
 
 
 def check_history(count: int) -> list[Row]:
-    """Pressed and twisted at once (θ ∝ P), no slip: a point only turns from when it touched.
+    """Pressed and twisted at once (θ ∝ P) without slip: a point turns only after first touch.
 
-    Each step adds a punch of the radius s that the contact has then, dθ = 3θ s²/a³ ds; the sum of
-    their rotations ½ rot u is φ = θ[1 − (16/3π)(r/a)³].
+    Each step adds a punch with the present radius s of the contact, dθ = 3θ s²/a³ ds. The sum of
+    the rotations ½ rot u is φ = θ[1 − (16/3π)(r/a)³].
     """
     grid = Grid((count, count), (SIDE, SIDE))
     top, steps = 0.01, 40
@@ -152,13 +153,13 @@ def check_history(count: int) -> list[Row]:
         rows.append(
             Row(f"Pressed and twisted at once: φ/θ at r/a = {ratio}", value, expected,
                 abs(value - expected), 5e-2,
-                "steps of a fortieth of the radius, cells, rings of few of them")
+                "40 steps of the radius, size of the cells, few cells per ring")
         )  # fmt: skip
     return rows
 
 
 def check_shift(count: int) -> list[Row]:
-    """Cattaneo and Mindlin at ν = 0: the force at the shift of a given force."""
+    """Cattaneo and Mindlin at ν = 0: the force at the shift that belongs to it."""
     elastomer, object_ = HalfSpace(1.0, 0.0), HalfSpace(1.0, 0.0)  # else pressing causes slip
     case = hertz_case(elastomer, object_)
     grid = Grid((count, count), (SIDE, SIDE))
@@ -174,13 +175,14 @@ def check_shift(count: int) -> list[Row]:
         value = float(solution.force[0])
         rows.append(
             Row(f"Cattaneo–Mindlin, Q = {share} μP: Q [N]", value, share * limit,
-                abs(value / limit - share), by_cell(5e-5, 2.0, count), "by μP; as Lubkin's")
+                abs(value / limit - share), by_cell(5e-5, 2.0, count),
+                "error over μP; as for Lubkin")
         )  # fmt: skip
     return rows
 
 
 def check_cylinder(count: int) -> list[Row]:
-    """A long cylinder in its middle: peak pressure from the load per length."""
+    """Middle of a long cylinder: peak pressure from the load per length."""
     grid = Grid((count, 2 * count), (4.0, 40.0))
     softness = 0.5 * (1.0 - INCOMPRESSIBLE.poisson_ratio) * INCOMPRESSIBLE.softness
     solution = solve_contact(

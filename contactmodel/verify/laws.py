@@ -1,4 +1,4 @@
-"""Laws of contact, friction, equilibrium and energy; the same contact put otherwise; derivatives.
+"""Laws of contact, friction, equilibrium and energy; equivalent contacts; derivatives.
 
 [Johnson1985] K. L. Johnson, "Contact Mechanics", Sections 3.2 and 3.6.
 """
@@ -38,7 +38,7 @@ SOFT, OTHER = HalfSpace(1.0, 0.3), HalfSpace(2.0, 0.45)
 
 
 def check_laws(count: int) -> list[Row]:
-    """Complementarity, friction law and reciprocity, on a contact that sticks and slips."""
+    """Complementarity, friction law and reciprocity, for a contact in partial slip."""
     solution = solve_hertz(count, twist=0.05, shift=(0.02, 0.01))
     slip = solution.slip_increment
     slipped = jnp.sqrt(jnp.sum(slip**2, axis=0))
@@ -52,31 +52,31 @@ def check_laws(count: int) -> list[Row]:
     pressed = _loaded(solution, pressure, jnp.stack([zero, zero]))
     sheared = _loaded(solution, zero, jnp.stack(traction))
     work = jnp.sum(jnp.stack(traction) * pressed.elastomer_displacement()[:2])
-    other = jnp.sum(-pressure * sheared.elastomer_displacement()[2])
+    reciprocal = jnp.sum(-pressure * sheared.elastomer_displacement()[2])
     why = "tolerance of the solver, 1e-9"
     return [
-        error("Overlap, by the approach", jnp.maximum(-jnp.min(solution.gap), 0.0) / approach,
+        error("Overlap over the approach", jnp.maximum(-jnp.min(solution.gap), 0.0) / approach,
                1e-7, why),
-        error("Pressure times gap, by peak and approach",
+        error("Pressure times gap, over peak pressure and approach",
                jnp.max(solution.pressure * jnp.abs(solution.gap)) / peak / approach, 1e-7, why),
-        error("Slip where it sticks, by the largest slip",
+        error("Slip of sticking cells over the largest slip",
                jnp.max(stuck) / jnp.max(slipped), 1e-6, why),
-        error("Where it slides: μp s − τ |s|, by μ times peak and the largest slip",
+        error("Sliding cells: μp s − τ |s|, over μ, peak pressure and largest slip",
                jnp.max(wrong) / (FRICTION * peak * jnp.max(slipped)), 1e-6, why),
-        relative("Reciprocity: τ·u(p) = p·w(τ)", work, other, 1e-10, "rounding"),
+        relative("Reciprocity: τ·u(p) = p·w(τ)", work, reciprocal, 1e-10, "rounding"),
     ]  # fmt: skip
 
 
 def _loaded(solution: ContactSolution, pressure: Array, traction: Array) -> ContactSolution:
-    """A solution under other tractions, of which only the displacement is asked."""
+    """The solution with other tractions; only its displacement is meaningful."""
     return eqx.tree_at(lambda s: (s.pressure, s.traction), solution, (pressure, traction))
 
 
 def check_equilibrium(count: int) -> list[Row]:
-    """Force and moment from the displacement of both bodies far away, where only they are left.
+    """Force and moment from the displacement of both bodies far away, which only they determine.
 
-    On a circle of radius ρ, the means of the displacement are F_x (2−ν)/4πGρ, that normal to the
-    surface F_z (1−ν)/2πGρ, and along the circle M/4πGρ² ([Johnson1985] Sections 3.2 and 3.6).
+    On a circle of radius ρ, the mean displacement along x is F_x (2−ν)/4πGρ, normal to the surface
+    F_z (1−ν)/2πGρ, and along the circle M/4πGρ² ([Johnson1985] Sections 3.2 and 3.6).
     """
     solution = solve_hertz(count, twist=0.05, shift=(0.02, 0.01))
     far, angle = 100.0 * RADIUS, 2.0 * np.pi * np.arange(8) / 8
@@ -93,27 +93,27 @@ def check_equilibrium(count: int) -> list[Row]:
         nu = float(body.poisson_ratio)
         x, y, z = np.mean(np.asarray(moved), axis=0)
         turn = np.mean(np.sum(np.asarray(moved)[:, :2] * along, axis=1))
-        found = [unit * x / (2.0 - nu), unit * y / (2.0 - nu)]
-        found += [0.5 * unit * z / (1.0 - nu), unit * far * turn]
+        loads = [unit * x / (2.0 - nu), unit * y / (2.0 - nu)]
+        loads += [0.5 * unit * z / (1.0 - nu), unit * far * turn]
         names = ("force along x [N]", "along y [N]", "along z [N]", "moment [N·mm]")
         rows += [
             relative(
                 f"Equilibrium of the {name}: {what}", value, exact, 1e-4, "(a/ρ)², a/ρ = 1/100"
             )
-            for what, value, exact in zip(names, found, expected, strict=True)
+            for what, value, exact in zip(names, loads, expected, strict=True)
         ]
     return rows
 
 
 def check_coupling(count: int) -> list[Row]:
-    """Dissimilar bodies: swapped, and the balance of energy along a path."""
+    """Dissimilar bodies: swapped bodies, and the energy balance along a path."""
     grid = Grid((count, count), (SIDE, SIDE))
     rest, pressed = Pose(0.0, linear=True), Pose(APPROACH, linear=True)
     turned = Pose(APPROACH, (0.03, 0.0), 0.04, linear=True)
     back = Pose(APPROACH, (-0.03, 0.0), -0.04, linear=True)
-    one = solve_contact(Contact(SOFT, OTHER, BALL, grid, FRICTION), turned)
-    other = solve_contact(Contact(OTHER, SOFT, BALL, grid, FRICTION), back)
-    swapped = float(jnp.max(jnp.abs(one.traction + other.traction)) / jnp.max(one.pressure))
+    first = solve_contact(Contact(SOFT, OTHER, BALL, grid, FRICTION), turned)
+    second = solve_contact(Contact(OTHER, SOFT, BALL, grid, FRICTION), back)
+    swapped = float(jnp.max(jnp.abs(first.traction + second.traction)) / jnp.max(first.pressure))
 
     path = make_path([rest, pressed, turned], [8, 8])
     contacts = solve_path(Contact(SOFT, OTHER, BALL, grid, FRICTION), path)
@@ -125,24 +125,24 @@ def check_coupling(count: int) -> list[Row]:
     last = contacts.at_step(-1)
     s, b = last.elastomer_displacement(), last.object_displacement()
     density = last.pressure * (b[2] - s[2]) + jnp.sum(last.traction * (s - b)[:2], axis=0)
-    kept = 0.5 * float(jnp.sum(density)) * grid.cell_area + float(last.dissipated_energy)
+    energy = 0.5 * float(jnp.sum(density)) * grid.cell_area + float(last.dissipated_energy)
     return [
-        Row("Dissimilar bodies swapped: traction, by the peak pressure", swapped, 0.0, swapped,
+        Row("Dissimilar bodies swapped: traction over peak pressure", swapped, 0.0, swapped,
             1e-7, "tolerance of the solver, 1e-8"),
-        Row("Energy stored and dissipated, against work [N·mm]", kept, work,
-            abs(kept / work - 1.0), 5e-3, "16 steps, second order"),
+        Row("Stored and dissipated energy against work [N·mm]", energy, work,
+            abs(energy / work - 1.0), 5e-3, "16 steps, second order"),
     ]  # fmt: skip
 
 
 def check_resultant(count: int) -> list[Row]:
-    """A given force and moment reproduce their motion."""
+    """Given force and moment reproduce the motion that produced them."""
     grid = Grid((count // 2, count // 2), (SIDE, SIDE))
     pose = Pose(APPROACH, (0.02, 0.0), 0.03)
     contact = Contact(SOFT, OTHER, BALL, grid, FRICTION)
     moved = solve_contact(contact, pose)
-    given = Resultants(-moved.force[2], moved.force[:2], moved.moment)
-    found = solve_contact(contact, Pose(0.8 * APPROACH), given)
-    twist = float(found.pose.twist)
+    resultants = Resultants(-moved.force[2], moved.force[:2], moved.moment)
+    solution = solve_contact(contact, Pose(0.8 * APPROACH), resultants)
+    twist = float(solution.pose.twist)
     return [
         Row("Given force and moment: twist [rad]", twist, 0.03, abs(twist / 0.03 - 1.0), 1e-5,
             "tolerance of the resultants, 1e-7")
@@ -150,7 +150,7 @@ def check_resultant(count: int) -> list[Row]:
 
 
 def check_frames(count: int) -> list[Row]:
-    """The problem turned by 90° and moved by whole cells exactly, by 30° at the grid's order."""
+    """The problem turned by 90° and moved by whole cells (exact), and by 30° (grid's order)."""
     grid = Grid((count, count), (SIDE, SIDE))
     step = 2 * grid.spacing[0]
     face = SquarePunch(4.0, edge_radius=1.0)
@@ -168,7 +168,7 @@ def check_frames(count: int) -> list[Row]:
         relative("Turned by 90°: moment [N·mm]", moment(0.5 * np.pi, (0.0, 0.0)), here, 1e-7, why),
         relative("Moved by two cells: moment [N·mm]", moment(0.0, (step, -step)), here, 1e-7, why),
         relative("Turned by 30°: moment [N·mm]", moment(np.pi / 6, (0.0, 0.0)), here,
-                  by_cell(5e-3, 2.0, count), "where the face cuts cells"),
+                  by_cell(5e-3, 2.0, count), "cells cut by the face"),
     ]  # fmt: skip
 
 
@@ -198,7 +198,7 @@ def check_gradients(count: int) -> list[Row]:
             slope,
             exact,
             by_cell(1e-2, 1.0, count),
-            "cells of the stick region counted whole",
+            "stick region counted in whole cells",
         )
     ]
     for i, name in enumerate(("G_S", "ν_S", "R", "μ", "δ")):
@@ -206,6 +206,6 @@ def check_gradients(count: int) -> list[Row]:
         difference = (moment(values + change) - moment(values - change)) / (2.0 * change[i])
         rows.append(
             relative(f"dM/d{name} against a central difference", gradient[i], difference, 3e-5,
-                      "cells that change state in between")
+                      "cells that change state within the difference")
         )  # fmt: skip
     return rows

@@ -1,4 +1,4 @@
-"""Rows of `verify` beyond the surface of half-spaces: layers, and points below the surface.
+"""Rows of `verify` for layers, and for points below the surface.
 
 [Johnson1985] K. L. Johnson, "Contact Mechanics", Section 3.2 and 5.8 (an elastic foundation).
 """
@@ -18,7 +18,7 @@ from contactmodel.verify.rows import APPROACH, BALL, CURVATURE, RADIUS, SIDE, Ro
 
 
 def check_thick_layer(count: int) -> list[Row]:
-    """The first term in a/h: a force sinks less by the same everywhere, P ∫δ_z dx / 2πGh."""
+    """The first term in a/h: the base reduces the displacement uniformly by P ∫δ_z dx / 2πGh."""
     grid, nu = Grid((count, count), (SIDE, SIDE)), 0.45
 
     def force(body: HalfSpace | Layer, approach: float) -> float:
@@ -45,7 +45,7 @@ def check_thick_layer(count: int) -> list[Row]:
 
 
 def check_thin_layer(count: int) -> list[Row]:
-    """A compressible layer thinner than the contact is a foundation: p = 2(1−ν)G w/(1−2ν)h."""
+    """A compressible layer that is thin relative to the contact: p = 2(1−ν)G w/(1−2ν)h."""
     nu, h, approach = 0.3, 0.16, 0.05
     grid = Grid((count, count), (SIDE, SIDE))
     solution = solve_contact(Contact(Layer(1.0, nu, h), Rigid(), BALL, grid, 0.0), Pose(approach))
@@ -58,7 +58,7 @@ def check_thin_layer(count: int) -> list[Row]:
 
 
 def check_depth(count: int) -> list[Row]:
-    """Below a half-space's surface: on the axis of Hertz's pressure, and of a disc that sticks."""
+    """Points below a half-space's surface, on the axis of a Hertz contact and a sticking disc."""
     grid, body = Grid((count, count), (SIDE, SIDE)), HalfSpace(1.0, 0.5)
     pressed = solve_contact(Contact(body, Rigid(), BALL, grid, 0.0), Pose(APPROACH))
     pose = Pose(0.1, twist=0.01, linear=True)
@@ -84,7 +84,7 @@ def check_depth(count: int) -> list[Row]:
         value = 250.0 * float((u[0, 1] - u[1, 1]) - (u[2, 0] - u[3, 0])) / 0.01
         expected = 2.0 / np.pi * (np.arctan(1.0 / ratio) - ratio / (1.0 + ratio**2))
         rows.append(
-            Row(f"Disc that sticks, z/a = {ratio}: φ/θ on the axis", value, expected,
+            Row(f"Sticking disc, z/a = {ratio}: φ/θ on the axis", value, expected,
                 abs(value - expected), by_cell(1e-2, 1.0, count), "singular edge")
         )  # fmt: skip
     return rows

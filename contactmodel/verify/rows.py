@@ -1,4 +1,4 @@
-"""What the checks of `verify` have in common: rows of its table, and the Hertz contact."""
+"""Rows of the table of `verify`, and the Hertz contact of its checks."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ SIDE = 10.0  # of the grid [mm]
 CURVATURE = 30.0  # R of the paraboloid [mm]
 FRICTION = 0.5
 ELASTOMER = HalfSpace(shear_modulus=1.0, poisson_ratio=0.45)
-OBJECT = HalfSpace(shear_modulus=3.0, poisson_ratio=0.35)  # the same (1−2ν)/G: not coupled
+OBJECT = HalfSpace(shear_modulus=3.0, poisson_ratio=0.35)  # equal (1−2ν)/G, so not coupled
 INCOMPRESSIBLE = HalfSpace(shear_modulus=1.0, poisson_ratio=0.5)  # not coupled to a rigid object
 BALL = Paraboloid(CURVATURE)
 APPROACH = RADIUS**2 / CURVATURE
@@ -30,12 +30,12 @@ class Row(NamedTuple):
     """A line of the table.
 
     Attributes:
-        what: what was checked.
-        value: what the model has, or the size of an error.
-        expected: what it should be.
-        error: as the tolerance measures it.
-        tolerance: on the error.
-        because: what limits the agreement.
+        what: name of the check.
+        value: value of the model, or size of an error.
+        expected: expected value.
+        error: error in the measure of the tolerance.
+        tolerance: largest error that passes.
+        because: reason that limits the agreement.
     """
 
     what: str
@@ -47,12 +47,12 @@ class Row(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        """Whether the error is within the tolerance; NaN is not."""
+        """Whether the error is within the tolerance; False for NaN."""
         return bool(self.error <= self.tolerance)
 
 
 def by_cell(tolerance: float, order: float, count: int) -> float:
-    """A tolerance given for 128 cells along a side, for another number."""
+    """Convert a tolerance for 128 cells along a side to another number of cells."""
     return tolerance * (128.0 / count) ** order
 
 
@@ -71,7 +71,7 @@ class HertzCase(NamedTuple):
 
     @property
     def limit(self) -> float:
-        """μPa [N·mm]."""
+        """μPa, the scale of moments [N·mm]."""
         return FRICTION * float(self.hertz.force) * RADIUS
 
     def moment(self, stick_ratio: float) -> float:
@@ -80,7 +80,7 @@ class HertzCase(NamedTuple):
 
 
 def hertz_case(elastomer: HalfSpace = ELASTOMER, object_: HalfSpace = OBJECT) -> HertzCase:
-    """The closed form of two half-spaces under the paraboloid."""
+    """Closed form of the Hertz contact of two half-spaces under the paraboloid."""
     softness = sum(0.5 * (1.0 - b.poisson_ratio) * b.softness for b in (elastomer, object_))
     hertz = analytic.hertz_from_approach(APPROACH, CURVATURE, 1.0 / softness)
     k = stiffness_ratio(elastomer, object_)
@@ -89,14 +89,14 @@ def hertz_case(elastomer: HalfSpace = ELASTOMER, object_: HalfSpace = OBJECT) ->
 
 
 def solve_hertz(count: int, *, rtol: float = 1e-9, **motion) -> ContactSolution:
-    """The Hertz contact on a grid, pressed and then moved by the linear twist and shift."""
+    """Solve the Hertz contact on a grid, pressed and moved by a linear twist and shift."""
     grid = Grid((count, count), (SIDE, SIDE))
     pose = Pose(APPROACH, linear=True, **motion)
     return solve_contact(Contact(ELASTOMER, OBJECT, BALL, grid, FRICTION), pose, rtol=rtol)
 
 
 def relative(what: str, value, expected, tolerance: float, because: str) -> Row:
-    """A row whose error is relative to what is expected."""
+    """A row whose error is relative to the expected value."""
     value, expected = float(value), float(expected)
     return Row(what, value, expected, abs(value / expected - 1.0), tolerance, because)
 

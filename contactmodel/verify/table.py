@@ -1,7 +1,7 @@
-"""The table of `verify`: all of its rows.
+"""The table of `verify` with all of its rows.
 
-Each check takes the number of cells along a side and returns rows. Each tolerance says what limits
-it; those that the cells limit are given for 128 and grow with the stated order of the cell.
+Each check takes the number of cells along a side and returns rows. Each tolerance states its
+reason. Tolerances that depend on the cells hold for 128 cells and scale with the stated order.
 """
 
 from collections.abc import Callable
@@ -36,9 +36,12 @@ CHECKS: tuple[Callable[[int], list[Row]], ...] = (
 
 
 def convergence(counts: tuple[int, ...] = (32, 64, 128, 256)) -> list[Row]:
-    """Orders at which the errors of the Hertz contact under torsion fall with the cell.
+    """Orders of convergence of the Hertz contact under torsion with the cell size.
 
-    The slope of log error over log cell, by least squares.
+    Each order is the least-squares slope of the logarithm of the error over that of the cell size.
+
+    Args:
+        counts: cells along a side of each grid.
     """
     case = hertz_case()
     twist = analytic.lubkin_twist(0.7, case.friction_ratio)
@@ -64,6 +67,6 @@ def convergence(counts: tuple[int, ...] = (32, 64, 128, 256)) -> list[Row]:
     names = ("peak pressure", "force", "pressure, L2", "traction at c/a = 0.7, L2", "moment")
     expected = (2.0, 1.5, 1.0, 1.0, 1.5)
     return [
-        Row(f"Order of convergence: {name}", slope, order, order - slope, 0.5, "no less")
+        Row(f"Order of convergence: {name}", slope, order, order - slope, 0.5, "lower limit")
         for name, slope, order in zip(names, slopes.tolist(), expected, strict=True)
     ]

@@ -96,7 +96,7 @@ def refused() -> dict[str, tuple[Any, str]]:
     return {
         "fractional steps": (lambda n: make_path([start, end], [n]), "whole number from 1"),
         "steps from 1": (lambda _: make_path([start, end], [0]), "whole number from 1, got 0"),
-        "no leg": (lambda _: make_path([start], []), "two poses or more"),
+        "no leg": (lambda _: make_path([start], []), "at least two poses"),
         "one leg too many": (lambda _: make_path([start, end], [1, 1]), "2 numbers of steps"),
         "shift": (lambda _: Pose(1.0, shift=(0.1,)), "two components"),
         "centre": (lambda _: Pose(1.0, centre=(0.0, 0.0, 0.0)), "two components"),
