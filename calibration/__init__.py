@@ -1,4 +1,4 @@
-"""What is found out about a sensor beforehand, before it is trusted with angles."""
+"""Calibration of sensors and objects: properties that must be known before angles are measured."""
 
 from contactmodel.common.lazy import public_names
 

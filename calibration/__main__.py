@@ -41,10 +41,10 @@ def noise(
 
     check_writable(out)
     known = _describe(sensor)
-    (one,) = _read([recording], known)
-    found = assess_noise(one)
+    (at_rest,) = _read([recording], known)
+    rest_noise = assess_noise(at_rest)
     with _results(out, "noise") as folder:
-        lines = write_noise(found, known, folder)
+        lines = write_noise(rest_noise, known, folder)
     _conclude(lines, out, "sensor.toml", "noise.json")
 
 
@@ -95,14 +95,14 @@ def softness(
     noise = known.noise if choices.noise_um is None else Noise.given(choices.noise_um * 1e-3)
     pad = Pad(thickness=choices.thickness_mm, marker_depth=choices.depth_mm)
     layer = layer_of(complete_pad(pad, known.pad), choices.radius_mm)
-    found, files = _read(recordings, known), ["softness.toml"]
+    loaded, files = _read(recordings, known), ["softness.toml"]
     with _results(out, "softness") as folder:
         if choices.second_ratio is not None:
-            lines = write_two_fingers(found, choices.second_ratio, noise, search, folder)
+            lines = write_two_fingers(loaded, choices.second_ratio, noise, search, folder)
             files = ["first.toml", "second.toml"]
         else:
             grasps = gather_grasps(
-                found, reference or [], object_name or [], choices.references, noise
+                loaded, reference or [], object_name or [], choices.references, noise
             )
             with Progress(console=errors) as progress:
                 track = partial(progress.track, description="recordings")
@@ -119,13 +119,13 @@ def squeeze(
         str,
         typer.Argument(
             metavar="CSV|RECORDING",
-            help="CSV (travel_mm, indentation_mm), or a recording of a sphere that is pressed on.",
+            help="CSV (travel_mm, indentation_mm), or a recording of a sphere pressed on the pad.",
         ),
     ],
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
-    """Fit k from pressing: the gripper's travel, or the curvature of the contact."""
+    """Fit k by pressing, to the gripper's travel or to the curvature of the contact."""
     from calibration.softness.squeeze import (
         Bodies,
         read_travel,
@@ -137,35 +137,35 @@ def squeeze(
 
     check_writable(out)
     known = _describe(sensor)
-    told = Pad(poisson_ratio=choices.poisson_ratio, dome_radius=choices.pad_radius_mm)
-    pad = complete_pad(told, known.pad)
+    chosen = Pad(poisson_ratio=choices.poisson_ratio, dome_radius=choices.pad_radius_mm)
+    pad = complete_pad(chosen, known.pad)
     ratio = {} if pad.poisson_ratio is None else {"poisson_ratio": pad.poisson_ratio}
     bodies = Bodies(object_poisson=choices.object_poisson, **ratio)
     if source.endswith(".csv"):
         readings = read_travel(Path(source))
-        found = squeeze_by_travel(*readings, bodies, choices.pressing, source=source)
+        fit = squeeze_by_travel(*readings, bodies, choices.pressing, source=source)
     elif choices.radius_mm is None:
         raise ValueError(
-            "a recording requires --radius-mm, the radius of the sphere that is pressed on"
+            "a recording requires --radius-mm, the radius of the sphere pressed on the pad"
         )
     else:
-        (one,) = _read([source], known)
+        (recording,) = _read([source], known)
         dome = inf if pad.dome_radius is None else pad.dome_radius
-        found = squeeze_by_curvature(one, choices.radius_mm, bodies, pad_radius=dome)
+        fit = squeeze_by_curvature(recording, choices.radius_mm, bodies, pad_radius=dome)
     with _results(out, "squeeze") as folder:
-        lines = write_squeeze(found, folder)
+        lines = write_squeeze(fit, folder)
     _conclude(lines, out, "softness.toml")
 
 
 @contextmanager
 def _results(out: Path, command: str) -> Iterator[Path]:
-    """Where one run of a command writes; it replaces the results of the last one."""
+    """Folder for the results of a command; they replace those of the last run."""
     with renew_results(out, f"calibration {command}", say) as results:
         yield results.draft
 
 
 def _conclude(lines: Iterable[str], out: Path, *files: str) -> None:
-    """Print the findings, and where they are."""
+    """Print the findings and the files that hold them."""
     for line in lines:
         print(line)
     written = " and ".join(str(out / file) for file in files)
@@ -173,14 +173,14 @@ def _conclude(lines: Iterable[str], out: Path, *files: str) -> None:
 
 
 def _describe(sensor: Path | None) -> Any:
-    """The `Sensor` that a file describes, or one of which nothing is known."""
+    """The `Sensor` that a file describes, or an unknown one without a file."""
     from estimation.pictures.sensor import Sensor, read_sensor
 
     return Sensor() if sensor is None else read_sensor(sensor)
 
 
 def _read(names: list[str], sensor: Any) -> list[Recording]:
-    """Recordings by path or data set, their pictures as those of a sensor."""
+    """Read recordings by path or data set; their pictures are those of a sensor."""
     from estimation.pictures.reader import ImageSettings
     from estimation.sources import find_paths, read_recordings
 
@@ -200,7 +200,9 @@ def stereo(
     ] = True,
     mirrored: Annotated[
         list[str] | None,
-        typer.Option(help="Mirrored view: left or right.", show_default="none"),
+        typer.Option(
+            help="Mirrored view: left or right. Repeat the option for both.", show_default="none"
+        ),
     ] = None,
     out: _Out = Path("out"),
 ) -> None:
@@ -231,7 +233,7 @@ def field(
         int,
         typer.Option(
             min=1,
-            help="Number of starting points of the fit; more find a global minimum more surely.",
+            help="Number of starting points of the fit; more find the best fit more reliably.",
         ),
     ] = 1,
     sensor: _Sensor = None,
@@ -239,25 +241,25 @@ def field(
     """Fit properties of pad and contact to measured fields and forces; write sensor.toml."""
     from calibration.experiment import read_experiment
     from calibration.field_fit import fit_fields
-    from calibration.field_report import find_pad, tell_numbers, write_fit
+    from calibration.field_report import find_pad, format_numbers, write_fit
     from estimation.pictures.sensor import write_sensor
 
     check_writable(out)
     known = _describe(sensor)
-    wanted = read_experiment(experiment, known.pad)
-    model, data = wanted.of(_read([recording], known)[0])
+    plan = read_experiment(experiment, known.pad)
+    model, data = plan.of(_read([recording], known)[0])
     with errors.status("compiling and fitting"):
-        fit = fit_fields(model, wanted.numbers, data, starts=starts, said=say)
+        fit = fit_fields(model, plan.numbers, data, starts=starts, said=say)
     pad = find_pad(fit, known.pad)
     with _results(out, "field") as folder:
-        write_fit(fit, data, model.markers, wanted.frames, folder)
+        write_fit(fit, data, model.markers, plan.frames, folder)
         if pad is not None:
             write_sensor(replace(known, pad=pad), folder / "sensor.toml")
-    for line in (*tell_numbers(fit), *fit.verdict):
+    for line in (*format_numbers(fit), *fit.verdict):
         print(line)
     print(f"written to {out / 'report.html'}")
     if pad is not None:
-        print(f"the pad's numbers are in {out / 'sensor.toml'}, for --sensor")
+        print(f"the pad's numbers are in {out / 'sensor.toml'}; use it with --sensor")
 
 
 @app.command()
@@ -266,27 +268,28 @@ def design(
     out: _Out = Path("out"),
     sensor: _Sensor = None,
 ) -> None:
-    """Predict which numbers a planned experiment determines, and what would help."""
+    """Predict which numbers a planned experiment determines, and how to improve it."""
     from calibration.experiment import read_experiment
     from calibration.field_report import write_design
     from calibration.identifiability import identify
 
     check_writable(out)
-    wanted = read_experiment(experiment, _describe(sensor).pad)
-    model, data = wanted.plan()
+    plan = read_experiment(experiment, _describe(sensor).pad)
+    model, data = plan.plan()
     with errors.status("compiling and solving"):
-        found = identify(model, wanted.numbers, data, wanted.design)
+        prediction = identify(model, plan.numbers, data, plan.design)
     with _results(out, "design") as folder:
-        write_design(found, folder)
-    lost = [name for name, known in zip(found.names, found.determined, strict=True) if not known]
-    print(f"not determined: {', '.join(lost)}" if lost else "everything sought is determined")
+        write_design(prediction, folder)
+    pairs = zip(prediction.names, prediction.determined, strict=True)
+    lost = [name for name, determined in pairs if not determined]
+    print(f"not determined: {', '.join(lost)}" if lost else "all unknown numbers are determined")
     print(f"written to {out / 'report.html'}")
 
 
 @app.command("sensor")
 def calibrate(
     unloaded: Annotated[
-        Path, typer.Argument(help="Folder of pictures of the pad with nothing on it.")
+        Path, typer.Argument(help="Folder of pictures of the pad without contact.")
     ],
     pitch_mm: Annotated[
         float | None,
@@ -297,7 +300,7 @@ def calibrate(
     boards: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of pictures of a checkerboard in several poses, to calibrate the lens.",
+            help="Folder of pictures of a checkerboard in several poses; calibrates the lens.",
             show_default="no lens is calibrated",
         ),
     ] = None,
@@ -315,10 +318,10 @@ def calibrate(
         if boards is not None:
             lens, error = fit_lens(boards, (rows, columns))
             lines.append(f"Lens: reprojection error {error:.3f} px rms.")
-        found = calibrate_sensor(unloaded, pitch_mm, lens, _describe(sensor))
+        calibrated = calibrate_sensor(unloaded, pitch_mm, lens, _describe(sensor))
     with _results(out, "sensor") as folder:
-        write_calibration(found, lines, folder)
-    _conclude((*lines, *found.remarks), out, "sensor.toml")
+        write_calibration(calibrated, lines, folder)
+    _conclude((*lines, *calibrated.remarks), out, "sensor.toml")
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""An experiment in a file: what is pressed on how, what of it is known, and what is measured."""
+"""Experiment files: the object and its motion, known and unknown numbers, and measurements."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ NUMBERS = {
     "_".join(filter(None, (name, _FILE_UNITS.get(of, of.lower())))): name
     for name, of in UNITS.items()
 }
-"""Keys of the table `numbers`, and the names of their numbers."""
+"""Names of the numbers by their keys in the table `numbers`."""
 RENAMED = {
     f"numbers.{name}": f"numbers.{key}" for key, name in NUMBERS.items() if key != f"{name}_deg"
 } | {
@@ -31,15 +31,15 @@ RENAMED = {
     "errors.force_N": "errors.force_n",
     "errors.moment_Nmm": "errors.moment_nmm",
 }
-"""Keys of version 0.1.0, and what they are called now."""
+"""Keys of version 0.1.0 and their present names."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Standard deviations of what is measured.
+    """Standard deviations of the measurements.
 
     Attributes:
-        displacement: of the markers along x, y, z [mm].
+        displacement: of the markers' displacements along x, y, z [mm].
         force: of the resultant force [N].
         moment: of the resultant moment [N·mm].
     """
@@ -53,11 +53,11 @@ class Errors:
 
 @dataclass(frozen=True)
 class Markers:
-    """A plan's square grid of markers.
+    """The square grid of markers of a planned experiment.
 
     Attributes:
-        pitch: distance of neighbours [mm].
-        count: along a side.
+        pitch: distance between neighbours [mm].
+        count: number of markers along a side.
     """
 
     pitch: float = field(default=1.0, metadata=unit("mm", above=0.0))
@@ -87,17 +87,17 @@ class _File:
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment with some of its numbers unknown.
+    """An experiment with known and unknown numbers.
 
     Attributes:
-        name: of its file or example, for errors.
-        shape: of the object, one of `forward.SHAPES`.
+        name: name of its file or example, for errors.
+        shape: shape of the object, one of `forward.SHAPES`.
         grid: cells of the model.
-        numbers: by name; those to be found are `Unknown`.
-        frames: rows of the recording that are fitted; of a plan, only how many.
-        errors: of what is measured.
-        markers: of a plan.
-        design: numbers that the experimenter can change.
+        numbers: values by name; the unknown ones are `Unknown`.
+        frames: rows of the recording to fit; for a plan, only their number counts.
+        errors: standard deviations of the measurements.
+        markers: grid of markers of a plan.
+        design: names of numbers that the experimenter can change.
     """
 
     name: str
@@ -110,10 +110,10 @@ class Experiment:
     design: tuple[str, ...]
 
     def plan(self) -> tuple[FieldModel, FieldData]:
-        """The model of a plan: a square grid of markers, everything measured.
+        """Model and data of a plan: a square grid of markers, with everything measured.
 
         Raises:
-            ValueError: no such shape, or markers beyond the grid.
+            ValueError: the shape is unknown, or markers lie outside the grid.
         """
         count = self.markers.count
         at = (np.arange(count) - 0.5 * (count - 1)) * self.markers.pitch
@@ -121,25 +121,36 @@ class Experiment:
         frames = len(self.frames)
         with naming(self.name):
             model = FieldModel(press_and_move(self.shape), self.grid, markers, frames)
-        nothing = np.zeros((frames, len(markers), 3))
-        return model, self._data(nothing, np.zeros((frames, 3)), np.zeros(frames))
+        still = np.zeros((frames, len(markers), 3))
+        return model, self._data(still, np.zeros((frames, 3)), np.zeros(frames))
 
     def of(self, recording: Recording) -> tuple[FieldModel, FieldData]:
-        """The model of a recording's frames, with the markers above the grid.
+        """Model and data of a recording's frames, with the markers above the grid.
+
+        Args:
+            recording: recording of the experiment, with positions in space.
 
         Raises:
-            ValueError: a frame that is not there, or no marker above the grid.
+            ValueError: a frame does not exist, the positions are not in space in mm, or no marker
+                lies above the grid.
         """
         rows = list(self.frames)
         if not rows or min(rows) < 0 or max(rows) >= len(recording):
-            raise ValueError(f"frames {rows}; {recording.name} has rows 0 to {len(recording) - 1}")
+            raise ValueError(
+                f"{self.name}: frames is {rows}, but {recording.name} has rows 0 to "
+                f"{len(recording) - 1}"
+            )
         if recording.layout.reference.shape[1] != 3 or recording.unit != "mm":
-            raise ValueError(f"{recording.name} has no positions in space in mm")
+            raise ValueError(
+                f"{recording.name} has no positions in space in mm; the fit needs them"
+            )
         reference = recording.layout.reference
         reach = np.array([self.grid.x[-1], self.grid.y[-1]])
         above = (np.abs(reference[:, :2]) <= reach).all(axis=1)
         if not above.any():
-            raise ValueError("no marker lies above the grid: take a larger one")
+            raise ValueError(
+                f"no marker of {recording.name} lies above the grid: use a larger size_mm"
+            )
         seen = recording.valid[rows][:, above, None]
         moved = np.where(seen, (recording.positions - reference)[rows][:, above], np.nan)
         scene = press_and_move(self.shape)
@@ -161,26 +172,26 @@ class Experiment:
 def read_experiment(name: str, pad: Pad | None = None) -> Experiment:
     """Read an experiment's TOML file, or a shipped example by its name.
 
-    `shape`, `cells` along a side and `size_mm` of the model's grid, the recording's `frames`, a
-    table `errors` (`displacement_um` along x, y, z, `force_n`, `moment_nmm`), for a plan a table
-    `markers` (`pitch_mm`, `count` along a side) and `design`, names of numbers that can be
-    changed; and a table `numbers` of those that `press_and_move` takes, their keys with units. A
-    number is known, `thickness_mm = 4.0`, or sought, `{start = 4.0, low = 1.0, high = 20.0}`, with
-    `prior = [mean, deviation]` if something is known, `per_frame = true` if every frame has its
-    own; angles as `twist_deg`.
+    The file holds `shape`; `cells` along a side and `size_mm` of the model's grid; the recording's
+    `frames`; a table `errors` (`displacement_um` along x, y, z, `force_n`, `moment_nmm`); for a
+    plan a table `markers` (`pitch_mm`, `count` along a side) and `design`, the names of numbers
+    that can be changed. The table `numbers` holds the numbers of `press_and_move`, with units in
+    their keys. A number is known, `thickness_mm = 4.0`, or unknown,
+    `{start = 4.0, low = 1.0, high = 20.0}`. An unknown number may have `prior = [mean, deviation]`,
+    and `per_frame = true` gives it a value for each frame. Angles are given as `twist_deg`.
 
     Args:
-        name: of the file, or of the example.
-        pad: of a sensor description, for the numbers and the size that the file does not give.
+        name: name of the file, or of the example.
+        pad: pad of a sensor description; supplies the numbers and the size that the file lacks.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not such a file.
+        ValueError: the file is not a valid experiment.
     """
     examples = files("calibration") / "examples"
     example = examples / f"{name}.toml"
     if not (example.is_file() or Path(name).is_file()):
-        names = sorted(one.name.removesuffix(".toml") for one in examples.iterdir())
+        names = sorted(item.name.removesuffix(".toml") for item in examples.iterdir())
         raise FileNotFoundError(f"no file {name}; shipped examples are {', '.join(names)}")
     path = Path(str(example)) if example.is_file() else Path(name)
     content = read_toml(path, FORMAT_VERSION, RENAMED)
@@ -192,14 +203,17 @@ def _make(name: str, file: _File, pad: Pad) -> Experiment:
     size = pad.size if file.size is None else (file.size, file.size)
     if size is None:
         raise ValueError("the key 'size_mm' is missing")
-    found = (_number(*item, frames=len(file.frames)) for item in file.numbers.items())
-    known = {one: value for one, value in vars(pad).items() if one in UNITS and value is not None}
-    thick = [one for one, value in known.items() if not np.isfinite(value)]  # as where not given
+    numbers = (_number(*item, frames=len(file.frames)) for item in file.numbers.items())
+    of_pad = {  # an infinite value means the same as a missing one
+        key: value
+        for key, value in vars(pad).items()
+        if key in UNITS and value is not None and np.isfinite(value)
+    }
     return Experiment(
         name=name,
         shape=file.shape,
         grid=Grid((file.cells, file.cells), size),
-        numbers={one: known[one] for one in known if one not in thick} | dict(found),
+        numbers=of_pad | dict(numbers),
         frames=file.frames,
         errors=file.errors,
         markers=file.markers,
@@ -208,27 +222,29 @@ def _make(name: str, file: _File, pad: Pad) -> Experiment:
 
 
 def _number(key: str, value: Any, *, frames: int) -> tuple[str, Any]:
-    """A number's name and what is known of it; degrees become rad."""
+    """Name of a number, and its value or `Unknown`; degrees become rad."""
     if key not in NUMBERS:
         raise ValueError(f"numbers: unknown number {key!r}; choose from {', '.join(NUMBERS)}")
     name, where = NUMBERS[key], f"numbers.{key}"
     scale = SCALES.get(key.rpartition("_")[2], 1.0)
     if not isinstance(value, dict):
         return name, scale * _values(value, where)
-    given = from_table(value, _Sought, where)
-    start = scale * _values(given.start, f"{where}.start")
-    if given.per_frame:
+    table = from_table(value, _Sought, where)
+    start = scale * _values(table.start, f"{where}.start")
+    if table.per_frame:
         start = np.broadcast_to(start, (frames, *start.shape)).copy()
-    prior = given.prior and (scale * given.prior[0], scale * given.prior[1])
+    prior = table.prior and (scale * table.prior[0], scale * table.prior[1])
     with naming(where):
-        return name, Unknown(start, scale * given.low, scale * given.high, prior)
+        return name, Unknown(start, scale * table.low, scale * table.high, prior)
 
 
 def _values(value: Any, name: str) -> Float[np.ndarray, "..."]:
-    """A number, a list of them, or one list for each frame."""
+    """Values of a number: one, a list, or one list for each frame."""
 
     def nested(value: Any) -> Any:
-        return [nested(one) for one in value] if isinstance(value, list) else as_number(value, name)
+        if isinstance(value, list):
+            return [nested(item) for item in value]
+        return as_number(value, name)
 
     rows = nested(value)
     try:

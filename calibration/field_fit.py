@@ -1,11 +1,11 @@
-"""Numbers of a contact fitted to displacement fields and forces, through the contact model.
+"""Fit numbers of a contact to displacement fields and forces, with the contact model.
 
 [Levenberg1944] K. Levenberg, "A method for the solution of certain non-linear problems in least
 squares"; [Marquardt1963] D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear
 parameters"; the loop is optimistix's.
 
-What is sought are coordinates, the logarithm of a number whose bounds are above 0 and else the
-number itself; a sigmoid keeps them between the bounds. Residuals are in standard deviations.
+The fit varies coordinates: the logarithm of a number whose bounds are above 0, otherwise the number
+itself. A sigmoid keeps them between the bounds. Residuals are in standard deviations.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,9 +24,9 @@ from calibration.field_result import FRICTION, LEAST_P, LEAST_SLIP, FieldData, F
 from calibration.forward import FieldModel, Prediction, Unknown
 from calibration.information import Z95, correlate, invert_information, is_determined
 
-_AT_BOUND = 0.02  # of the distance of the bounds, or of a standard error
-_SETTLED = 0.1  # the last step: root sum of squares of what it changed, in standard deviations
-_START_SHARE = 0.8  # of the distance of the bounds from which random starts are drawn
+_AT_BOUND = 0.02  # a number is at a bound within this share of the range and one standard error
+_SETTLED = 0.1  # largest norm of the last step's change of the residuals, in standard deviations
+_START_SHARE = 0.8  # share of the range between the bounds from which random starts are drawn
 
 
 def fit_fields(
@@ -39,19 +39,21 @@ def fit_fields(
     max_steps: int = 60,
     said: Callable[[str], None] = lambda _: None,
 ) -> FieldFit:
-    """Fit the unknown ones of a scene's numbers.
+    """Fit the unknown numbers of a scene.
 
     Args:
         model: scene, grid and markers.
-        numbers: by name; those to be found are `Unknown`.
-        data: fields and forces, a frame for each of the model's.
-        starts: beginnings, the first as given, others drawn between the bounds.
-        seed: of the drawn ones.
-        max_steps: trials of each.
-        said: told how each start ended.
+        numbers: values by name; the unknown ones are `Unknown`.
+        data: fields and forces of the model's frames.
+        starts: number of starting points; the first is given, the others are drawn between the
+            bounds.
+        seed: seed of the drawn starting points.
+        max_steps: largest number of steps from each starting point.
+        said: called with a message about the end of each start.
 
     Raises:
-        ValueError: nothing to be found, fewer data than numbers, or data that do not fit.
+        ValueError: no number is unknown, there are fewer data than unknown numbers, or the data do
+            not match the model.
         RuntimeError: the contact could not be solved from any start.
     """
     problem = Problem.make(model, numbers, data)
@@ -65,8 +67,8 @@ def fit_fields(
             ends.append((loss, end))
     if not ends:
         raise RuntimeError(
-            "the contact could not be solved at any start: does the grid hold the whole contact, "
-            "and is the approach large enough to touch?"
+            "the contact could not be solved from any start: check that the grid covers the whole "
+            "contact, and that the approach is large enough to touch"
         )
     least, best = min(ends, key=lambda end: end[0])
     close = sum(loss <= 1.001 * least + 1e-3 for loss, _ in ends) / starts
@@ -87,14 +89,14 @@ class Problem(eqx.Module):
 
     Attributes:
         model: scene, grid and markers.
-        known: numbers that are not sought.
-        data: what was measured, in one vector.
-        weights: one over its standard deviations, 0 where nothing was measured.
+        known: known numbers.
+        data: all measurements in one vector.
+        weights: inverse standard deviations of the data, 0 for missing values.
         low: lower bounds of the coordinates.
-        high: upper bounds.
-        start: first guess.
-        priors: of each coordinate the mean and one over the standard deviation, 0 without one.
-        layout: of the coordinates: name, shape, and whether they are logarithms.
+        high: upper bounds of the coordinates.
+        start: first guess of the coordinates.
+        priors: mean and inverse standard deviation of each coordinate's prior, 0 without one.
+        layout: name, shape and whether it is a logarithm, of each unknown.
     """
 
     model: FieldModel
@@ -109,27 +111,40 @@ class Problem(eqx.Module):
 
     @classmethod
     def make(cls, model: FieldModel, numbers: Mapping[str, Any], data: FieldData) -> "Problem":
-        """Check and whiten."""
-        unknown = {name: one for name, one in numbers.items() if isinstance(one, Unknown)}
+        """Check the numbers and the data, and scale the data by their standard deviations.
+
+        Args:
+            model: scene, grid and markers.
+            numbers: values by name; the unknown ones are `Unknown`.
+            data: fields and forces of the model's frames.
+
+        Raises:
+            ValueError: no number is unknown, there are fewer data than unknown numbers, or the
+                data do not match the model.
+        """
+        unknown = {name: value for name, value in numbers.items() if isinstance(value, Unknown)}
         if not unknown:
             raise ValueError("nothing is unknown: give at least one number as `Unknown`")
         layout, low, high, start, priors = [], [], [], [], []
-        for name, one in unknown.items():
-            shape, size = np.shape(one.start), int(np.size(one.start))
-            layout.append((name, shape, one.logarithmic))
-            turn = np.log if one.logarithmic else np.asarray
-            low += [turn(one.low)] * size
-            high += [turn(one.high)] * size
-            start += list(np.ravel(turn(one.start)))
+        for name, number in unknown.items():
+            shape, size = np.shape(number.start), int(np.size(number.start))
+            layout.append((name, shape, number.logarithmic))
+            turn = np.log if number.logarithmic else np.asarray
+            low += [turn(number.low)] * size
+            high += [turn(number.high)] * size
+            start += list(np.ravel(turn(number.start)))
             mean, sharpness = 0.0, 0.0
-            if one.prior is not None:
-                mean = turn(one.prior[0])
-                sharpness = (one.prior[0] if one.logarithmic else 1.0) / one.prior[1]
+            if number.prior is not None:
+                mean = turn(number.prior[0])
+                sharpness = (number.prior[0] if number.logarithmic else 1.0) / number.prior[1]
             priors += [(mean, sharpness)] * size
         measured, weights = _whiten(model, data)
         count = int(np.count_nonzero(weights))
         if count + np.count_nonzero([s for _, s in priors]) < len(start):
-            raise ValueError(f"{count} measured values cannot determine {len(start)} numbers")
+            raise ValueError(
+                f"{count} measured values cannot determine {len(start)} unknown numbers: measure "
+                "more, or give fewer numbers as unknown"
+            )
         return cls(
             model=model,
             known={n: jnp.asarray(v, float) for n, v in numbers.items() if n not in unknown},
@@ -144,7 +159,7 @@ class Problem(eqx.Module):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the coordinates."""
+        """Names of the coordinates, such as `twist[1]`."""
         names: list[str] = []
         for name, shape, _ in self.layout:
             places = list(np.ndindex(*shape))
@@ -157,35 +172,35 @@ class Problem(eqx.Module):
         return np.concatenate([[log] * int(np.prod(shape)) for _, shape, log in self.layout])
 
     def numbers(self, coordinates: Array) -> dict[str, Any]:
-        """Every number of the scene."""
-        found, place = dict(self.known), 0
+        """All numbers of the scene by name, for given coordinates."""
+        numbers, place = dict(self.known), 0
         for name, shape, logarithmic in self.layout:
             size = int(np.prod(shape))
             part = coordinates[place : place + size].reshape(shape)
-            found[name] = jnp.exp(part) if logarithmic else part
+            numbers[name] = jnp.exp(part) if logarithmic else part
             place += size
-        return found
+        return numbers
 
     def to_values(self, coordinates: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Numbers from coordinates; beyond all bounds, infinite."""
+        """Convert coordinates to numbers; infinite if they overflow."""
         with np.errstate(over="ignore"):
             return np.where(self.logarithmic, np.exp(coordinates), coordinates)
 
     def outputs(self, coordinates: Array) -> Array:
-        """All that the sensor would see, in one vector; NaN where the contact was not solved."""
+        """All predicted measurements in one vector; NaN if the contact could not be solved."""
         seen = self.model.predict(self.numbers(coordinates))
         values = jnp.concatenate([jnp.ravel(value) for value in seen[:4]])
         return jnp.where(seen.failed, jnp.nan, values)
 
     def residual(self, outputs: Array, coordinates: Array) -> Array:
-        """Predicted less measured, and what the priors add, in standard deviations."""
+        """Residuals, predicted minus measured, then those of priors, in standard deviations."""
         mean, sharpness = self.priors.T
         return jnp.concatenate(
             [self.weights * (outputs - self.data), sharpness * (coordinates - mean)]
         )
 
     def split(self, outputs: np.ndarray) -> Prediction:
-        """What the sensor would see, from a vector of it."""
+        """Split a vector of predicted measurements into its parts."""
         frames, n = self.model.frames, len(self.model.along_x)
         sizes = np.cumsum([3 * frames * n, 3 * frames, frames])
         fields, force, moment, width = np.split(outputs, sizes)
@@ -198,31 +213,31 @@ class Problem(eqx.Module):
         )
 
     def is_seen(self, outputs: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " p"]:
-        """Which coordinates the grid can show: μ only where a ring slips that is wide enough."""
+        """Which coordinates the grid resolves: μ only if the slipping ring is wide enough."""
         friction = np.array([name == FRICTION for name in self.names])
         return ~friction | (self.split(outputs).slip_width >= LEAST_SLIP)
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """Somewhere between the bounds."""
+        """Draw coordinates between the bounds."""
         margin = 0.5 * (1.0 - _START_SHARE)
         share = rng.uniform(margin, 1.0 - margin, len(self.start))
         return self.low + share * (self.high - self.low)
 
 
 def _whiten(model: FieldModel, data: FieldData) -> tuple[Array, Array]:
-    """Measured values, and one over their standard deviations, 0 where there is none."""
+    """Measured values and their inverse standard deviations, 0 for missing values."""
     wanted = (model.frames, len(model.along_x), 3)
     if np.shape(data.displacement) != wanted:
         raise ValueError(
-            f"the displacements have the shape {np.shape(data.displacement)}; the model, its "
-            f"frames and markers, {wanted}"
+            f"the displacements have the shape {np.shape(data.displacement)}; the model's frames "
+            f"and markers require the shape {wanted}"
         )
     errors = np.array([*data.displacement_error, data.force_error, data.moment_error])
     if not (errors > 0.0).all():
         raise ValueError(f"standard deviations must be above 0, got {errors.tolist()}")
     force = np.full((model.frames, 3), np.nan) if data.force is None else data.force
     moment = np.full(model.frames, np.nan) if data.moment is None else data.moment
-    parts = (data.displacement, force, moment, np.full(1, np.nan))  # no one measures the slip
+    parts = (data.displacement, force, moment, np.full(1, np.nan))  # slip is never measured
     measured = np.concatenate([np.ravel(part) for part in parts])
     scales = (np.asarray(data.displacement_error), data.force_error, data.moment_error, 1.0)
     pairs = zip(parts, scales, strict=True)
@@ -233,9 +248,14 @@ def _whiten(model: FieldModel, data: FieldData) -> tuple[Array, Array]:
 def value_and_jacobian(
     function: Callable[[Array], Array], at: Float[Array, " p"]
 ) -> tuple[Float[Array, " m"], Float[Array, "m p"]]:
-    """A function and its derivatives: one solve, and the tangents one after the other.
+    """Value and Jacobian of a function: one solve, then one tangent after the other.
 
-    Together they would all wait for the slowest: on 64² cells five take 5.6 solves, not 2.5.
+    Tangents in one batch would all wait for the slowest: on 64² cells five take 5.6 instead of 2.5
+    solves.
+
+    Args:
+        function: function of a vector.
+        at: argument.
     """
     value, push = jax.linearize(function, at)
     return value, jax.lax.map(push, jnp.eye(len(at))).T
@@ -243,7 +263,7 @@ def value_and_jacobian(
 
 @eqx.filter_jit
 def _minimise(problem: Problem, start: Array, max_steps: int) -> _End:
-    """Levenberg and Marquardt, between the bounds."""
+    """Minimise by Levenberg and Marquardt's method, between the bounds."""
     span = problem.high - problem.low
 
     def coordinates(free: Array) -> Array:
@@ -254,14 +274,14 @@ def _minimise(problem: Problem, start: Array, max_steps: int) -> _End:
         return problem.outputs(coordinates)
 
     @outputs.defjvp
-    def _(primals, tangents):  # the Jacobian as a matrix: once a step, its transpose for nothing
+    def _(primals, tangents):  # the Jacobian as a matrix: one per step, its transpose is free
         value, jacobian = value_and_jacobian(problem.outputs, *primals)
         return value, jacobian @ tangents[0]
 
     def residual(free: Array, _: None) -> tuple[Array, Array]:
         at = coordinates(free)
-        seen = outputs(at)
-        return problem.residual(seen, at), seen
+        predicted = outputs(at)
+        return problem.residual(predicted, at), predicted
 
     share = (start - problem.low) / span
     end = optx.least_squares(
@@ -284,7 +304,7 @@ def _minimise(problem: Problem, start: Array, max_steps: int) -> _End:
 
 
 def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing: float) -> FieldFit:
-    """Intervals, what is determined, and how well the model fits."""
+    """The result of a fit: intervals, determined numbers, and the quality of the fit."""
     residual, jacobian, c = (
         np.asarray(part) for part in (end.residual, end.jacobian, end.coordinates)
     )
@@ -300,7 +320,7 @@ def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing:
     ends = [problem.to_values(c + sign * Z95 * error) for sign in (-1.0, 1.0)]
     measured = problem.split(np.where(weights > 0, np.asarray(problem.data), np.nan))
     predicted = problem.split(np.asarray(end.outputs))
-    found = problem.numbers(end.coordinates)
+    numbers_at_end = problem.numbers(end.coordinates)
     return FieldFit(
         names=problem.names,
         values=np.where(determined, problem.to_values(c), np.nan),
@@ -315,7 +335,7 @@ def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing:
         left_out=_leave_out(problem, end),
         residual=np.asarray(measured.displacement - predicted.displacement),
         predicted=predicted,
-        best={name: np.asarray(found[name]) for name in numbers},
+        best={name: np.asarray(numbers_at_end[name]) for name in numbers},
         converged=bool(end.converged),
         steps=int(end.steps),
         agreeing=agreeing,
@@ -325,19 +345,19 @@ def _describe(problem: Problem, numbers: Mapping[str, Any], end: _End, agreeing:
 def _test(
     problem: Problem, residual: Float[np.ndarray, " m"], freedom: int
 ) -> tuple[dict[str, float], float]:
-    """χ² of each kind of measurement by their number, and the probability of one so large."""
+    """χ² per value of each kind of measurement, and the p-value of the test."""
     square, count = residual[: len(problem.weights)] ** 2, np.asarray(problem.weights) > 0
     kinds = {name: part & count for name, part in find_kinds(problem.model).items()}
     sizes = {name: int(part.sum()) for name, part in kinds.items() if part.any()}
     sums = {name: float(square[kinds[name]].sum()) for name in sizes}
     tails = [chi2.sf(sums[name], size) for name, size in sizes.items()]
     smallest = min(chi2.sf(float(square.sum()), freedom), *tails)
-    found = {name: sums[name] / size for name, size in sizes.items()}
-    return found, min(float(smallest) * (1 + len(tails)), 1.0)
+    misfits = {name: sums[name] / size for name, size in sizes.items()}
+    return misfits, min(float(smallest) * (1 + len(tails)), 1.0)
 
 
 def _leave_out(problem: Problem, end: _End) -> dict[str, Float[np.ndarray, " p"]]:
-    """The estimates without a part of the data, to first order; NaN where undetermined."""
+    """Estimates without each part of the data, to first order; NaN if undetermined."""
     residual, jacobian, c = (
         np.asarray(part) for part in (end.residual, end.jacobian, end.coordinates)
     )
@@ -346,13 +366,13 @@ def _leave_out(problem: Problem, end: _End) -> dict[str, Float[np.ndarray, " p"]
     centre = problem.model.scene(problem.numbers(end.coordinates), problem.model.grid).path.centre[
         -1
     ]
-    found = {}
+    estimates = {}
     for name, part in find_parts(problem.model, np.asarray(centre)).items():
         rest = np.concatenate([~part, priors])
         if not (part & (weights > 0)).any():
             continue
         covariance, error = invert_information(jacobian[rest].T @ jacobian[rest])
         moved = np.clip(c - covariance @ (jacobian[rest].T @ residual[rest]), low, high)
-        known = is_determined(error, high - low)
-        found[name] = np.where(known, problem.to_values(moved), np.nan)
-    return found
+        determined = is_determined(error, high - low)
+        estimates[name] = np.where(determined, problem.to_values(moved), np.nan)
+    return estimates

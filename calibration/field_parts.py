@@ -1,4 +1,4 @@
-"""Parts of what a fit of fields is made to: kinds of measurement, rings of markers, frames."""
+"""Parts of the data of a field fit: kinds of measurement, rings of markers, frames."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,7 +11,7 @@ _RINGS = ("inner", "middle", "outer")
 
 
 def find_kinds(model: FieldModel) -> Parts:
-    """The kinds of measurement, as places in the vector of all outputs."""
+    """Kinds of measurement, as masks of the vector of all outputs."""
     kind, _, _ = _index(model)
     names = ("in the plane", "along z", "force", "moment")
     return {name: kind == i for i, name in enumerate(names)}
@@ -22,7 +22,10 @@ def find_parts(model: FieldModel, centre: Float[np.ndarray, "2"]) -> Parts:
 
     Args:
         model: scene, grid and markers.
-        centre: of the rings of markers, each of which has a third of them [mm].
+        centre: centre of the three rings of markers, each with a third of the markers [mm].
+
+    Returns:
+        Masks of the vector of all outputs, by name.
     """
     _, frame, marker = _index(model)
     kinds = find_kinds(model)
@@ -39,7 +42,7 @@ def find_parts(model: FieldModel, centre: Float[np.ndarray, "2"]) -> Parts:
 
 
 def _index(model: FieldModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Kind, frame and marker of each output in the order of `Prediction`; −1 for none."""
+    """Kind, frame and marker of each output in the order of `Prediction`; −1 if it has none."""
     frames, n = model.frames, len(model.markers)
     frame, marker, axis = np.indices((frames, n, 3)).reshape(3, -1)
     none, each = np.full(1, -1), np.arange(frames)

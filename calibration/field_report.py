@@ -1,4 +1,4 @@
-"""What the fit of fields and the look at a design write: numbers, pictures, a page."""
+"""Results of field fits and designs: numbers, figures and a page."""
 
 import json
 from collections.abc import Mapping
@@ -31,6 +31,13 @@ def write_fit(
 ) -> None:
     """Write `field.json`, `report.html` and its pictures.
 
+    Args:
+        fit: result of the fit.
+        data: measurements.
+        markers: positions of the markers [mm].
+        frames: rows of the recording.
+        folder: folder to write to.
+
     Raises:
         OSError: a file cannot be written.
     """
@@ -58,25 +65,28 @@ def write_fit(
 
 
 def find_pad(fit: FieldFit, known: Pad) -> Pad | None:
-    """The pad with what a fit found of it and what it was fitted with; None if it found nothing.
+    """The pad with its fitted numbers and those that the fit assumed.
 
     Args:
-        fit: of numbers, some of which are the pad's.
-        known: what was known of the pad before.
+        fit: result of the fit.
+        known: known values of the pad.
+
+    Returns:
+        The pad; None if the fit determined no number of it.
     """
-    own = {one.name for one in fields(Pad)}
-    sought = {name for name in fit.names if name in own}
-    found = {
+    own = {field.name for field in fields(Pad)}
+    unknown = {name for name in fit.names if name in own}
+    fitted = {
         name: float(value)
         for name, value in zip(fit.names, fit.values, strict=True)
         if name in own and fit.trusted and np.isfinite(value)
     }
-    given = {name: float(fit.best[name]) for name in own - sought if name in fit.best}
-    return replace(known, **given, **found) if found else None
+    assumed = {name: float(fit.best[name]) for name in own - unknown if name in fit.best}
+    return replace(known, **assumed, **fitted) if fitted else None
 
 
-def tell_numbers(fit: FieldFit) -> list[str]:
-    """A line for each number that is determined: its value, and its interval or range."""
+def format_numbers(fit: FieldFit) -> list[str]:
+    """A line for each determined number: its value, and its interval or range."""
     lines = []
     for row in (_row(fit, i) for i in range(len(fit.names)) if fit.determined[i]):
         ends = (row["low"], row["high"]) if fit.trusted else row["left_out_range"]
@@ -89,8 +99,12 @@ def tell_numbers(fit: FieldFit) -> list[str]:
     return lines
 
 
-def write_design(found: Identifiability, folder: Path) -> None:
+def write_design(prediction: Identifiability, folder: Path) -> None:
     """Write `design.json`, `report.html` and its picture.
+
+    Args:
+        prediction: predicted identifiability.
+        folder: folder to write to.
 
     Raises:
         OSError: a file cannot be written.
@@ -99,19 +113,19 @@ def write_design(found: Identifiability, folder: Path) -> None:
         {
             "name": name,
             "unit": _unit(name),
-            "value": _figure(found.values[i]),
-            "determined": bool(found.determined[i]),
-            "low": _figure(found.low[i]) if found.determined[i] else None,
-            "high": _figure(found.high[i]) if found.determined[i] else None,
-            "standard_error_of_coordinate": _figure(found.errors[i]),
-            "shares": {what: _figure(share[i]) for what, share in found.shares.items()},
-            "helps": [list(one) for one in found.helps[name][:_HELPS]],
+            "value": _figure(prediction.values[i]),
+            "determined": bool(prediction.determined[i]),
+            "low": _figure(prediction.low[i]) if prediction.determined[i] else None,
+            "high": _figure(prediction.high[i]) if prediction.determined[i] else None,
+            "standard_error_of_coordinate": _figure(prediction.errors[i]),
+            "shares": {what: _figure(share[i]) for what, share in prediction.shares.items()},
+            "helps": [list(improvement) for improvement in prediction.helps[name][:_HELPS]],
         }
-        for i, name in enumerate(found.names)
+        for i, name in enumerate(prediction.names)
     ]
-    summary = {"numbers": rows, "unseen": list(found.unseen)}
+    summary = {"numbers": rows, "unseen": list(prediction.unseen)}
     images = {
-        "correlation.png": figure_png(plot_correlation(found.names, found.correlation)),
+        "correlation.png": figure_png(plot_correlation(prediction.names, prediction.correlation)),
     }
     _write(folder, "design", images, summary)
 
@@ -122,20 +136,20 @@ def plot_residuals(
     markers: Float[np.ndarray, "n 2"],
     frames: tuple[int, ...],
 ) -> Figure:
-    """Measured displacement, and what the model leaves of it, of the first frames."""
+    """Plot measured displacements and residuals of the first frames."""
     count = min(len(frames), _MOST_FRAMES)
     figure, axes = plt.subplots(
         count, 4, figsize=(13.0, 3.0 * count), squeeze=False, layout="constrained"
     )
     for row, frame in enumerate(frames[:count]):
-        moved, left = data.displacement[row], 1e3 * fit.residual[row]
+        moved, residual = data.displacement[row], 1e3 * fit.residual[row]
         shown = (
             (axes[row, 0], 1e3 * moved[:, 2], moved, f"frame {frame}: u_z [µm]", "viridis"),
-            (axes[row, 1], left[:, 0], None, "residual of u_x [µm]", "RdBu"),
-            (axes[row, 2], left[:, 1], None, "residual of u_y [µm]", "RdBu"),
-            (axes[row, 3], left[:, 2], None, "residual of u_z [µm]", "RdBu"),
+            (axes[row, 1], residual[:, 0], None, "residual of u_x [µm]", "RdBu"),
+            (axes[row, 2], residual[:, 1], None, "residual of u_y [µm]", "RdBu"),
+            (axes[row, 3], residual[:, 2], None, "residual of u_z [µm]", "RdBu"),
         )
-        top = np.nanmax(np.abs(left))
+        top = np.nanmax(np.abs(residual))
         for axis, value, arrows, title, colours in shown:
             limits = {} if arrows is not None else {"vmin": -top, "vmax": top}
             points = axis.scatter(*markers.T, c=value, s=26, marker="s", cmap=colours, **limits)
@@ -147,7 +161,7 @@ def plot_residuals(
 
 
 def plot_correlation(names: tuple[str, ...], correlation: Float[np.ndarray, "p p"]) -> Figure:
-    """Correlations of what was sought."""
+    """Plot the correlations of the fitted numbers."""
     size = 3.0 + 0.4 * len(names)
     figure, axis = plt.subplots(figsize=(size + 1.0, size), layout="constrained")
     image = axis.imshow(correlation, cmap="RdBu", vmin=-1.0, vmax=1.0)
@@ -181,7 +195,7 @@ def _unit(name: str) -> str:
 
 
 def _figure(value: Any) -> float | None:
-    """Six digits, or none."""
+    """A value with six digits; None if it is not finite."""
     return float(f"{value:.6g}") if np.isfinite(value) else None
 
 
@@ -192,7 +206,7 @@ def _plain(values: np.ndarray | None) -> list | None:
 def _write(
     folder: Path, kind: str, images: Mapping[str, bytes], summary: Mapping[str, Any], **others: Any
 ) -> None:
-    """The result file, the pictures, and the page with the pictures inside."""
+    """Write the result file, the pictures, and the page that contains the pictures."""
     write_whole(folder / f"{kind}.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     for name, image in images.items():
         write_whole(folder / name, image)

@@ -1,7 +1,7 @@
-"""Measured fields and what a fit to them found, whether the model describes them, in sentences.
+"""Data and results of a field fit, and a verdict in sentences on whether the model describes them.
 
-A model whose χ² is too large is wrong in a way that its residuals show only in part: the rest has
-gone into the numbers, and how much that is the data do not tell. So no intervals are given then.
+If χ² is too large, the model is wrong, and its residuals show only a part of its error. The other
+part has moved the numbers by an unknown amount. No intervals are given in this case.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,26 +16,26 @@ from calibration.forward import Prediction
 FRICTION = "friction_coefficient"
 
 LEAST_SLIP = 1.5
-"""Width of the ring that slips, in cells, below which the cells and not μ tell what slips.
+"""Width of the slipping ring, in cells, below which the cells rather than μ determine it.
 
-Fitted on cells twice as large as those of the field, μ is off by 40 % at half a cell, within its
-interval of 5 % at one, within 0.3 % at seven.
+If the model's cells are twice as large as the field's, the error of the fitted μ is 40 % for a ring
+of half a cell, within its interval of 5 % for one cell, and within 0.3 % for seven cells.
 """
 
 LEAST_P = 1e-3
-"""Of the test of χ², below which the model does not describe the data."""
+"""p-value of the χ² test below which the model does not describe the data."""
 
 
 class FieldData(NamedTuple):
-    """What was measured; NaN where it was not.
+    """Measured fields and forces; NaN for missing values.
 
     Attributes:
-        displacement: of the markers, frame by frame [mm].
-        displacement_error: standard deviation along x, y, z [mm].
-        force: of the object on the elastomer [N]; None if not measured.
-        force_error: standard deviation [N].
-        moment: about z through the origin [N·mm]; None if not measured.
-        moment_error: standard deviation [N·mm].
+        displacement: displacements of the markers in each frame [mm].
+        displacement_error: their standard deviations along x, y, z [mm].
+        force: force of the object on the elastomer [N]; None if not measured.
+        force_error: its standard deviation [N].
+        moment: moment about z through the origin [N·mm]; None if not measured.
+        moment_error: its standard deviation [N·mm].
     """
 
     displacement: Float[np.ndarray, "frames n 3"]
@@ -48,29 +48,30 @@ class FieldData(NamedTuple):
 
 @dataclass(frozen=True)
 class FieldFit:
-    """What was found, and what was not.
+    """Result of a field fit.
 
     Attributes:
-        names: of the numbers sought, `twist[1]` for the second of several.
-        values: best estimates; NaN where undetermined.
-        low: lower ends of the 95 % intervals; NaN where undetermined or not `trusted`.
-        high: upper ends.
-        determined: whether the data tell a number; false also at a bound.
-        covariance: of the coordinates, by the errors given for the data; a pseudo-inverse where
-            they are undetermined.
-        correlation: of the coordinates.
-        misfit: χ² by the degrees of freedom, the priors not counted; about 1 if the model holds.
-        misfits: the same of each kind of measurement, by their number.
-        p_value: probability of χ² as large as that, if the model holds: the smallest of that of all
-            data and those of each kind, times their number (Bonferroni).
-        left_out: by part of the data, the estimates without it, to first order; NaN where the
+        names: names of the unknown numbers, `twist[1]` for the second of several.
+        values: best estimates; NaN if undetermined.
+        low: lower ends of the 95 % intervals; NaN if undetermined or not `trusted`.
+        high: upper ends of the 95 % intervals.
+        determined: whether the data determine a number; False at a bound.
+        covariance: covariance of the coordinates from the errors of the data; a pseudo-inverse if
+            some are undetermined.
+        correlation: correlation of the coordinates.
+        misfit: χ² per degree of freedom, without the priors; about 1 if the model holds.
+        misfits: χ² per value of each kind of measurement.
+        p_value: probability of a χ² at least as large if the model holds. It is the smallest
+            probability for all data and for each kind, times the number of tests (Bonferroni).
+        left_out: estimates without a part of the data, by part, to first order; NaN if the
             remaining data do not determine a number.
-        residual: measured less predicted displacement [mm].
-        predicted: by the fitted model.
-        best: every number of the scene, also those that are undetermined: where to start again.
-        converged: whether the fit came to an end.
-        steps: trials of the fit.
-        agreeing: of several starts, the share that came to this minimum.
+        residual: measured minus predicted displacement [mm].
+        predicted: measurements that the fitted model predicts.
+        best: best values of all numbers of the scene, undetermined ones included; a start for
+            another fit.
+        converged: whether the fit converged.
+        steps: number of steps of the fit.
+        agreeing: share of the starting points that led to this minimum.
     """
 
     names: tuple[str, ...]
@@ -93,44 +94,44 @@ class FieldFit:
 
     @property
     def trusted(self) -> bool:
-        """Whether the errors given for the data explain the misfit."""
+        """Whether the stated errors of the data explain the misfit."""
         return self.p_value >= LEAST_P
 
     @property
     def span(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """Least and largest estimate, from all data or with one part left out.
+        """Smallest and largest estimate, from all data and with one part left out.
 
-        Parts without which a number is undetermined are not in it, see `hangs_on`.
+        Parts without which a number is undetermined do not count; see `hangs_on`.
         """
         every = np.stack([self.values, *self.left_out.values()])
         return np.fmin.reduce(every), np.fmax.reduce(every)
 
     def hangs_on(self, index: int) -> list[str]:
-        """Parts of the data without which a number that is determined would not be."""
+        """Parts of the data without which a determined number would be undetermined."""
         lost = [name for name, values in self.left_out.items() if np.isnan(values[index])]
         return lost if self.determined[index] else []
 
     @property
     def residual_share(self) -> float:
-        """Root mean square displacement that the model leaves, over that of what was measured."""
+        """Root mean square of the residual displacement over that of the measured one [-]."""
         known = np.isfinite(self.residual)
         measured = (self.predicted.displacement + self.residual)[known]
         return float(np.sqrt(np.sum(self.residual[known] ** 2) / np.sum(measured**2)))
 
     @property
     def verdict(self) -> list[str]:
-        """What to make of the fit, in sentences."""
+        """Sentences on how far the fit can be trusted."""
         return list(_judge(self))
 
 
 def _judge(fit: FieldFit) -> Sequence[str]:
     lost = [name for name, known in zip(fit.names, fit.determined, strict=True) if not known]
-    said = []
+    sentences = []
     if lost:
-        said.append(f"The data do not determine {', '.join(lost)}: no number is given.")
+        sentences.append(f"The data do not determine {', '.join(lost)}: no number is given.")
     if FRICTION in lost and fit.predicted.slip_width < LEAST_SLIP:
-        said.append(
-            f"The slipping ring is {fit.predicted.slip_width:.1f} cells wide at most, too narrow "
+        sentences.append(
+            f"The slipping ring is at most {fit.predicted.slip_width:.1f} cells wide, too narrow "
             "to determine μ: twist or shift the object further, or use smaller cells."
         )
     rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
@@ -139,14 +140,14 @@ def _judge(fit: FieldFit) -> Sequence[str]:
         f"{100.0 * fit.residual_share:.2g} % of the motion"
     )
     if fit.trusted:
-        said.append(
-            "The model describes the data within the errors given for them (χ² "
+        sentences.append(
+            "The model describes the data within their stated errors (χ² "
             f"{fit.misfit:.3g} per degree of freedom, p = {fit.p_value:.2g}): {where}."
         )
     else:
         kinds = ", ".join(f"{name} {value:.3g}" for name, value in fit.misfits.items())
-        said += [
-            "The model does not describe the data within the errors given for them (χ² "
+        sentences += [
+            "The model does not describe the data within their stated errors (χ² "
             f"{fit.misfit:.3g} per degree of freedom instead of 1, {_show_p(fit.p_value)}; "
             f"{kinds}): {where}.",
             "No intervals are given: part of the model's error moves the numbers without showing "
@@ -154,12 +155,12 @@ def _judge(fit: FieldFit) -> Sequence[str]:
             "of the data is left out is a lower bound of the error, not an interval.",
         ]
     if not fit.converged:
-        said.append("The fit did not converge: start closer, or allow more steps.")
+        sentences.append("The fit did not converge: start closer, or allow more steps.")
     if fit.agreeing < 1.0:
-        said.append(f"{100 * fit.agreeing:.0f} % of the starts reached this minimum.")
-    return said
+        sentences.append(f"{100 * fit.agreeing:.0f} % of the starts reached this minimum.")
+    return sentences
 
 
 def _show_p(p_value: float) -> str:
-    """A small probability."""
+    """Text of a small probability."""
     return f"p = {p_value:.1g}" if p_value >= 1e-99 else "p < 1e-99"

@@ -1,4 +1,4 @@
-"""The report of a fit: its pictures, what was found, and notes."""
+"""The report of a calibration: results, figures, notes and tables."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,15 +19,15 @@ def write_findings(
     lists: Mapping[str, Sequence[str]] | None = None,
     tables: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write the pictures and a self-contained report.html with them.
+    """Write the figures, and a self-contained report.html that contains them.
 
     Args:
-        out: folder.
-        figures: the pictures by the names of their files, each with its caption.
-        title: of the page.
-        lead: lines of what was found.
-        lists: lines under headings of their own.
-        tables: rows under headings of their own.
+        out: folder to write to.
+        figures: figure and caption by file name.
+        title: title of the page.
+        lead: lines with the results.
+        lists: lines by heading.
+        tables: rows by heading.
     """
     images = {name: figure_png(figure) for name, (figure, _) in figures.items()}
     page = render_page(

@@ -1,7 +1,7 @@
-"""What a contact with some unknown numbers would show: the model that experiments are fitted with.
+"""The forward model of experiments: measurements that a contact with unknown numbers predicts.
 
-Numbers of an experiment go by name: `shear_modulus`, `thickness`, `twist`. Each is known, or an
-`Unknown` between bounds; a `scene` makes bodies, shape and path of them.
+The numbers of an experiment have names: `shear_modulus`, `thickness`, `twist`. Each is known, or an
+`Unknown` between bounds. A `scene` turns them into bodies, shape and path.
 """
 
 from collections.abc import Callable, Mapping
@@ -52,25 +52,26 @@ UNITS = {
     "shift": "mm",
     "twist": "rad",
 }
-"""Of the numbers that `press_and_move` knows."""
+"""Units of the numbers of `press_and_move`."""
 
-_SOLVER_RTOL = 1e-7  # marker noise is 1e-3 of what the markers move, or more
+_SOLVER_RTOL = 1e-7  # marker noise is at least 1e-3 of the markers' displacement
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number to be found, or several.
+    """An unknown number, or several, between bounds.
 
-    Where both bounds are above 0 its logarithm is what is sought, and errors are relative.
+    If both bounds are above 0, the fit varies the logarithm, and errors are relative.
 
     Attributes:
-        start: first guess; an array for several numbers, such as one a frame.
+        start: first guess; an array for several numbers, such as one per frame.
         low: lower bound.
         high: upper bound.
-        prior: what is known beforehand, a mean and a standard deviation.
+        prior: mean and standard deviation of prior knowledge, if any.
 
     Raises:
-        ValueError: bounds in the wrong order, or a start or prior that does not fit them.
+        ValueError: the bounds are not finite and in order, the start is outside them, or the prior
+            is not valid.
     """
 
     start: Float[np.ndarray, "..."] | float
@@ -88,22 +89,26 @@ class Unknown:
                 f"the start {self.start} must lie between the bounds {self.low} and {self.high}"
             )
         if self.prior is not None and not self.prior[1] > 0.0:
-            raise ValueError(f"the prior's standard deviation is {self.prior[1]}; it must be > 0")
+            raise ValueError(
+                f"the prior's standard deviation is {self.prior[1]}; it must be above 0"
+            )
         if self.prior is not None and self.logarithmic and not self.prior[0] > 0.0:
-            raise ValueError(f"the prior's mean is {self.prior[0]}; it must be above 0")
+            raise ValueError(
+                f"the prior's mean is {self.prior[0]}; it must be above 0, as both bounds are"
+            )
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the logarithm is sought."""
+        """Whether the fit varies the logarithm."""
         return self.low > 0.0
 
 
 class Scene(NamedTuple):
-    """A contact experiment with its numbers filled in, as `contactmodel.solve_path` takes it.
+    """A contact experiment with numbers filled in, as input of `contactmodel.solve_path`.
 
     Attributes:
-        contact: bodies, shape, friction, the grid and the markers' depth.
-        path: poses from rest; the last ones are the frames that were measured.
+        contact: bodies, shape, friction, grid and depth of the markers.
+        path: poses from rest; the last ones are the measured frames.
     """
 
     contact: Contact
@@ -120,24 +125,27 @@ _SHAPES: dict[str, Callable[[Mapping[str, Any]], AbstractIndenter]] = {
     "cube": lambda n: SquarePunch(n["width"], n.get("edge_radius", 0.0)),
 }
 SHAPES = tuple(_SHAPES)
-"""Shapes of objects that `press_and_move` knows by name."""
+"""Names of the shapes of `press_and_move`."""
 
 
 @cache
 def press_and_move(shape: str) -> MakeScene:
-    """A scene maker: an object is pressed on as deep as in the first frame, then moved.
+    """Make scenes in which an object is pressed to the depth of the first frame, then moved.
 
-    Its numbers: `shear_modulus`, `poisson_ratio`, `friction_coefficient`, `approach`; and, where
-    they are given, `thickness` (else a half-space), `stiffness_ratio` k (else a rigid object),
-    `marker_depth`, `dome_radius` of the pad (else flat), `position` of the object's lowest point,
-    `shift`, `twist`, and `radius`, `width`, `edge_radius` of the shape. `approach`, `twist` and
-    `shift` may be one for each frame.
+    Required numbers are `shear_modulus`, `poisson_ratio`, `friction_coefficient`, `approach`, and
+    the `radius` or `width` of the shape. Optional are `thickness` (without it, a half-space),
+    `stiffness_ratio` k (without it, a rigid object), `marker_depth`, `dome_radius` of the pad
+    (without it, flat), `position` of the object's lowest point, `shift`, `twist` and the shape's
+    `edge_radius`. `approach`, `twist` and `shift` may have one value per frame.
 
     Args:
-        shape: of `SHAPES`.
+        shape: name of the shape, one of `SHAPES`.
+
+    Returns:
+        A function that makes a scene from numbers and a grid.
 
     Raises:
-        ValueError: no such shape.
+        ValueError: the shape is unknown.
     """
     if shape not in _SHAPES:
         raise ValueError(f"unknown shape {shape!r}; choose from {', '.join(SHAPES)}")
@@ -171,14 +179,14 @@ def press_and_move(shape: str) -> MakeScene:
 
 
 class Prediction(NamedTuple):
-    """What a sensor would see.
+    """Predicted measurements of a sensor.
 
     Attributes:
-        displacement: of the markers [mm].
-        force: of the object on the elastomer [N].
-        moment: about z through the origin of the grid [N·mm].
-        slip_width: of the ring that slips, in the step where it is widest [cells].
-        failed: whether the contact could not be solved in some step.
+        displacement: displacements of the markers [mm].
+        force: force of the object on the elastomer [N].
+        moment: moment about z through the origin of the grid [N·mm].
+        slip_width: largest width of the slipping ring in any step [cells].
+        failed: whether a step of the contact could not be solved.
     """
 
     displacement: Float[AnyArray, "frames n 3"]
@@ -189,15 +197,15 @@ class Prediction(NamedTuple):
 
 
 class FieldModel(eqx.Module):
-    """A scene, the grid it is solved on, and where its markers are.
+    """A scene, its grid and its markers.
 
     Attributes:
-        scene: makes the scene of its numbers, on the grid.
-        grid: cells; more than cover the contact, and cover the markers.
-        frames: last steps of the path that are measured.
-        markers: their positions in the unloaded elastomer [mm].
-        along_x: the markers' weights of the columns of the grid, and `along_y` of its rows.
-        along_y: see there.
+        scene: function that makes the scene from numbers and the grid.
+        grid: cells; they must cover all markers, and more than the contact.
+        frames: number of measured frames, the last steps of the path.
+        markers: positions of the markers in the unloaded elastomer [mm].
+        along_x: weights of the grid's x positions for each marker [-].
+        along_y: weights of the grid's y positions for each marker [-].
     """
 
     scene: MakeScene = eqx.field(static=True)
@@ -210,22 +218,22 @@ class FieldModel(eqx.Module):
     def __init__(
         self, scene: MakeScene, grid: Grid, markers: Float[np.ndarray, "n 2"], frames: int = 1
     ) -> None:
-        """Make a model; cubic splines carry the fields from the cells to the markers.
+        """Make a model; cubic splines interpolate the fields from the cells to the markers.
 
         Args:
-            scene: makes the scene of its numbers; see `press_and_move`.
+            scene: function that makes the scene; see `press_and_move`.
             grid: cells.
-            markers: their positions in the unloaded elastomer [mm].
-            frames: measured, the last ones of the path.
+            markers: positions of the markers in the unloaded elastomer [mm].
+            frames: number of measured frames, the last steps of the path.
 
         Raises:
-            ValueError: a marker beyond the centres of the outermost cells.
+            ValueError: a marker lies outside the centres of the outermost cells.
         """
         for x, cells, axis in zip(markers.T, (grid.x, grid.y), "xy", strict=True):
             if not (np.abs(x) <= cells[-1]).all():
                 raise ValueError(
                     f"markers reach to {np.abs(x).max():.2f} mm along {axis}, the grid's outermost "
-                    f"cells to {cells[-1]:.2f} mm: take a larger grid, or leave markers out"
+                    f"cells to {cells[-1]:.2f} mm: use a larger grid, or leave markers out"
                 )
         self.scene, self.grid, self.frames = scene, grid, frames
         self.markers = markers
@@ -233,13 +241,13 @@ class FieldModel(eqx.Module):
         self.along_y = make_interp_spline(grid.y, np.eye(len(grid.y)))(markers[:, 1])
 
     def predict(self, numbers: Mapping[str, Any]) -> Prediction:
-        """What the sensor would see; differentiable in the numbers."""
+        """Predict the measurements; differentiable by the numbers."""
         contact, poses = self.scene(numbers, self.grid)
         path = solve_path(contact, poses, rtol=_SOLVER_RTOL, throw=False)
         fields = path.elastomer_displacement(contact.marker_depth)[-self.frames :]
         force, centre = path.force[-self.frames :], poses.centre[-self.frames :]
-        inside, held = (jnp.sum(part, axis=(1, 2)) for part in (path.contact, path.stick))
-        width = jnp.max(jnp.sqrt(inside / jnp.pi) - jnp.sqrt(held / jnp.pi))
+        touching, sticking = (jnp.sum(part, axis=(1, 2)) for part in (path.contact, path.stick))
+        width = jnp.max(jnp.sqrt(touching / jnp.pi) - jnp.sqrt(sticking / jnp.pi))
         lever = centre[:, 0] * force[:, 1] - centre[:, 1] * force[:, 0]
         return Prediction(
             jnp.einsum("na,nb,fcab->fnc", self.along_x, self.along_y, fields),

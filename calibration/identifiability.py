@@ -1,9 +1,8 @@
-"""What an experiment, planned or recorded, can tell: before fitting, or before measuring.
+"""Predict which numbers an experiment determines, before fitting or before measuring.
 
-The Fisher information of fields and forces about the unknown numbers of a scene gives the interval
-to expect, the combinations that nothing measured depends on, and what another measurement would
-add. The bounds of a number count as what is known of it without any measurement, a uniform
-distribution.
+The Fisher information of fields and forces about the unknown numbers of a scene gives the expected
+intervals, the combinations of numbers that no measurement shows, and the gain from another
+measurement. The bounds of a number count as prior knowledge, a uniform distribution.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,18 +20,18 @@ from calibration.forward import FieldModel, Unknown
 from calibration.information import LARGEST_ERROR, Z95, correlate, is_determined
 
 REFERENCE_ERROR = 0.01
-"""Of a reference for one number that would be measured beside: relative, or in its unit."""
+"""Standard error of an additional reference measurement of a number, relative or in its unit."""
 
-_NAMED = 0.1  # share of the largest from which a number is named in a combination
+_NAMED = 0.1  # smallest share of the largest component that is named in a combination
 _DESIGN_STEP = 0.05  # relative
 
 
 class Help(NamedTuple):
-    """What another measurement, or another experiment, would do for one number.
+    """Gain for one number from another measurement or a changed experiment.
 
     Attributes:
         what: the measurement or the change.
-        error: standard error by that without it [-]; for a change, after one of 10 %.
+        error: standard error with it over that without it [-]; a change is by 10 %.
     """
 
     what: str
@@ -41,19 +40,19 @@ class Help(NamedTuple):
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What can be told of each unknown number.
+    """Expected accuracy of each unknown number.
 
     Attributes:
-        names: of the numbers.
-        values: where the experiment was looked at.
-        errors: standard errors to expect, relative where the logarithm is sought.
-        low: lower ends of the 95 % intervals to expect.
-        high: upper ends.
+        names: names of the unknown numbers.
+        values: assumed values of the numbers.
+        errors: expected standard errors, relative if the fit varies the logarithm.
+        low: lower ends of the expected 95 % intervals.
+        high: upper ends of the expected 95 % intervals.
         determined: whether a fit would report a number.
-        correlation: of the numbers.
-        unseen: combinations that hardly change what is measured, in words.
-        shares: by measurement, its share of what is known of each number [-].
-        helps: by number, what would help, the best first.
+        correlation: correlation of the numbers' errors.
+        unseen: combined changes that hardly change the measurements, in words.
+        shares: share of each measurement in the information about each number, by measurement [-].
+        helps: measurements and changes that would help, by number, the best first.
     """
 
     names: tuple[str, ...]
@@ -74,24 +73,24 @@ def identify(
     data: FieldData,
     design: Sequence[str] = (),
 ) -> Identifiability:
-    """Tell which of the unknown numbers an experiment determines.
+    """Predict which unknown numbers an experiment determines.
 
     Args:
         model: scene, grid and markers.
-        numbers: by name; of an `Unknown` its start is where the experiment is looked at.
-        data: what is measured, and its errors; of the values only whether they are there counts.
-        design: names of numbers that the experimenter can change, such as `approach`: what 10 %
-            more of them would do.
+        numbers: values by name; the start of an `Unknown` is its assumed value.
+        data: errors of the measurements; of their values, only whether they are missing counts.
+        design: names of numbers that the experimenter can change, such as `approach`; the gain
+            from 10 % more of each is predicted.
 
     Raises:
-        ValueError: nothing unknown, or data that do not fit.
-        RuntimeError: the contact cannot be solved there.
+        ValueError: no number is unknown, or the data do not match the model.
+        RuntimeError: the contact cannot be solved at the assumed values.
     """
     problem = Problem.make(model, numbers, data)
     outputs, information = _by_measurement(problem, data)
     measured = _measured(data)
-    told = _add_up(information, measured)
-    total = told + _beforehand(problem)
+    from_data = _add_up(information, measured)
+    total = from_data + _prior_information(problem)
     covariance = np.linalg.inv(total)
     errors = np.sqrt(np.diag(covariance))
     start = np.asarray(problem.start)
@@ -106,7 +105,7 @@ def identify(
         high=ends[1],
         determined=is_determined(errors, span) & problem.is_seen(outputs),
         correlation=correlate(covariance),
-        unseen=_unseen(problem, told),
+        unseen=_unseen(problem, from_data),
         shares={
             name: np.diag(covariance @ information[name] @ covariance) / errors**2
             for name in measured
@@ -125,19 +124,19 @@ _MEASUREMENTS = (
 
 
 def _measured(data: FieldData) -> list[str]:
-    """Which measurements there are."""
+    """Names of the measurements that the data contain."""
     force = np.full((1, 3), np.nan) if data.force is None else data.force
     moment = np.full(1, np.nan) if data.moment is None else data.moment
     fields = data.displacement
     parts = (fields[..., :2], fields[..., 2], force[:, :2], force[:, 2], moment)
-    there = [bool(np.isfinite(part).any()) for part in parts]
-    return [name for name, one in zip(_MEASUREMENTS, there, strict=True) if one]
+    present = [bool(np.isfinite(part).any()) for part in parts]
+    return [name for name, is_in in zip(_MEASUREMENTS, present, strict=True) if is_in]
 
 
 def _add_up(
     information: Mapping[str, Float[np.ndarray, "p p"]], which: Sequence[str]
 ) -> Float[np.ndarray, "p p"]:
-    """Information of the measurements that there are."""
+    """Sum of the information of some measurements."""
     return np.sum([information[name] for name in which], axis=0)
 
 
@@ -149,12 +148,12 @@ def _linearise(problem: Problem) -> tuple[Array, Array]:
 def _by_measurement(
     problem: Problem, data: FieldData
 ) -> tuple[Float[np.ndarray, " m"], dict[str, Float[np.ndarray, "p p"]]]:
-    """What is seen, and the Fisher information of each kind of measurement, made or not."""
+    """Predicted values, and the Fisher information of each kind of measurement, made or not."""
     outputs, jacobian = (np.asarray(part) for part in _linearise(problem))
     if not np.isfinite(outputs).all():
         raise RuntimeError(
-            "the contact cannot be solved there: does the grid hold the whole contact, and is the "
-            "approach large enough to touch?"
+            "the contact cannot be solved at the assumed values: check that the grid covers the "
+            "whole contact, and that the approach is large enough to touch"
         )
     frames = problem.model.frames
     fields, forces, moment, _ = (
@@ -173,7 +172,7 @@ def _by_measurement(
     return outputs, {name: j.T @ j for name, j in zip(_MEASUREMENTS, flat, strict=True)}
 
 
-def _beforehand(problem: Problem) -> Float[np.ndarray, "p p"]:
+def _prior_information(problem: Problem) -> Float[np.ndarray, "p p"]:
     """Information of the bounds and the priors."""
     span = np.asarray(problem.high - problem.low)
     return np.diag(12.0 / span**2 + np.asarray(problem.priors)[:, 1] ** 2)
@@ -182,7 +181,7 @@ def _beforehand(problem: Problem) -> Float[np.ndarray, "p p"]:
 def _unseen(problem: Problem, information: Float[np.ndarray, "p p"]) -> tuple[str, ...]:
     """Directions in which a change of `LARGEST_ERROR` is within one standard error, in words."""
     values, vectors = np.linalg.eigh(information)
-    found = []
+    combinations = []
     for value, vector in zip(values, vectors.T, strict=True):
         if value * LARGEST_ERROR**2 > 1.0:
             continue
@@ -190,12 +189,13 @@ def _unseen(problem: Problem, information: Float[np.ndarray, "p p"]) -> tuple[st
         share = vector / vector[largest]
         order = np.argsort(-np.abs(share), kind="stable").tolist()
         named = [i for i in order if abs(share[i]) >= _NAMED]
-        found.append(" with ".join(_change(problem, i, float(0.1 * share[i])) for i in named))
-    return tuple(found)
+        changes = (_change(problem, i, float(0.1 * share[i])) for i in named)
+        combinations.append(" with ".join(changes))
+    return tuple(combinations)
 
 
 def _change(problem: Problem, i: int, change: float) -> str:
-    """A small change of one number."""
+    """Text of a small change of one number."""
     if problem.logarithmic[i]:
         return f"{problem.names[i]} {100 * change:+.1f} %"
     return f"{problem.names[i]} {change:+.3g}"
@@ -208,41 +208,42 @@ def _helps(
     errors: Float[np.ndarray, " p"],
     redesigned: Mapping[str, Float[np.ndarray, " p"]],
 ) -> dict[str, list[Help]]:
-    """What each further measurement, reference or change would leave of the errors."""
+    """Remaining share of each error after a further measurement, reference or change."""
     added = {f"{name} (once more)": value for name, value in information.items()}
     for i, name in enumerate(problem.names):
-        one = np.zeros_like(total)
-        one[i, i] = REFERENCE_ERROR**-2
-        known = "to 1 %" if problem.logarithmic[i] else f"to {REFERENCE_ERROR:g}"
-        added[f"{name} from elsewhere, {known}"] = one
-    left = {
+        reference = np.zeros_like(total)
+        reference[i, i] = REFERENCE_ERROR**-2
+        accuracy = "to 1 %" if problem.logarithmic[i] else f"to {REFERENCE_ERROR:g}"
+        added[f"{name} from elsewhere, {accuracy}"] = reference
+    ratios = {
         what: np.sqrt(np.diag(np.linalg.inv(total + more))) / errors for what, more in added.items()
     }
-    left |= {f"10 % more {name}": error / errors for name, error in redesigned.items()}
+    ratios |= {f"10 % more {name}": error / errors for name, error in redesigned.items()}
     return {
-        name: sorted((Help(what, float(ratio[i])) for what, ratio in left.items()), key=_by_error)
+        name: sorted((Help(what, float(ratio[i])) for what, ratio in ratios.items()), key=_by_error)
         for i, name in enumerate(problem.names)
     }
 
 
-def _by_error(one: Help) -> float:
-    return one.error
+def _by_error(gain: Help) -> float:
+    return gain.error
 
 
 def _redesign(
     problem: Problem, numbers: Mapping[str, Any], data: FieldData, design: Sequence[str]
 ) -> dict[str, Float[np.ndarray, " p"]]:
-    """Errors after 10 % more of each of the design's numbers, by their slope."""
-    found = {}
+    """Errors after an increase of each design number by 10 %, from their slope."""
+    errors = {}
     for name in design:
         if name not in numbers:
-            raise ValueError(f"unknown number {name!r} to change; choose from {', '.join(numbers)}")
+            raise ValueError(f"design: unknown number {name!r}; choose from {', '.join(numbers)}")
         slopes = [
             np.log(_errors_of(problem.model, _scaled(numbers, name, 1.0 + step), data))
             for step in (-_DESIGN_STEP, _DESIGN_STEP)
         ]
-        found[name] = np.exp(0.5 * sum(slopes) + 0.1 * (slopes[1] - slopes[0]) / (2 * _DESIGN_STEP))
-    return found
+        slope = (slopes[1] - slopes[0]) / (2 * _DESIGN_STEP)
+        errors[name] = np.exp(0.5 * sum(slopes) + 0.1 * slope)
+    return errors
 
 
 def _errors_of(
@@ -250,16 +251,16 @@ def _errors_of(
 ) -> Float[np.ndarray, " p"]:
     problem = Problem.make(model, numbers, data)
     _, information = _by_measurement(problem, data)
-    total = _add_up(information, _measured(data)) + _beforehand(problem)
+    total = _add_up(information, _measured(data)) + _prior_information(problem)
     return np.sqrt(np.diag(np.linalg.inv(total)))
 
 
 def _scaled(numbers: Mapping[str, Any], name: str, by: float) -> dict[str, Any]:
-    """The numbers with one of them changed."""
-    one = numbers[name]
+    """The numbers with one of them multiplied by a factor."""
+    number = numbers[name]
     changed = (
-        replace(one, start=np.asarray(one.start) * by)
-        if isinstance(one, Unknown)
-        else jnp.asarray(one) * by
+        replace(number, start=np.asarray(number.start) * by)
+        if isinstance(number, Unknown)
+        else jnp.asarray(number) * by
     )
     return {**numbers, name: changed}

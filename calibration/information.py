@@ -1,4 +1,4 @@
-"""What the Fisher information of measurements tells of the numbers they are fitted with."""
+"""Accuracy of fitted numbers from the Fisher information of measurements."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -7,10 +7,10 @@ Z95 = 1.959964
 """Half-width of a 95 % interval in standard errors."""
 
 LARGEST_ERROR = 0.25
-"""Standard error, of a logarithm or a coordinate, above which a number counts as undetermined."""
+"""Standard error of a coordinate above which its number counts as undetermined."""
 
 LARGEST_SHARE = 0.125
-"""The same, by the distance of the bounds."""
+"""Standard error over the range between the bounds above which a number is undetermined."""
 
 
 def invert_information(
@@ -18,8 +18,8 @@ def invert_information(
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
     """Covariance and standard errors from the Fisher information.
 
-    A direction without information gets none in the covariance, and every coordinate that has a
-    part in it an infinite error.
+    A direction without information adds nothing to the covariance. Every coordinate with a part in
+    it gets an infinite error.
     """
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -39,7 +39,7 @@ def is_determined(
 
 
 def correlate(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Correlations; 0 with a number that has no covariance."""
+    """Correlations from a covariance; 0 for numbers without variance."""
     error = np.sqrt(np.diag(covariance))
     error = np.where(error > 0.0, error, 1.0)
     return covariance / np.outer(error, error)

@@ -1,4 +1,4 @@
-"""Noise of a sensor at rest: what it adds to positions and angles, and thresholds that suit it."""
+"""Noise of a sensor at rest: its size in positions and angles, and suitable thresholds."""
 
 import json
 from dataclasses import dataclass, replace
@@ -22,31 +22,31 @@ from estimation.pictures.sensor import Sensor, write_sensor
 LAGS = 10
 ENOUGH_SECONDS = 9.5
 MOST_MOTION = 0.05
-"""Distance from their mean place that one marker in twenty may exceed at rest, in pitches."""
+"""Distance from their mean position that one marker in twenty may exceed at rest, in pitches."""
 
 DISC_RADII = (3.0, 5.0)
-"""Contacts for which the smallest rotation is told, in pitches."""
+"""Radii of contacts for which the smallest measurable rotation is reported, in pitches."""
 
 
 @dataclass(frozen=True)
 class RestNoise:
-    """What a sensor at rest shows. Lengths are in the recording's unit.
+    """Noise of a sensor at rest. Lengths are in the recording's unit.
 
     Attributes:
-        unit: of lengths.
-        seconds: duration.
-        frames: that carry noise.
+        unit: unit of lengths.
+        seconds: duration [s].
+        frames: number of frames with noise.
         axes: standard deviation along x, y and z about each marker's mean and drift.
-        fast: noise as the estimators see it, without what changes slowly.
-        temporal: correlation of one marker's errors, 1 to 10 frames of the source apart.
-        spatial: correlation of neighbouring markers' errors in the plane, one pitch apart.
-        common: share of the in-plane variance that all markers have alike.
-        drift: mean motion of all markers, per second, along each axis.
-        dropped: share of the source's frames that are missing.
+        fast: noise as the estimators see it, without slow changes.
+        temporal: correlation of a marker's errors at 1 to 10 source frames apart [-].
+        spatial: correlation of neighbouring markers' in-plane errors, one pitch apart [-].
+        common: share of the in-plane variance that is common to all markers [-].
+        drift: mean motion of all markers per second, along each axis.
+        dropped: share of the source's frames that are missing [-].
         longest_gap: longest time between two frames [s].
         rotation: standard deviation of the rotation of discs of markers, by their radius [rad].
-        angle_floor_deg: suggested least denominator of Eq. (15) at the default threshold.
-        onset: suggested displacement from which there is contact.
+        angle_floor_deg: suggested smallest denominator of Eq. (15) at the default threshold.
+        onset: suggested displacement at which contact starts.
         notes: remarks for readers, in sentences.
     """
 
@@ -67,7 +67,7 @@ class RestNoise:
     notes: tuple[str, ...]
 
     def content(self) -> dict[str, object]:
-        """What stands in `noise.json`."""
+        """Content of `noise.json`."""
         return {
             "unit": self.unit,
             "seconds": self.seconds,
@@ -87,7 +87,10 @@ class RestNoise:
 
 
 def assess_noise(recording: Recording) -> RestNoise:
-    """Noise of a sensor at rest, as it stands in the positions and in the angles.
+    """Estimate the noise of a sensor at rest, in positions and in angles.
+
+    Args:
+        recording: recording of the sensor at rest.
 
     Raises:
         ValueError: the recording is too short, repeats itself, or the sensor is not at rest.
@@ -95,7 +98,7 @@ def assess_noise(recording: Recording) -> RestNoise:
     fast, stencils = estimate_noise(recording), make_stencils(recording.layout)
     pitch = float(np.sqrt(np.median(np.sum(stencils.offsets**2, axis=(1, 2)) / 2.0)))
     rest = _find_rest(recording, pitch)
-    axes = tuple(float(one) for one in rest.residual.std(axis=(0, 1)))
+    axes = tuple(float(deviation) for deviation in rest.residual.std(axis=(0, 1)))
     plane = rest.residual[..., :2]
     variance = float(np.mean(plane**2))
     place = {int(n): i for i, n in enumerate(rest.number)}
@@ -127,13 +130,13 @@ def assess_noise(recording: Recording) -> RestNoise:
 
 
 class _Rest(NamedTuple):
-    """The markers seen in every frame that carries noise.
+    """The markers that are visible in every frame with noise.
 
     Attributes:
-        seen: these markers.
+        seen: mask of these markers.
         number: number of each frame in the source.
         rates: drift of each marker, per second.
-        residual: positions less each marker's mean and drift.
+        residual: positions minus each marker's mean and drift.
     """
 
     seen: Bool[np.ndarray, " n"]
@@ -152,7 +155,7 @@ def _find_rest(recording: Recording, pitch: float) -> _Rest:
     if np.quantile(np.hypot(*centred[..., :2].T), 0.95) > MOST_MOTION * pitch:
         raise ValueError(
             f"{recording.name}: the markers move by more than {MOST_MOTION * pitch:.2g} "
-            f"{recording.unit}: the sensor is not at rest; take ten seconds without contact"
+            f"{recording.unit}: the sensor is not at rest; record ten seconds without contact"
         )
     rates = np.tensordot(clock, centred, axes=(0, 0)) / float(clock @ clock)
     residual = centred - clock[:, None, None] * rates
@@ -163,19 +166,21 @@ def _neighbours_covariance(
     plane: Float[np.ndarray, "frames m 2"], seen: Bool[np.ndarray, " n"], stencils: Stencils
 ) -> float:
     """Covariance of the errors of neighbouring markers, one pitch apart."""
-    kept = np.full(len(seen), -1)
-    kept[seen] = np.arange(int(seen.sum()))
-    near = stencils.neighbours[:, 0]
-    pairs = [(kept[i], kept[j]) for i, j in enumerate(near) if j >= 0 and min(kept[[i, j]]) >= 0]
-    one, two = (plane[:, list(side)] for side in zip(*pairs, strict=True))
-    return float(np.mean(one * two))
+    column = np.full(len(seen), -1)
+    column[seen] = np.arange(int(seen.sum()))
+    near = ((i, j) for i, j in enumerate(stencils.neighbours[:, 0]) if j >= 0)
+    pairs = [(column[i], column[j]) for i, j in near if min(column[[i, j]]) >= 0]
+    first, second = (plane[:, list(side)] for side in zip(*pairs, strict=True))
+    return float(np.mean(first * second))
 
 
 def _warn(seconds: float, variance: float, fast: Noise) -> tuple[str, ...]:
-    """What a reader should know, in sentences."""
+    """Remarks for readers, in sentences."""
     notes = []
     if seconds < ENOUGH_SECONDS:
-        notes.append(f"{seconds:.1f} s are too short for drift and slow errors: record ten seconds")
+        notes.append(
+            f"{seconds:.1f} s are too short to estimate drift and slow errors: record ten seconds"
+        )
     if variance > 2.0 * fast.in_plane**2:
         notes.append(
             f"slow errors: total noise {1e3 * variance**0.5:.3g} against {1e3 * fast.in_plane:.3g} "
@@ -186,7 +191,7 @@ def _warn(seconds: float, variance: float, fast: Noise) -> tuple[str, ...]:
 
 
 def _lagged(plane: Float[np.ndarray, "frames n 2"], place: dict[int, int], lag: int) -> float:
-    """Covariance of errors some frames of the source apart; NaN where there are none."""
+    """Covariance of errors at a lag in source frames; NaN without such pairs of frames."""
     pairs = [(i, place[number + lag]) for number, i in place.items() if number + lag in place]
     if not pairs:
         return float("nan")
@@ -197,7 +202,7 @@ def _lagged(plane: Float[np.ndarray, "frames n 2"], place: dict[int, int], lag: 
 def _rotation_scatter(
     points: Float[np.ndarray, "n 2"], plane: Float[np.ndarray, "frames n 2"], radius: float
 ) -> float:
-    """Standard deviation of the least-squares rotation of a disc in the middle [rad]."""
+    """Standard deviation of the least-squares rotation of a disc of markers in the middle [rad]."""
     inside = np.hypot(*(points - points.mean(axis=0)).T) <= radius
     arm = points[inside] - points[inside].mean(axis=0)
     motion = plane[:, inside] - plane[:, inside].mean(axis=1, keepdims=True)
@@ -205,16 +210,16 @@ def _rotation_scatter(
     return float(np.std(turned.sum(axis=1) / np.sum(arm**2)))
 
 
-def plot_noise(found: RestNoise) -> Figure:
-    """Noise by axis, and its correlation in time."""
+def plot_noise(noise: RestNoise) -> Figure:
+    """Plot the noise by axis, and its correlation in time."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
-    names = ("x", "y", "z")[: len(found.axes)]
-    left.bar(names, [1e3 * one for one in found.axes], color="#6baed6", label="in all")
-    left.axhline(1e3 * found.fast.in_plane, color="#08306b", lw=1, label="frame to frame, in plane")
-    left.set_ylabel("standard deviation " + ("[µm]" if found.unit == "mm" else "[1/1000 px]"))
+    names = ("x", "y", "z")[: len(noise.axes)]
+    left.bar(names, [1e3 * deviation for deviation in noise.axes], color="#6baed6", label="total")
+    left.axhline(1e3 * noise.fast.in_plane, color="#08306b", lw=1, label="frame to frame, in plane")
+    left.set_ylabel("standard deviation " + ("[µm]" if noise.unit == "mm" else "[1/1000 px]"))
     left.legend(fontsize=8, frameon=False)
     right.axhline(0.0, color="k", lw=0.8)
-    right.plot(range(1, len(found.temporal) + 1), found.temporal, "o-", color="#08306b")
+    right.plot(range(1, len(noise.temporal) + 1), noise.temporal, "o-", color="#08306b")
     right.set_xlabel("frames apart")
     right.set_ylabel("correlation of one marker's errors")
     right.set_ylim(min(-0.2, *right.get_ylim()), 1.0)
@@ -222,13 +227,13 @@ def plot_noise(found: RestNoise) -> Figure:
     return figure
 
 
-def write_noise(found: RestNoise, known: Sensor, out: Path) -> list[str]:
+def write_noise(noise: RestNoise, known: Sensor, out: Path) -> list[str]:
     """Write `sensor.toml`, `noise.json`, `noise.png` and `report.html`.
 
     Args:
-        found: the noise.
-        known: what is known of the sensor besides.
-        out: folder.
+        noise: noise of the sensor.
+        known: description of the sensor, to which the noise is added.
+        out: folder to write to.
 
     Returns:
         Lines for the terminal.
@@ -236,32 +241,36 @@ def write_noise(found: RestNoise, known: Sensor, out: Path) -> list[str]:
     Raises:
         OSError: a file cannot be written.
     """
-    fine = f"thousandths of a {found.unit}" if found.unit == "px" else "µm"
+    fine = f"thousandths of a {noise.unit}" if noise.unit == "px" else "µm"
     smallest = ", ".join(
-        f"{np.degrees(1.96 * np.sqrt(2.0) * one):.3g}° ({name.replace('_', ' ')})"
-        for name, one in found.rotation.items()
+        f"{np.degrees(1.96 * np.sqrt(2.0) * deviation):.3g}° ({name.replace('_', ' ')})"
+        for name, deviation in noise.rotation.items()
     )
     lines = [
-        f"noise {1e3 * found.fast.in_plane:.3g} {fine} in the plane from frame to frame; total "
-        + ", ".join(f"{1e3 * one:.3g}" for one in found.axes)
+        f"noise {1e3 * noise.fast.in_plane:.3g} {fine} in the plane from frame to frame; total "
+        + ", ".join(f"{1e3 * deviation:.3g}" for deviation in noise.axes)
         + " along each axis",
-        f"correlation {', '.join(f'{rho:.2f}' for rho in found.temporal[:4])} over 1 to 4 frames, "
-        f"{found.spatial:.2f} between neighbours; drift "
-        + ", ".join(f"{1e3 * one:.2g}" for one in found.drift)
+        f"correlation {', '.join(f'{rho:.2f}' for rho in noise.temporal[:4])} over 1 to 4 frames, "
+        f"{noise.spatial:.2f} between neighbours; drift "
+        + ", ".join(f"{1e3 * rate:.2g}" for rate in noise.drift)
         + f" {fine}/s",
-        f"{100 * found.dropped:.1f} % of the frames are missing, the longest gap is "
-        f"{1e3 * found.longest_gap:.0f} ms",
+        f"{100 * noise.dropped:.1f} % of the frames are missing, the longest gap is "
+        f"{1e3 * noise.longest_gap:.0f} ms",
         f"smallest rotation between two frames that exceeds the noise (95 %): {smallest}",
-        f"suggested: --angle-floor-deg {found.angle_floor_deg:.2g} --onset-mm {found.onset:.2g}",
+        f"suggested: --angle-floor-deg {noise.angle_floor_deg:.2g} --onset-mm {noise.onset:.2g}",
     ]
-    caption = "Noise by axis about mean and drift; its correlation in time."
+    caption = (
+        "Left: standard deviation of the markers' positions about mean and drift, by axis. The "
+        "line is the noise from frame to frame, which the estimators use. Right: correlation of "
+        "a marker's errors in time; values far above 0 mean slow errors."
+    )
     write_findings(
         out,
-        {"noise.png": (plot_noise(found), caption)},
+        {"noise.png": (plot_noise(noise), caption)},
         title="Noise of the sensor at rest",
         lead=lines,
-        lists={"notes": found.notes},
+        lists={"notes": noise.notes},
     )
-    write_whole(out / "noise.json", json.dumps(found.content(), indent=2) + "\n")
-    write_sensor(replace(known, noise=found.fast), out / "sensor.toml")
-    return [*lines, *found.notes]
+    write_whole(out / "noise.json", json.dumps(noise.content(), indent=2) + "\n")
+    write_sensor(replace(known, noise=noise.fast), out / "sensor.toml")
+    return [*lines, *noise.notes]

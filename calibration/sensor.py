@@ -1,8 +1,8 @@
-"""The sensor description from pictures: lens, scale, marker layout and noise.
+"""Sensor description from pictures: lens, scale, marker layout and noise.
 
-The lens comes from pictures of a plane checkerboard in several poses ([Zhang2000] Z. Zhang, "A
-flexible new technique for camera calibration", as OpenCV has it), the rest from pictures of the
-unloaded pad, whose printed dots lie on a regular lattice of known pitch.
+The lens is calibrated from pictures of a plane checkerboard in several poses ([Zhang2000] Z. Zhang,
+"A flexible new technique for camera calibration", in OpenCV). Scale, layout and noise come from
+pictures of the unloaded pad, whose printed dots form a regular lattice of known pitch.
 """
 
 from collections.abc import Sequence
@@ -28,22 +28,22 @@ from estimation.pictures.stream import read_pictures
 
 FEWEST_POSES = 4
 WORST = 1.0
-"""Root mean square error from which a lens is refused [px]."""
+"""Root mean square error from which a lens is rejected [px]."""
 MOST_MOTION = 0.02
-"""Standard deviation of a dot's place at rest, in distances of neighbours."""
+"""Largest standard deviation of a dot's position at rest, over the distance of neighbours."""
 FEWEST_STILLS = 5
-"""Pictures of the resting pad from which the noise is told."""
+"""Smallest number of pictures of the resting pad for an estimate of the noise."""
 
 
 class Calibrated(NamedTuple):
-    """A sensor description, and what there is to say of how well it fits.
+    """A sensor description, and the quality of its fit.
 
     Attributes:
         sensor: the description.
-        remarks: sentences.
+        remarks: remarks for readers, in sentences.
         image: the first picture.
-        place: of each dot, straightened [px].
-        off: of the dots that lie in rows, how far off a regular lattice; else NaN [px].
+        place: position of each dot without lens distortion [px].
+        off: distance of each dot from a regular lattice; NaN for dots that are not in rows [px].
     """
 
     sensor: Sensor
@@ -54,14 +54,17 @@ class Calibrated(NamedTuple):
 
 
 def fit_lens(boards: Path, corners: tuple[int, int]) -> tuple[Lens, float]:
-    """The lens from pictures of a checkerboard, and the reprojection error [px].
+    """Fit the lens to pictures of a checkerboard.
 
     Args:
-        boards: a folder of pictures or a video.
+        boards: a folder of pictures, or a video.
         corners: rows and columns of the board's inner corners.
 
+    Returns:
+        The lens and the reprojection error, root mean square [px].
+
     Raises:
-        ValueError: the board is seen in too few pictures, or no lens fits them.
+        ValueError: too few pictures show the board, or no lens fits them.
     """
     rows, columns = corners
     grid = np.mgrid[:columns, :rows].T.reshape(-1, 2)
@@ -73,21 +76,22 @@ def fit_lens(boards: Path, corners: tuple[int, int]) -> tuple[Lens, float]:
         pictures += 1
         grey = to_grey(picture.image, dark=True).astype(np.uint8)
         size = grey.shape[::-1]
-        found, where = cv2.findChessboardCornersSB(grey, (columns, rows))
-        if found:
-            seen.append(np.asarray(where, dtype=np.float32))
+        complete, position = cv2.findChessboardCornersSB(grey, (columns, rows))
+        if complete:
+            seen.append(np.asarray(position, dtype=np.float32))
     if len(seen) < FEWEST_POSES:
         raise ValueError(
-            f"a board of {rows}×{columns} inner corners is seen in {len(seen)} of {pictures} "
-            f"pictures; {FEWEST_POSES} poses are needed: count the corners, and take more pictures"
+            f"a board of {rows}×{columns} inner corners was detected in {len(seen)} of {pictures} "
+            f"pictures; {FEWEST_POSES} poses are needed: check the numbers of inner corners, and "
+            "take more pictures"
         )
     error, matrix, distortion, _, _ = cv2.calibrateCamera(
         [board] * len(seen), seen, size, np.eye(3), np.zeros(5)
     )
     if not error < WORST:
         raise ValueError(
-            f"the best lens fit has a residual of {error:.2f} px rms: are all pictures of "
-            "one camera and one flat board?"
+            f"the best lens fit has a residual of {error:.2f} px rms, {WORST:g} px are allowed: "
+            "check that all pictures are of one camera and one flat board"
         )
     return Lens(np.asarray(matrix), np.asarray(distortion, dtype=float).ravel()[:5]), float(error)
 
@@ -98,23 +102,24 @@ def calibrate_sensor(
     lens: Lens | None = None,
     known: Sensor | None = None,
 ) -> Calibrated:
-    """Scale, layout and noise from pictures of the unloaded pad.
+    """Fit scale, layout and noise to pictures of the unloaded pad.
 
     Args:
-        unloaded: a folder of pictures or a video of the pad that nothing touches.
-        pitch_mm: distance of neighbouring dots [mm]; without it the scale stays as it was known,
-            or lengths in px.
-        lens: of the camera, where it is known.
-        known: an earlier description, of which the rest is kept.
+        unloaded: a folder of pictures, or a video, of the pad without contact.
+        pitch_mm: distance between neighbouring dots [mm]; without it, the known scale is kept, or
+            lengths stay in px.
+        lens: lens of the camera, if known.
+        known: an earlier description, whose other values are kept.
 
     Raises:
-        ValueError: no usable picture, no dots in rows, dots that move, or a pitch that is not
+        ValueError: no picture can be used, no dots lie in rows, the dots move, or the pitch is not
             above 0.
     """
     if pitch_mm is not None and not 0.0 < pitch_mm < np.inf:
         raise ValueError(f"the pitch is {pitch_mm} mm; it must be a number above 0")
+    pictures = read_pictures(unloaded)
     images = [
-        one.image for one in read_pictures(unloaded) if one.image is not None and not one.flaw
+        picture.image for picture in pictures if picture.image is not None and not picture.flaw
     ]
     if not images:
         raise ValueError(f"{unloaded} has no usable picture")
@@ -135,8 +140,8 @@ def calibrate_sensor(
     moves = float(np.median(track.std(axis=0)))
     if moves > MOST_MOTION * pitch:
         raise ValueError(
-            f"{unloaded}: the dots move by {moves:.1f} px between the pictures, {pitch:.1f} px "
-            "apart: take pictures of the pad at rest with nothing on it"
+            f"{unloaded}: the dots, {pitch:.1f} px apart, move by {moves:.1f} px between the "
+            "pictures: take pictures of the pad at rest without contact"
         )
     sensor = sensor if pitch_mm is None else replace(sensor, mm_per_px=pitch_mm / pitch)
     remarks = [
@@ -149,7 +154,9 @@ def calibrate_sensor(
         noise = Noise.given(sensor.scale * scatter, sensor.unit)
         remarks.append(f"Noise {noise.in_plane:.2g} {noise.unit} in {len(track)} pictures.")
     else:
-        remarks.append(f"{len(track)} pictures: the noise requires {FEWEST_STILLS} or more.")
+        remarks.append(
+            f"Noise not estimated: {len(track)} pictures, {FEWEST_STILLS} or more are needed."
+        )
     described = replace(sensor, reference=sensor.scale * place, noise=noise)
     return Calibrated(described, tuple(remarks), images[0], place, off)
 
@@ -157,7 +164,7 @@ def calibrate_sensor(
 def _follow_dots(
     images: Sequence[np.ndarray], sensor: Sensor, style: DotStyle
 ) -> Float[np.ndarray, "pictures m 2"]:
-    """Where the dots are that are seen in every picture, straightened [px]."""
+    """Positions of the dots that are visible in every picture, without lens distortion [px]."""
     seen = [
         sensor.straighten(find_dots(to_grey(image, style.dark), style).centre) for image in images
     ]
@@ -170,7 +177,15 @@ def _follow_dots(
 
 
 def lattice_pitch(place: Float[np.ndarray, "m 2"]) -> tuple[float, Float[np.ndarray, "m 2"]]:
-    """Mean distance of neighbours, and each dot's off the lattice, NaN for dots not in it [px]."""
+    """Fit a slightly bent regular lattice to dots.
+
+    Args:
+        place: positions of the dots [px].
+
+    Returns:
+        Mean distance of neighbours [px]; distance of each dot from the lattice, NaN for dots
+        outside it [px].
+    """
     lattice = index_lattice(place)
     fitted = fit_lattice(lattice, place)
     middle = lattice.coordinates.mean(axis=0)
@@ -184,51 +199,54 @@ def lattice_pitch(place: Float[np.ndarray, "m 2"]) -> tuple[float, Float[np.ndar
     return float(np.sqrt(abs(np.linalg.det(across)))), off
 
 
-def write_calibration(found: Calibrated, lines: Sequence[str], out: Path) -> None:
+def write_calibration(calibrated: Calibrated, lines: Sequence[str], out: Path) -> None:
     """Write `sensor.toml`, a report and its picture.
 
     Args:
-        found: the sensor.
-        lines: what else there is to say.
-        out: folder.
+        calibrated: calibrated sensor.
+        lines: further lines for the report.
+        out: folder to write to.
 
     Raises:
         OSError: a file cannot be written.
     """
-    lens = found.sensor.lens
+    lens = calibrated.sensor.lens
     caption = (
-        "The first picture with its dots, and the distance of each from a slightly bent regular "
-        "lattice. A common pattern shows a lens that is not corrected, a single outlier a dot that "
-        "is misprinted or badly fitted." + ("" if lens is None else " Right: the lens's shifts.")
+        "The first picture with its dots, and the distance of each dot from a slightly bent "
+        "regular lattice. A common pattern means that the lens is not corrected, a single outlier "
+        "that a dot is misprinted or badly fitted."
+        + ("" if lens is None else " Right: displacement by the lens.")
     )
     write_findings(
         out,
-        {"sensor.png": (plot_sensor(found), caption)},
+        {"sensor.png": (plot_sensor(calibrated), caption)},
         title="Calibration of a sensor",
-        lead=[*lines, *found.remarks],
+        lead=[*lines, *calibrated.remarks],
     )
-    write_sensor(found.sensor, out / "sensor.toml")
+    write_sensor(calibrated.sensor, out / "sensor.toml")
 
 
-def plot_sensor(found: Calibrated) -> Figure:
-    """The dots, how far they are off a lattice, and what the lens moves."""
-    lens = found.sensor.lens
-    height, width = found.image.shape[:2]
+def plot_sensor(calibrated: Calibrated) -> Figure:
+    """Plot the dots, their distances from a lattice, and the displacement by the lens."""
+    lens = calibrated.sensor.lens
+    height, width = calibrated.image.shape[:2]
     figure, axes = plt.subplots(
         1, 2 if lens is None else 3, figsize=(9.5 if lens is None else 14.0, 4.0),
         layout="constrained", sharex=True, sharey=True,
     )  # fmt: skip
-    seen = found.place if lens is None else lens.bend(found.place)
-    axes[0].imshow(found.image, cmap="gray")
+    seen = calibrated.place if lens is None else lens.bend(calibrated.place)
+    axes[0].imshow(calibrated.image, cmap="gray")
     axes[0].plot(*seen.T, "+", color="C1", ms=5, mew=0.8)
     axes[0].set_title(f"{len(seen)} dots")
-    known = np.isfinite(found.off[:, 0])
-    _arrows(figure, axes[1], found.place[known], found.off[known], "off the lattice")
+    in_rows = np.isfinite(calibrated.off[:, 0])
+    title = "distance from the lattice"
+    _arrows(figure, axes[1], calibrated.place[in_rows], calibrated.off[in_rows], title)
     if lens is not None:
         at = np.stack(
             np.meshgrid(np.linspace(0.0, width, 17), np.linspace(0.0, height, 13)), -1
         ).reshape(-1, 2)
-        _arrows(figure, axes[2], lens.straighten(at), at - lens.straighten(at), "moved by the lens")
+        title = "displacement by the lens"
+        _arrows(figure, axes[2], lens.straighten(at), at - lens.straighten(at), title)
     for axis in axes:
         axis.set(xlabel="x [px]", ylabel="y [px]", xlim=(0, width), ylim=(height, 0))
         axis.set_aspect("equal")
@@ -236,7 +254,7 @@ def plot_sensor(found: Calibrated) -> Figure:
 
 
 def _arrows(figure: Figure, axis, place: np.ndarray, by: np.ndarray, title: str) -> None:
-    """Arrows of their own scale, their length as a colour."""
+    """Draw arrows with an automatic scale; the colour shows their length."""
     length = np.hypot(*by.T)
     drawn = axis.quiver(*place.T, *by.T, length, angles="xy", cmap="viridis", width=4e-3)
     figure.colorbar(drawn, ax=axis, label="[px]", shrink=0.8)

@@ -1,9 +1,9 @@
 """Calibration of mirror-split stereo from pictures of a plane checkerboard in several poses.
 
-Each view is first calibrated by itself: a perspective one by OpenCV ([Zhang2000]), an orthographic
-one by the affine map that takes the target, as the other view has placed it, to its picture. Both
-views and all poses are then refined together, so that the sum of squared reprojection errors is
-least.
+Each view is first calibrated by itself. OpenCV calibrates a perspective view ([Zhang2000]). An
+orthographic view is calibrated by the affine map from the target, as placed by the other view, to
+its picture. Then both views and all poses are refined together, to minimise the sum of squared
+reprojection errors.
 
 [Zhang2000] Z. Zhang, "A flexible new technique for camera calibration".
 """
@@ -31,15 +31,15 @@ FEWEST_POSES = 4
 COVERED = 0.05
 """Share of a view that the target must cover."""
 WORST = 1.0
-"""Root mean square error from which a calibration is refused [px]."""
+"""Root mean square error from which a calibration is rejected [px]."""
 
 
 class Pose(NamedTuple):
     """The target's corners in one picture.
 
     Attributes:
-        left: in the left view [px].
-        right: in the right view [px].
+        left: corners in the left view [px].
+        right: corners in the right view [px].
     """
 
     left: Float[np.ndarray, "n 2"]
@@ -49,14 +49,14 @@ class Pose(NamedTuple):
 def find_target(
     view: Shaped[np.ndarray, "h w *colour"], shape: tuple[int, int]
 ) -> Float[np.ndarray, "n 2"]:
-    """The target's inner corners in a view, row by row from the top left [px].
+    """Find the target's inner corners in a view, row by row from the top left [px].
 
     Args:
-        view: a view of the whole target, its rows within 45° of the picture's.
+        view: a view of the whole target, with its rows within 45° of the picture's.
         shape: rows and columns of inner corners.
 
     Raises:
-        ValueError: not all corners are seen.
+        ValueError: not all corners are visible.
     """
     grey = to_light(view)
     style = find_corner_style(grey, COVERED)
@@ -71,8 +71,8 @@ def find_target(
         if down[1] > abs(down[0]) and right[0] > abs(right[1]):
             return points.reshape(-1, 2)
     raise ValueError(
-        f"{(cells.corner >= 0).sum()} corners are seen, not {shape[0]} rows of {shape[1]}: show "
-        "the whole target, its rows along the picture's"
+        f"{(cells.corner >= 0).sum()} corners were detected instead of {shape[0]} rows of "
+        f"{shape[1]}: show the whole target, with its rows along the picture's"
     )
 
 
@@ -83,17 +83,17 @@ def calibrate_from_pictures(
     orthographic_left: bool = True,
     mirrored: tuple[str, ...] = (),
 ) -> tuple[Rig, list[str]]:
-    """Both views of a sensor, from split pictures of a plane checkerboard.
+    """Calibrate both views of a sensor from split pictures of a plane checkerboard.
 
     Args:
-        path: a folder of pictures or a video.
+        path: a folder of pictures, or a video.
         shape: rows and columns of the checkerboard's inner corners.
         pitch: side of its cells [mm].
-        orthographic_left: whether the left view is an orthographic one.
-        mirrored: views, left or right, that are shown the wrong way round.
+        orthographic_left: whether the left view is orthographic.
+        mirrored: views that are mirrored, `left` or `right`.
 
     Returns:
-        The views, and why pictures were left out.
+        The views, and a reason for each picture that was left out.
 
     Raises:
         ValueError: too few pictures can be used, or no two views fit them.
@@ -113,7 +113,10 @@ def calibrate_from_pictures(
         except ValueError as error:
             left_out.append(f"picture {picture.number}: {error}")
     if len(poses) < FEWEST_POSES and left_out:
-        raise ValueError(f"{len(poses)} pictures show the target in both views; {left_out[0]}")
+        raise ValueError(
+            f"{len(poses)} pictures show the target in both views, {FEWEST_POSES} are needed; "
+            f"{left_out[0]}"
+        )
     target = Pattern(shape, pitch).corners()
     rig = calibrate_stereo(poses, target, size, orthographic_left)
     return replace(rig, mirrored=mirrored), left_out
@@ -125,23 +128,23 @@ def calibrate_stereo(
     size: tuple[int, int],
     orthographic_left: bool = True,
 ) -> Rig:
-    """Both views of a sensor, from pictures of a plane target.
+    """Calibrate both views of a sensor from corners of a plane target.
 
-    The origin is where the left view's middle sees the first pose's middle plane; depth has no
-    other mark in an orthographic view.
+    The origin is the centre of a perspective left view. An orthographic left view does not
+    determine depth; its origin lies on its axis, at the mean depth of the first pose.
 
     Args:
-        poses: the target's corners in each picture; its poses must be tilted differently.
-        target: its corners on the target [mm].
+        poses: corners of the target in each picture; the poses must have different tilts.
+        target: positions of the corners on the target [mm].
         size: width and height of each view [px].
-        orthographic_left: whether the left view is an orthographic one.
+        orthographic_left: whether the left view is orthographic.
 
     Raises:
-        ValueError: too few poses, or no two views fit them.
+        ValueError: there are too few poses, or no two views fit them.
     """
     if len(poses) < FEWEST_POSES:
         raise ValueError(
-            f"{len(poses)} poses; at least {FEWEST_POSES}, tilted differently, are needed"
+            f"{len(poses)} poses; at least {FEWEST_POSES} with different tilts are needed"
         )
     flat = np.column_stack([target, np.zeros(len(target))])
     right, placed = _perspective([pose.right for pose in poses], flat, size)
@@ -177,9 +180,9 @@ class _View(NamedTuple):
 def _perspective(
     seen: Sequence[np.ndarray], flat: np.ndarray, size: tuple[int, int]
 ) -> tuple[_View, list[np.ndarray]]:
-    """A perspective view, and the target's corners in each pose, seen from it [mm]."""
+    """A perspective view, and the target's corners in each pose in its coordinates [mm]."""
     objects = [flat.astype(np.float32)] * len(seen)
-    images = [one.astype(np.float32) for one in seen]
+    images = [corners.astype(np.float32) for corners in seen]
     width, height = size
     guess = np.array([[2.0 * width, 0, width / 2], [0, 2.0 * width, height / 2], [0, 0, 1.0]])
     flags = (
@@ -205,7 +208,7 @@ def _perspective(
 def _orthographic(
     seen: Sequence[np.ndarray], placed: Sequence[np.ndarray], size: tuple[int, int]
 ) -> tuple[_View, tuple[np.ndarray, np.ndarray]]:
-    """An orthographic view, and the motion from the other view's axes to its own."""
+    """An orthographic view, and the rigid motion from the other view's coordinates to its own."""
     points = np.concatenate(placed)
     design = np.column_stack([points, np.ones(len(points))])
     affine = np.linalg.lstsq(design, np.concatenate(seen), rcond=None)[0]
@@ -219,7 +222,7 @@ def _orthographic(
 
 
 def _rigid(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rigid motion that takes points nearest to others (Kabsch)."""
+    """The rigid motion that brings points closest to others (Kabsch)."""
     middle, target = before.mean(axis=0), after.mean(axis=0)
     u, _, vt = np.linalg.svd((after - target).T @ (before - middle))
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
@@ -235,7 +238,7 @@ def _refine(
     motions: list[tuple[np.ndarray, np.ndarray]],
     orthographic: bool,
 ) -> Rig:
-    """All views and poses together; the first pose's depth is held in an orthographic view."""
+    """Refine all views and poses together; in an orthographic view the first depth is fixed."""
     seen = np.concatenate([np.concatenate([pose.left, pose.right]) for pose in poses])
     vectors = [np.append(cv2.Rodrigues(turn)[0].ravel(), shift) for turn, shift in motions]
     own = [left.focal, left.distortion, right.focal, right.distortion]
@@ -243,16 +246,16 @@ def _refine(
     start = np.concatenate([own, right.centre, left.centre, aim, *vectors])
     free = np.ones(len(start), dtype=bool)
     if orthographic:
-        free[[6, 7, 14 + 5]] = False  # the left centre, and the first pose's depth
+        free[[6, 7, 14 + 5]] = False  # centre of the left view, and depth of the first pose
 
     def views(p: np.ndarray) -> tuple[View, View]:
         first = left._replace(focal=p[0], distortion=p[1], centre=p[6:8])
         second = _View(p[2], p[4:6], p[3], Rotation.from_rotvec(p[8:11]).as_matrix(), p[11:14])
         return first.freeze(orthographic), second.freeze(False)
 
-    def misfit(some: np.ndarray) -> np.ndarray:
+    def misfit(unknowns: np.ndarray) -> np.ndarray:
         p = start.copy()
-        p[free] = some
+        p[free] = unknowns
         first, second = views(p)
         parts = []
         for motion in p[14:].reshape(-1, 6):
@@ -260,14 +263,14 @@ def _refine(
             parts += [first.project(points), second.project(points)]
         return (np.concatenate(parts) - seen).ravel()
 
-    found = least_squares(misfit, start[free], x_scale="jac", method="trf", max_nfev=60)
-    error = float(np.sqrt(np.mean(found.fun**2)))
+    fit = least_squares(misfit, start[free], x_scale="jac", method="trf", max_nfev=60)
+    error = float(np.sqrt(np.mean(fit.fun**2)))
     if not error < WORST:
         raise ValueError(
-            f"no two views fit the {len(poses)} poses: the residual is {error:.2f} px rms; are "
-            "the target's size and the order of the views right?"
+            f"no two views fit the {len(poses)} poses: the residual is {error:.2f} px rms, "
+            f"{WORST:g} px are allowed; check the target's size and the order of the views"
         )
     p = start.copy()
-    p[free] = found.x
+    p[free] = fit.x
     first, second = views(p)
     return Rig(first, second, *size, error)

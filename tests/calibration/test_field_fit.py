@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from calibration.field_fit import fit_fields
-from calibration.field_report import find_pad, tell_numbers, write_fit
+from calibration.field_report import find_pad, format_numbers, write_fit
 from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown, press_and_move
 from contactmodel import Grid, Pad
@@ -113,7 +113,7 @@ def test_what_is_written_of_a_wrong_model(model, wrong, tmp_path):
     assert not summary["model_describes_data"]
     assert all(row["low"] is None and row["high"] is None for row in summary["numbers"])
     assert "No intervals are given" in (tmp_path / "report.html").read_text()
-    assert tell_numbers(fit)[0].endswith("undetermined without forces)")
+    assert format_numbers(fit)[0].endswith("undetermined without forces)")
 
 
 def test_the_pad_takes_over_what_a_fit_found_of_it(wrong):

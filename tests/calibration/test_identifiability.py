@@ -86,9 +86,9 @@ def test_a_plan_in_a_file_gives_numbers_and_a_page(tmp_path, monkeypatch):
     path.write_text(PLAN)
     said = CliRunner().invoke(app, ["design", "--experiment", str(path), "--out", str(tmp_path)])
     assert said.exit_code == 0, said.output
-    assert "everything sought is determined" in said.output
+    assert "all unknown numbers are determined" in said.output
     written = json.loads((tmp_path / "design.json").read_text())
     assert [row["name"] for row in written["numbers"]] == ["stiffness_ratio", "twist"]
     page = (tmp_path / "report.html").read_text()
     assert "data:image/png;base64" in page
-    assert "what would help most" in page
+    assert "best improvements" in page
