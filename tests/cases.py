@@ -37,7 +37,7 @@ def domed_pad(
 def frame_of(positions: Float[np.ndarray, "n d"], **others) -> Frame:
     """A frame in which every marker is seen."""
     settings = {"time": 0.0, "source_index": 0, **others}
-    return Frame(positions, np.ones(len(positions), dtype=bool), **settings)
+    return Frame(positions, **settings)
 
 
 def twisted_pad(

@@ -1,9 +1,9 @@
 """What a sensor has seen: marker positions over time, and how the markers are laid out."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, get_args, get_type_hints
+from typing import Any, cast, get_args, get_type_hints
 
 import numpy as np
 from jaxtyping import AbstractArray, Bool, Float, Int
@@ -133,14 +133,17 @@ class Frame:
     """One frame of a recording, as a camera delivers it.
 
     Attributes:
-        positions: marker positions [mm]; NaN where a marker was not seen.
-        valid: which markers can be used.
+        positions: marker positions [mm, or px without a scale]; NaN where a marker was not seen.
         time: time stamp [s].
-        source_index: number the source gave the frame.
-        wrench: resultant force [N] and moment [N·mm] on the sensor, NaN where unknown.
+        source_index: number the source gave the frame; gaps are lost frames.
+        valid: which markers can be used; by default those with a position.
+        wrench: resultant force and moment on the sensor about its origin, (Fx, Fy, Fz, Mx, My, Mz)
+            [N, N·mm]; NaN where unknown. z points out of the pad, so pressing makes Fz negative.
         forces: force at each marker [N], if the source has it.
         flaw: why the frame cannot be used, empty where it can.
-        contact: the contact region, where the source knows it; else it follows from displacements.
+        contact: which markers are in contact, where the source knows it. Otherwise the contact
+            follows from the displacements: in three dimensions from how deep the markers are
+            pressed, in two dimensions all markers count.
         imprint: rotation of what the object prints through the gel, and its standard error [rad];
             NaN where unknown.
         print_point: x and y of a point of that print in the frame that its rotation counts from,
@@ -155,19 +158,17 @@ class Frame:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
 
     Examples:
-        >>> import numpy as np
         >>> from estimation import Frame, Tracker, simulate_pivot
         >>> layout = simulate_pivot()[0].layout
-        >>> valid = np.full(len(layout.reference), True)
-        >>> frame = Frame(layout.reference, valid, time=0.0, source_index=0)
+        >>> frame = Frame(layout.reference, time=0.0, source_index=0)
         >>> print(Tracker(layout).update(frame).reason)
         no contact: moved by less than 0.1 mm
     """
 
     positions: Float[np.ndarray, "n d"]
-    valid: Bool[np.ndarray, " n"]
     time: float
     source_index: int
+    valid: Bool[np.ndarray, " n"] = field(default=cast("Any", None))
     wrench: tuple[float, ...] = (float("nan"),) * 6
     forces: Float[np.ndarray, "n d"] | None = None
     flaw: str = ""
@@ -179,6 +180,9 @@ class Frame:
 
     def __post_init__(self) -> None:
         """Check that the parts fit."""
+        if self.valid is None:
+            seen = np.asarray(np.isfinite(self.positions).all(axis=-1))
+            object.__setattr__(self, "valid", seen)
         _expect_shape("valid", self.valid, *self.positions.shape[:1])
         _expect_shape("wrench", np.array(self.wrench), 6)
         if self.forces is not None:

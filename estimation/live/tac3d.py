@@ -183,8 +183,7 @@ class Tac3DSource:
                 frame = self._markers.frame(message)
             except ValueError as error:
                 none, flaw = np.full(shape, np.nan), f"the frame cannot be used: {error}"
-                unseen = np.zeros(len(none), dtype=bool)
-                frame = Frame(none, unseen, message.time, message.number, flaw=flaw)
+                frame = Frame(none, message.time, message.number, flaw=flaw)
             yield self._inspector.inspect(frame, self.layout.reference)
 
 

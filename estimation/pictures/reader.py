@@ -185,7 +185,6 @@ class MarkerReader(ABC):
         places = self.scale * (np.concatenate([first, now]) + np.tile(self.origin, 2))
         return Frame(
             positions=position,
-            valid=np.isfinite(position[:, 0]),
             time=row.time,
             source_index=row.number,
             flaw=row.flaw,

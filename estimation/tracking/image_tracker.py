@@ -85,9 +85,7 @@ class ImageTracker:
         picture = fit_picture(Picture(image, time, number), images.part, self._size)
         self._size = self._size or picture.whole
         if self.reader is None and picture.flaw:
-            return label_frame(
-                Frame(np.zeros((0, 2)), np.zeros(0, bool), time, number), picture.flaw
-            )
+            return label_frame(Frame(np.zeros((0, 2)), time, number), picture.flaw)
         self.reader = self.reader or make_reader(picture, images)
         frame = self.reader.frame(self.reader.read(picture))
         frame = self._inspector.inspect(frame, self.reader.layout.reference)

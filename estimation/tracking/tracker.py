@@ -278,9 +278,8 @@ class Tracker:
         Raises:
             ValueError: the number of positions differs from that of the layout's markers.
         """
-        valid = np.asarray(np.isfinite(positions).all(axis=-1))
         number, self._count = self._count, self._count + 1
-        return self.update(Frame(np.asarray(positions, dtype=float), valid, time, number))
+        return self.update(Frame(np.asarray(positions, dtype=float), time, number))
 
 
 def label_frame(

@@ -249,7 +249,6 @@ def simulate_frame(
     positions = positions[0] + rng.normal(size=positions[0].shape) * _noise_scale(model)
     frame = Frame(
         positions=positions,
-        valid=np.ones(len(positions), dtype=bool),
         time=0.0,
         source_index=0,
         wrench=(*[np.nan] * 5, float(truth.moment[0])),

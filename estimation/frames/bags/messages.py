@@ -205,7 +205,6 @@ class PlainMessages:
         positions = seen.positions[self._known]
         return Frame(
             positions=positions,
-            valid=np.asarray(np.isfinite(positions).all(axis=1)),
             time=seen.time,
             source_index=seen.number,
             wrench=seen.wrench,

@@ -124,4 +124,4 @@ class BagSource:
             except ValueError as error:
                 flaw = f"the message cannot be used: {error}"
         none = np.full(self.layout.reference.shape, np.nan)
-        return Frame(none, np.isfinite(none[:, 0]), message.time, message.number, flaw=flaw)
+        return Frame(none, message.time, message.number, flaw=flaw)

@@ -116,14 +116,13 @@ def stream_rows(file: RowFile, source: str, name: str, skip: int = 0) -> FrameSt
 def _restore_rows(columns: Iterator[Columns], layout: MarkerLayout) -> Iterator[Frame]:
     """The frames of all rows; where the file is damaged after some, the last one says so."""
     number, none = 0, np.full(layout.reference.shape, np.nan)
-    unseen = np.isfinite(none[:, 0])
     while True:
         try:
             some = next(columns, None)
         except ValueError as error:
             if not number:
                 raise
-            yield Frame(none, unseen, np.nan, number, flaw=f"no more rows can be read: {error}")
+            yield Frame(none, np.nan, number, flaw=f"no more rows can be read: {error}")
             return
         if some is None:
             return
@@ -133,7 +132,7 @@ def _restore_rows(columns: Iterator[Columns], layout: MarkerLayout) -> Iterator[
                 _expect_markers(frame, layout)
             except ValueError as error:
                 flaw = f"the row cannot be used: {error}"
-                frame = Frame(none, unseen, float(some["time"][i]), number, flaw=flaw)
+                frame = Frame(none, float(some["time"][i]), number, flaw=flaw)
             yield frame
             number += 1
 

@@ -87,7 +87,7 @@ def test_missing_markers_leave_the_others_right():
     positions = turn_about_z(layout.reference, 0.2)
     valid = np.random.default_rng(0).random(len(positions)) > 0.2
     seen = np.where(valid[:, None], positions, np.nan)
-    fields = measure_fields(stencils, Frame(seen, valid, 0.0, 0))
+    fields = measure_fields(stencils, Frame(seen, 0.0, 0, valid))
     known = np.isfinite(fields.rotation)
     assert known.sum() > 0.6 * len(positions)
     assert not known[~valid].any()
@@ -118,7 +118,7 @@ def test_sensitivity_of_the_mean_rotation_is_its_derivative():
     step = 1e-5 * rng.normal(size=layout.reference.shape)
 
     def mean_rotation(positions):
-        frame = Frame(np.where(valid[:, None], positions, np.nan), valid, 0.0, 0)
+        frame = Frame(np.where(valid[:, None], positions, np.nan), 0.0, 0)
         return measure_fields(stencils, frame).rotation[markers & valid].mean()
 
     change = mean_rotation(layout.reference + step) - mean_rotation(layout.reference - step)

@@ -95,7 +95,7 @@ def test_layout_refuses_what_does_not_fit(reference, neighbours, shape, message)
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_frame_refuses_a_mask_of_another_length():
     with pytest.raises(ValueError, match="`valid`"):
-        Frame(np.zeros((4, 2)), np.ones(3, dtype=bool), 0.0, 0)
+        Frame(np.zeros((4, 2)), 0.0, 0, np.ones(3, dtype=bool))
 
 
 # --- topology ------------------------------------------------------------------------------------
@@ -347,4 +347,11 @@ def test_a_frame_refuses_valid_markers_without_a_position():
     positions = grid()
     positions[3] = np.nan
     with pytest.raises(ValueError, match="no finite position"):
-        Frame(positions, np.ones(len(positions), dtype=bool), 0.0, 0)
+        Frame(positions, 0.0, 0, np.ones(len(positions), dtype=bool))
+
+
+def test_a_frame_takes_the_markers_with_a_position_as_valid():
+    positions = grid()
+    positions[3, 1] = np.nan
+    frame = Frame(positions, 0.0, 0)
+    assert np.flatnonzero(~frame.valid).tolist() == [3]

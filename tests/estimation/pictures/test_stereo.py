@@ -168,7 +168,7 @@ def test_the_contact_region_is_that_of_the_arrays(surface):
     rest = np.column_stack([flat, np.zeros(400)])
     regions = []
     for points in (move(flat), triangulate(SMALL, *see(SMALL, move(flat), rng)).points):
-        frame = Frame(points, np.ones(400, dtype=bool), 0.0, 0)
+        frame = Frame(points, 0.0, 0)
         stencils = make_stencils(MarkerLayout(rest, grid_neighbours((20, 20)), (20, 20)))
         regions.append(measure_fields(stencils, frame, onset_mm=ONSET_MM, share=SHARE).contact)
     assert regions[0].sum() > 50
