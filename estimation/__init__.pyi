@@ -39,6 +39,11 @@ from estimation.pictures.sensor import Sensor as Sensor
 from estimation.pictures.sensor import read_sensor as read_sensor
 from estimation.pictures.sensor import write_sensor as write_sensor
 from estimation.settings import Settings as Settings
+from estimation.slip.alert import Alert as Alert
+from estimation.slip.alert import Level as Level
+from estimation.slip.friction import Friction as Friction
+from estimation.slip.margin import Margin as Margin
+from estimation.slip.shear import Shear as Shear
 from estimation.softness import LayeredSoftness as LayeredSoftness
 from estimation.softness import ScalarSoftness as ScalarSoftness
 from estimation.softness import Softness as Softness

@@ -15,11 +15,19 @@ from estimation.slip.margin import Margin
 
 
 class Level(StrEnum):
-    """What a gripper should do.
+    """What a gripper should do, as a string.
 
-    `none`: nothing. `watch`: part of the contact slips, or a slip comes into sight: no faster, and
-    press more if nothing speaks against it. `act`: a slip is near, press more now. `slips`: all of
-    the contact slips. `unknown`: without contact, or where the frame cannot be used.
+    - `none`: nothing.
+    - `watch`: part of the contact slips, or a slip is near. Do not move faster, and press more if
+      the object allows it.
+    - `act`: a slip is imminent. Press more now.
+    - `slips`: all of the contact slips.
+    - `unknown`: there is no contact, or the frame cannot be used.
+
+    Examples:
+        >>> from estimation import Level
+        >>> print(*Level)
+        none watch act slips unknown
     """
 
     NONE = "none"
@@ -30,14 +38,22 @@ class Level(StrEnum):
 
 
 class Alert(NamedTuple):
-    """What comes after a frame.
+    """The warning of a macro slip after a frame.
 
     Attributes:
         level: what a gripper should do.
-        time_to_slip: until macro slip at the present rate [s]; NaN where nothing moves towards it,
-            or its limit is unknown.
-        low: lower end of its 95 % interval [s].
-        high: upper end; infinite where the rate may be 0 [s].
+        time_to_slip: time to macro slip at the present rate [s]; NaN if the contact is not moving
+            towards it, or if its limit is unknown.
+        low: lower end of the 95 % interval of that time [s].
+        high: upper end [s]; infinite if the rate may be 0.
+
+    Examples:
+        >>> from estimation import Alert, Noise, Settings, Stream, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> alert: Alert = last.alert
+        >>> print(f"{alert.level}: slips in {alert.time_to_slip:.1f} s")
+        act: slips in 0.5 s
     """
 
     level: Level = Level.UNKNOWN

@@ -54,11 +54,20 @@ class Friction(NamedTuple):
     """Friction after a frame; NaN where it is unknown.
 
     Attributes:
-        used: friction in use [-].
-        coefficient: μ, as earlier slips showed it, or the branch that the object turns on [-].
-        low: lower end of its 95 % interval; while no slip has been seen, the most that was in use
+        used: friction in use, the coefficient at which the object would slip now [-].
+        coefficient: coefficient of friction μ from earlier slips, else from the moment–angle curve
+            of the present turn [-].
+        low: lower end of its 95 % interval; before the first slip, the largest friction in use
             since the object touched [-].
         high: upper end [-].
+
+    Examples:
+        >>> from estimation import Friction, Noise, Settings, Stream, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> friction: Friction = last.friction
+        >>> print(f"{friction.used:.2f} in use of {friction.coefficient:.2f}: {friction.share:.0%}")
+        0.48 in use of 0.52: 93%
     """
 
     used: float = np.nan

@@ -33,6 +33,16 @@ class Margin(NamedTuple):
         moment: remaining moment [N·mm].
         moment_low: lower end of its 95 % interval [N·mm].
         moment_high: upper end [N·mm].
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Margin, Noise, Settings, Stream, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> margin: Margin = last.margin
+        >>> low, angle, high = np.degrees([margin.angle_low, margin.angle, margin.angle_high])
+        >>> print(f"{angle:.1f}° ({low:.1f}° to {high:.1f}°) and {margin.moment:.1f} N·mm remain")
+        7.7° (5.9° to 9.6°) and 0.5 N·mm remain
     """
 
     angle: float = np.nan

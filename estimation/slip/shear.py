@@ -68,22 +68,32 @@ class ShearSettings:
 
 
 class Shear(NamedTuple):
-    """How the gel is sheared, and whether the object has slipped along it.
+    """Shear of the gel under the object, and whether the object has slipped over the gel.
+
+    Lengths are in px for pictures without a scale.
 
     Attributes:
-        shear: how far the gel under the object has gone along since the object touched [mm].
-        fallen: share of its peak that it has lost again [-].
-        hold: correlation of the print on the gel with an earlier one [-]; NaN where unknown.
-        slid: how far the object has slid within memory, over the half-width of the interval [-];
-            NaN where unknown.
-        slipped: probability that all of the contact has slipped lately [-]; NaN without contact,
-            and where no print can be compared.
-        slides: whether the print says that the object slides.
-        holds: whether the print says that it has not slid lately.
-        sticks: whether it says that all of it sticks.
-        slip: how far the object has slid over the gel, as in `Slide`, and so the next [mm].
-        slip_error: half-width of its 95 % interval [mm].
-        slip_since: time stamp of the frame that it counts from [s].
+        shear: how far the gel under the object has moved since touch [mm].
+        fallen: share of its peak by which the shear has fallen since [-].
+        hold: correlation of the object's print on the gel with an earlier one [-]; NaN if unknown.
+        slid: sliding distance within the memory over the half-width of its 95 % interval [-]; NaN
+            if unknown.
+        slipped: probability that all of the contact has slipped lately [-]; NaN without contact or
+            without a print.
+        slides: whether the print shows that the object slides.
+        holds: whether the print shows that the object has not slid lately.
+        sticks: whether the print shows that all of the contact sticks.
+        slip: how far the object has slid over the gel [mm]; NaN if unknown.
+        slip_error: half-width of the 95 % interval of that distance [mm].
+        slip_since: time stamp of the frame from which that distance counts [s].
+
+    Examples:
+        >>> from estimation import Noise, Settings, Shear, Stream, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> shear: Shear = last.shear
+        >>> print(f"{shear.shear:.2f} mm, probability of a slip {shear.slipped}")  # no print
+        0.08 mm, probability of a slip nan
     """
 
     shear: float = float("nan")
