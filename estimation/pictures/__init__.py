@@ -1,1 +1,1 @@
-"""Pictures of a sensor's markers: rendered, and turned into marker positions."""
+"""Pictures of a sensor's markers: rendering them, and reading marker positions from them."""

@@ -1,10 +1,10 @@
-"""Whether the gel still holds what it touches: the object's print in the gel's own coordinates.
+"""Whether the gel still holds the object, from the object's print in the gel's own coordinates.
 
-Where the object sticks, what it prints moves with the dots around it; where it slips, its print
-goes over the gel, whichever way it slips and whatever the gel does meanwhile. Each picture is
-therefore taken back to where the gel lay at rest, along the displacement that the dots show, and
-compared around every dot with earlier ones: 1 where the print has stayed on the gel, near 0 where
-another part of the object is there now. That needs no rigid object and no axis of rotation.
+Where the object sticks, its print moves with the dots around it. Where the object slips, its print
+moves over the gel. Each picture is therefore warped back to the gel at rest, by the displacement of
+the dots, and correlated with earlier pictures around every dot. The correlation is 1 where the
+print has stayed in place on the gel, and near 0 where another part of the object has taken its
+place. The method assumes neither a rigid object nor an axis of rotation.
 """
 
 from collections import deque
@@ -21,22 +21,23 @@ from estimation.pictures.imprint.painted import Painted
 from estimation.pictures.lattice import Reference
 
 COARSE = 8
-"""Pixels, of the scaled picture, between points that the displacement is interpolated to."""
+"""Spacing of the points at which the displacement is interpolated [px of the scaled picture]."""
 
 
 @dataclass(frozen=True)
 class HoldSettings:
-    """How prints are compared.
+    """Settings for the comparison of prints.
 
     Attributes:
-        window: side of the square around a dot that is compared [pitches].
-        age: frames between the earlier pictures that are kept; the one compared with is once to
-            twice as old [frames].
-        lately: age of the other one [frames].
-        contrast: texture over that of the barest dots from which an object is printed [-].
-        bare: share of the dots that are the barest [-].
-        printed: share of the dots, those with the most texture, that are compared in any case [-].
-        seen: share of a window that must be seen in both pictures, without dots [-].
+        window: side of the square that is compared around a dot [pitches].
+        age: interval at which an earlier picture is stored. The picture compared with is between
+            one and two intervals old [frames].
+        lately: age of the recent picture that is also compared with [frames].
+        contrast: texture from which an object counts as printed, over the texture of the barest
+            dots [-].
+        bare: share of the dots that count as the barest [-].
+        printed: share of the dots that is always compared: the dots with the most texture [-].
+        seen: share of a window that must be visible, without dots, in both pictures [-].
     """
 
     window: float = 1.0
@@ -49,12 +50,13 @@ class HoldSettings:
 
 
 class Hold(NamedTuple):
-    """How well the print on the gel agrees with an earlier one.
+    """Correlation of the print on the gel with earlier prints.
 
     Attributes:
-        since: correlation with that of half a second or a second before [-]; NaN where unknown.
-        lately: with that of some frames before [-].
-        weakest: the same where it agrees least: a tenth of the print agrees less [-].
+        since: median correlation with the print half a second to a second before [-]; NaN where
+            unknown.
+        lately: median correlation with the print a few frames before [-].
+        weakest: tenth percentile of the same correlation [-].
     """
 
     since: float
@@ -67,12 +69,12 @@ WEAKEST = 0.1
 
 
 class Print(NamedTuple):
-    """What a picture shows, taken back to where the gel lay at rest.
+    """A picture warped back to the gel at rest.
 
     Attributes:
         planes: its colours without dots and slow changes of light, grey levels of 255.
-        power: their sum of squares.
-        clear: 1 where the gel is seen and no dot is, else 0.
+        power: sum of squares over the colours.
+        clear: 1 where the gel is visible without a dot, else 0.
     """
 
     planes: list[Float32[np.ndarray, "h w"]]
@@ -81,14 +83,14 @@ class Print(NamedTuple):
 
 
 class HoldFollower:
-    """Compares the print on the gel with that of some frames before."""
+    """Compares the print on the gel with the prints of earlier frames."""
 
     def __init__(self, reference: Reference, settings: HoldSettings | None = None) -> None:
-        """Begin with the next frame.
+        """Start at the next frame.
 
         Args:
             reference: dots at rest.
-            settings: how prints are compared.
+            settings: for the comparison; defaults if None.
         """
         self._places, self._pitch = reference.position, reference.pitch
         self._settings = settings or HoldSettings()
@@ -96,17 +98,17 @@ class HoldFollower:
         self.restart()
 
     def restart(self) -> None:
-        """Compare with the next frame and not with those before."""
+        """Forget earlier frames: the comparison starts at the next one."""
         self._earlier: list[Print] = []
         self._recent: deque[Print] = deque(maxlen=self._settings.lately + 1)
         self._frames = 0
 
     def update(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Hold:
-        """How well the print of the next frame agrees with earlier ones.
+        """Compare the print of the next frame with earlier prints.
 
         Args:
             painted: the picture without its dots.
-            position: dots in it [px]; NaN where not seen.
+            position: dots in the picture [px]; NaN where not visible.
         """
         seen = np.isfinite(position[:, 0])
         if seen.sum() < 3:
@@ -122,7 +124,7 @@ class HoldFollower:
         return Hold(since, *self._compare(self._recent[0], now, seen, 0.5, WEAKEST))
 
     def _lay_grid(self, painted: Painted) -> None:
-        """Lay points over pictures of this size, and learn what moves them as the dots move."""
+        """Lay a grid of points over pictures of this size, with their weights of the dots."""
         self._part = painted.part
         height, width = painted.clear.shape
         self._shape = (-(-height // COARSE) + 1, -(-width // COARSE) + 1)
@@ -134,7 +136,7 @@ class HoldFollower:
         self._columns, self._rows = np.clip(place, 0, [width - 1, height - 1]).T
 
     def _take_back(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Print:
-        """A picture as it would be if its dots were where they rest."""
+        """A picture warped so that its dots are at rest."""
         assert self._grid is not None
         moved = position - self._places
         lost = np.isnan(moved[:, 0])
@@ -161,19 +163,19 @@ class HoldFollower:
     def _compare(
         self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], *shares: float
     ) -> list[float]:
-        """Quantiles of the correlation around dots, weighted by what is printed there."""
+        """Quantiles of the correlation around dots, weighted by the texture of the print."""
         settings = self._settings
         width = (2 * int(0.5 * settings.window * self._pitch / self._part) + 1,) * 2
-        both, product = before.clear * now.clear, _multiply(before.planes, now.planes)
-        values = (one * both for one in (product, before.power, now.power))
-        around = cv2.blur(cv2.merge([both, *values]), width)[self._rows, self._columns]
+        clear, product = before.clear * now.clear, _multiply(before.planes, now.planes)
+        values = (plane * clear for plane in (product, before.power, now.power))
+        around = cv2.blur(cv2.merge([clear, *values]), width)[self._rows, self._columns]
         share = around[:, 0]
         cross, first, second = around[:, 1:].T / (share + np.float32(1e-3))
         power = np.maximum(first, second)
         seen = seen & (share > settings.seen)
         if not seen.any():
             return [np.nan] * len(shares)
-        ranked = np.sort(power[seen])  # for so few `np.quantile` takes as long as the rest
+        ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
         share_of = np.linspace(0.0, 1.0, len(ranked))
         bare, printed = np.interp([settings.bare, 1.0 - settings.printed], share_of, ranked)
         least = min(settings.contrast**2 * bare + 1.0, printed)
@@ -190,5 +192,5 @@ class HoldFollower:
 def _multiply(
     before: list[Float32[np.ndarray, "h w"]], now: list[Float32[np.ndarray, "h w"]]
 ) -> Float32[np.ndarray, "h w"]:
-    """Sum over the colours of the products of two pictures."""
+    """Product of two pictures, summed over the colours."""
     return reduce(np.add, (a * b for a, b in zip(before, now, strict=True)))

@@ -1,5 +1,5 @@
-"""The kinds of markers that can be read from pictures."""
+"""The marker types that can be read from pictures."""
 
 MARKER_KINDS = ("corners", "dots", "speckle")
-"""In the order in which they are looked for: the most regular first, since the cells of a
-checkerboard can pass for dots, and either for a texture."""
+"""Marker types in the order of detection: the most regular first, because the cells of a
+checkerboard can pass for dots, and both can pass for speckle."""

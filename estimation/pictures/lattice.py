@@ -1,4 +1,4 @@
-"""Lattice indices of dots, and a reference to count from."""
+"""Lattice coordinates of dots, and the reference from which displacements are measured."""
 
 from typing import NamedTuple
 
@@ -10,11 +10,11 @@ from estimation.frames.neighbours import delaunay_neighbours
 from estimation.frames.recording import MarkerLayout
 
 NEAR = 0.4
-"""Farthest a dot may lie from where it is expected [pitches]; half a pitch is ambiguous."""
+"""Largest distance of a dot from its expected position [pitches]; half a pitch is ambiguous."""
 MOST_AT_REST = 0.02
-"""Largest mean distance of dots at rest from rows that only a lens bends [pitches]."""
+"""Largest root mean square distance of dots at rest from rows bent only by a lens [pitches]."""
 AROUND = 12
-"""Neighbours of a dot among which the next in its row is sought."""
+"""Number of nearest dots among which the next dot of a row is searched."""
 STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
@@ -23,7 +23,7 @@ class Lattice(NamedTuple):
 
     Attributes:
         dot: numbers of the dots that have coordinates.
-        coordinates: theirs.
+        coordinates: lattice coordinates of these dots.
         pitch: distance between neighbours [px].
     """
 
@@ -33,18 +33,18 @@ class Lattice(NamedTuple):
 
 
 def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
-    """Give dots integer coordinates, spread over neighbours from the most regular place.
+    """Assign integer coordinates to dots, neighbour by neighbour from the most regular place.
 
-    Dots that continue no row are left out; so are those that two paths give different coordinates.
+    Dots that continue no row get no coordinates. A dot keeps the coordinates of the first path that
+    reaches it, and no two dots share coordinates.
     """
     nothing = Lattice(np.zeros(0, dtype=int), np.zeros((0, 2), dtype=int), np.nan)
     if len(centre) < 9:
         return nothing
     tree = KDTree(centre)
     distance, near = nearest(tree, centre, min(AROUND + 1, len(centre)))
-    beside = near[:, 1:5]
     pitch = float(np.median(distance[:, 1:4]))
-    vectors = centre[beside] - centre[:, None]
+    vectors = centre[near[:, 1:5]] - centre[:, None]
     short = vectors[distance[:, 1:5] < 1.4 * pitch]
     basis = _common_basis(short, pitch)
     if basis is None:
@@ -62,15 +62,15 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
         off = np.abs(place[around][:, None] - ahead[:, :, None])
         closest = off.argmin(axis=2)
         close = off[row, np.arange(4), closest] < NEAR * pitch
-        beside, found = around[row, closest], list[tuple[int, int, int]]()
+        following, links = around[row, closest], list[tuple[int, int, int]]()
         for k, step in np.argwhere(close).tolist():
-            i, j = int(front[k]), int(beside[k, step])
+            i, j = int(front[k]), int(following[k, step])
             index = (number[i][0] + steps[step][0], number[i][1] + steps[step][1])
             if index not in taken and j not in number:
                 number[j] = index
                 taken.add(index)
-                found.append((i, j, step))
-        behind, front, step = np.array(found, dtype=int).reshape(-1, 3).T
+                links.append((i, j, step))
+        behind, front, step = np.array(links, dtype=int).reshape(-1, 3).T
         local[front] = local[behind]
         half = 0.5 * STEPS[step].sum(axis=1) * (place[front] - place[behind])
         local[front, step % 2] = 0.5 * local[front, step % 2] + half
@@ -81,28 +81,28 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
 def _common_basis(
     vectors: Float[np.ndarray, "m 2"], pitch: float
 ) -> Float[np.ndarray, "2 2"] | None:
-    """The two most common vectors between neighbours that are not parallel."""
+    """The two most common vectors between neighbours that are not parallel to each other."""
     vectors = np.where(
         (vectors[:, :1] + 1e-3 * vectors[:, 1:] < 0), -vectors, vectors
-    )  # one of each opposite pair
+    )  # one vector of each opposite pair
     if len(vectors) < 8:
         return None
-    both = np.concatenate([vectors, -vectors])
-    popular = KDTree(both).query_ball_point(vectors, 0.15 * pitch, return_length=True)
-    popular = np.asarray(popular)  # as many are around the opposite ones
-    first = _mean_near(both, vectors[np.argmax(popular)], 0.15 * pitch)
+    signed = np.concatenate([vectors, -vectors])
+    popular = KDTree(signed).query_ball_point(vectors, 0.15 * pitch, return_length=True)
+    popular = np.asarray(popular)  # the opposite vectors have the same counts
+    first = _mean_near(signed, vectors[np.argmax(popular)], 0.15 * pitch)
     across = np.abs(first[0] * vectors[:, 1] - first[1] * vectors[:, 0]) / np.linalg.norm(first)
     popular = np.where(across > 0.6 * pitch, popular, 0)
     if popular.max() < 4:
         return None
-    second = _mean_near(both, vectors[np.argmax(popular)], 0.15 * pitch)
+    second = _mean_near(signed, vectors[np.argmax(popular)], 0.15 * pitch)
     if abs(first[0]) < abs(second[0]):
         first, second = second, first
     return np.stack([first * np.sign(first[0]), second * np.sign(second[1])])
 
 
 def nearest(tree: KDTree, points: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Distances to the nearest points of the tree, and their numbers."""
+    """Distances to the nearest points of the tree, and the numbers of those points."""
     distance, number = tree.query(points, count)
     return np.asarray(distance), np.asarray(number)
 
@@ -112,27 +112,28 @@ def _mean_near(vectors: np.ndarray, target: np.ndarray, radius: float) -> np.nda
 
 
 class Fitted(NamedTuple):
-    """A regular lattice through the dots that lie on one.
+    """A regular lattice fitted to dots.
 
     Attributes:
         coefficients: of 1, i, j, i², ij, j² for x and y [px]; a lens bends the rows a little.
-        on: which dots lie on it.
+        on: which dots lie on the lattice.
     """
 
     coefficients: Float[np.ndarray, "6 2"]
     on: Bool[np.ndarray, " m"]
 
     def place(self, index: Int[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
-        """Where the lattice has its points [px]."""
+        """Positions of lattice points [px]."""
         return _terms(index) @ self.coefficients
 
 
 def fit_lattice(lattice: Lattice, centre: Float[np.ndarray, "n 2"], seed: int = 0) -> Fitted:
-    """Fit a regular lattice to as many dots as lie on one, by random samples.
+    """Fit a regular lattice to as many dots as possible, by random samples.
 
-    Three dots, not in a row and not next to each other, tell an affine lattice.
+    Each sample of three dots, neither in a row nor next to each other, determines an affine
+    lattice.
     """
-    fit = 0.06  # distance from a fitted lattice within which a dot is on it [pitches]
+    fit = 0.06  # largest distance of a dot that lies on the lattice [pitches]
     points, terms = centre[lattice.dot], _terms(lattice.coordinates)
     rng = np.random.default_rng(seed)
     best = np.zeros(len(points), dtype=bool)
@@ -165,10 +166,10 @@ def _terms(index: Int[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 6"]:
 
 
 class Irregularity(NamedTuple):
-    """How far dots are from rows that only a lens bends.
+    """Distances of dots from rows bent only by a lens.
 
     Attributes:
-        largest: distance of a dot [pitches]; infinite where fewer than 30 are seen.
+        largest: largest distance of a dot [pitches]; infinite if fewer than 30 are visible.
         mean: root mean square of all distances [pitches].
     """
 
@@ -177,15 +178,15 @@ class Irregularity(NamedTuple):
 
     @property
     def rests(self) -> bool:
-        """Whether the gel is unloaded then."""
+        """Whether the distances are small enough for an unloaded gel."""
         return self.largest < 0.065 and self.mean < MOST_AT_REST
 
     @property
     def reach(self) -> float:
-        """Distance up to which no motion of the dots brings them to rest [pitches].
+        """Lower bound of the distance that some dot must move before the dots rest [pitches].
 
         Motions of up to d change `mean` by d √(n / (n − 10)) at most, n ≥ 30 the number of dots.
-        None is certain where a dot may have been counted to a wrong row.
+        The bound is 0 if a dot may have been assigned to a wrong row.
         """
         if self.largest > NEAR:
             return 0.0
@@ -193,13 +194,14 @@ class Irregularity(NamedTuple):
 
 
 def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irregularity:
-    """How far dots, at least 30, are from a lattice that only a lens bends.
+    """Measure how far dots, at least 30, are from a lattice bent only by a lens.
 
-    A cubic has a lens's distortion to its first order, and what there is of print and mounting.
+    The cubic that is fitted describes a lens's distortion to first order, and errors of print and
+    mounting.
 
     Args:
-        lattice: of the dots at rest, or about so.
-        place: where its dots are [px], NaN where not seen.
+        lattice: of the dots at rest or nearly so.
+        place: positions of its dots [px]; NaN where not visible.
     """
     seen = np.isfinite(place[:, 0])
     if seen.sum() < 30:
@@ -214,15 +216,15 @@ def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irre
 
 
 class Reference(NamedTuple):
-    """The dots to count from.
+    """The dots at rest, from which displacements are measured.
 
     Attributes:
         position: of each dot [px].
-        neighbours: of each dot, −1 where there is none.
-        around: the nearest others of each dot, nearest first, −1 beyond `REACH`.
+        neighbours: of each dot; −1 for none.
+        around: the nearest other dots of each dot, nearest first; −1 beyond 2.3 pitches.
         pitch: distance between neighbours [px].
-        note: what it is, in a sentence.
-        doubt: how far off the positions may be [px]; None where they are known.
+        note: origin of the reference, in a sentence.
+        doubt: possible error of each position [px]; None if the positions were measured.
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -233,34 +235,40 @@ class Reference(NamedTuple):
     doubt: Float[np.ndarray, " n"] | None = None
 
     def layout(self, mm_per_px: float, origin: Float[np.ndarray, " 2"]) -> MarkerLayout:
-        """As a recording has it, whose pictures have the first pixel of these at the origin."""
+        """The reference as a recording's layout.
+
+        Args:
+            mm_per_px: scale [mm/px].
+            origin: position of these pictures' first pixel in the recording's pictures [px].
+        """
         return MarkerLayout(mm_per_px * (self.position + origin), self.neighbours)
 
 
 def make_reference(
     centre: Float[np.ndarray, "n 2"], size: tuple[int, int], unloaded: bool = False
 ) -> Reference:
-    """The reference from the dots of one frame.
+    """Make the reference from the dots of one frame.
 
-    Where all dots lie on a regular lattice, or the caller says so, the frame is unloaded and its
-    dots are the reference. Else the lattice is fitted to those that do and stands for all, if they
-    are enough to tell; where they are not, the frame itself must serve, and only changes count.
+    If nearly all dots lie on a regular lattice, or `unloaded` is true, the frame is unloaded and
+    its dots are the reference. Otherwise a lattice is fitted to the dots that lie on one, and its
+    points are the reference for all dots. If too few dots lie on a lattice, the frame itself is
+    the reference, and only changes since this frame are measured.
 
     Args:
         centre: dots [px].
         size: width and height of the picture [px].
-        unloaded: the frame is known to be unloaded.
+        unloaded: whether the frame is known to be unloaded.
 
     Raises:
         ValueError: too few dots lie on a lattice.
     """
-    # how far from its place at rest a lattice fitted beside it may have a dot [pitches]
+    # error of a fitted lattice point at a dot that is off the lattice [pitches]
     least_doubt = 0.15
     lattice = index_lattice(centre)
     if len(lattice.dot) < 9:
         raise ValueError(
-            f"{len(lattice.dot)} dots lie in rows; at least 9 are needed: is this a sensor with "
-            "printed dots?"
+            f"{len(lattice.dot)} dots lie in rows, at least 9 are needed: does this sensor have "
+            "printed dots? (--marker)"
         )
     fitted = fit_lattice(lattice, centre)
     share = fitted.on.mean()
@@ -268,8 +276,8 @@ def make_reference(
     if unloaded or share > 0.95:
         position, note = (
             centre[lattice.dot],
-            "The dots of the first frame lie on a regular lattice: it counts as unloaded. If "
-            "something touched the pad by then, angles and contact count from that frame."
+            "The dots of the first frame lie on a regular lattice, so this frame counts as "
+            "unloaded. If something already touched the pad, angles and contact count from it."
             if not unloaded
             else "The reference is the frame that was given.",
         )
@@ -280,9 +288,8 @@ def make_reference(
         position = fitted.place(index)
         doubt = np.where(same.any(axis=1), 0.0, least_doubt * lattice.pitch)
         note = (
-            f"The clip starts loaded: the reference is a regular lattice through "
-            f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, those away from "
-            "contact."
+            f"The clip starts loaded: the reference is a regular lattice, fitted to "
+            f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, away from contact."
         )
     else:
         position = centre[lattice.dot]
@@ -296,12 +303,17 @@ def make_reference(
 def lay_reference(
     position: Float[np.ndarray, "n 2"], note: str, doubt: Float[np.ndarray, " n"] | None = None
 ) -> Reference:
-    """The reference of dots at places [px] that are known, or in doubt by so much [px].
+    """Make the reference from positions of dots at rest.
+
+    Args:
+        position: of each dot [px].
+        note: origin of the reference, in a sentence.
+        doubt: possible error of each position [px]; None if the positions were measured.
 
     Raises:
-        ValueError: fewer than three dots, or all on one line.
+        ValueError: there are fewer than three dots, or all are on one line.
     """
-    reach = 2.3  # distance up to which dots help to say where one should be [pitches]
+    reach = 2.3  # distance up to which dots help to predict the position of another [pitches]
     neighbours = delaunay_neighbours(position, 1.3)
     count = min(AROUND + 1, len(position))
     distance, around = nearest(KDTree(position), position, count)
@@ -311,7 +323,7 @@ def lay_reference(
 
 
 def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.ndarray, "k 2"]:
-    """Coordinates of all lattice points in the picture, and of the dots that have been seen."""
+    """Coordinates of all lattice points in the picture and of all detected dots."""
     low, high = lattice.coordinates.min(axis=0) - 1, lattice.coordinates.max(axis=0) + 2
     grid = np.stack(np.meshgrid(*map(np.arange, low, high), indexing="ij"), -1).reshape(-1, 2)
     place = fitted.place(grid)
@@ -320,7 +332,11 @@ def _inside(fitted: Fitted, lattice: Lattice, size: tuple[int, int]) -> Int[np.n
 
 
 def lattice_neighbours(corner: Int[np.ndarray, "rows columns"]) -> Int[np.ndarray, "m 4"]:
-    """Neighbours of each corner, those before and after it along a line side by side."""
+    """Neighbours of each corner: before and after it on one line, then on the other; −1 for none.
+
+    Args:
+        corner: number of the corner at each lattice point; −1 for none.
+    """
     padded = np.pad(corner, 1, constant_values=-1)
     at = np.argwhere(corner >= 0) + 1
     around = [padded[tuple((at + step).T)] for step in STEPS[[2, 0, 3, 1]]]

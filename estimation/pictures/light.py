@@ -6,7 +6,7 @@ from jaxtyping import Float, Float32, Shaped
 
 
 def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w"]:
-    """Grey level of a picture, 0 to 255."""
+    """Convert a picture of 8 or 16 bit, grey or BGR, to grey levels, 0 to 255."""
     if picture.ndim == 3:
         picture = cv2.cvtColor(np.ascontiguousarray(picture[..., :3]), cv2.COLOR_BGR2GRAY)
     scale = 1.0 / 257.0 if picture.dtype == np.uint16 else 1.0
@@ -14,10 +14,10 @@ def to_light(picture: Shaped[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, 
 
 
 def to_grey(picture: Shaped[np.ndarray, "h w *colour"], dark: bool) -> Float[np.ndarray, "h w"]:
-    """One channel in which dots stand out and coloured light does not, 0 to 255.
+    """Convert a picture to one channel in which dots stand out from coloured light, 0 to 255.
 
-    Dark dots are dark in every colour: the brightest channel shows them alone. Bright ones are
-    bright in every colour.
+    Dark dots are dark in every colour, so only they are dark in the brightest channel. Bright dots
+    are bright in every colour, so only they are bright in the darkest channel.
     """
     if picture.ndim == 3:
         order = cv2.max if dark else cv2.min

@@ -1,4 +1,4 @@
-"""The part of the pictures that is read: mirrors, frames and covers around the pad are left out."""
+"""The part of the pictures that is read, without mirrors, frames and covers around the pad."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float, Float32, Shaped
 from estimation.pictures.still import Still
 
 DARKEST = 127.0
-"""Grey level, of 255, up to which a pixel of a mask is left out."""
+"""Pixels of a mask up to this grey level (of 255) are not read."""
 SMALLEST = 16
-"""Least pixels along each side of a picture."""
+"""Smallest width and height of a picture [px]."""
 BLEND = 31
-"""Side of the square whose mean stands for a pixel that is left out [px]."""
+"""Side of the square whose mean replaces a masked pixel [px]."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class Part:
     """The part of the pictures that is read.
 
     Attributes:
-        crop: left column, upper row, width and height of what is kept [px]; None for all.
-        mask: picture of the size of the others, black where nothing is read; None for all.
+        crop: left column, upper row, width and height of the part [px]; None for the whole picture.
+        mask: picture of the same size, black where nothing is read; None to read everything.
 
     Raises:
-        ValueError: a crop of no or negative size, or a mask that leaves nothing.
+        ValueError: the crop is too small or starts outside the picture, or the mask is black.
     """
 
     crop: tuple[int, int, int, int] | None = None
@@ -38,63 +38,63 @@ class Part:
             min(self.crop[:2]) < 0 or min(self.crop[2:], default=0) < SMALLEST
         ):
             raise ValueError(
-                f"the crop is {self._told()}: it must begin within the picture and be at least "
-                f"{SMALLEST} px wide and high (--crop X Y WIDTH HEIGHT)"
+                f"the crop is {self._describe_crop()}: it must begin within the picture and be at "
+                f"least {SMALLEST} px wide and high (--crop X Y WIDTH HEIGHT)"
             )
         if self.mask is not None and not (_light(self.mask) > DARKEST).any():
             raise ValueError(
-                f"{self.mask.path}, given as mask, is completely black, and black parts are left "
-                "out (--mask)"
+                f"the mask {self.mask.path} is completely black, and black parts are not read: "
+                "make it white where the pad is (--mask)"
             )
 
-    def _told(self) -> str:
+    def _describe_crop(self) -> str:
         x, y, width, height = self.crop or (0, 0, 0, 0)
         return f"{width}×{height} px from column {x}, row {y} on"
 
     @property
     def origin(self) -> Float[np.ndarray, " 2"]:
-        """Where in the whole picture the first pixel of the part is [px]."""
+        """Position of the part's first pixel in the whole picture [px]."""
         return np.zeros(2) if self.crop is None else np.array(self.crop[:2], dtype=float)
 
     @property
     def note(self) -> str:
-        """What is read, in a sentence; empty for all."""
-        kept = "" if self.crop is None else f", {self._told()}"
-        hidden = "" if self.mask is None else f", without the black parts of {self.mask.path.name}"
-        if not kept + hidden:
+        """A sentence on the part that is read; empty if it is the whole picture."""
+        crop = "" if self.crop is None else f", {self._describe_crop()}"
+        mask = "" if self.mask is None else f", without the black parts of {self.mask.path.name}"
+        if not crop + mask:
             return ""
-        return f"A part of the pictures is read{kept}{hidden}; positions are in the whole picture."
+        return f"Only part of the pictures is read{crop}{mask}; positions are in the whole picture."
 
     def expect(self, width: int, height: int) -> None:
-        """Check that pictures of a size have this part.
+        """Check that pictures of a size contain this part.
 
         Raises:
-            ValueError: they have not.
+            ValueError: they do not.
         """
         if self.crop is not None:
             x, y, wide, high = self.crop
             if x + wide > width or y + high > height:
                 raise ValueError(
-                    f"the crop, {self._told()}, reaches beyond the pictures, which are "
-                    f"{width}×{height} (--crop X Y WIDTH HEIGHT)"
+                    f"the crop, {self._describe_crop()}, reaches beyond the pictures, which are "
+                    f"{width}×{height} px (--crop X Y WIDTH HEIGHT)"
                 )
         if self.mask is not None and self.mask.image.shape[:2] != (height, width):
             high, wide = self.mask.image.shape[:2]
             raise ValueError(
                 f"the mask {self.mask.path} is {wide}×{high}, the pictures are {width}×{height}: "
-                "give a mask of their size (--mask)"
+                "give a mask of the same size (--mask)"
             )
         if self.seen is not None and not self.seen.any():
             raise ValueError("the mask covers the whole crop (--mask, --crop)")
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, "h w"] | None:
-        """Which pixels of the part are read; None for all."""
+        """Which pixels of the part are read; None if all are."""
         return None if self.mask is None else self._window(_light(self.mask) > DARKEST)
 
     @cached_property
     def _room(self) -> Float32[np.ndarray, "h w"] | None:
-        """Distance of each pixel from the nearest one that is left out [px]."""
+        """Distance of each pixel from the nearest masked pixel [px]."""
         if self.seen is None:
             return None
         return cv2.distanceTransform(self.seen.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -105,7 +105,7 @@ class Part:
         return cv2.blur(self.seen.astype(np.float32), (BLEND, BLEND))
 
     def cut(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "k l *colour"]:
-        """The part of a picture; what the mask leaves out shows the colour of what is beside it."""
+        """The part of a picture; masked pixels take the mean colour of the pixels around them."""
         image = self._window(image)
         if self.seen is None:
             return image
@@ -113,30 +113,30 @@ class Part:
         if image.ndim == 3:
             seen, weight = seen[..., None], weight[..., None]
         mean = image[self.seen].mean(axis=0)
-        beside = cv2.blur(image.astype(np.float32) * seen, (BLEND, BLEND))
-        beside = np.where(weight > 1e-3, beside / np.maximum(weight, 1e-3), mean)
+        colour = cv2.blur(image.astype(np.float32) * seen, (BLEND, BLEND))
+        colour = np.where(weight > 1e-3, colour / np.maximum(weight, 1e-3), mean)
         filled = image.copy()
-        filled[~self.seen] = np.rint(beside[~self.seen]).astype(image.dtype)
+        filled[~self.seen] = np.rint(colour[~self.seen]).astype(image.dtype)
         return filled
 
     def shows(self, points: Float[np.ndarray, "n 2"], reach: float) -> Bool[np.ndarray, " n"]:
-        """Whether all that is within reach of points is read.
+        """Whether all pixels around each point are read.
 
         Args:
-            points: of the part [px]; NaN counts as not read.
-            reach: distance around each [px].
+            points: in the part [px]; NaN counts as not read.
+            reach: radius around each point [px].
         """
-        known = np.isfinite(points[:, 0])
+        finite = np.isfinite(points[:, 0])
         if self._room is None:
-            return known
+            return finite
         place = np.rint(np.nan_to_num(points)).astype(int)
         column, row = np.clip(place, 0, np.array(self._room.shape[::-1]) - 1).T
-        return known & (self._room[row, column] > reach)
+        return finite & (self._room[row, column] > reach)
 
     def darken(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "h w *colour"]:
-        """A whole picture, half as bright where it is not read."""
-        alike = self.mask is None or self.mask.image.shape[:2] == image.shape[:2]
-        if self == WHOLE or not alike:
+        """A whole picture, with the pixels that are not read at half their brightness."""
+        same_size = self.mask is None or self.mask.image.shape[:2] == image.shape[:2]
+        if self == WHOLE or not same_size:
             return image
         read = np.zeros(image.shape[:2], dtype=bool)
         self._window(read)[:] = True if self.seen is None else self.seen

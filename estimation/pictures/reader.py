@@ -1,7 +1,7 @@
-"""What readers of markers have in common, whatever the markers look like.
+"""The interface of marker readers, common to all marker types.
 
-A reader is made from the first usable picture and then turns each picture into a `Row`. Kinds of
-markers are listed in `READERS` of `estimation.pictures.reading`.
+A reader is made from the first usable picture and turns each picture into a `Row`. `READERS` of
+`estimation.pictures.reading` lists the marker types.
 """
 
 from abc import ABC, abstractmethod
@@ -22,19 +22,19 @@ from estimation.pictures.stream import Picture
 
 @dataclass(frozen=True)
 class ImageSettings:
-    """Properties of a recording's pictures; those not given are detected.
+    """Properties of a recording's pictures; properties that are not given are detected.
 
     Attributes:
-        sensor: what took them.
-        unloaded: the reference: the number of an unloaded frame, as `Recording.source_index` has
-            it, by the name of the picture or counted from 0; or a picture of the same sensor that
-            nothing touches.
-        rig: calibration of both views, where mirrors split the picture.
+        sensor: the sensor that took the pictures.
+        unloaded: the reference: either the number of an unloaded frame (as in
+            `Recording.source_index`: from the picture's name, or counted from 0), or a picture of
+            the same sensor with nothing on it.
+        rig: calibration of both views, if mirrors split the picture.
         rate: pictures per second of a folder without a table of times [1/s].
-        part: of each picture that is read; positions are those in the whole picture.
+        part: the part of each picture that is read; positions refer to the whole picture.
 
     Raises:
-        ValueError: the rate is not above 0, or a part is given of pictures that mirrors split.
+        ValueError: the rate is not above 0, or both `rig` and `part` are given.
 
     Examples:
         >>> from pathlib import Path
@@ -61,7 +61,7 @@ class ImageSettings:
         """Check rate and part."""
         if self.rate is not None and not 0.0 < self.rate < float("inf"):
             raise ValueError(
-                f"{self.rate:g} pictures per second (--fps): it must be a number above 0"
+                f"got {self.rate:g} pictures per second (--fps): it must be a number above 0"
             )
         if self.rig is not None and self.part != WHOLE:
             raise ValueError(
@@ -71,60 +71,60 @@ class ImageSettings:
 
     @property
     def shown(self) -> Sensor:
-        """The sensor as the part of the pictures shows it."""
+        """The sensor, with positions counted from the part that is read."""
         return self.sensor.of_part(self.part)
 
     def locate(self, positions: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "views n 2"]:
-        """Where markers are in the whole picture, in each view of it [px].
+        """Positions of markers in the whole picture, for each of its views [px].
 
         Args:
-            positions: of the markers.
+            positions: of the markers, in the recording's unit.
 
         Raises:
-            ValueError: positions in space, and no calibration of the views.
+            ValueError: the positions are in space, and the calibration of the views is missing.
         """
         if self.rig is not None:
             return self.rig.locate(positions)
         if positions.shape[1] == 3:
             raise ValueError(
-                "positions in space are drawn only with the views' calibration (--stereo)"
+                "markers in space cannot be drawn: give the calibration of the views (--stereo)"
             )
         return self.sensor.to_pixels(positions)[None]
 
     def content(self) -> dict[str, Any]:
-        """Reference and part of the pictures that is read, for a summary."""
+        """The reference and the part of the pictures that is read, for a summary."""
         part, unloaded = self.part, self.unloaded
-        given = {
+        content = {
             "unloaded": str(unloaded.path) if isinstance(unloaded, Still) else unloaded,
             "crop_px": None if part.crop is None else list(part.crop),
             "mask": None if part.mask is None else str(part.mask.path),
         }
-        return {name: value for name, value in given.items() if value is not None}
+        return {name: value for name, value in content.items() if value is not None}
 
     @property
     def scale(self) -> float:
-        """mm/px, or 1 where lengths stay in px."""
+        """Scale of the markers [mm/px], or 1 if lengths stay in px."""
         return self.sensor.scale
 
     @property
     def unit(self) -> str:
-        """Of lengths."""
+        """Unit of lengths: mm, or px without a scale."""
         return self.sensor.unit
 
 
 class Row(NamedTuple):
-    """What one picture has given.
+    """Measurements in one picture.
 
     Attributes:
-        position: of the markers, in the reader's own lengths; NaN where not seen.
-        contact: the contact region, None where the displacements are to tell.
+        position: of the markers, in the reader's own lengths; NaN where not visible.
+        contact: the contact region; None if displacements must determine it.
         time: time stamp [s].
-        number: the source's.
-        flaw: why the picture cannot be used, empty where it can.
-        imprint: rotation of what the object prints [rad], NaN where unknown.
-        imprint_error: its standard error [rad].
+        number: the source's frame number.
+        flaw: why the picture cannot be used; empty if it can.
+        imprint: rotation of the object's print [rad]; NaN where unknown.
+        imprint_error: standard error of that rotation [rad].
         print_point: as in `Frame`, in the reader's own lengths.
-        rotation: of the line features at each marker [rad], None where only positions are known.
+        rotation: of the line features at each marker [rad]; None if only positions are measured.
         hold: as in `Frame` [-].
     """
 
@@ -141,24 +141,30 @@ class Row(NamedTuple):
 
     @classmethod
     def of_none(cls, picture: Picture, shape: tuple[int, int], flaw: str) -> "Row":
-        """Of a picture that cannot be used."""
+        """The row of a picture that cannot be used.
+
+        Args:
+            picture: the picture.
+            shape: number of markers and of their coordinates.
+            flaw: why it cannot be used.
+        """
         none = np.zeros(shape[0], dtype=bool)
         return cls(np.full(shape, np.nan), none, picture.time, picture.number, flaw)
 
 
 class MarkerReader(ABC):
-    """Turns pictures of one kind of markers, one after the other, into marker positions.
+    """Turns pictures of one marker type into marker positions, one picture after the other.
 
-    It is made from the first usable picture and the settings, and raises a `ValueError` where that
-    shows no markers of its kind.
+    A reader is made from the first usable picture and the settings. It raises a `ValueError` if
+    that picture shows no markers of its type.
 
     Attributes:
         layout: the markers at rest.
-        scale: what its rows' positions are multiplied by to be in the recording's unit.
-        origin: what is added to them before, where a part of the pictures is read.
+        scale: factor from the rows' lengths to the recording's unit.
+        origin: position of the part that is read in the whole picture, added before scaling [px].
         unit: of the recording's lengths, mm or px.
-        chosen: why this kind of markers is read, where nobody has said so.
-        provisional: whether a better reference may still be found; `layout` is another one then.
+        chosen: note on the detected marker type; empty if the type was set.
+        provisional: whether a better reference may still be found, which then replaces `layout`.
     """
 
     layout: MarkerLayout
@@ -170,14 +176,14 @@ class MarkerReader(ABC):
 
     @abstractmethod
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
-        """Learn markers and reference from a picture."""
+        """Detect the markers in a picture and make the reference."""
 
     @abstractmethod
     def read(self, picture: Picture) -> Row:
-        """What the next picture gives."""
+        """Measure the markers in the next picture."""
 
     def frame(self, row: Row) -> Frame:
-        """A row of this reader's as `Tracker.update` takes it."""
+        """Convert a row of this reader to a `Frame`, as `Tracker.update` takes it."""
         position = row.position.copy()
         position[:, :2] += self.origin
         position *= self.scale
@@ -196,13 +202,16 @@ class MarkerReader(ABC):
         )
 
     def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Frames that were read before the reference was found, judged by it.
+        """Correct frames that were read before the reference was found.
 
         Args:
             frames: in order of time.
+
+        Returns:
+            The frames, measured from the present reference.
         """
         return list(frames)
 
     @abstractmethod
     def notes(self) -> tuple[str, ...]:
-        """What the report should say of markers and reference, in sentences."""
+        """Remarks on markers and reference for the report, in sentences."""

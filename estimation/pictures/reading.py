@@ -1,4 +1,4 @@
-"""Recordings from pictures of markers."""
+"""Recordings of markers from pictures."""
 
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
@@ -40,29 +40,29 @@ CONVENTION = (
 READERS: dict[str, type[MarkerReader]] = dict(
     zip(MARKER_KINDS, (CornerReader, DotReader, SpeckleReader), strict=True)
 )
-"""What reads each kind of markers."""
+"""The reader of each marker type."""
 
 
 class PictureState(NamedTuple):
-    """What has been learnt from pictures: of their markers, and of what is wrong with them."""
+    """State of a picture source: the reader of its markers, and the inspector of its frames."""
 
     reader: MarkerReader
     inspector: LiveInspector
 
 
 class PictureSource:
-    """The frames of a video, a folder of images or a camera, one after the other.
+    """The frames of a video, a folder of images, a bag or a camera, one after the other.
 
-    Without a scale all lengths are in px. A source that breaks off just ends.
+    Without a scale, all lengths are in px. A source that breaks off ends without an error.
 
     Attributes:
         path: of the pictures.
-        reader: of their markers; it holds what has been learnt from the pictures so far.
+        reader: of the markers; it holds the state of the tracking.
         name: short name.
-        source: where they come from.
-        convention: how the axes lie.
-        warnings: assumptions about the pictures and doubts about them, in sentences.
-        live: whether the pictures come as they are taken.
+        source: path of the pictures, as text.
+        convention: directions of the axes.
+        warnings: assumptions and doubts about the pictures, in sentences.
+        live: whether pictures arrive as they are taken.
 
     Examples:
         >>> from pathlib import Path
@@ -90,21 +90,21 @@ class PictureSource:
         after: tuple[float, int] = (0.0, 0),
         feed: Callable[[Iterator[Picture]], Iterator[Picture]] | None = None,
     ) -> None:
-        """Open it, and learn markers and reference from the first usable picture.
+        """Open a source, and detect markers and reference in the first usable picture.
 
         Args:
             path: as for `read_pictures`.
-            settings: what is known of the sensor.
-            name: short name; that of the path unless given.
-            state: of a source that has read the first pictures already.
-            skip: so many.
-            after: time stamp [s] and number of the first picture, of a camera that goes on.
-            feed: passes the pictures on while they come, from another thread perhaps; they are
-                live then.
+            settings: known properties of the pictures.
+            name: short name; taken from the path by default.
+            state: of an earlier source of the same pictures, to resume from.
+            skip: number of pictures that the earlier source has read.
+            after: time stamp [s] and number of the first picture, if a camera's recording resumes.
+            feed: passes pictures on as they arrive, for example from another thread; the source is
+                then live.
 
         Raises:
-            ValueError: no pictures, no markers in the first usable one, or a setting that does not
-                fit.
+            ValueError: there are no pictures, the first usable one shows no markers, or a setting
+                does not fit the pictures.
             OSError: the source cannot be opened.
         """
         settings = ImageSettings() if settings is None else settings
@@ -127,12 +127,12 @@ class PictureSource:
             reader = _reader_at(path, settings)
         self.reader = reader or self._find_reader(settings)
         if self._taken is None:
-            self._waiting = []  # they are read again
+            self._waiting = []  # these pictures are read again
         self._inspector = LiveInspector() if state is None else state.inspector
         self._count = count_pictures(path)
 
     def _find_reader(self, settings: ImageSettings) -> MarkerReader:
-        """The reader for what the first usable picture shows."""
+        """The reader for the markers in the first usable picture."""
         for picture in self._taken or _read(self.path, settings):
             self._waiting.append(picture)
             if picture.image is not None and not picture.flaw:
@@ -144,8 +144,8 @@ class PictureSource:
         return ValueError(f"{self.path} has no usable picture: {flaw}")
 
     def _reader_of(self, still: Still, settings: ImageSettings) -> MarkerReader:
-        """The reader whose reference is a picture of its own; it must be of this sensor."""
-        # pictures of a camera in which an unloaded picture's markers are looked for
+        """The reader whose reference is a separate unloaded picture of the same sensor."""
+        # number of a camera's pictures in which the unloaded picture's markers are searched
         live_tries = 25
         reader, flaws, size = None, [], (still.image.shape[1], still.image.shape[0])
         for picture in self._taken or _read(self.path, settings):
@@ -175,23 +175,23 @@ class PictureSource:
             raise self._unusable()
         raise ValueError(
             f"the markers of the unloaded picture {still.path} are not those of {self.path}: "
-            f"{flaws[0]} in its first usable frame, and none of {len(flaws)} was recognised; give "
-            "a picture of the same sensor with nothing on it (--unloaded)"
+            f"{flaws[0]} in its first usable frame, and none of its {len(flaws)} frames matches; "
+            "give a picture of the same sensor with nothing on it (--unloaded)"
         )
 
     @property
     def layout(self) -> MarkerLayout:
-        """The markers at rest, as known by now."""
+        """The markers at rest, by the present reference."""
         return self.reader.layout
 
     @property
     def provisional(self) -> bool:
-        """Whether a better reference may still be detected."""
+        """Whether a better reference may still be found."""
         return self.reader.provisional
 
     @property
     def unit(self) -> str:
-        """Of lengths, mm or px."""
+        """Unit of lengths, mm or px."""
         return self.reader.unit
 
     @property
@@ -204,23 +204,26 @@ class PictureSource:
 
     @property
     def state(self) -> PictureState:
-        """What has been learnt from the pictures so far."""
+        """The state after the last frame, from which another source can resume."""
         return PictureState(self.reader, self._inspector)
 
     def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Frames before the reference was detected, measured from it.
+        """Correct frames that were read before the reference was found.
 
         Args:
             frames: in order of time.
+
+        Returns:
+            The frames, measured from the present reference.
         """
         return self.reader.judge_again(frames)
 
     def find_copy(
         self, frame: Frame
     ) -> tuple[bytes, Float[np.ndarray, "views n 2"]] | tuple[None, None]:
-        """A small copy of a frame's picture, a JPEG, and where its markers are in it [px].
+        """A small JPEG copy of a frame's picture and its markers' positions in the copy [px].
 
-        Copies are kept of 256 frames at most, evenly spread over those that were read.
+        At most 256 copies are stored, evenly spread over the frames. Without a copy, both are None.
         """
         copy = self._album.find(frame.source_index)
         if copy is None:
@@ -228,33 +231,33 @@ class PictureSource:
         return copy.jpeg, copy.place(self.locate(frame.positions))
 
     def locate(self, positions: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "views n 2"]:
-        """Where markers are in the part of the pictures that is read, in each view [px].
+        """Positions of markers in the part of the pictures that is read, for each view [px].
 
         Args:
-            positions: of the markers.
+            positions: of the markers, in the recording's unit.
         """
         return self._settings.locate(positions) - self._settings.part.origin
 
     def keep_pictures(self) -> None:
-        """Keep every picture for `find_picture` until its frame has been answered."""
+        """Store every picture for `find_picture` until its frame has been answered."""
         self._shown = {}
 
     def find_picture(self, frame: Frame) -> Shown | None:
-        """The picture of a frame, as it is shown; None where it is not kept.
+        """The picture of a frame; None if it is not stored.
 
-        Those of earlier frames are let go.
+        Pictures of earlier frames are deleted.
         """
         shown = self._shown or {}
-        for number in [one for one in shown if one < frame.source_index]:
+        for number in [number for number in shown if number < frame.source_index]:
             del shown[number]
         return shown.get(frame.source_index)
 
     def __len__(self) -> int:
-        """How many pictures there are, as far as is known before they are read; 0 for a camera."""
+        """Number of pictures; 0 if it is unknown before they are read, as for a camera."""
         return self._count
 
     def __iter__(self) -> Iterator[Frame]:
-        """The frames in order; it can be done once, since the reader learns."""
+        """The frames in order. A source can be iterated only once, as its reader has a state."""
         if self._taken is not None:
             pictures = chain(self._waiting, self._taken)
         else:
@@ -270,16 +273,17 @@ class PictureSource:
 
 
 def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
-    """Read a video, a folder of images or a camera as a recording of markers.
+    """Read a video, a folder of images, a bag or a camera as a recording of markers.
 
-    What has been read when Ctrl-C ends a camera's recording is kept.
+    Ctrl-C ends a camera's recording; the frames read so far are returned.
 
     Args:
         path: as for `read_pictures`.
-        settings: what is known of the sensor.
+        settings: known properties of the pictures.
 
     Raises:
-        ValueError: no pictures, no markers in the first usable one, or a setting that does not fit.
+        ValueError: there are no pictures, the first usable one shows no markers, or a setting does
+            not fit the pictures.
         OSError: the source cannot be opened.
     """
     source, frames = PictureSource(path, settings), list[Frame]()
@@ -296,7 +300,7 @@ def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
 
 
 def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
-    """The pictures at a path, each view of them inspected where there are two."""
+    """The pictures at a path; with two views, each view is inspected."""
     for picture in read_pictures(path, settings.rate, settings.part):
         if settings.rig is not None and picture.image is not None and not picture.flaw:
             picture = picture._replace(flaw=find_view_flaw(settings.rig, picture.image))
@@ -304,59 +308,62 @@ def _read(path: Path, settings: ImageSettings) -> Iterator[Picture]:
 
 
 def _count_on(pictures: Iterator[Picture], time: float, number: int) -> Iterator[Picture]:
-    """Pictures that count from a time stamp [s] and a number."""
-    for one in pictures:
-        yield one._replace(time=one.time + time, number=one.number + number)
+    """Pictures whose times and numbers are shifted by a time stamp [s] and a number."""
+    for picture in pictures:
+        yield picture._replace(time=picture.time + time, number=picture.number + number)
 
 
 def make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
-    """The reader for the kind of markers that was given, or is found.
+    """Make the reader for the marker type that is set, or else detected.
 
     Args:
-        first: a picture that can be used.
-        settings: what is known of the sensor.
+        first: a usable picture.
+        settings: known properties of the pictures.
 
     Raises:
-        ValueError: the picture shows no such markers, or a setting does not fit.
+        ValueError: the picture shows no such markers, or a setting does not fit the picture.
     """
     assert first.image is not None
     settings.sensor.expect_size(*first.size)
     if settings.rig is not None:
         if settings.sensor.marker not in (None, "corners"):
-            raise ValueError(f"{settings.sensor.marker} are not read in two views: use corners")
+            raise ValueError(
+                f"with two views (--stereo) only corners are read, not {settings.sensor.marker}: "
+                "set --marker corners"
+            )
         return StereoReader(first, settings)
     sensor = settings.sensor
     kind = sensor.marker
     if kind is None and (sensor.radius is not None or sensor.dark is not None):
-        kind = "dots"  # whose radius or polarity was given
+        kind = "dots"  # only dots have a radius and a polarity
     if kind is None:
         return _find_reader(first, settings)
     return READERS[kind](first, settings)
 
 
 def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
-    """The reader for the first kind of markers that a picture shows."""
+    """The reader for the first marker type that is detected in a picture."""
     refusals = []
     for kind, reader in READERS.items():
         try:
-            found = reader(first, settings)
+            made = reader(first, settings)
         except ValueError as error:
             refusals.append(f"{kind}: {error}")
             continue
-        found.chosen = f"Marker type detected: {kind} (set --marker to choose)."
+        made.chosen = f"Marker type detected: {kind} (set --marker to choose)."
         if refusals:
-            found.chosen += f" Not detected: {'; '.join(refusals)}."
-        return found
+            made.chosen += f" Not detected: {'; '.join(refusals)}."
+        return made
     raise ValueError(
         "no markers were detected in the first usable frame. "
-        f"{'; '.join(refusals)}. Set the marker type if there are markers (--marker)"
+        f"{'; '.join(refusals)}. If there are markers, set their type (--marker)"
     )
 
 
 def _doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str, ...]:
-    """A warning where no marker is where the unloaded picture has it."""
-    # share of the markers, those that have moved least, that should rest, and how far they may be
-    # from the unloaded picture's [pitches] before it is doubted
+    """A warning if nearly all markers have moved from their place in the unloaded picture."""
+    # share of the markers that should rest (the least moved), and their distance from the unloaded
+    # picture's markers above which the picture is doubted [pitches]
     resting, doubtful = 0.1, 0.1
     rest = reader.layout.reference
     moved = np.linalg.norm(reader.frame(row).positions - rest, axis=1)
@@ -367,7 +374,7 @@ def _doubt_reference(reader: MarkerReader, row: Row, still: Still) -> tuple[str,
     return (
         f"{1.0 - resting:.0%} of the markers in the first frame lie {least:.3g} {reader.unit} or "
         f"more from their place in the unloaded picture {still.path}: is it of the same sensor, "
-        "and has the camera stayed in its place?",
+        "with the camera at the same place?",
     )
 
 
@@ -380,8 +387,7 @@ def _reader_at(path: Path, settings: ImageSettings) -> MarkerReader:
             if picture.flaw:
                 raise ValueError(f"the unloaded frame {picture.number}: {picture.flaw}")
             return make_reader(picture, settings)
-    known = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
+    frames = f"its frames are {numbers[0]} to {numbers[-1]}" if numbers else "it has no frames"
     raise ValueError(
-        f"{path} has no frame {settings.unloaded} to take as unloaded (--unloaded-frame): its "
-        f"frames are {known}"
+        f"{path} has no frame {settings.unloaded} to take as unloaded (--unloaded-frame): {frames}"
     )

@@ -1,6 +1,6 @@
-"""Where the object touches, from one view: how far dots have gone, or how light has changed.
+"""The contact region from one view: by the displacement of dots, or by the change of light.
 
-[Li2024] Section IV-B names both for sensors with one camera and discrete markers.
+[Li2024] Section IV-B names both methods for sensors with one camera and discrete markers.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting".
@@ -16,17 +16,17 @@ from estimation.fields.contact import reaches_edge
 from estimation.pictures.lattice import Reference
 
 SHARE = 0.35
-"""Share of the largest dispersion that bounds the region [-]."""
+"""Dispersion at the region's boundary, as a share of the largest [-]."""
 ONSET = 0.04
-"""Displacement from which there is contact [pitches]; 0.1 mm would be a tenth on most pads."""
+"""Displacement from which contact is detected [pitches]; 0.1 mm is a tenth on most pads."""
 LIGHT_ONSET = 6.0
-"""Change of grey level, of 255, from which there is contact."""
+"""Change of grey level (of 255) from which contact is detected."""
 MIDDLE = 9
-"""Markers that are a contact's middle; around it a jump of a pivot tears others out of sight."""
+"""Markers that form a contact's centre; a jump in a pivot may hide markers further out."""
 NOT_SETTLED = "a contact at the edge of the view has not settled"
-"""Why the angle of a contact that comes into view is not judged."""
+"""Flaw of a frame whose contact is still entering the view."""
 SETTLED, ALIKE = 8, 0.7
-"""Frames over which a contact must have kept this share of its markers to be all in view."""
+"""A contact is fully in view once it keeps this share of its markers over so many frames."""
 
 
 def region_of_dispersion(
@@ -36,16 +36,17 @@ def region_of_dispersion(
 ) -> Bool[np.ndarray, " m"]:
     """The contact region by the dispersion of the translation field.
 
-    A dot's dispersion is the root mean square displacement of it and its neighbours: gel that
-    rests has none, gel that is pressed aside, dragged or twisted has much. The region is the convex
-    hull of where it is large, so that the middle of a twist, which stays in place, belongs to it.
+    A dot's dispersion is the root mean square displacement of the dot and its neighbours. It is
+    zero at rest, and large where the gel is pressed aside, dragged or twisted. The region is the
+    convex hull of the dots with large dispersion, so that it includes the centre of a twist, which
+    stays in place.
 
     Args:
         reference: the dots at rest.
-        displacement: from there [px]; NaN where not seen. Of dots whose place at rest is in doubt
-            only what goes beyond the doubt counts.
-        whole: dots that the picture's side does not cut; those that it cuts jump, and do not count.
-            All by default.
+        displacement: from rest [px]; NaN where not visible. Where the position at rest is
+            uncertain, only the displacement beyond that uncertainty counts.
+        whole: dots that the picture's edge does not cut; cut dots jump and do not count. All by
+            default.
     """
     seen = np.isfinite(displacement[:, 0])
     counts = seen if whole is None else seen & whole
@@ -53,13 +54,13 @@ def region_of_dispersion(
     far = far if reference.doubt is None else np.maximum(far - reference.doubt, 0.0)
     squared = np.where(counts, far**2, 0.0)
     with_self = np.concatenate([np.arange(len(seen))[:, None], reference.neighbours], axis=1)
-    known = (with_self >= 0) & counts[with_self]
-    count = np.maximum(known.sum(axis=1), 1)
-    dispersion = np.sqrt(np.where(known, squared[with_self], 0.0).sum(axis=1) / count)
-    most = dispersion[counts].max(initial=0.0)
-    if most < ONSET * reference.pitch:
+    counted = (with_self >= 0) & counts[with_self]
+    count = np.maximum(counted.sum(axis=1), 1)
+    dispersion = np.sqrt(np.where(counted, squared[with_self], 0.0).sum(axis=1) / count)
+    largest = dispersion[counts].max(initial=0.0)
+    if largest < ONSET * reference.pitch:
         return np.zeros_like(seen)
-    return seen & _hull(reference.position, seen & (dispersion >= SHARE * most))
+    return seen & _hull(reference.position, seen & (dispersion >= SHARE * largest))
 
 
 def region_of_light(
@@ -74,7 +75,7 @@ def region_of_light(
         reference: the dots at rest.
         before: the unloaded picture.
         now: the picture of the frame.
-        position: dots of the frame [px]; NaN where not seen.
+        position: dots of the frame [px]; NaN where not visible.
     """
     change = np.abs(_smooth(now, reference.pitch) - _smooth(before, reference.pitch))
     change = change.max(axis=-1) if change.ndim == 3 else change
@@ -89,24 +90,25 @@ def region_of_light(
 def region_of_print(
     reference: Reference, level: Float[np.ndarray, " m"], printed: bool
 ) -> Bool[np.ndarray, " m"]:
-    """The contact region by what the object prints: its edges and texture.
+    """The contact region by the object's print: its edges and texture.
 
-    It tells a contact in a clip of which no unloaded frame is known, and that one has ended. A dot
-    counts by the median of it and its neighbours: a scratch or a speck in the gel is no print.
+    It detects the start and the end of a contact in clips without a known unloaded frame. Each dot
+    takes the median texture of itself and its neighbours, so that scratches and specks in the gel
+    do not count as a print.
 
     Args:
         reference: the dots at rest.
-        level: texture around each dot; NaN where not seen.
+        level: texture around each dot; NaN where not visible.
         printed: whether an object was printed in the last frame.
     """
-    # texture around a dot, over that of the pad where nothing touches it, from which an object is
-    # printed there, and from which it still is if it was in the last frame [-]. Empty pads were at
-    # 1.7 at most, objects that the eye sees at 2.9 and more
+    # texture around a dot over the texture of the untouched pad, from which a print begins, and
+    # down to which it lasts if there was one in the last frame [-]. Empty pads reached 1.7 at most;
+    # objects visible to the eye 2.9 and more
     begins, lasts = 2.2, 1.9
-    # share of the dots, those with the least texture, that nothing is taken to touch [-]
+    # share of the dots with the least texture, which count as untouched [-]
     bare_share = 0.05
-    least_print = 4.0  # grey levels, of 255 and over all colours, that a print must have at least
-    # dots that an object's print must show: as many as a contact at the edge of the view
+    least_print = 4.0  # least texture of a print [grey levels of 255, over all colours]
+    # least number of dots in a print: as many as in a contact at the edge of the view
     least_printed = 12
     seen = np.isfinite(level)
     if seen.sum() < least_printed:
@@ -128,14 +130,14 @@ def find_unseen_flaw(
     contact: Bool[np.ndarray, " m"],
     seen: Bool[np.ndarray, " m"],
 ) -> str:
-    """Why a contact region cannot be judged: its middle is not seen; empty if it is.
+    """Why a contact cannot be judged: its centre is not visible; empty if it is.
 
-    Motion blurs the middle of a contact, and a cover or a tear may lie over it.
+    Motion blur, a cover or a tear may hide the centre of a contact.
 
     Args:
         rest: the markers at rest [px].
-        contact: the contact region, of markers that are seen.
-        seen: which are.
+        contact: the visible markers in contact.
+        seen: which markers are visible.
     """
     region = np.flatnonzero(_hull(rest, contact))
     if not len(region):
@@ -153,63 +155,64 @@ def find_tear_flaw(
     rest: Float[np.ndarray, "m d"],
     now: Float[np.ndarray, "m d"],
 ) -> str:
-    """Why a pattern is no longer one piece, empty if it is.
+    """Why a pattern is no longer one piece; empty if it is.
 
-    Along a line of four markers the displacement of gel goes on from the second to the third as it
-    does before, after, or in between the two; where the gel is torn it jumps. One marker that is
-    not seen may lie in the tear. Either side is recognised by itself, so that only this tells that
-    what has moved is not what turns.
+    Along a line of four markers, the displacement of whole gel changes from the second to the third
+    as it does before them, after them, or as the mean of the two. A tear shows as a jump. One
+    marker in the tear may be hidden. Each side of a tear is recognised on its own, so that only
+    this check distinguishes a tear from a rotation.
 
     Args:
-        neighbours: of each marker, those before and after it along each of two lines; −1 for none.
+        neighbours: of each marker, the ones before and after it along each of two lines; −1 for
+            none.
         rest: positions at rest.
-        now: positions now; NaN where not seen.
+        now: current positions; NaN where not visible.
     """
-    # jump of the displacement between neighbours beyond which the pattern is torn [pitches], and
-    # the fewest such places; around slipping contacts 0.42 was found, at μp₀/2G* = 0.5 and 20°
+    # jump of the displacement between neighbours from which the pattern is torn [pitches], and
+    # the fewest such places; around slipping contacts it reached 0.42, at μp₀/2G* = 0.5 and 20°
     torn_off, torn_most = 0.5, 4
     moved = np.append(now - rest, np.full((1, rest.shape[1]), np.nan), axis=0)
     place = np.append(rest, np.full((1, rest.shape[1]), np.nan), axis=0)
-    beside = np.append(neighbours, np.full((1, 4), -1), axis=0)
-    pitch = float(np.nanmedian(np.linalg.norm(place[beside[:, 0]] - place, axis=1)))
+    linked = np.append(neighbours, np.full((1, 4), -1), axis=0)
+    pitch = float(np.nanmedian(np.linalg.norm(place[linked[:, 0]] - place, axis=1)))
     jumps = []
     for before, after in ((0, 1), (2, 3)):
         second = np.arange(len(rest))
-        third = beside[second, after]
+        third = linked[second, after]
         for far in (1, 2):
-            if far == 2:  # the one between is not seen
-                third = np.where(np.isnan(moved[third, 0]), beside[third, after], -1)
-            earlier = moved[second] - moved[beside[second, before]]
-            later = moved[beside[third, after]] - moved[third]
+            if far == 2:  # the marker between them is hidden
+                third = np.where(np.isnan(moved[third, 0]), linked[third, after], -1)
+            earlier = moved[second] - moved[linked[second, before]]
+            later = moved[linked[third, after]] - moved[third]
             step = moved[third] - moved[second]
-            goings = earlier, later, 0.5 * (earlier + later)
-            beyond = [np.linalg.norm(step - far * going, axis=1) for going in goings]
+            expected = earlier, later, 0.5 * (earlier + later)
+            beyond = [np.linalg.norm(step - far * change, axis=1) for change in expected]
             jumps.append(np.min(beyond, axis=0))
     torn = np.concatenate(jumps) / pitch
     torn = torn[torn > torn_off]
     if len(torn) < torn_most:
         return ""
     return (
-        f"the pattern is torn: in {len(torn)} places neighbouring markers have moved apart, by "
-        f"{np.median(torn):.1f} of the distance between them"
+        f"the pattern is torn: neighbouring markers have moved apart in {len(torn)} places, by "
+        f"{np.median(torn):.1f} of their distance at rest"
     )
 
 
 class Arrival:
-    """Tells a contact that comes into view over its edge from one that is all there.
+    """Detects contacts that are still entering the view across its edge.
 
-    Of an object that is pushed in from the side ever new parts come into view: neither what its
-    markers did before is known, nor is what is seen of it the same from frame to frame.
+    New parts of an object that is pushed in from the side keep coming into view: the earlier motion
+    of their markers is unknown, and the visible part changes from frame to frame.
     """
 
     def __init__(self, reference: Reference) -> None:
-        """Start at the first frame of a clip: a contact that is there then has arrived."""
+        """Start at the first frame of a clip; a contact in that frame counts as arrived."""
         self.reference = reference
         self._arriving = False
         self._before: deque[np.ndarray] | None = None
 
     def find_flaw(self, contact: Bool[np.ndarray, " m"]) -> str:
-        """Why the contact in the next frame cannot be judged yet, empty if it can."""
+        """Why the contact in the next frame cannot be judged yet; empty if it can."""
         if not contact.any():
             self._arriving, self._before = False, deque(maxlen=SETTLED)
             return ""
@@ -219,8 +222,8 @@ class Arrival:
             self._arriving |= reaches_edge(self.reference.neighbours, contact)
         self._before.append(contact)
         if len(self._before) == SETTLED:
-            kept = min((c & contact).sum() / (c | contact).sum() for c in self._before)
-            self._arriving &= bool(kept < ALIKE)
+            overlap = min((c & contact).sum() / (c | contact).sum() for c in self._before)
+            self._arriving &= bool(overlap < ALIKE)
         return NOT_SETTLED if self._arriving else ""
 
 
@@ -229,14 +232,14 @@ def _smooth(image: Shaped[np.ndarray, "h w *colour"], pitch: float) -> np.ndarra
     return cv2.GaussianBlur(image.astype(np.float32) * np.float32(scale), (0, 0), 0.5 * pitch)
 
 
-def _hull(points: Float[np.ndarray, "m 2"], some: Bool[np.ndarray, " m"]) -> np.ndarray:
-    """The points in the convex hull of some of them."""
-    if some.sum() < 3:
-        return some
-    corner = cv2.convexHull(points[some].astype(np.float32))[:, 0].astype(float)
+def _hull(points: Float[np.ndarray, "m 2"], chosen: Bool[np.ndarray, " m"]) -> np.ndarray:
+    """The points in the convex hull of the chosen ones."""
+    if chosen.sum() < 3:
+        return chosen
+    corner = cv2.convexHull(points[chosen].astype(np.float32))[:, 0].astype(float)
     side = np.roll(corner, -1, axis=0) - corner
     across = np.stack([-side[:, 1], side[:, 0]], axis=1)
     if abs(np.sum(across * corner)) < 1.0:  # twice the area [px²]: all on one line
-        return some
+        return chosen
     beyond = points @ across.T - np.sum(across * corner, axis=1)
-    return some | (beyond >= 0.0).all(axis=1) | (beyond <= 0.0).all(axis=1)
+    return chosen | (beyond >= 0.0).all(axis=1) | (beyond <= 0.0).all(axis=1)

@@ -1,7 +1,7 @@
-"""Virtual images of dots and of speckle, with exact truth.
+"""Virtual images of dots and speckle with known positions.
 
 Every dot is an ellipse with a sharp rim, drawn on a grid `OVERSAMPLING` times finer than the
-picture, blurred there and averaged over the pixels: no model of the fit is used to make it.
+picture, blurred there and averaged over the pixels. The images do not use the model of the fit.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ OVERSAMPLING = 4
 
 
 class Camera(NamedTuple):
-    """What turns markers into a picture.
+    """The virtual camera.
 
     Attributes:
         width: of the picture [px].
@@ -26,7 +26,7 @@ class Camera(NamedTuple):
         blur: standard deviation of the point spread [px].
         background: grey level between the dots, in the middle of the picture.
         contrast: grey level of the background minus that of a dot; below 0 for bright dots.
-        shading: share of the light that is missing in the corners [-].
+        shading: loss of light in the corners, as a share of the light in the middle [-].
         noise: standard deviation of each pixel [grey levels].
     """
 
@@ -42,17 +42,17 @@ class Camera(NamedTuple):
 
     @property
     def margin(self) -> int:
-        """Width of the rim around the picture that the blur reaches into [px]."""
+        """Width of the border around the picture that the blur needs [px]."""
         return 2 * int(np.ceil(4.0 * self.blur))
 
     @property
     def fine_shape(self) -> tuple[int, int]:
-        """Height and width of the fine grid that markers are drawn on, its rim included."""
+        """Height and width of the fine grid on which markers are drawn, including its border."""
         height, width = self.height + 2 * self.margin, self.width + 2 * self.margin
         return OVERSAMPLING * height, OVERSAMPLING * width
 
     def project(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Where points of the contact plane [mm] lie in the picture [px], x right and y down."""
+        """Picture positions [px], x right and y down, of points in the contact plane [mm]."""
         ideal = points / self.mm_per_px
         corner = 0.5 * np.hypot(self.width, self.height)
         stretch = 1.0 + self.distortion * np.sum((ideal / corner) ** 2, axis=1, keepdims=True)
@@ -65,16 +65,16 @@ def project_discs(
     reference: Float[np.ndarray, "n 2"],
     radius: float,
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
-    """Centres and shapes in the picture of discs that deform with the surface they are on.
+    """Project discs that deform with the surface.
 
     Args:
         camera: the camera.
-        move: takes points of the unloaded surface to where they are now [mm].
+        move: maps points of the unloaded surface to their current positions [mm].
         reference: unloaded centres [mm].
         radius: of the discs [mm].
 
     Returns:
-        Centres [px], and the matrices that take the unit circle to each dot's rim [px].
+        Centres [px], and matrices that map the unit circle to each disc's rim [px].
     """
     step = np.array([radius, 0.0])
     sides = [camera.project(move(reference + s * step[::o])) for o in (1, -1) for s in (1, -1)]
@@ -85,13 +85,13 @@ def project_discs(
 def scatter_speckle(
     size: tuple[float, float], radius: float, share: float, rng: np.random.Generator
 ) -> Float[np.ndarray, "n 2"]:
-    """Centres of small discs that, printed at random, make a speckle pattern.
+    """Random centres [mm] of the small discs of a speckle pattern.
 
     Args:
         size: width and height of the pattern, its middle at the origin [mm].
         radius: of the discs [mm].
-        share: of the pattern that they cover [-].
-        rng: of where they lie.
+        share: of the pattern that the discs cover [-].
+        rng: random generator for the positions.
     """
     count = round(-np.log1p(-share) * size[0] * size[1] / (np.pi * radius**2))
     return (rng.random((count, 2)) - 0.5) * np.array(size)
@@ -103,13 +103,13 @@ def render_dots(
     axes: Float[np.ndarray, "n 2 2"],
     rng: np.random.Generator,
 ) -> UInt8[np.ndarray, "height width"]:
-    """A picture of dots.
+    """Render a picture of dots.
 
     Args:
         camera: the camera.
         centres: of the dots [px].
-        axes: matrices that take the unit circle to each dot's rim [px].
-        rng: of the noise.
+        axes: matrices that map the unit circle to each dot's rim [px].
+        rng: random generator for the noise.
     """
     return expose(camera, _print_dots(camera, centres, axes), rng)
 
@@ -117,12 +117,12 @@ def render_dots(
 def cover_with_dots(
     camera: Camera, centres: Float[np.ndarray, "n 2"], axes: Float[np.ndarray, "n 2 2"]
 ) -> Float32[np.ndarray, "height width"]:
-    """Share of each pixel that dots cover, as blurred by the camera.
+    """Share of each pixel that dots cover, blurred by the camera.
 
     Args:
         camera: the camera.
         centres: of the dots [px].
-        axes: matrices that take the unit circle to each dot's rim [px].
+        axes: matrices that map the unit circle to each dot's rim [px].
     """
     return _blur(camera, _print_dots(camera, centres, axes))
 
@@ -130,12 +130,12 @@ def cover_with_dots(
 def expose(
     camera: Camera, cover: Float32[np.ndarray, "fine_height fine_width"], rng: np.random.Generator
 ) -> UInt8[np.ndarray, "height width"]:
-    """Blur, light, noise and rounding, from what is printed.
+    """Expose a picture of the print, with blur, light, noise and rounding.
 
     Args:
         camera: the camera.
         cover: share of print, on the grid of `Camera.fine_shape`.
-        rng: of the noise.
+        rng: random generator for the noise.
     """
     cover = _blur(camera, cover)
     y, x = np.mgrid[: camera.height, : camera.width]
@@ -148,12 +148,12 @@ def expose(
 def digitise(
     camera: Camera, level: Float[np.ndarray, "*shape"], rng: np.random.Generator
 ) -> UInt8[np.ndarray, "*shape"]:
-    """Grey levels with the camera's noise, rounded to 8 bit.
+    """Add the camera's noise and round to 8 bit.
 
     Args:
         camera: the camera.
-        level: of each pixel, and of each colour where there are several [grey levels].
-        rng: of the noise.
+        level: of each pixel and colour [grey levels].
+        rng: random generator for the noise.
     """
     noisy = level + rng.normal(0.0, camera.noise, level.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
@@ -169,7 +169,7 @@ def _print_dots(camera: Camera, centres: np.ndarray, axes: np.ndarray) -> np.nda
 
 
 def _blur(camera: Camera, cover: np.ndarray) -> np.ndarray:
-    """The cover of the pixels, from that of the fine grid."""
+    """Average the cover of the fine grid over the pixels, after the blur."""
     n, margin = OVERSAMPLING, camera.margin
     if camera.blur > 0.0:
         cover = cv2.GaussianBlur(cover, (0, 0), n * camera.blur)
@@ -179,7 +179,7 @@ def _blur(camera: Camera, cover: np.ndarray) -> np.ndarray:
 
 
 def _draw(cover: np.ndarray, centre: np.ndarray, axis: np.ndarray) -> None:
-    """Add the ellipse to the cover, each cell by the share of it that lies inside."""
+    """Add an ellipse to the cover: to each cell its share inside the ellipse."""
     reach = np.linalg.norm(axis, axis=1) + 2.0
     low = np.maximum(np.floor(centre - reach).astype(int), 0)
     high = np.minimum(np.ceil(centre + reach).astype(int) + 1, cover.shape[::-1])

@@ -1,7 +1,7 @@
-"""Two virtual cameras that mirrors make of one: split, triangulate, and their calibration's file.
+"""The two views that mirrors give one camera: splitting, triangulation and the calibration file.
 
-[Li2024] Section IV-A: the picture of one camera is split into a left and a right view, the left an
-orthographic one, seen from straight behind the gel. The left view's axes are the sensor's: x to the
+[Li2024] Section IV-A splits the picture of one camera into a left and a right view. The left view
+is orthographic and looks at the gel from straight behind. Its axes are the sensor's: x to the
 right, y down, z away from the camera, out of the elastomer.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
@@ -27,7 +27,7 @@ RENAMED = {"width": "width_px", "height": "height_px"} | {
     for view in ("left", "right")
     for key, name in (("centre", "px"), ("rotation", "rad"), ("translation", "mm"))
 }
-"""Keys of version 0.1.0, and what they are called now."""
+"""Keys of version 0.1.0 and their present names."""
 VIEWS = ("left", "right")
 
 
@@ -36,16 +36,16 @@ class View:
     """A virtual camera.
 
     Attributes:
-        orthographic: whether it sees along parallel rays.
+        orthographic: whether its rays are parallel.
         focal: focal length [px], or the scale of an orthographic view [px/mm].
         centre: of the image [px].
-        distortion: radial: an image point at q from the centre, in units of the focal length,
-            lies at q (1 + distortion q²) [-, 1/mm² where orthographic].
+        distortion: radial distortion: an image point at q from the centre, in units of the focal
+            length, lies at q (1 + distortion q²) [-; 1/mm² if orthographic].
         rotation: from the sensor's axes to the camera's, as an axis times an angle [rad].
-        translation: the sensor's origin seen from the camera [mm].
+        translation: the sensor's origin in the camera's axes [mm].
 
     Raises:
-        ValueError: a focal length that is not above 0, or vectors of another length.
+        ValueError: the focal length is not above 0, or a vector has the wrong length.
     """
 
     orthographic: bool
@@ -59,7 +59,10 @@ class View:
         """Check the values."""
         check_limits(self)
         if (len(self.centre), len(self.rotation), len(self.translation)) != (2, 3, 3):
-            raise ValueError("a view has a centre of 2, a rotation and a translation of 3 numbers")
+            raise ValueError(
+                "a view's centre must have 2 numbers, its rotation and its translation 3 each; got "
+                f"{len(self.centre)}, {len(self.rotation)} and {len(self.translation)}"
+            )
 
     @property
     def matrix(self) -> Float[np.ndarray, "3 3"]:
@@ -67,7 +70,7 @@ class View:
         return Rotation.from_rotvec(self.rotation).as_matrix()
 
     def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
-        """Where points [mm] are in the view [px]."""
+        """Positions of points [mm] in the view [px]."""
         seen = points @ self.matrix.T + np.array(self.translation)
         ray = seen[:, :2] if self.orthographic else seen[:, :2] / seen[:, 2:]
         stretch = 1.0 + self.distortion * np.sum(ray**2, axis=1, keepdims=True)
@@ -80,14 +83,14 @@ class Rig:
 
     Attributes:
         left: the view whose axes are the sensor's.
-        right: the other.
-        width: of each view, half of the camera's [px].
+        right: the other view.
+        width: of each view, half of the picture's [px].
         height: of the pictures [px].
         error: root mean square reprojection error of the calibration per coordinate [px].
-        mirrored: which of `VIEWS` an odd number of mirrors shows the wrong way round.
+        mirrored: the `VIEWS` that an odd number of mirrors reverses.
 
     Raises:
-        ValueError: `mirrored` names something else.
+        ValueError: `mirrored` names an unknown view.
     """
 
     left: View
@@ -98,16 +101,16 @@ class Rig:
     mirrored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what is mirrored."""
+        """Check the names of the mirrored views."""
         check_mirrored(self.mirrored)
 
     def split(
         self, picture: Shaped[np.ndarray, "h w *colour"]
     ) -> tuple[Shaped[np.ndarray, "h half *colour"], Shaped[np.ndarray, "h half *colour"]]:
-        """The left and the right view of a picture, the right way round.
+        """Split a picture into its left and right view, and flip mirrored views back.
 
         Raises:
-            ValueError: the picture is not of the calibration's size.
+            ValueError: the picture's size differs from the calibration's.
         """
         height, width = picture.shape[:2]
         if (width, height) != (2 * self.width, self.height):
@@ -118,7 +121,7 @@ class Rig:
         return split_views(picture, self.mirrored)
 
     def locate(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 n 2"]:
-        """Where points [mm] are in the whole picture, in the left and in the right view [px]."""
+        """Positions of points [mm] in the whole picture [px], in the left and the right view."""
         seen = np.stack([self.left.project(points), self.right.project(points)])
         for i, name in enumerate(VIEWS):
             if name in self.mirrored:
@@ -128,10 +131,10 @@ class Rig:
 
 
 def check_mirrored(names: Collection[str]) -> None:
-    """Check that names are of views.
+    """Check the names of mirrored views.
 
     Raises:
-        ValueError: one is not.
+        ValueError: a name is not one of `VIEWS`.
     """
     for name in names:
         if name not in VIEWS:
@@ -141,11 +144,11 @@ def check_mirrored(names: Collection[str]) -> None:
 def split_views(
     picture: Shaped[np.ndarray, "h w *colour"], mirrored: Collection[str] = ()
 ) -> tuple[Shaped[np.ndarray, "h half *colour"], Shaped[np.ndarray, "h half *colour"]]:
-    """The two halves of a picture, those that are mirrored turned round."""
+    """The left and right half of a picture, with mirrored halves flipped back."""
     half = picture.shape[1] // 2
     left, right = (
-        one[:, ::-1] if name in mirrored else one
-        for name, one in zip(VIEWS, (picture[:, :half], picture[:, half : 2 * half]), strict=True)
+        view[:, ::-1] if name in mirrored else view
+        for name, view in zip(VIEWS, (picture[:, :half], picture[:, half : 2 * half]), strict=True)
     )
     return left, right
 
@@ -154,9 +157,9 @@ class Triangulated(NamedTuple):
     """Points in space.
 
     Attributes:
-        points: of them [mm]; NaN where one of the views has none.
-        misfit: root mean square distance per coordinate between what is seen and where the point
-            would be seen [px]. Two views leave one of four coordinates to check.
+        points: their positions [mm]; NaN where a view lacks the point.
+        misfit: root mean square reprojection error per coordinate [px]. Of the four coordinates of
+            two views, one is redundant and so checks the fit.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -166,23 +169,23 @@ class Triangulated(NamedTuple):
 def triangulate(
     rig: Rig, left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"]
 ) -> Triangulated:
-    """The points that are seen nearest to where both views have them, by Gauss–Newton.
+    """Find the points with the least reprojection error in both views, by Gauss–Newton.
 
     Args:
         rig: both views.
-        left: points in the left view [px]; NaN where not seen.
-        right: in the right view.
+        left: points in the left view [px]; NaN where not visible.
+        right: the same points in the right view.
     """
     steps = 6
     points = np.full((len(left), 3), np.nan)
     misfit = np.full(len(left), np.nan)
-    both = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
-    seen = np.concatenate([left[both], right[both]], axis=1)
+    matched = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
+    seen = np.concatenate([left[matched], right[matched]], axis=1)
 
     def project(at: np.ndarray) -> np.ndarray:
         return np.concatenate([rig.left.project(at), rig.right.project(at)], axis=1)
 
-    at, step = _start(rig, left[both]), 1e-4
+    at, step = _start(rig, left[matched]), 1e-4
     for _ in range(steps):
         slopes = [(project(at + step * e) - project(at - step * e)) / (2 * step) for e in np.eye(3)]
         jacobian = np.stack(slopes, axis=-1)
@@ -193,13 +196,13 @@ def triangulate(
         located[located] = np.linalg.det(normal[located]) != 0.0
         move[located] = np.linalg.solve(normal[located], right_side[located])
         at = at + move[..., 0]
-    points[both] = at
-    misfit[both] = np.sqrt(np.mean((seen - project(at)) ** 2, axis=1))
+    points[matched] = at
+    misfit[matched] = np.sqrt(np.mean((seen - project(at)) ** 2, axis=1))
     return Triangulated(points, misfit)
 
 
 def _start(rig: Rig, left: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-    """Points on the left view's rays, where the middle of the right view sees the middle one."""
+    """Starting points on the left view's rays, at the depth where both views' axes meet."""
     ray = (left - np.array(rig.left.centre)) / rig.left.focal
     aim = rig.right.matrix
     eye = -aim.T @ np.array(rig.right.translation)
@@ -215,10 +218,10 @@ def _start(rig: Rig, left: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]
 
 
 def write_rig(rig: Rig, path: Path) -> None:
-    """Write a calibration, whole or not at all.
+    """Write a calibration; a failed write leaves no partial file.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     write_whole(path, toml_text(rig, FORMAT_VERSION))
 
@@ -228,7 +231,7 @@ def read_rig(path: Path) -> Rig:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not such a file.
+        ValueError: the file is not a stereo calibration.
     """
     content = read_toml(path, FORMAT_VERSION, RENAMED)
     with naming(path, "no stereo calibration"):

@@ -1,15 +1,15 @@
-"""The sensor description: what is known of a sensor before it touches anything.
+"""The sensor description: properties of a sensor that are known before a recording.
 
-It is a TOML file, written by `python -m calibration sensor` or by hand; every table and key but
-`format_version` may be left out:
+It is a TOML file, written by `python -m calibration sensor` or by hand. Every table and key except
+`format_version` is optional:
 
     format_version = 1
 
     [camera]
-    width_px = 640               # of the pictures it holds for
+    width_px = 640               # of the pictures
     height_px = 480
     mm_per_px = 0.04             # scale where the markers are
-    matrix = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]   # of the lens, as OpenCV has it [px]
+    matrix = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]   # of the lens, in OpenCV's convention [px]
     distortion = [k1, k2, p1, p2, k3]
 
     [markers]
@@ -22,7 +22,7 @@ It is a TOML file, written by `python -m calibration sensor` or by hand; every t
     in_plane_mm = 0.001          # standard deviations; or in_plane_px and normal_px
     normal_mm = 0.0035
     correlation = [0.5, 0.2]     # of a marker's errors, one and two frames apart
-    frames = 300                 # that it was found from
+    frames = 300                 # from which the noise was estimated
 
     [pad]                        # see `contactmodel.elasticity.pad`
     shear_modulus_mpa = 0.2
@@ -61,14 +61,14 @@ CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens, as OpenCV models it.
+    """A lens in OpenCV's camera model.
 
     Attributes:
         matrix: of the camera [px].
         distortion: coefficients in OpenCV's order.
 
     Raises:
-        ValueError: no matrix of a camera, or a number of coefficients that OpenCV does not have.
+        ValueError: the matrix is not a camera's, or OpenCV has no model with so many coefficients.
 
     Examples:
         >>> import numpy as np
@@ -87,24 +87,26 @@ class Lens:
         """Check the shapes."""
         if self.matrix.shape != (3, 3) or not (np.diag(self.matrix) > 0).all():
             raise ValueError(
-                "the camera matrix must have three rows of three numbers and focal lengths above 0"
+                "the camera matrix must have 3 rows of 3 numbers, and focal lengths above 0 on its "
+                "diagonal"
             )
         if self.distortion.shape not in [(n,) for n in (4, 5, 8, 12, 14)]:
             raise ValueError(
-                f"{self.distortion.size} distortion coefficients; OpenCV has 4, 5, 8, 12 or 14"
+                f"got {self.distortion.size} distortion coefficients; OpenCV takes 4, 5, 8, 12 or "
+                "14"
             )
 
     def straighten(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Where points of the picture would lie without distortion [px]; NaN stays NaN.
+        """Positions of a picture's points without distortion [px]; NaN stays NaN.
 
         Raises:
-            ValueError: far from anywhere.
+            ValueError: the lens model maps a point to infinity.
         """
         straight = np.full(points.shape, np.nan)
-        known = np.isfinite(points).all(axis=1)
-        if known.any():
-            straight[known] = cv2.undistortPoints(
-                points[known, None],
+        finite = np.isfinite(points).all(axis=1)
+        if finite.any():
+            straight[finite] = cv2.undistortPoints(
+                points[finite, None],
                 self.matrix,
                 self.distortion,
                 None,
@@ -112,7 +114,7 @@ class Lens:
                 self.matrix,
                 CONVERGED,
             )[:, 0]
-            if not (np.abs(straight[known]) < LARGEST).all():
+            if not (np.abs(straight[finite]) < LARGEST).all():
                 raise ValueError(
                     "the lens model maps points of the picture to infinity: calibrate it again"
                 )
@@ -121,35 +123,37 @@ class Lens:
     def bend(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """The inverse of `straighten` [px]; NaN stays NaN."""
         bent = np.full(points.shape, np.nan)
-        known = np.isfinite(points).all(axis=1)
-        if known.any():
-            homogeneous = np.column_stack([points[known], np.ones(known.sum())])
+        finite = np.isfinite(points).all(axis=1)
+        if finite.any():
+            homogeneous = np.column_stack([points[finite], np.ones(finite.sum())])
             rays = homogeneous @ np.linalg.inv(self.matrix).T
             none = np.zeros(3)
-            bent[known] = cv2.projectPoints(rays, none, none, self.matrix, self.distortion)[0][:, 0]
+            bent[finite] = cv2.projectPoints(rays, none, none, self.matrix, self.distortion)[0][
+                :, 0
+            ]
         return bent
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor. Values that are None are unknown, and detected from the recording where possible.
+    """A sensor. Unknown values are None, and are detected from the recording where possible.
 
-    Lengths are mm where the scale is known, else px.
+    Lengths are in mm if the scale is known, else in px.
 
     Attributes:
-        mm_per_px: scale where the markers are [mm/px].
+        mm_per_px: scale at the markers [mm/px].
         lens: of the camera; without it the picture counts as undistorted.
-        size: width and height of the pictures that the scale and the lens hold for [px].
-        marker: kind of markers, one of `MARKER_KINDS`; None to detect it.
+        size: width and height of the pictures to which scale and lens apply [px].
+        marker: marker type, one of `MARKER_KINDS`; None to detect it.
         radius: of the dots [px].
-        dark: whether they are darker than their surroundings.
+        dark: whether the dots are darker than their surroundings.
         reference: unloaded positions of the markers.
         noise: of the marker positions.
         pad: the elastomer with the markers.
 
     Raises:
-        ValueError: a length that is not above 0, an unknown kind of markers, or a reference that is
-            none.
+        ValueError: a length is not above 0, the marker type is unknown, or the reference does not
+            hold two or three finite numbers for each marker.
 
     Examples:
         >>> import numpy as np
@@ -182,24 +186,27 @@ class Sensor:
             or self.reference.shape[1] not in (2, 3)
             or not np.isfinite(self.reference).all()
         ):
-            raise ValueError("the reference must have two or three finite numbers for each marker")
+            raise ValueError(
+                "the reference must have two or three finite numbers for each marker; its shape is "
+                f"{self.reference.shape}"
+            )
 
     @property
     def unit(self) -> str:
-        """Of lengths: mm, or px without a scale."""
+        """Unit of lengths: mm, or px without a scale."""
         return "px" if self.mm_per_px is None else "mm"
 
     @property
     def scale(self) -> float:
-        """Lengths per px of the picture without distortion."""
+        """Scale of the undistorted picture [mm/px], or 1 if lengths are in px."""
         return 1.0 if self.mm_per_px is None else self.mm_per_px
 
     def straighten(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Where points of the picture would lie without the lens's distortion [px]."""
+        """Positions of a picture's points without the lens's distortion [px]."""
         return points if self.lens is None else self.lens.straighten(points)
 
     def of_part(self, part: Part) -> "Sensor":
-        """The sensor as a part of its pictures shows it, positions counted from the part's."""
+        """The sensor for a part of its pictures, with positions counted from the part's origin."""
         shift, lens = part.origin, self.lens
         if lens is not None:
             matrix = lens.matrix.copy()
@@ -212,19 +219,19 @@ class Sensor:
         return replace(self, lens=lens, reference=reference)
 
     def to_lengths(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Points of the picture [px] as lengths."""
+        """Convert points of the picture [px] to lengths."""
         return self.scale * self.straighten(points)
 
     def to_pixels(self, lengths: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Where in the picture lengths are [px], the inverse of `to_lengths`."""
+        """Convert lengths to points of the picture [px]; the inverse of `to_lengths`."""
         straight = lengths / self.scale
         return straight if self.lens is None else self.lens.bend(straight)
 
     def expect_size(self, width: int, height: int) -> None:
-        """Check that a picture is of the size that the description is for.
+        """Check that a picture has the size to which the description applies.
 
         Raises:
-            ValueError: it is not.
+            ValueError: the sizes differ.
         """
         if self.size not in (None, (width, height)):
             assert self.size is not None
@@ -246,7 +253,9 @@ class _Camera:
         for pair in (("width", "height"), ("matrix", "distortion")):
             if (getattr(self, pair[0]) is None) != (getattr(self, pair[1]) is None):
                 unit = "_px" if "width" in pair else ""
-                raise ValueError(f"{unit} and ".join(pair) + f"{unit} come together")
+                raise ValueError(
+                    f"{unit} and ".join(pair) + f"{unit} belong together: give both or neither"
+                )
 
 
 @dataclass(frozen=True)
@@ -268,9 +277,9 @@ class _Noise:
     frames: int = 0
 
     def __post_init__(self) -> None:
-        given = [one for one in fields(self)[:4] if getattr(self, one.name) is not None]
-        if not given or "in_plane" not in given[0].name or len({g.name[-2:] for g in given}) != 1:
-            raise ValueError("give in_plane_mm, and normal_mm where it is known; or both in px")
+        names = [key.name for key in fields(self)[:4] if getattr(self, key.name) is not None]
+        if not names or "in_plane" not in names[0] or len({name[-2:] for name in names}) != 1:
+            raise ValueError("give in_plane_mm, and normal_mm if it is known; or both in px")
 
 
 @dataclass(frozen=True)
@@ -282,10 +291,10 @@ class _File:
 
 
 def write_sensor(sensor: Sensor, path: Path) -> None:
-    """Write a description, whole or not at all.
+    """Write a description; a failed write leaves no partial file.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
 
     Examples:
         >>> from pathlib import Path
@@ -313,7 +322,7 @@ def read_sensor(path: Path) -> Sensor:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is not such a file.
+        ValueError: the file is not a sensor description.
 
     Examples:
         >>> from pathlib import Path
@@ -343,7 +352,7 @@ def _to_sensor(file: _File) -> Sensor:
     scale = 1.0 if camera.mm_per_px is None else camera.mm_per_px
     if markers.reference_px is not None:
         if reference is not None:
-            raise ValueError("markers: give one of reference_mm and reference_px")
+            raise ValueError("markers: give either reference_mm or reference_px, not both")
         reference = scale * markers.reference_px
     elif reference is not None and camera.mm_per_px is None:
         raise ValueError("markers: reference_mm needs the scale: give mm_per_px in [camera]")
@@ -361,7 +370,7 @@ def _to_sensor(file: _File) -> Sensor:
 
 
 def _to_noise(table: _Noise, mm_per_px: float | None) -> Noise:
-    """The noise in mm where the file has the scale or gives mm, else in px."""
+    """The noise: in mm if the file has the scale or gives mm, else in px."""
     in_plane, normal, factor, unknown = table.in_plane_mm, table.normal_mm, 1.0, float("nan")
     if in_plane is None:
         in_plane, normal, factor = table.in_plane_px, table.normal_px, mm_per_px or 1.0

@@ -1,4 +1,4 @@
-"""Recordings in three dimensions from pictures that mirrors split into two views."""
+"""Recordings in three dimensions, from pictures that mirrors split into two views."""
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -14,28 +14,28 @@ from estimation.pictures.rig import Rig, triangulate
 from estimation.pictures.stream import Picture, find_exposure_flaw
 
 TOO_MANY = 0.3
-"""Share of the markers left out so from which the whole frame is."""
+"""Share of misfitting markers from which the whole frame is rejected."""
 
 
 class StereoReader(MarkerReader):
-    """Turns split pictures of a checkerboard, one after the other, into positions in space."""
+    """Turns split pictures of a checkerboard into positions in space."""
 
     scale, unit = 1.0, "mm"
 
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
-        """Learn corners and reference from a picture, which must be of the unloaded pad.
+        """Detect the corners in a picture of the unloaded pad, and make the reference.
 
         Raises:
-            ValueError: there is no checkerboard in a view, the views cannot be matched, or they do
-                not fit the calibration.
+            ValueError: a view shows no checkerboard, the views cannot be matched, or they do not
+                fit the calibration.
         """
-        # misfit of a marker's two views beyond the calibration's, from which it is left out [px]
+        # misfit of a marker's two views, beyond the calibration's error, that is tolerated [px]
         slack = 0.25
         advice = (
             "are the views swapped, is one mirrored (`python -m calibration stereo --mirrored`), "
             "or is it another camera's calibration?"
         )
-        # tilt of the pad at rest against a view from straight behind from which that is not its own
+        # largest tilt of the pad at rest against a view from straight behind
         tilted = np.radians(5.0)
         assert first.image is not None
         assert settings.rig is not None
@@ -52,29 +52,29 @@ class StereoReader(MarkerReader):
         except ValueError as error:
             raise ValueError(f"{error}; {advice}") from error
         rest = triangulate(self.rig, left.rest.position, right.rest.position)
-        kept = rest.misfit < self.limit
+        fitting = rest.misfit < self.limit
         seen = np.isfinite(rest.misfit).sum()
-        if kept.sum() < max((1.0 - TOO_MANY) * seen, SMALLEST):
+        if fitting.sum() < max((1.0 - TOO_MANY) * seen, SMALLEST):
             swapped = _median_misfit(self.rig, right.rest.position, left.rest.position)
             cause = "the views are swapped" if swapped < self.limit else advice
             raise ValueError(
-                f"the two views fit the calibration to {np.nanmedian(rest.misfit):.2f} px, where "
+                f"the two views fit the calibration to {np.nanmedian(rest.misfit):.2f} px; at most "
                 f"{self.limit:.2f} px are allowed: {cause}"
             )
-        self.tilt = _tilt(rest.points[kept])
+        self.tilt = _tilt(rest.points[fitting])
         if self.rig.left.orthographic and self.tilt > tilted:
             raise ValueError(
                 f"the pad at rest is tilted by {np.degrees(self.tilt):.1f}° against the left view, "
                 "which sees it from straight behind: is it another camera's calibration?"
             )
-        self.left, self.right = left.take(kept), right.take(kept)
-        self.misfit = float(np.median(rest.misfit[kept]))
-        self.layout = lay_out(self.left, rest.points[kept])
+        self.left, self.right = left.take(fitting), right.take(fitting)
+        self.misfit = float(np.median(rest.misfit[fitting]))
+        self.layout = lay_out(self.left, rest.points[fitting])
         given = settings.unloaded is not None
         self.reference = "the frame that was given" if given else "the first usable frame"
 
     def read(self, picture: Picture) -> Row:
-        """Positions in space in the next picture; they tell the contact region."""
+        """Measure positions in space in the next picture; the contact follows from them."""
         shape = self.layout.reference.shape
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, shape, picture.flaw or "no picture")
@@ -82,13 +82,16 @@ class StereoReader(MarkerReader):
         left, right = self.left.find(views[0]), self.right.find(views[1])
         if flaw := _either_flaw(left, right):
             return Row.of_none(picture, shape, flaw)
-        found = triangulate(self.rig, left.position, right.position)
-        bad = found.misfit > self.limit
-        both = np.isfinite(found.misfit).sum()
-        if bad.sum() > TOO_MANY * both or both < SMALLEST:
-            flaw = f"{bad.sum()} of {both} corners do not fit in the two views: wrong calibration?"
+        located = triangulate(self.rig, left.position, right.position)
+        bad = located.misfit > self.limit
+        count = np.isfinite(located.misfit).sum()
+        if bad.sum() > TOO_MANY * count or count < SMALLEST:
+            flaw = (
+                f"{bad.sum()} of {count} corners seen in both views do not fit the calibration: "
+                "is it another camera's?"
+            )
             return Row.of_none(picture, shape, flaw)
-        points = np.where(bad[:, None], np.nan, found.points)
+        points = np.where(bad[:, None], np.nan, located.points)
         return Row(
             position=points,
             contact=None,
@@ -98,7 +101,7 @@ class StereoReader(MarkerReader):
         )
 
     def _contact_flaw(self, points: Float[np.ndarray, "m 3"]) -> str:
-        """Why the contact cannot be judged: a torn pattern, or a middle that is not seen."""
+        """Why the contact cannot be judged: the pattern is torn, or the centre is not visible."""
         rest = self.layout.reference
         flaw = find_tear_flaw(self.left.neighbours, rest[:, :2], points[:, :2])
         depth = np.nan_to_num(rest[:, 2] - points[:, 2])
@@ -107,24 +110,23 @@ class StereoReader(MarkerReader):
         return flaw or find_unseen_flaw(self.left.rest.position, pressed, seen)
 
     def notes(self) -> tuple[str, ...]:
-        """What the pattern looks like, what the reference is, and how the views fit."""
+        """Remarks on the pattern, the reference and the fit of the views."""
         return (
             self.left.describe(),
-            f"The reference is {self.reference}, which must be unloaded.",
+            f"The reference is {self.reference}; it must be unloaded.",
             f"The two views fit the calibration to {self.misfit:.3f} px (median); its own error is "
             f"{self.rig.error:.3f} px. The pad at rest is tilted by {np.degrees(self.tilt):.1f}° "
-            "against the left view: more than a few degrees indicate another camera's "
-            "calibration.",
-            "Rotation is that of the lines to the neighbours, in space; the edges' own angles, "
-            "four times as uncertain, are used only where there is one view.",
+            "against the left view; more than a few degrees indicate another camera's calibration.",
+            "Rotation is measured from the lines to the neighbours, in space. The edges' own "
+            "angles, four times as uncertain, are used only with a single view.",
         )
 
 
 def find_view_flaw(rig: Rig, picture: Shaped[np.ndarray, "h w *colour"]) -> str:
-    """Why one of the views shows nothing, empty where both show something.
+    """Why a view shows nothing: it is black or saturated; empty if neither view is.
 
     Raises:
-        ValueError: the picture is not of the calibration's size.
+        ValueError: the picture's size differs from the calibration's.
     """
     for name, view in zip(("left", "right"), rig.split(picture), strict=True):
         if flaw := find_exposure_flaw(view):
@@ -133,17 +135,15 @@ def find_view_flaw(rig: Rig, picture: Shaped[np.ndarray, "h w *colour"]) -> str:
 
 
 def _tilt(points: Float[np.ndarray, "n 3"]) -> float:
-    """Of the plane through points against the sensor's own [rad]."""
+    """Tilt of the plane through points against the sensor's plane [rad]."""
     design = np.column_stack([points[:, :2], np.ones(len(points))])
     slope = np.linalg.lstsq(design, points[:, 2], rcond=None)[0][:2]
     return float(np.arctan(np.hypot(*slope)))
 
 
 def _either_flaw(left: Seen, right: Seen) -> str:
-    flaws = [
-        f"{name} view: {one.flaw}" for name, one in (("left", left), ("right", right)) if one.flaw
-    ]
-    return "; ".join(flaws)
+    views = {"left": left, "right": right}
+    return "; ".join(f"{name} view: {seen.flaw}" for name, seen in views.items() if seen.flaw)
 
 
 def _median_misfit(

@@ -1,4 +1,4 @@
-"""One picture: from a file, of a folder or by itself, or from a message of a bag; small copies."""
+"""Single pictures, from files and from a bag's messages, and small copies of them."""
 
 import hashlib
 import io
@@ -13,12 +13,12 @@ from jaxtyping import Float, Shaped
 from PIL import Image, UnidentifiedImageError
 
 LARGEST = 50_000_000
-"""Most pixels of a picture; more is refused before anything is decoded."""
+"""Most pixels of a picture; larger pictures are rejected before they are decoded."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Still:
-    """A picture from a file of its own.
+    """A picture with the file that it was read from.
 
     Attributes:
         path: of the file.
@@ -29,35 +29,38 @@ class Still:
     image: Shaped[np.ndarray, "h w *colour"]
 
     def __repr__(self) -> str:
-        """The file's name and the picture's content, by which a changed one is noticed."""
+        """The file's name and a digest of the picture, so that a changed picture is noticed."""
         digest = hashlib.sha256(np.ascontiguousarray(self.image).tobytes()).hexdigest()
         return f"Still({self.path.name}, {self.image.shape}, {digest})"
 
 
 def read_still(path: Path, what: str) -> Still:
-    """Read a picture that is given by itself.
+    """Read a picture from a file.
 
     Args:
         path: of the file.
-        what: the picture is given as, for the error.
+        what: use of the picture, for the error message.
 
     Raises:
         OSError: the file cannot be opened.
-        ValueError: it is no picture, a damaged or too large one.
+        ValueError: the file is not a picture, is damaged or is too large.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}, given as {what}, does not exist or is not a file")
     image, flaw = load_picture(path)
     if image is None:
-        raise ValueError(f"{path}, given as {what}: {flaw}; give a picture of 8 or 16 bit (PNG, …)")
+        raise ValueError(f"{path}, given as {what}: {flaw}; give an 8 or 16 bit picture (PNG, …)")
     return Still(path, image)
 
 
 def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
-    """The picture in a file, or why there is none.
+    """Read the picture in a file.
+
+    Returns:
+        The picture, or None and the reason why there is none.
 
     Raises:
-        ValueError: its size is not read.
+        ValueError: the picture has too many pixels or none.
     """
     try:
         return decode_picture(path.read_bytes(), path)
@@ -66,14 +69,17 @@ def load_picture(path: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, 
 
 
 def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
-    """The picture that a file or a message holds, or why there is none.
+    """Decode the content of a picture file.
 
     Args:
         data: the file's content.
-        what: holds it, for the error.
+        what: file or message that holds it, for the error message.
+
+    Returns:
+        The picture, or None and the reason why there is none.
 
     Raises:
-        ValueError: its size is not read.
+        ValueError: the picture has too many pixels or none.
     """
     try:
         with Image.open(io.BytesIO(data)) as header:
@@ -87,23 +93,26 @@ def decode_picture(data: bytes, what: Path) -> tuple[Shaped[np.ndarray, "h w *co
     if image is None:
         return None, f"{what.name} is damaged"
     if image.dtype not in (np.uint8, np.uint16):
-        return None, f"{what.name} is not of 8 or 16 bit"
+        return None, f"{what.name} has neither 8 nor 16 bit"
     return image, ""
 
 
 def unpack_picture(
     message: Any, what: Path
 ) -> tuple[Shaped[np.ndarray, "h w *colour"] | None, str]:
-    """The picture of a message, `Image` or `CompressedImage` of ROS, or why there is none.
+    """Unpack the picture of a ROS message, `Image` or `CompressedImage`.
 
     Args:
-        message: its fields are attributes.
-        what: holds it, for the error.
+        message: with the ROS fields as attributes.
+        what: topic that holds it, for the error message.
+
+    Returns:
+        The picture, or None and the reason why there is none.
 
     Raises:
-        ValueError: its size is not read.
+        ValueError: the picture has too many pixels or none.
     """
-    # encodings: of how many channels and bytes, and what makes them grey or BGR
+    # by encoding: channels, bytes per channel, and the conversion to grey or BGR
     kinds = {
         **dict.fromkeys(("mono8", "8UC1"), (1, 1, None)),
         **dict.fromkeys(("mono16", "16UC1"), (1, 2, None)),
@@ -133,15 +142,15 @@ def unpack_picture(
 
 
 def check_size(width: int, height: int, what: Path) -> None:
-    """Refuse a size before it is decoded.
+    """Reject a picture's size before the picture is decoded.
 
     Raises:
-        ValueError: it is too large, or none.
+        ValueError: the picture has too many pixels or none.
     """
     if width * height > LARGEST:
         raise ValueError(
-            f"{what} declares {width}×{height} pixels; more than {LARGEST // 10**6} million are "
-            "not read: scale it down"
+            f"{what} declares {width}×{height} pixels; at most {LARGEST // 10**6} million are "
+            "read: scale it down"
         )
     if width * height == 0:
         raise ValueError(f"{what} declares no size: it is damaged")
@@ -151,9 +160,9 @@ class Copy(NamedTuple):
     """A small copy of a picture.
 
     Attributes:
-        jpeg: its content.
-        size: its width and height [px].
-        scale: its pixels per pixel of the picture.
+        jpeg: content of the JPEG file.
+        size: width and height of the copy [px].
+        scale: pixels of the copy per pixel of the picture.
     """
 
     jpeg: bytes
@@ -161,50 +170,50 @@ class Copy(NamedTuple):
     scale: float
 
     def place(self, spots: Float[np.ndarray, "views n 2"]) -> Float[np.ndarray, "views n 2"]:
-        """Where points of the picture are in the copy [px].
+        """Positions in the copy of points in the picture [px].
 
         Args:
-            spots: in the picture [px].
+            spots: points in the picture [px].
         """
         return self.scale * (spots + 0.5) - 0.5
 
 
 class Shown:
-    """A picture that is kept until its frame has been answered, smaller where it is large."""
+    """A picture that is stored until its frame has been answered; large pictures are shrunk."""
 
     def __init__(self, image: Shaped[np.ndarray, "h w *colour"], largest: int = 960) -> None:
-        """Make it.
+        """Store a picture.
 
         Args:
             image: grey or BGR, 8 or 16 bit.
-            largest: longer side that is not made smaller [px].
+            largest: longest side; larger pictures are shrunk to it [px].
         """
         self._image, self._scale = _shrink(image, largest)
 
     @cached_property
     def copy(self) -> Copy:
-        """It as a JPEG, packed when it is asked for."""
+        """The picture as a JPEG, encoded on first use."""
         return _pack(self._image, self._scale, quality=80)
 
 
 class Album:
-    """Small copies of the pictures of a source, evenly spread over those that were taken."""
+    """Small copies of a source's pictures, evenly spread over the recording."""
 
     def __init__(self, most: int = 256, largest: int = 320) -> None:
-        """Make it empty.
+        """Start with no copies.
 
         Args:
-            most: copies that are kept.
+            most: largest number of copies.
             largest: longer side of a copy [px].
         """
         self._most, self._largest, self._stride = most, largest, 1
         self._copies: dict[int, tuple[int, Copy]] = {}
 
     def take(self, row: int, number: int, image: Shaped[np.ndarray, "h w *colour"]) -> None:
-        """Keep a copy of a picture, if its turn has come.
+        """Store a copy of a picture if its row is one of the evenly spread rows.
 
         Args:
-            row: of its frame.
+            row: index of the frame in the recording.
             number: of the picture.
             image: grey or BGR, 8 or 16 bit.
         """
@@ -214,19 +223,19 @@ class Album:
         if row // self._stride >= self._most:
             self._stride *= 2
             copies = self._copies.items()
-            self._copies = {number: one for number, one in copies if not one[0] % self._stride}
+            self._copies = {number: copy for number, copy in copies if not copy[0] % self._stride}
 
     def find(self, number: int) -> Copy | None:
-        """The copy of a picture; None where none is kept."""
+        """The copy of a picture; None if it is not stored."""
         return self._copies[number][1] if number in self._copies else None
 
 
 def copy_picture(image: Shaped[np.ndarray, "h w *colour"], largest: int, quality: int) -> Copy:
-    """A copy of a picture, smaller where it is large.
+    """Copy a picture as a JPEG.
 
     Args:
         image: grey or BGR, 8 or 16 bit.
-        largest: longer side that is not made smaller [px].
+        largest: longest side; larger pictures are shrunk to it [px].
         quality: of the JPEG, from 0 to 100.
     """
     return _pack(*_shrink(image, largest), quality)
@@ -235,7 +244,7 @@ def copy_picture(image: Shaped[np.ndarray, "h w *colour"], largest: int, quality
 def _shrink(
     image: Shaped[np.ndarray, "h w *colour"], largest: int
 ) -> tuple[Shaped[np.ndarray, "smaller_h smaller_w *colour"], float]:
-    """A picture that is no larger, and its pixels per pixel of the one given."""
+    """The picture shrunk to the largest side, and its pixels per original pixel."""
     scale = min(largest / max(image.shape[:2]), 1.0)
     if scale < 1.0:
         height, width = (max(round(scale * side), 1) for side in image.shape[:2])

@@ -1,12 +1,12 @@
-"""Pictures over time: a folder of images, a video or a camera, one after the other.
+"""Pictures in order of time, from a folder of images, a video, a bag or a camera.
 
-A folder is read in natural order. The number in a picture's name is its frame number; where the
-names do not number the pictures, they are counted from 0, as the frames of a video are.
+A folder is read in natural order. The number in a picture's name is its frame number. If the names
+do not number the pictures, they are counted from 0, like the frames of a video.
 
 Time stamps come from a table (`times.csv` in the folder, `CLIP.csv` beside `CLIP.avi`; columns
 `frame` and `time_s`), else from the video's container or the camera's clock. In a folder without a
-table the time is the frame number over the rate, which is `RATE` unless given: frames that are
-missing leave a gap.
+table, the time is the frame number over the rate (`RATE` by default), so that missing frames leave
+a gap.
 """
 
 import time
@@ -32,18 +32,18 @@ if TYPE_CHECKING:
     from av.container import InputContainer
 
 RATE = 30.0
-"""Pictures per second of a folder that are assumed where nothing is known [1/s]."""
+"""Assumed rate of a folder's pictures if neither a table nor a rate is given [1/s]."""
 
 
 class Picture(NamedTuple):
-    """A picture as the source delivers it.
+    """A picture of a source.
 
     Attributes:
-        image: grey or BGR, 8 or 16 bit; None where there is none.
+        image: grey or BGR, 8 or 16 bit; None if there is none.
         time: time stamp [s].
-        number: of the frame, by the picture's name or counted from 0.
-        flaw: why it cannot be used, empty where it can.
-        whole: width and height that it had before a part of it was taken [px]; None where none was.
+        number: frame number, from the picture's name or counted from 0.
+        flaw: why the picture cannot be used; empty if it can.
+        whole: width and height of the whole picture [px] if `image` is a part of it; else None.
     """
 
     image: Shaped[np.ndarray, "h w *colour"] | None
@@ -54,24 +54,24 @@ class Picture(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the whole picture [px]; 0 where there is none."""
+        """Width and height of the whole picture [px]; 0 if there is no picture."""
         if self.whole is not None or self.image is None:
             return self.whole or (0, 0)
         return self.image.shape[1], self.image.shape[0]
 
 
 def is_camera(path: Path) -> bool:
-    """Whether the path names a camera: `camera:0`, or its device."""
+    """Whether the path names a camera: `camera:0`, or its device `/dev/video0`."""
     cameras = ("camera:", "/dev/video")
     return str(path).startswith(cameras)
 
 
 def is_pictures(path: Path) -> bool:
-    """Whether there are pictures at the path: a video, a folder of images, a bag or a camera.
+    """Whether the path holds pictures: a video, a folder of images, a bag or a camera.
 
     Raises:
-        ValueError: a bag without a topic of a tactile sensor, or a damaged one.
-        OSError: a bag cannot be read.
+        ValueError: the bag has no topic of a tactile sensor, or is damaged.
+        OSError: the bag cannot be read.
     """
     videos = (".avi", ".mp4", ".mkv", ".mov", ".webm", ".mpg", ".mpeg")
     if is_camera(path) or path.suffix.lower() in videos or find_clip(path):
@@ -80,7 +80,7 @@ def is_pictures(path: Path) -> bool:
 
 
 def count_pictures(path: Path) -> int:
-    """How many pictures there are, as far as that is known without reading them; else 0."""
+    """Number of pictures at a path; 0 if it is unknown before they are read."""
     if is_camera(path):
         return 0
     if split_place(path):
@@ -94,14 +94,14 @@ def count_pictures(path: Path) -> int:
 
 
 def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
-    """What is assumed about the pictures at a path, or looks wrong with them, in sentences.
+    """Assumptions and doubts about the pictures at a path, in sentences.
 
     Args:
         path: as for `read_pictures`.
         rate: as for `read_pictures`.
 
     Raises:
-        ValueError: no pictures in the folder, or a table that is not one of time stamps.
+        ValueError: the folder has no pictures, or the table has no valid time stamps.
     """
     if is_camera(path):
         return () if rate is None else (ignored_rate(rate, "the camera's clock"),)
@@ -115,12 +115,13 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
         if unused := sorted(set(stamps) - set(numbers)):
             warnings.append(
                 f"{table.name} has times of {counted(len(unused), 'frame', 'frames')} without a "
-                f"picture, {unused[0]} the first: its `frame` must be the frame number."
+                f"picture; the first is frame {unused[0]}. The column `frame` must hold frame "
+                "numbers."
             )
         if rate is None and not stamps:
             warnings.append(
-                f"{RATE:g} pictures per second are assumed: give the true rate (`run --fps`), or "
-                f"the times in {table.name} (columns frame, time_s)."
+                f"No rate is known: {RATE:g} pictures per second are assumed. Give the true rate "
+                f"(`run --fps`), or the times in {table.name} (columns frame, time_s)."
             )
     if rate is not None and (stamps or not path.is_dir()):
         warnings.append(ignored_rate(rate, table.name if stamps else "the video"))
@@ -128,27 +129,28 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
 
 
 def ignored_rate(rate: float, clock: str) -> str:
-    """The warning that a rate was given for a recording whose times are known."""
+    """The warning that a given rate is not used because the recording has time stamps."""
     return f"The rate of {rate:g} pictures per second (--fps) is not used: times come from {clock}."
 
 
 def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> Iterator[Picture]:
-    """The pictures at a path, in order.
+    """Read the pictures at a path in order.
 
-    A picture that cannot be read, or is of another size than the first, comes with its flaw. A
-    source that ends early, by damage or because a camera is gone, just ends: its last picture
-    then says so.
+    A picture that cannot be read, or whose size differs from the first, has a flaw. If a source
+    ends early, because it is damaged or the camera was disconnected, the flaw of its last picture
+    gives the reason.
 
     Args:
         path: a video, a folder of images, a topic in a bag, or a camera: `camera:0` or its device,
             `/dev/video0`.
         rate: pictures per second of a folder without a table of times [1/s].
-        part: of each picture that is given.
+        part: of each picture that is read.
 
     Raises:
-        ValueError: no pictures there, of a size beyond `LARGEST`, or without that part.
-        ImportError: a video, and PyAV is not installed.
-        OSError: it cannot be opened.
+        ValueError: there are no pictures, a picture has more than `LARGEST` pixels, or the part
+            does not fit them.
+        ImportError: the path is a video and PyAV is not installed.
+        OSError: the path cannot be opened.
     """
     if is_camera(path):
         source = _read_camera(str(path))
@@ -169,15 +171,15 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> 
 
 
 def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> Picture:
-    """The part of a picture that is read, or why the picture cannot be used.
+    """Cut a picture to the part that is read, and set its flaw if it cannot be used.
 
     Args:
-        picture: that has an image.
-        part: that is read.
-        size: width and height of the pictures before [px]; None of the first one.
+        picture: a picture with an image.
+        part: the part that is read.
+        size: width and height of the earlier pictures [px]; None for the first picture.
 
     Raises:
-        ValueError: the first picture does not have that part.
+        ValueError: the first picture does not contain the part.
     """
     width, height = picture.size
     if min(width, height) < SMALLEST:
@@ -191,16 +193,16 @@ def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> P
 
 
 def take_part(picture: Picture, part: Part) -> Picture:
-    """A part of a picture, with its flaw where it shows nothing."""
+    """Cut a picture to a part, and set its flaw if the part is black or saturated."""
     assert picture.image is not None
     image = part.cut(picture.image)
     return picture._replace(image=image, flaw=find_exposure_flaw(image), whole=picture.size)
 
 
 def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
-    """Why a picture shows nothing, empty where it shows something."""
-    black = 8.0
-    white = 247.0  # mean grey levels, of 255, below and above which a picture shows nothing
+    """Why a picture shows nothing: it is black or saturated; empty if it is not."""
+    # mean grey levels (of 255) below and above which a picture shows nothing
+    black, white = 8.0, 247.0
     level = float(image.mean()) * (255.0 / 65535.0 if image.dtype == np.uint16 else 1.0)
     if level < black:
         return "the picture is black"
@@ -208,12 +210,12 @@ def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
 
 
 def _list_images(folder: Path) -> list[Path]:
-    """The images in a folder, but for hidden files."""
+    """The images in a folder, without hidden files."""
     images = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
     return [
-        one
-        for one in folder.iterdir()
-        if one.suffix.lower() in images and not one.name.startswith(".")
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() in images and not file.name.startswith(".")
     ]
 
 
@@ -241,7 +243,7 @@ def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
 
 @contextmanager
 def _open_video(path: Path) -> Iterator["InputContainer"]:
-    """A video, seen to have pictures of a size that is read."""
+    """Open a video and check that it has pictures of a valid size."""
     require_extra("video", f"reading the video {path}")
     import av
     from av.error import FFmpegError
@@ -254,10 +256,10 @@ def _open_video(path: Path) -> Iterator["InputContainer"]:
         raise ValueError(f"{path} is not a video, or is damaged ({error})") from error
     with container:
         if not container.streams.video:
-            raise ValueError(f"{path} has no pictures in it, only sound or text")
+            raise ValueError(f"{path} has no pictures, only sound or text")
         stream = container.streams.video[0]
         if stream.codec_context is None:
-            raise ValueError(f"{path} is damaged: it declares no codec that is known, and no size")
+            raise ValueError(f"{path} is damaged: it declares no codec or an unknown one")
         check_size(stream.width, stream.height, path)
         yield container
 
@@ -272,7 +274,7 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
         stamps = _read_times(_table_beside(path))
         stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
-        stream.codec_context.options = {"max_pixels": str(LARGEST)}  # of frames to come
+        stream.codec_context.options = {"max_pixels": str(LARGEST)}  # limit for later frames
         rate = float(stream.average_rate or RATE)
 
         def stamp_of(number: int, own: float | None = None) -> float:
@@ -280,7 +282,7 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
                 return stamps.get(number, np.nan)
             return number / rate if own is None else own
 
-        number, colours = -1, VideoReformatter()  # one for all is made ready once
+        number, colours = -1, VideoReformatter()  # one for all frames, since its set-up is slow
         try:
             if start:
                 container.seek(int(start * av.time_base))
@@ -304,7 +306,7 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
 
 
 def _read_clip(clip: Clip) -> Iterator[Picture]:
-    """The pictures of a part of a video, counted and timed from its start."""
+    """The pictures of one part of a video; numbers and times count from the part's start."""
     half = 0.5 * (clip.stop - clip.start) / clip.pictures  # time of half a picture
     number, why = 0, "the video ends here"
     for picture in _read_video(clip.video, clip.start):
@@ -312,7 +314,7 @@ def _read_clip(clip: Clip) -> Iterator[Picture]:
             why = picture.flaw
             break
         if picture.time < clip.start - half:
-            continue  # between the key frame before and the start
+            continue  # between the preceding key frame and the start
         if number == clip.pictures or picture.time > clip.stop - half:
             break
         yield picture._replace(time=picture.time - clip.start, number=number)
@@ -353,15 +355,15 @@ def _read_camera(name: str) -> Iterator[Picture]:
 
 
 def _table_beside(path: Path) -> Path:
-    """Where the table of a folder's or a video's times is, if there is one."""
+    """Path of the table with the times of a folder or a video, whether or not it exists."""
     return path / "times.csv" if path.is_dir() else path.with_suffix(".csv")
 
 
 def _read_times(path: Path) -> dict[int, float]:
-    """Time stamps by frame number; none without a table.
+    """Time stamps by frame number; empty without a table.
 
     Raises:
-        ValueError: the table is not one of time stamps, or gives a frame two times.
+        ValueError: the table has no valid time stamps, or gives one frame two times.
     """
     if not path.is_file():
         return {}
@@ -372,6 +374,6 @@ def _read_times(path: Path) -> dict[int, float]:
         if stamps.setdefault(frame, stamp) != stamp:
             raise ValueError(
                 f"{at}: frame {frame} has the time {stamp:g} s here and {stamps[frame]:g} s "
-                "above: leave one of them out"
+                "above: remove one of the two rows"
             )
     return stamps

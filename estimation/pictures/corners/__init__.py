@@ -1,1 +1,1 @@
-"""A checkerboard's x-corners: found, fitted, placed and followed."""
+"""The x-corners of a checkerboard: detection, fit, placing and tracking."""

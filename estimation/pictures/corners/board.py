@@ -1,10 +1,10 @@
-"""The checkerboard in a picture: which corner is next to which, and where its pieces belong.
+"""The checkerboard in a picture: neighbours of its corners, and its connected pieces.
 
-Edges lead from a corner to the next, and rise there where they fall here: two corners are
-neighbours where each lies on an edge of the other and the two agree on it. What hangs together so
-is a piece. A piece with a code in its cells is placed by comparing it with the reference in every
-position and all four orientations ([Li2024] IV-A calls for rigid matching; frames before play no
-part); a piece of plain checkerboard only by those of its corners that rest.
+An edge leads from one corner to the next, and rises at one corner if it falls at the other. Two
+corners are neighbours if each lies on an edge of the other and the two edges agree. Connected
+corners form a piece. A piece with a code in its cells is placed by comparing it with the reference
+in every position and all four orientations ([Li2024] IV-A asks for rigid matching), independently
+of earlier frames. A piece of plain checkerboard is placed by its corners at rest.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting".
@@ -27,8 +27,8 @@ class Board(NamedTuple):
     """Corners with lattice coordinates, piece by piece.
 
     Attributes:
-        piece: number of the piece each corner belongs to, the largest 0; −1 for none.
-        place: lattice coordinates, of which each piece has its own.
+        piece: number of each corner's piece, 0 for the largest piece; −1 for none.
+        place: lattice coordinates within the corner's piece.
         turn: which of the corner's four half edges leads along the first coordinate.
     """
 
@@ -38,11 +38,11 @@ class Board(NamedTuple):
 
 
 def connect_corners(corners: Corners | Rings, pitch: float) -> Board:
-    """Lattice coordinates of the corners; none for those that two paths number differently.
+    """Assign lattice coordinates to corners; a corner with contradictory paths gets none.
 
     Args:
         corners: of a picture.
-        pitch: typical distance between them [px].
+        pitch: typical distance between corners [px].
     """
     link, back = _link(corners, pitch)
     count = len(link)
@@ -71,7 +71,7 @@ def connect_corners(corners: Corners | Rings, pitch: float) -> Board:
         pieces += 1
     index, turn, piece = np.array(place), np.array(turned), np.array(label)
     piece[_contradicted(link, back, index, turn)] = -1
-    wide = 2 * count + 1  # more than coordinates can be apart
+    wide = 2 * count + 1  # more than the range of coordinates
     _, which, same = np.unique(
         (piece * wide + index[:, 0]) * wide + index[:, 1], return_inverse=True, return_counts=True
     )
@@ -85,31 +85,31 @@ def connect_corners(corners: Corners | Rings, pitch: float) -> Board:
 def _link(corners: Corners | Rings, pitch: float) -> tuple[np.ndarray, np.ndarray]:
     """The neighbour along each half edge, −1 for none, and which of its half edges leads back."""
     shortest, longest = 0.45, 1.7  # distances between neighbours [pitches]
-    # farthest a neighbour may lie from the direction of the edge that leads to it
+    # largest angle between a neighbour's direction and the edge that leads to it
     aside = np.radians(25.0)
     count = len(corners.position)
     link, back = np.full((count, 4), -1), np.full((count, 4), -1)
     if count < 4:
         return link, back
-    distance, other = KDTree(corners.position).query(corners.position, min(9, count))
-    distance, other = np.asarray(distance)[:, 1:], np.asarray(other)[:, 1:]
-    apart = corners.position[other] - corners.position[:, None]
+    distance, nearby = KDTree(corners.position).query(corners.position, min(9, count))
+    distance, nearby = np.asarray(distance)[:, 1:], np.asarray(nearby)[:, 1:]
+    apart = corners.position[nearby] - corners.position[:, None]
     heading = np.arctan2(apart[..., 1], apart[..., 0])
     directions = corners.directions
     out, leave = _nearest_slot(heading, directions[:, None])
-    into, arrive = _nearest_slot(heading + np.pi, directions[other])
+    into, arrive = _nearest_slot(heading + np.pi, directions[nearby])
     fits = (out < aside) & (into < aside) & ((leave + arrive) % 2 == 1)
     fits &= (distance > shortest * pitch) & (distance < longest * pitch)
     cost = np.where(fits, distance * (1.0 + out + into), np.inf)
     rows = np.arange(count)
     for slot in range(4):
-        mine = np.where(leave == slot, cost, np.inf)
-        best = np.argmin(mine, axis=1)
-        there = np.isfinite(mine[rows, best])
-        link[there, slot] = other[there, best[there]]
+        slot_cost = np.where(leave == slot, cost, np.inf)
+        best = np.argmin(slot_cost, axis=1)
+        there = np.isfinite(slot_cost[rows, best])
+        link[there, slot] = nearby[there, best[there]]
         back[there, slot] = arrive[there, best[there]]
-    kept = (link >= 0) & (link[link, back] == rows[:, None])
-    link, back = np.where(kept, link, -1), np.where(kept, back, -1)
+    mutual = (link >= 0) & (link[link, back] == rows[:, None])
+    link, back = np.where(mutual, link, -1), np.where(mutual, back, -1)
     closed = _closes(link, back, 1) | _closes(link, back, -1)
     return np.where(closed, link, -1), np.where(closed, back, -1)
 
@@ -117,7 +117,7 @@ def _link(corners: Corners | Rings, pitch: float) -> tuple[np.ndarray, np.ndarra
 def _nearest_slot(
     heading: Float[np.ndarray, "n k"], directions: Float[np.ndarray, "#n #k 4"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far a heading is from the nearest of four directions [rad], and which that is."""
+    """Angle between a heading and the nearest of four directions [rad], and its number."""
     off = heading[..., None] - directions
     off = np.abs(off - 2.0 * np.pi * np.rint(off / (2.0 * np.pi)))
     slot = np.argmin(off, axis=-1)
@@ -127,7 +127,7 @@ def _nearest_slot(
 def _closes(
     link: Int[np.ndarray, "n 4"], back: Int[np.ndarray, "n 4"], side: int
 ) -> Bool[np.ndarray, "n 4"]:
-    """Whether four steps along edges, turning to one side after each, lead back to the start."""
+    """Whether four steps along edges, with a turn to one side after each, return to the start."""
     start, leave = np.indices(link.shape)
     at, slot, there = start, leave, np.ones(link.shape, dtype=bool)
     for _ in range(4):
@@ -143,7 +143,7 @@ def _contradicted(
     index: Int[np.ndarray, "n 2"],
     turn: Int[np.ndarray, " n"],
 ) -> Int[np.ndarray, " k"]:
-    """Corners at either end of a link that does not fit their coordinates."""
+    """Corners at both ends of links that contradict their coordinates."""
     i, slot = np.nonzero(link >= 0)
     j, way = link[i, slot], (slot - turn[i]) % 4
     wrong = (index[j] != index[i] + STEPS[way]).any(axis=1)
@@ -155,9 +155,9 @@ class Cells(NamedTuple):
     """A piece of the board as arrays over its lattice.
 
     Attributes:
-        corner: number of the corner at each lattice point, −1 for none.
-        colour: of the cell beyond each point but the last ones: 1 bright, −1 dark, 0 not seen.
-        code: of the cell: 1 plain, −1 with a dot, 0 not seen or not sure.
+        corner: number of the corner at each lattice point; −1 for none.
+        colour: of the cell that follows each point: 1 bright, −1 dark, 0 not visible.
+        code: of the same cell: 1 plain, −1 with a dot, 0 not visible or uncertain.
     """
 
     corner: Int[np.ndarray, "rows columns"]
@@ -166,8 +166,8 @@ class Cells(NamedTuple):
 
 
 def read_cells(grey: Float[np.ndarray, "h w"], corners: Corners, board: Board, piece: int) -> Cells:
-    """Colour and code of the cells between the corners of a piece."""
-    unsure = 0.3  # share of half the contrast within which a cell's dot is neither there nor not
+    """Read colour and code of the cells between the corners of a piece."""
+    unsure = 0.3  # share of half the contrast below which a cell's code is uncertain
     members = np.flatnonzero(board.piece == piece)
     index = board.place[members] - board.place[members].min(axis=0)
     corner = np.full(index.max(axis=0) + 1, -1)
@@ -188,5 +188,5 @@ def read_cells(grey: Float[np.ndarray, "h w"], corners: Corners, board: Board, p
 
 
 def spin(cells: Cells, turns: int) -> Cells:
-    """The same piece with its coordinates turned by quarter turns."""
-    return Cells(*(np.rot90(one, turns) for one in cells))
+    """Rotate a piece's coordinates by quarter turns."""
+    return Cells(*(np.rot90(values, turns) for values in cells))

@@ -1,10 +1,10 @@
-"""X-corners: the fit of a blurred saddle, its position and both edge angles, batched.
+"""Fit of x-corners: position and both edge angles of a blurred saddle, many at once.
 
 The model is the product of two straight edges under a Gaussian blur. With t₁, t₂ the distances
 from the edges over the blur and ρ the cosine between their normals, the mean of sgn·sgn under the
-blur is 4 Φ₂(t₁, t₂; ρ) − 2 Φ(t₁) − 2 Φ(t₂) + 1, of which the expansion in ρ (Mehler's) is taken to
-first order: erf(t₁/√2) erf(t₂/√2) + 4 ρ φ(t₁) φ(t₂). What is left out is symmetric about the corner
-and biases neither its position nor the mean of its angles.
+blur is 4 Φ₂(t₁, t₂; ρ) − 2 Φ(t₁) − 2 Φ(t₂) + 1. Mehler's expansion in ρ is used to first order:
+erf(t₁/√2) erf(t₂/√2) + 4 ρ φ(t₁) φ(t₂). The neglected terms are symmetric about the corner, and
+bias neither its position nor the mean of its angles.
 
 [Abramowitz1964] M. Abramowitz, I. A. Stegun (eds.), "Handbook of Mathematical Functions".
 """
@@ -18,13 +18,13 @@ from jaxtyping import Float, Float32, Int, Shaped
 from estimation.pictures.corners.rings import Rings, find_saddles, half_edges, read_rings
 
 ROUND = 1.2
-"""The window is a square less what lies farther from the corner than this, in its half sides."""
+"""The window is a square without pixels farther from the corner than this [half sides]."""
 EXPLAINED = 0.8
-"""Share of the picture around a corner that its fit must explain [-]."""
+"""Share of the variance around a corner that its fit must explain [-]."""
 
 
 class CornerStyle(NamedTuple):
-    """What the corners of a sensor look like.
+    """Appearance of a sensor's corners.
 
     Attributes:
         pitch: typical distance between corners [px].
@@ -36,9 +36,8 @@ class CornerStyle(NamedTuple):
 
     @property
     def radius(self) -> float:
-        """Half the side of the window about a corner [px], in steps of half a pixel."""
-        largest_window = 9.5  # radius [px]; of a smaller pattern `window`, in pitches
-        window = 0.41
+        """Half the side of the window around a corner [px], in steps of half a pixel."""
+        largest_window, window = 9.5, 0.41  # half sides: at most [px], and in pitches
         return min(largest_window, float(np.floor(2.0 * window * self.pitch)) / 2.0)
 
 
@@ -46,14 +45,14 @@ class Corners(NamedTuple):
     """X-corners of a picture.
 
     Attributes:
-        position: of each [px], x right and y down, the first pixel's middle at 0.
+        position: of each corner [px], x right and y down, the first pixel's middle at 0.
         angles: of the rising and the falling edge [rad, from x to y, modulo π].
-        covariance: of x, y and both angles, from the misfit of the fit [px, rad].
-        blur: standard deviation of the point spread, the pixel's own width included [px].
+        covariance: of x, y and both angles, from the residual of the fit [px, rad].
+        blur: standard deviation of the point spread, including the pixel's width [px].
         contrast: grey level of bright minus dark cells.
-        level: grey level half-way between them.
+        level: grey level half-way between bright and dark.
         explained: share of the picture's variance around the corner that the fit explains [-]; 0
-            where it has not settled.
+            if the fit has not converged.
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -66,23 +65,23 @@ class Corners(NamedTuple):
 
     @property
     def directions(self) -> Float[np.ndarray, "n 4"]:
-        """Of the four half edges, rising and falling in turn, in ascending order [rad]."""
+        """Directions of the four half edges, rising and falling in turn, ascending [rad]."""
         return half_edges(self.angles)
 
     def take(self, which: Shaped[np.ndarray, " m"]) -> "Corners":
-        """Some of the corners."""
+        """Select corners by index or mask."""
         return Corners(*(value[which] for value in self))
 
 
 def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
-    """The corners of a picture: saddles that both rings confirm and the fit explains.
+    """Find the corners of a picture: saddles confirmed by both rings and explained by the fit.
 
     Args:
         grey: the picture, 0 to 255.
-        style: what the corners look like.
+        style: appearance of the corners.
     """
-    # share that a fit may leave unexplained, over that of the typical corner: the rim of what
-    # covers the pattern makes corners of its own
+    # largest unexplained share of a fit, over that of the typical corner: the rim of an object that
+    # covers the pattern makes false corners
     odd = 15.0
     rings = find_rings(grey, style)
     corners = fit_corners(grey, rings, style)
@@ -91,13 +90,13 @@ def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
     good &= np.isfinite(corners.covariance).all(axis=(1, 2))
     if good.any():
         good &= corners.contrast > 0.3 * np.median(corners.contrast[good])
-        left = 1.0 - corners.explained
-        good &= left < odd * np.median(left[good])
+        residual = 1.0 - corners.explained
+        good &= residual < odd * np.median(residual[good])
     return corners.take(good)
 
 
 def find_rings(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Rings:
-    """The saddles of a picture that both rings confirm."""
+    """Find the saddles of a picture that both rings confirm."""
     rings = read_rings(grey, find_saddles(grey, style.radius).astype(float), style.radius)
     return rings.take(rings.good)
 
@@ -109,37 +108,37 @@ def fit_corners(
 
     Args:
         grey: the picture, 0 to 255.
-        start: corners to start from, each good to a tenth of the window.
-        style: what the corners look like.
+        start: initial corners, each within a tenth of the window.
+        style: appearance of the corners.
     """
-    most_steps = 5  # most steps of a fit; corners that have settled before take no more
-    # pixels of windows fitted at a time, so that arrays of them stay in the processor's cache
+    most_steps = 5  # largest number of steps of a fit
+    # pixels of the windows fitted at a time, so that their arrays stay in the processor's cache
     pixels_at_once = 20000
-    # share of the longest step that the last may have: the next one is then below the noise
+    # a fit has converged if its step is below this share of the longest: the next is below noise
     settled = 0.12
     window = _Window.of_radius(style.radius)
     middle = np.rint(start.position).astype(int)
     rising, falling = start.angles.T
-    falling = rising + (falling - rising) % np.pi  # bright lies between the two, in this order
+    falling = rising + (falling - rising) % np.pi  # bright from the rising to the falling edge
     p = np.zeros((len(middle), 9), dtype=np.float32)
     p[:, :2] = start.position - middle
     p[:, 2:5] = np.column_stack([rising, falling, np.full_like(rising, style.blur)])
     p[:, 5:7] = np.column_stack([0.5 * start.contrast, start.level])
     covariance, explained = np.zeros((len(p), 4, 4)), np.zeros(len(p))
     value = window.cut(grey, middle)
-    left = np.arange(len(p))
+    active = np.arange(len(p))
     batch = max(pixels_at_once // len(window.dx), 1)
     for _ in range(most_steps):
-        if not len(left):
+        if not len(active):
             break
         stepped = [
-            _step(window, value[some], p[some])
-            for some in np.split(left, range(batch, len(left), batch))
+            _step(window, value[rows], p[rows])
+            for rows in np.split(active, range(batch, len(active), batch))
         ]
-        parts = [np.concatenate(one) for one in zip(*stepped, strict=True)]
-        p[left], covariance[left], explained[left], share = parts
-        left = left[share > settled]
-    explained[left] = 0.0
+        parts = [np.concatenate(part) for part in zip(*stepped, strict=True)]
+        p[active], covariance[active], explained[active], share = parts
+        active = active[share > settled]
+    explained[active] = 0.0
     p = p.astype(float)
     return Corners(
         position=middle + p[:, :2],
@@ -153,11 +152,11 @@ def fit_corners(
 
 
 class _Window(NamedTuple):
-    """The pixels about a corner that are looked at.
+    """The pixels around a corner that are fitted.
 
     Attributes:
-        dx: of each, from the middle one [px].
-        dy: the same.
+        dx: of each pixel, from the middle pixel [px].
+        dy: the same along y.
         radius: half the side [px].
     """
 
@@ -175,7 +174,7 @@ class _Window(NamedTuple):
     def cut(
         self, grey: Float[np.ndarray, "h w"], middle: Int[np.ndarray, "n 2"]
     ) -> Float32[np.ndarray, "n p"]:
-        """Grey levels of the window's pixels about each middle; NaN outside the picture."""
+        """Grey levels of the window's pixels around each middle; NaN outside the picture."""
         half = int(self.radius)
         padded = cv2.copyMakeBorder(grey, half, half, half, half, cv2.BORDER_CONSTANT, value=np.nan)
         wide = padded.shape[1]
@@ -187,11 +186,11 @@ class _Window(NamedTuple):
 def _step(
     window: _Window, value: Float32[np.ndarray, "n p"], p: Float32[np.ndarray, "n 9"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Gauss–Newton in some corners; parameters: x, y, angles, blur, half contrast, light.
+    """One Gauss–Newton step of several corners: x, y, angles, blur, half contrast, light.
 
     Returns:
-        The parameters, the covariance of the first four, the share of the variance that is
-        explained, and the step over the longest one allowed.
+        The parameters, the covariance of the first four, the explained share of the variance, and
+        the step over the longest one allowed.
     """
     # longest step in x and y [px], both angles [rad] and the blur [px]
     longest_step = np.array([1.0, 1.0, 0.3, 0.3, 0.4], dtype=np.float32)
@@ -225,9 +224,9 @@ def _step(
 
 
 def _linearise(window: _Window, p: Float32[np.ndarray, "n 9"]) -> Float32[np.ndarray, "n 10 p"]:
-    """Derivatives of the model by its nine parameters, and room for the misfit.
+    """Derivatives of the model by its nine parameters, and an empty column for the residual.
 
-    That by half the contrast is the model itself, less its light and the other way round.
+    The derivative by half the contrast is the negative of the model without its light.
     """
     dx, dy = window.dx, window.dy
     x, y = dx - p[:, :1], dy - p[:, 1:2]
@@ -236,12 +235,12 @@ def _linearise(window: _Window, p: Float32[np.ndarray, "n 9"]) -> Float32[np.nda
     t1, t2 = (c1 * y - s1 * x) / blur, (c2 * y - s2 * x) / blur
     (e1, f1), (e2, f2) = _edge(t1), _edge(t2)
     rho = c1 * c2 + s1 * s2
-    both = 4.0 * f1 * f2
-    saddle = e1 * e2 + rho * both
+    bells = 4.0 * f1 * f2
+    saddle = e1 * e2 + rho * bells
     scale = -half_contrast / blur
-    by_t1 = scale * (2.0 * f1 * e2 - rho * t1 * both)
-    by_t2 = scale * (2.0 * f2 * e1 - rho * t2 * both)
-    by_rho = half_contrast * (s1 * c2 - c1 * s2) * both  # times dρ/dα₁ = −sin(α₁ − α₂)
+    by_t1 = scale * (2.0 * f1 * e2 - rho * t1 * bells)
+    by_t2 = scale * (2.0 * f2 * e1 - rho * t2 * bells)
+    by_rho = half_contrast * (s1 * c2 - c1 * s2) * bells  # times dρ/dα₁ = −sin(α₁ − α₂)
     columns = np.empty((len(p), 10, len(dx)), dtype=np.float32)
     columns[:, 0] = s1 * by_t1 + s2 * by_t2
     columns[:, 1] = -c1 * by_t1 - c2 * by_t2
@@ -255,9 +254,9 @@ def _linearise(window: _Window, p: Float32[np.ndarray, "n 9"]) -> Float32[np.nda
 
 def _edge(t: Float32[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
     """erf(t/√2) and the normal density, from one exponential ([Abramowitz1964] 7.1.26)."""
-    # least exponent of a density: its products stay normal numbers, of which float32 is fast
+    # smallest exponent of a density: products of densities stay normal numbers, fast in float32
     faintest = np.float32(-20.0)
-    # coefficients of [Abramowitz1964] 7.1.26, good to 1.5e-7: as many digits as float32 has
+    # coefficients of [Abramowitz1964] 7.1.26, accurate to 1.5e-7, the precision of float32
     erf = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
     bell = np.exp(np.maximum(-0.5 * t * t, faintest))
     k = 1.0 / (1.0 + np.float32(0.3275911 * np.sqrt(0.5)) * np.abs(t))

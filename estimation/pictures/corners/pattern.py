@@ -1,9 +1,8 @@
 """The continuous marker pattern: a checkerboard whose cells may carry a code of dots.
 
-A plain checkerboard repeats, so that where a piece of it belongs can only be told from gel that
-rests. With a dot in some of its cells, chosen at random, every piece of a few cells is unlike all
-others, and says by itself where it belongs. [Li2024] has the pattern, and its rigid matching, from
-earlier work of its authors; this code is our own.
+A plain checkerboard repeats, so a piece of it can be placed only by gel at rest. With dots in
+randomly chosen cells, every piece of a few cells is unique and can be placed on its own. [Li2024]
+takes the pattern and its rigid matching from earlier work of its authors; this code is our own.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Section IV-A.
@@ -19,16 +18,17 @@ from jaxtyping import Bool, Float, UInt8
 from estimation.pictures.render import OVERSAMPLING, Camera, expose
 
 Project = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
-"""Takes points of the unloaded pattern [mm] to where they are in the picture [px]."""
+"""Maps points of the unloaded pattern [mm] to positions in the picture [px]."""
 
 
 class Pattern(NamedTuple):
-    """A checkerboard in the plane of the unloaded gel, its middle at the origin.
+    """A checkerboard in the plane of the unloaded gel, with its middle at the origin.
 
     Attributes:
         shape: rows and columns of its inner corners.
         pitch: side of a cell [mm].
-        code: cells with a dot, one more each way than corners; None for a plain checkerboard.
+        code: cells with a dot, one more row and column than corners; None for a plain
+            checkerboard.
     """
 
     shape: tuple[int, int]
@@ -37,7 +37,7 @@ class Pattern(NamedTuple):
 
     @classmethod
     def coded(cls, shape: tuple[int, int], pitch: float, seed: int = 0) -> "Pattern":
-        """A pattern with a dot in every second cell, at random."""
+        """Make a pattern with dots in a random half of its cells."""
         cells = (shape[0] + 1, shape[1] + 1)
         return cls(shape, pitch, np.random.default_rng(seed).random(cells) < 0.5)
 
@@ -50,11 +50,11 @@ class Pattern(NamedTuple):
 
 
 class CornerTruth(NamedTuple):
-    """Corners as they are in a picture.
+    """True corners of a picture.
 
     Attributes:
-        position: of each [px].
-        angles: of the edges that ran along x and y in the unloaded pattern [rad, from x to y].
+        position: of each corner [px].
+        angles: of the edges that lie along x and y in the unloaded pattern [rad, from x to y].
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -62,34 +62,34 @@ class CornerTruth(NamedTuple):
 
 
 def project_corners(project: Project, pattern: Pattern) -> CornerTruth:
-    """Where the corners are, and how their edges lie."""
+    """Positions of the corners and angles of their edges in the picture."""
     corners, step = pattern.corners(), 1e-4 * pattern.pitch
     along = [project(corners + step * axis) - project(corners - step * axis) for axis in np.eye(2)]
-    angles = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in along], axis=1)
+    angles = np.stack([np.arctan2(edge[:, 1], edge[:, 0]) for edge in along], axis=1)
     return CornerTruth(project(corners), angles)
 
 
 def render_pattern(
     camera: Camera, project: Project, pattern: Pattern, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "height width"]:
-    """A picture of the pattern, dark cells on bright gel.
+    """Render a picture of the pattern, dark cells on bright gel.
 
     Args:
         camera: size, light, blur and noise of the picture.
-        project: where points of the unloaded pattern are in the picture.
+        project: maps points of the unloaded pattern to the picture.
         pattern: the pattern.
-        rng: of the noise.
+        rng: random generator for the noise.
     """
-    strip = 64  # fine rows that are printed at a time, so that they stay in the processor's cache
+    strip = 64  # fine rows printed at a time, so that they stay in the processor's cache
     margin, shape = camera.margin, camera.fine_shape
     height, width = camera.height + 2 * margin, camera.width + 2 * margin
     cells = _unproject_all(project, pattern, (height, width), margin) / pattern.pitch
-    cells += 0.5 * (np.array(pattern.shape[::-1]) + 1)  # 0 at the first cell's outer side
+    cells += 0.5 * (np.array(pattern.shape[::-1]) + 1)  # 0 at the outer side of the first cell
     slopes = [np.gradient(cells[..., i]) for i in (0, 1)]
     per_px = np.stack([np.hypot(down, right) for down, right in slopes], axis=-1)
     fine, wide = (
-        [cv2.resize(one[..., i].astype(np.float32), shape[::-1]) for i in (0, 1)]
-        for one in (cells, per_px / OVERSAMPLING)
+        [cv2.resize(values[..., i].astype(np.float32), shape[::-1]) for i in (0, 1)]
+        for values in (cells, per_px / OVERSAMPLING)
     )
     strips = [slice(start, start + strip) for start in range(0, shape[0], strip)]
     printed = [_print(pattern, [a[s] for a in fine], [w[s] for w in wide]) for s in strips]
@@ -97,7 +97,7 @@ def render_pattern(
 
 
 def _print(pattern: Pattern, at: list[np.ndarray], width: list[np.ndarray]) -> np.ndarray:
-    """Share of dark print at points in units of cells, averaged over the width of a fine cell."""
+    """Share of dark print at points (in cells), averaged over the width of a fine cell."""
     dot_radius = 0.14  # radius of a cell's dot, in cells
     rows, columns = pattern.shape
     sign, inside = np.ones_like(at[0]), np.ones_like(at[0])
@@ -123,19 +123,19 @@ def _unproject_all(
     """Points of the unloaded pattern [mm] at all pixels of a picture with a margin.
 
     Raises:
-        ValueError: the picture folds, or reaches beyond what can be projected.
+        ValueError: the displacement folds, or a pixel lies outside the range of the projection.
     """
-    coarse = 8  # distance of the pixels whose place in the pattern is looked for first [px]
+    coarse = 8  # spacing of the pixels whose place in the pattern is searched first [px]
     corners = pattern.corners()
-    known = np.column_stack([project(corners), np.ones(len(corners))])
-    affine = np.linalg.lstsq(known, corners, rcond=None)[0]
+    projected = np.column_stack([project(corners), np.ones(len(corners))])
+    affine = np.linalg.lstsq(projected, corners, rcond=None)[0]
     y, x = (coarse * np.arange(-(-size // coarse) + 1.0) - margin for size in shape)
     sparse = np.stack(np.meshgrid(x, y), axis=-1)
     pixels = sparse.reshape(-1, 2)
     start = np.column_stack([pixels, np.ones(len(pixels))]) @ affine
-    found = _unproject(project, pattern, pixels, start).reshape(sparse.shape)
+    points = _unproject(project, pattern, pixels, start).reshape(sparse.shape)
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
-    start = cv2.remap(found, x / coarse, y / coarse, cv2.INTER_LINEAR).reshape(-1, 2)
+    start = cv2.remap(points, x / coarse, y / coarse, cv2.INTER_LINEAR).reshape(-1, 2)
     pixels = np.stack([x.ravel(), y.ravel()], axis=1).astype(float) - margin
     return _unproject(project, pattern, pixels, start).reshape(*shape, 2)
 
@@ -146,27 +146,30 @@ def _unproject(
     pixels: Float[np.ndarray, "n 2"],
     start: Float[np.ndarray, "n 2"],
 ) -> Float[np.ndarray, "n 2"]:
-    """Points of the unloaded pattern [mm] that are at pixels, by Newton's method.
+    """Points of the unloaded pattern [mm] at given pixels, by Newton's method.
 
     Raises:
-        ValueError: it does not get there.
+        ValueError: Newton's method does not converge.
     """
     steps = 30
     points = start.copy()
     step, longest = 1e-4 * pattern.pitch, 2.0 * pattern.pitch
-    left = np.arange(len(pixels))
+    active = np.arange(len(pixels))
     for _ in range(steps):
-        here = points[left]
-        off = pixels[left] - project(here)
+        here = points[active]
+        off = pixels[active] - project(here)
         far = np.abs(off).max(axis=1) > 1e-4
         if not far.any():
             return points
-        left, here, off = left[far], here[far], off[far]
+        active, here, off = active[far], here[far], off[far]
         columns = [
             (project(here + step * axis) - project(here - step * axis)) / (2.0 * step)
             for axis in np.eye(2)
         ]
         change = np.linalg.solve(np.stack(columns, axis=-1), off[..., None])[..., 0]
         size = np.linalg.norm(change, axis=1, keepdims=True)
-        points[left] = here + change * np.minimum(1.0, longest / np.maximum(size, 1e-12))
-    raise ValueError("the displacement field folds, or reaches beyond what the camera can see")
+        points[active] = here + change * np.minimum(1.0, longest / np.maximum(size, 1e-12))
+    raise ValueError(
+        "no point of the pattern was found for some pixels: the displacement field folds, or the "
+        "view reaches beyond the camera's range"
+    )

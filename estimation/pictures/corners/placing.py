@@ -1,9 +1,9 @@
-"""Where pieces of a checkerboard belong in the reference, or that it cannot be told.
+"""Placing pieces of a checkerboard in the reference, unless their place is ambiguous.
 
-A piece with a code is compared with the reference in every position and orientation. Every cell
-that agrees makes a position likelier, by the error rate of reading; a piece is placed where no
-other position, and no chance, is likely. A plain checkerboard is the same after two steps: there
-only corners that rest can tell, and enough of a piece must.
+A piece with a code is compared with the reference in every position and orientation. Each agreeing
+cell makes a position likelier, by the error rate of reading. A piece is placed if neither another
+position nor a chance agreement is likely. A plain checkerboard repeats after two steps, so its
+pieces are placed by corners at rest, of which a piece must have enough.
 """
 
 from collections.abc import Callable
@@ -17,18 +17,18 @@ from estimation.pictures.corners.board import Board, Cells, spin
 from estimation.pictures.corners.fit import Corners
 
 SMALLEST = 9
-"""Corners of the smallest piece that is placed."""
+"""Number of corners of the smallest piece that is placed."""
 
 
 Misfit = Callable[[Int[np.ndarray, " k"], Float[np.ndarray, "k 2"]], float]
-"""Takes numbers of markers and points that may be them [px] to how badly they fit [px]."""
+"""Maps numbers of markers and points that may show them [px] to a misfit [px]."""
 
 
 class Plan(NamedTuple):
     """The reference as a checkerboard.
 
     Attributes:
-        cells: its lattice; corners are numbers of markers.
+        cells: its lattice, whose corners are numbers of markers.
         position: of each marker [px].
         heading: of each marker, the direction of the edge along the first coordinate [rad].
         pitch: typical distance between markers [px].
@@ -41,19 +41,19 @@ class Plan(NamedTuple):
 
     @property
     def coded(self) -> bool:
-        """Whether enough cells carry a dot."""
-        fewest_dots = 0.1  # share of the reference's cells with a dot from which it has a code
-        known = np.abs(self.cells.code).sum()
-        return bool((self.cells.code < 0).sum() > fewest_dots * max(known, 1))
+        """Whether enough cells carry a dot, so that the cells form a code."""
+        fewest_dots = 0.1  # share of cells with a dot from which the reference has a code
+        count = np.abs(self.cells.code).sum()
+        return bool((self.cells.code < 0).sum() > fewest_dots * max(count, 1))
 
 
 class Placed(NamedTuple):
-    """Which corner each marker of the reference is.
+    """The corner of a picture that shows each marker of the reference.
 
     Attributes:
-        corner: numbers, −1 where not seen or not sure.
+        corner: number of the corner; −1 where not visible or uncertain.
         turn: which of the corner's four half edges leads along the reference's first coordinate.
-        left_out: corners in pieces that could not be placed.
+        left_out: number of corners in pieces that could not be placed.
     """
 
     corner: Int[np.ndarray, " m"]
@@ -62,40 +62,40 @@ class Placed(NamedTuple):
 
 
 def place_board(plan: Plan, corners: Corners, board: Board, pieces: list[Cells]) -> Placed:
-    """Place every piece that can be.
+    """Place all pieces of a picture whose place is unambiguous.
 
     Args:
         plan: the reference.
         corners: of the picture.
-        board: their coordinates.
-        pieces: their cells, the largest piece first.
+        board: coordinates of the corners.
+        pieces: cells of the pieces, the largest piece first.
     """
     placed = _nothing(plan)
     for cells in pieces:
-        found = _by_code(plan, cells) if plan.coded else _by_rest(plan, corners, board, cells)
-        if found is None:
+        spot = _by_code(plan, cells) if plan.coded else _by_rest(plan, corners, board, cells)
+        if spot is None:
             left_out = placed.left_out + int((cells.corner >= 0).sum())
             placed = placed._replace(left_out=left_out)
         else:
-            _put(plan, board, cells, *found, placed)
+            _put(plan, board, cells, *spot, placed)
     return placed
 
 
 def place_by_misfit(
     plan: Plan, corners: Corners, board: Board, cells: Cells, misfit: Misfit
 ) -> Placed | None:
-    """Place a piece where something else than its code fits best, by far; None where nothing does.
+    """Place a piece without a code where its misfit is smallest by far; None if there is no such.
 
     Args:
         plan: the reference.
         corners: of the picture.
-        board: their coordinates.
+        board: coordinates of the corners.
         cells: of the piece.
-        misfit: how badly points fit markers [px].
+        misfit: misfit of points to markers [px].
     """
     sample = 40  # corners whose misfit is computed in each position
     clearly = 3.0  # factor by which the best position must fit better than any other
-    found, best = [], []
+    tried, misfits = [], []
     enough = 0.5 * min((cells.corner >= 0).sum(), len(plan.position))
     for quarter in range(4):
         rows, columns = spin(cells, quarter).corner.shape
@@ -106,13 +106,13 @@ def place_by_misfit(
                     continue
                 here = np.flatnonzero(placed.corner >= 0)
                 if len(here) >= enough:
-                    some = here[:: max(len(here) // sample, 1)]
-                    found.append(placed)
-                    best.append(misfit(some, corners.position[placed.corner[some]]))
-    order = np.argsort(best)
-    if not found or (len(found) > 1 and best[order[1]] < clearly * best[order[0]]):
+                    markers = here[:: max(len(here) // sample, 1)]
+                    tried.append(placed)
+                    misfits.append(misfit(markers, corners.position[placed.corner[markers]]))
+    order = np.argsort(misfits)
+    if not tried or (len(tried) > 1 and misfits[order[1]] < clearly * misfits[order[0]]):
         return None
-    return found[order[0]]
+    return tried[order[0]]
 
 
 def _nothing(plan: Plan) -> Placed:
@@ -123,7 +123,7 @@ def _nothing(plan: Plan) -> Placed:
 def _put(
     plan: Plan, board: Board, cells: Cells, quarter: int, shift: np.ndarray, placed: Placed
 ) -> bool:
-    """Enter a piece at its place; whether its colours are the reference's there."""
+    """Enter a piece into `placed`; false if its colours differ from the reference's there."""
     turned = spin(cells, quarter)
     if (_there(plan.cells.colour, turned.colour, shift) * turned.colour < 0).any():
         return False
@@ -140,42 +140,42 @@ def _put(
 
 
 def _there(reference: np.ndarray, cells: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Values of the reference where cells of a shifted piece lie; 0 beyond it."""
-    other = np.zeros_like(cells)
+    """Values of the reference at the cells of a shifted piece; 0 outside the reference."""
+    values = np.zeros_like(cells)
     i, j = np.indices(cells.shape)
     i, j = i + shift[0], j + shift[1]
     inside = (i >= 0) & (j >= 0) & (i < reference.shape[0]) & (j < reference.shape[1])
-    other[inside] = reference[i[inside], j[inside]]
-    return other
+    values[inside] = reference[i[inside], j[inside]]
+    return values
 
 
 def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
-    """Quarter turns and shift of the one likely position, None where there is not just one."""
-    misread = 0.03  # share of cells whose dot is read wrongly
+    """Quarter turns and shift of the one likely position; None if no or several are likely."""
+    misread = 0.03  # share of cells whose dot is misread
     doubt = 1e-6  # probability of another position below which a piece is placed
-    # logarithm of how much less likely a position must be to be left out of that sum
+    # logarithm of the likelihood ratio from which other positions are neglected in that sum
     hopeless = 50.0
-    known = int(np.abs(cells.code).sum())
+    read = int(np.abs(cells.code).sum())
     reference, size = plan.cells, max(cells.code.shape)
-    shape = [1 << (one + size - 2).bit_length() for one in reference.code.shape]
+    shape = [1 << (length + size - 2).bit_length() for length in reference.code.shape]
     ahead = np.fft.rfft2(_channels(reference), shape)
     scores, shifts = [], []
     for quarter in range(4):
         turned = spin(cells, quarter)
         product = ahead * np.conj(np.fft.rfft2(_channels(turned), shape))
-        agree, both, colour = np.rint(np.fft.irfft2(product, shape))
-        score = 0.5 * (both + agree) * np.log(1.0 - misread)
-        score += 0.5 * (both - agree) * np.log(misread) - (known - both) * np.log(2.0)
-        scores.append(np.where((colour > 0) & (both > 0), score, -np.inf))
+        agree, shared, colour = np.rint(np.fft.irfft2(product, shape))
+        score = 0.5 * (shared + agree) * np.log(1.0 - misread)
+        score += 0.5 * (shared - agree) * np.log(misread) - (read - shared) * np.log(2.0)
+        scores.append(np.where((colour > 0) & (shared > 0), score, -np.inf))
         shifts.append(turned.code.shape)
     scores = np.stack(scores)
     best = np.unravel_index(np.argmax(scores), scores.shape)
     quarter, shift = int(best[0]), np.array(best[1:])
     highest = scores[best]
-    chance = np.exp(-known * np.log(2.0) - highest)
+    chance = np.exp(-read * np.log(2.0) - highest)
     near = scores[scores > highest - hopeless]
     others = np.exp(near - highest).sum() - 1.0
-    beyond = shift > np.array(shape) - np.array(shifts[quarter])  # shifts below 0 come last
+    beyond = shift > np.array(shape) - np.array(shifts[quarter])  # negative shifts wrap to the end
     return (quarter, shift - np.where(beyond, shape, 0)) if others + chance < doubt else None
 
 
@@ -184,9 +184,9 @@ def _channels(cells: Cells) -> Float32[np.ndarray, "3 rows columns"]:
 
 
 def _agreeing(plan: Plan, cells: Cells, shift: np.ndarray) -> np.ndarray:
-    """Corners of a placed piece, less those around which two cells or more are of another code."""
-    other = _there(plan.cells.code, cells.code, shift)
-    wrong = np.pad((other * cells.code < 0).astype(int), 1)
+    """Corners of a placed piece next to at most one cell whose code disagrees."""
+    code = _there(plan.cells.code, cells.code, shift)
+    wrong = np.pad((code * cells.code < 0).astype(int), 1)
     around = wrong[:-1, :-1] + wrong[1:, :-1] + wrong[:-1, 1:] + wrong[1:, 1:]
     return (cells.corner >= 0) & (around < 2)
 
@@ -194,11 +194,11 @@ def _agreeing(plan: Plan, cells: Cells, shift: np.ndarray) -> np.ndarray:
 def _by_rest(
     plan: Plan, corners: Corners, board: Board, cells: Cells
 ) -> tuple[int, np.ndarray] | None:
-    """Quarter turns and shift that most resting corners agree on, None where too few do."""
-    # share of a plain piece's corners that may lie where the reference has none
+    """Quarter turns and shift by a vote of the corners at rest; None if too few agree."""
+    # largest share of a plain piece's corners at places where the reference has none
     most_strange = 0.08
-    near = 0.35  # farthest that a corner at rest may lie from its place [pitches]
-    resting = 0.3  # share of a plain piece's corners that must rest, all of them alike
+    near = 0.35  # largest distance of a corner at rest from its place [pitches]
+    resting = 0.3  # share of a plain piece's corners that must rest at the same shift
     members = cells.corner[cells.corner >= 0]
     off, marker = KDTree(plan.position).query(corners.position[members])
     marker = np.asarray(marker)
@@ -211,14 +211,14 @@ def _by_rest(
         turn = (board.turn[members] + 3 * quarter) % 4
         aside = corners.directions[members, turn] - plan.heading[marker]
         alike = np.abs(np.angle(np.exp(1j * aside))) < 0.5
-        # the cell beyond: bright where a rising edge leads along the first coordinate
+        # the next cell is bright if a rising edge leads along the first coordinate
         alike &= (colour == 0) | (colour == np.where(turn % 2 == 0, 1, -1))
         rests = (np.asarray(off) < near * plan.pitch) & alike
         turned = spin(cells, quarter).corner
         here = np.argwhere(turned >= 0)
-        mine = np.zeros((len(corners.position), 2), dtype=int)
-        mine[turned[tuple(here.T)]] = here
-        shift = places[marker[rests]] - mine[members[rests]]
+        index = np.zeros((len(corners.position), 2), dtype=int)
+        index[turned[tuple(here.T)]] = here
+        shift = places[marker[rests]] - index[members[rests]]
         votes.append(np.column_stack([np.full(len(shift), quarter), shift]))
     choices, count = np.unique(np.concatenate(votes), axis=0, return_counts=True)
     if not len(count):

@@ -1,4 +1,4 @@
-"""Recordings from pictures of a continuous marker pattern: a checkerboard's x-corners."""
+"""Recordings from pictures of a continuous marker pattern: the x-corners of a checkerboard."""
 
 import numpy as np
 from jaxtyping import Int
@@ -14,13 +14,13 @@ from estimation.pictures.stream import Picture
 
 
 class CornerReader(MarkerReader):
-    """Turns pictures of a checkerboard, one after the other, into marker positions."""
+    """Turns pictures of a checkerboard into marker positions, one picture after the other."""
 
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
-        """Learn corners and reference from a picture.
+        """Detect the corners in a picture and make the reference.
 
         Raises:
-            ValueError: there is no checkerboard in it.
+            ValueError: the picture shows no checkerboard.
         """
         assert first.image is not None
         self.sensor, self.origin = settings.shown, settings.part.origin
@@ -36,7 +36,7 @@ class CornerReader(MarkerReader):
         )
 
     def read(self, picture: Picture) -> Row:
-        """Positions, contact and rotation of the line features in the next picture."""
+        """Measure positions, contact and rotation of the line features in the next picture."""
         shape = self.reference.position.shape
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, shape, picture.flaw or "no picture")
@@ -45,19 +45,19 @@ class CornerReader(MarkerReader):
             return Row.of_none(picture, shape, seen.flaw)
         displacement = seen.position - self.reference.position
         contact = region_of_dispersion(self.reference, displacement)
-        rest, known = self.reference.position, np.isfinite(displacement[:, 0])
+        rest, visible = self.reference.position, np.isfinite(displacement[:, 0])
         return Row(
             position=seen.position,
             contact=contact,
             time=picture.time,
             number=picture.number,
             flaw=find_tear_flaw(self.tracker.neighbours, rest, seen.position)
-            or find_unseen_flaw(rest, contact, known),
+            or find_unseen_flaw(rest, contact, visible),
             rotation=measure_rotation(self.tracker.neighbours, self.rest, seen).angle,
         )
 
     def notes(self) -> tuple[str, ...]:
-        """What the pattern looks like, what the reference is, and what identities rest on."""
+        """Remarks on the pattern, its identification, the reference and the contact region."""
         return (
             self.tracker.describe(),
             self.reference.note,
@@ -66,27 +66,28 @@ class CornerReader(MarkerReader):
 
 
 def straighten(sensor: Sensor, seen: Seen) -> Seen:
-    """Corners and their edges as they would be without the lens's distortion."""
+    """Remove the lens's distortion from corners and their edges."""
     if sensor.lens is None:
         return seen
     position = sensor.straighten(seen.position)
-    ahead = [
-        sensor.straighten(seen.position + np.stack([np.cos(one), np.sin(one)], axis=1)) - position
-        for one in seen.heading.T
+    edges = [
+        sensor.straighten(seen.position + np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        - position
+        for angle in seen.heading.T
     ]
-    heading = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in ahead], axis=1)
+    heading = np.stack([np.arctan2(edge[:, 1], edge[:, 0]) for edge in edges], axis=1)
     return seen._replace(position=position, heading=heading)
 
 
 def lay_out(tracker: CornerTracker, reference: np.ndarray) -> MarkerLayout:
-    """The corners at rest, as a recording has them."""
+    """The corners at rest, as a recording's layout."""
     corner = tracker.plan.cells.corner
     shape = (int(corner.shape[0]), int(corner.shape[1])) if (corner >= 0).all() else None
     return MarkerLayout(reference, tracker.neighbours, shape)
 
 
 def measure_rotation(neighbours: Int[np.ndarray, "m 4"], rest: Seen, now: Seen) -> Rotation:
-    """Rotation of the edges and of the lines to the neighbours, fused by their variances."""
+    """Rotation of edges and of lines to the neighbours, averaged by their variances."""
     edges = rotation_of_edges(
         rest.heading, now.heading, rest.heading_variance + now.heading_variance
     )

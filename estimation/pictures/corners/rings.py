@@ -1,11 +1,11 @@
-"""The two-ring circular detector of an x-corner, and the seeds it is tried on.
+"""The two-ring circular detector of x-corners, and its seeds.
 
-[Li2024] Fig. 5(a): where edges cross two circles about a corner, four edge lines follow, and their
-mean is the angle of the line features. [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient
-Slip-Based Rotation Measurement via Visuotactile Sensing During In-Hand Object Pivoting".
+[Li2024] Fig. 5(a): the crossings of edges with two circles around a corner give four edge lines,
+whose mean is the angle of the line features. [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang,
+"Incipient Slip-Based Rotation Measurement via Visuotactile Sensing During In-Hand Object Pivoting".
 
-An x-corner has two edges. Going round it from x to y, one edge is crossed from dark to bright, the
-other from bright to dark: the rising edge comes first in all arrays here, the falling one second.
+An x-corner has two edges. On the way around it from x to y, the rising edge is crossed from dark to
+bright, the falling edge from bright to dark. In all arrays the rising edge comes first.
 """
 
 from typing import NamedTuple
@@ -15,18 +15,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 SAMPLES = 64
-"""Points on each circle."""
+"""Number of points on each circle."""
 
 
 class Rings(NamedTuple):
-    """What the two-ring detector finds at each seed.
+    """Results of the two-ring detector at each seed.
 
     Attributes:
-        position: where the two edges meet [px].
+        position: intersection of the two edges [px].
         angles: of the rising and the falling edge [rad, from x to y, modulo π].
-        contrast: bright minus dark.
-        level: half-way between.
-        good: whether both circles are crossed four times, and the edges fit together.
+        contrast: grey level of bright minus dark.
+        level: grey level half-way between bright and dark.
+        good: whether both circles have four crossings, and the edges fit together.
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -37,18 +37,18 @@ class Rings(NamedTuple):
 
     @property
     def directions(self) -> Float[np.ndarray, "n 4"]:
-        """Of the four half edges, rising and falling in turn, in ascending order [rad]."""
+        """Directions of the four half edges, rising and falling in turn, ascending [rad]."""
         return half_edges(self.angles)
 
     def take(self, which: Shaped[np.ndarray, " m"]) -> "Rings":
-        """Some of the corners."""
+        """Select corners by index or mask."""
         return Rings(*(value[which] for value in self))
 
 
 def half_edges(angles: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 4"]:
     """Directions of a corner's four half edges, rising and falling in turn, ascending [rad].
 
-    Between the first and the second it is bright, between the second and the third dark.
+    The sector between the first and the second is bright, between the second and the third dark.
     """
     rising, falling = angles.T
     falling = rising + (falling - rising) % np.pi
@@ -56,14 +56,14 @@ def half_edges(angles: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 4"]:
 
 
 def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarray, "n 2"]:
-    """Pixels (x, y) at which an x-corner may be: the strongest saddles of the blurred picture.
+    """Find pixels (x, y) of possible x-corners: the strongest saddles of the blurred picture.
 
     Args:
         grey: the picture, 0 to 255.
-        radius: of the window about a corner [px].
+        radius: of the window around a corner [px].
     """
-    faint = 0.3  # share of the typical seed's strength below which a seed is no corner
-    # radius of the window from which saddles are looked for in a picture of half the size [px]
+    faint = 0.3  # least strength of a seed, as a share of the strong seeds' strength
+    # larger windows are searched in a picture that is reduced to about this radius [px]
     coarse = 4.5
     scale = max(int(radius / coarse), 1)
     if scale > 1:
@@ -90,15 +90,15 @@ def find_saddles(grey: Float[np.ndarray, "h w"], radius: float) -> Int[np.ndarra
 def read_rings(
     grey: Float[np.ndarray, "h w"], centre: Float[np.ndarray, "n 2"], radius: float
 ) -> Rings:
-    """Edge crossings on two circles, and the edges through them.
+    """Detect edge crossings on two circles, and the edges through them.
 
     Args:
         grey: the picture, 0 to 255.
         centre: of the circles, within a tenth of the radius of a corner [px].
-        radius: of the window about a corner [px].
+        radius: of the window around a corner [px].
     """
-    inner, outer = 0.4, 0.85  # radii of the circles, of that of the window
-    least_contrast = 8.0  # grey levels, of 255, between bright and dark
+    inner, outer = 0.4, 0.85  # radii of the circles, as shares of the window's
+    least_contrast = 8.0  # least difference of bright and dark [grey levels of 255]
     if not len(centre):
         none = np.zeros(0)
         return Rings(centre, np.zeros((0, 2)), none, none, none > 0)
@@ -120,7 +120,7 @@ def read_rings(
     points = radii[:, None] * np.exp(1j * crossing)
     points = points.transpose(0, 2, 1)  # corner, crossing, circle
     line = points[..., 1] - points[..., 0]
-    # opposite crossings are of one edge: its line runs through both
+    # opposite crossings belong to one edge, whose line runs through both
     direction = line[:, :2] - line[:, 2:]
     direction /= np.maximum(np.abs(direction), 1e-9)
     angles = np.angle(direction) % np.pi
@@ -139,18 +139,18 @@ def read_rings(
 def _crossings(
     value: Float[np.ndarray, "n 2 samples"],
 ) -> tuple[Float[np.ndarray, "n 2 4"], Bool[np.ndarray, " n"]]:
-    """Angles of the four crossings of each circle, rising, falling, rising, falling.
+    """Angles of the four crossings of each circle: rising, falling, rising, falling.
 
     Returns:
-        The angles [rad], 0 where there are not four; and whether there are four on both circles
-        that belong together.
+        The angles [rad], 0 unless there are four; and whether both circles have four crossings that
+        match.
     """
     above = value > 0.0
     after = np.roll(above, -1, axis=-1)
     cross = above != after
     good = (cross.sum(axis=-1) == 4).all(axis=-1)
     share = value / np.where(cross, value - np.roll(value, -1, axis=-1), 1.0)
-    found = np.zeros((len(value), 2, 4))
+    angles = np.zeros((len(value), 2, 4))
     at = np.flatnonzero(cross & good[:, None, None]).reshape(-1, 2, 4) % SAMPLES
     exact = at + np.take_along_axis(share[good], at, axis=-1)
     falls = np.take_along_axis(above[good], at[..., :1], axis=-1)
@@ -158,10 +158,10 @@ def _crossings(
     exact *= 2.0 * np.pi / SAMPLES
     # the outer circle's first rising crossing may be the inner one's second
     apart = np.angle(np.exp(1j * (exact[:, 1] - exact[:, 0])))
-    other = np.angle(np.exp(1j * (np.roll(exact[:, 1], 2, axis=-1) - exact[:, 0])))
-    swap = np.abs(other).sum(axis=-1) < np.abs(apart).sum(axis=-1)
+    swapped = np.angle(np.exp(1j * (np.roll(exact[:, 1], 2, axis=-1) - exact[:, 0])))
+    swap = np.abs(swapped).sum(axis=-1) < np.abs(apart).sum(axis=-1)
     exact[:, 1] = np.where(swap[:, None], np.roll(exact[:, 1], 2, axis=-1), exact[:, 1])
-    apart = np.where(swap[:, None], other, apart)
-    found[good] = exact
+    apart = np.where(swap[:, None], swapped, apart)
+    angles[good] = exact
     good[good] = (np.abs(apart) < 0.5).all(axis=-1)
-    return found, good
+    return angles, good

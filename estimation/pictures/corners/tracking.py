@@ -1,4 +1,4 @@
-"""X-corners followed from picture to picture, each picture placed in the reference by itself."""
+"""Tracking of x-corners; each picture is placed in the reference independently of the others."""
 
 from typing import NamedTuple
 
@@ -29,20 +29,20 @@ from estimation.pictures.lines import straighten_edges
 from estimation.pictures.part import WHOLE, Part
 
 FEWEST = 12
-"""Corners in one piece from which a picture counts as one of a checkerboard."""
+"""Least number of corners in one piece for a picture to count as a checkerboard."""
 COVERED = 0.2
-"""Share of the picture that they must cover."""
+"""Least share of the picture that the corners must cover."""
 
 
 class Seen(NamedTuple):
-    """The reference's corners as they are in a picture; NaN where not seen.
+    """The reference's corners in a picture; NaN where not visible.
 
     Attributes:
-        position: of each [px].
-        variance: of it per coordinate [px²].
+        position: of each corner [px].
+        variance: of the position per coordinate [px²].
         heading: directions of the edges along the two lattice coordinates [rad].
-        heading_variance: of the mean of the two [rad²].
-        flaw: why the picture cannot be used, empty where it can.
+        heading_variance: of the mean of the two directions [rad²].
+        flaw: why the picture cannot be used; empty if it can.
     """
 
     position: Float[np.ndarray, "m 2"]
@@ -53,15 +53,15 @@ class Seen(NamedTuple):
 
 
 class CornerTracker:
-    """Says where the corners of the reference are, picture by picture.
+    """Locates the reference's corners in each picture.
 
     Attributes:
-        style: what the corners look like.
+        style: appearance of the corners.
         plan: the reference.
-        rest: the corners in it.
-        note: what the reference is, in a sentence.
-        neighbours: of each corner, those before and after it along a line; −1 for none.
-        part: of the pictures that they show.
+        rest: the corners of the reference.
+        note: origin of the reference, in a sentence.
+        neighbours: of each corner, before and after it on one line, then on the other; −1 for none.
+        part: the part of the sensor's pictures that is read.
     """
 
     def __init__(
@@ -75,15 +75,15 @@ class CornerTracker:
     def learn(
         cls, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False, part: Part = WHOLE
     ) -> "CornerTracker":
-        """Learn corners and reference from a picture.
+        """Detect the corners in a picture and make the reference.
 
         Args:
             picture: of the sensor.
-            unloaded: it is known to be unloaded.
-            part: of the sensor's pictures that this and the next ones show.
+            unloaded: whether the picture is known to be unloaded.
+            part: the part of the sensor's pictures that all pictures show.
 
         Raises:
-            ValueError: there is no checkerboard in it.
+            ValueError: the picture shows no checkerboard.
         """
         grey = to_light(picture)
         style = find_corner_style(grey)
@@ -104,16 +104,17 @@ class CornerTracker:
     def from_aside(
         self, picture: Shaped[np.ndarray, "h w *colour"], misfit: Misfit
     ) -> "CornerTracker":
-        """A tracker of the same corners in another view, taken when the reference was.
+        """Make a tracker of the same corners in another view of the reference.
 
         Corners that the other view does not show have no position in its reference.
 
         Args:
-            picture: the other view.
-            misfit: how badly the other view's points fit markers, for patterns without a code.
+            picture: the other view, taken together with the reference.
+            misfit: misfit of the other view's points to markers, used for patterns without a code.
 
         Raises:
-            ValueError: there is no checkerboard in it, or it fits nowhere, or in several places.
+            ValueError: the view shows no checkerboard, or its pattern fits nowhere or in several
+                places.
         """
         grey = to_light(picture)
         style = find_corner_style(grey)
@@ -125,14 +126,14 @@ class CornerTracker:
         if placed is None or (placed.corner >= 0).sum() < SMALLEST:
             raise ValueError(
                 "the pattern in the two views cannot be matched: it fits nowhere, or in several "
-                "places alike"
+                "places equally well"
             )
         rest = _everywhere(corners, placed)
         plan = Plan(self.plan.cells, rest.position, rest.heading[:, 0], style.pitch)
         return CornerTracker(style, plan, rest, self.note)
 
     def take(self, kept: Bool[np.ndarray, " m"]) -> "CornerTracker":
-        """A tracker of some of the corners."""
+        """Make a tracker of the corners where `kept` is true."""
         number = np.where(kept, np.cumsum(kept) - 1, -1)
         corner = self.plan.cells.corner
         cells = self.plan.cells._replace(corner=np.where(corner >= 0, number[corner], -1))
@@ -142,8 +143,8 @@ class CornerTracker:
         return CornerTracker(self.style, plan, rest, self.note)
 
     def find(self, picture: Shaped[np.ndarray, "h w *colour"]) -> Seen:
-        """The reference's corners in the next picture."""
-        # share of the reference's corners below which a picture counts as not recognised
+        """Locate the reference's corners in the next picture."""
+        # share of the reference's corners below which the pattern counts as not recognised
         lost = 0.3
         grey = to_light(picture)
         corners, board, pieces = _look(grey, self.style, self.part)
@@ -153,21 +154,21 @@ class CornerTracker:
             return self._straighten(grey, corners, placed)
         flaw = f"only {here.sum()} of {len(here)} corners were recognised"
         if placed.left_out:
-            flaw += f"; {placed.left_out} lie in pieces whose place is ambiguous"
+            flaw += f"; {placed.left_out} more lie in pieces whose place is ambiguous"
         nowhere = placed._replace(corner=np.full_like(placed.corner, -1))
         return _everywhere(corners, nowhere)._replace(flaw=flaw)
 
     def _straighten(
         self, grey: Float32[np.ndarray, "h w"], corners: Corners, placed: Placed
     ) -> Seen:
-        """What is seen of each marker, the bending of its edges allowed for.
+        """The markers in a picture, corrected for the curvature of their edges.
 
-        Its shift grows with the window's square: where it is large, a smaller window is better
-        although its noise is larger.
+        The shift by curved edges grows with the square of the window. Corners with a large shift
+        are fitted again in a smaller window, although its noise is larger.
         """
-        # shift by edges that bend from which a corner is fitted again in a smaller window [px]
+        # shift by curved edges from which a corner is fitted again in a smaller window [px]
         most_bent = 0.02
-        # that window is of a pattern whose pitch is this share, and not below so many px
+        # pitch that sets the smaller window: as a share of the pattern's, and at least [px]
         smaller, least = 0.55, 10.0
         seen = _everywhere(corners, placed)
         position = self._unbend(seen, self.style)
@@ -188,30 +189,28 @@ class CornerTracker:
         return straighten_edges(self.neighbours, seen.position, seen.heading, style.radius)
 
     def describe(self) -> str:
-        """What the pattern looks like, and what identities rest on, in sentences."""
-        what = (
+        """Remarks on the pattern and the identification of its markers, in sentences."""
+        pattern = (
             f"{len(self.plan.position)} x-corners, {self.plan.pitch:.1f} px apart, "
             f"blur {self.style.blur:.2f} px. "
         )
         if self.plan.coded:
-            return (
-                what + "The cells carry a code: each piece of the pattern identifies its own place."
-            )
-        return what + (
-            "The cells carry no code: the pattern repeats, and its place follows from the corners "
-            "at rest. A jump of the whole view by two cells between pictures goes unnoticed."
+            return pattern + "The cells carry a code, so each piece of the pattern is identified."
+        return pattern + (
+            "The cells carry no code, so the pattern repeats and is identified by its corners at "
+            "rest. A jump of the whole view by two cells between pictures goes unnoticed."
         )
 
 
 def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED) -> CornerStyle:
-    """Pitch and blur of the checkerboard in a picture.
+    """Estimate pitch and blur of the checkerboard in a picture.
 
     Args:
         grey: the picture, 0 to 255.
-        covered: share of the picture that it must cover.
+        covered: least share of the picture that the checkerboard must cover.
 
     Raises:
-        ValueError: there is none.
+        ValueError: the picture shows no checkerboard.
     """
     pitches = (23.0, 15.0, 10.0, 34.0)  # distances between corners that are tried [px]
     best, most = None, 0
@@ -219,7 +218,7 @@ def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED
         style: CornerStyle | None = CornerStyle(pitch)
         board = connect_corners(find_rings(grey, style), pitch)
         if (board.piece == 0).sum() < FEWEST:
-            continue  # before anything is fitted
+            continue  # without a fit
         for _ in range(2):
             style = style and _refined(grey, style)
         if style is None:
@@ -231,14 +230,14 @@ def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED
             best, most = style, count
     if best is None:
         raise ValueError(
-            "no checkerboard was found in the first usable frame: this sensor seems to have no "
-            "continuous marker pattern, or its corners are less than 8 px apart"
+            "no checkerboard was found in the first usable frame: the sensor has no continuous "
+            "marker pattern, or its corners are less than 8 px apart"
         )
     return best
 
 
 def _refined(grey: Float32[np.ndarray, "h w"], style: CornerStyle) -> CornerStyle | None:
-    """The style of the largest piece that another style finds, None where that is too small."""
+    """The style of the largest piece found with another style; None if the piece is too small."""
     corners = find_corners(grey, style)
     board = connect_corners(corners, style.pitch)
     whole = np.flatnonzero(board.piece == 0)
@@ -249,14 +248,14 @@ def _refined(grey: Float32[np.ndarray, "h w"], style: CornerStyle) -> CornerStyl
 
 
 def _pitch(position: Float[np.ndarray, "n 2"], index: Int[np.ndarray, "n 2"]) -> float:
-    """Mean distance between lattice neighbours [px], by the area of a cell."""
+    """Mean distance between lattice neighbours [px], from the area of a cell."""
     terms = np.column_stack([np.ones(len(index)), index])
     affine = np.linalg.lstsq(terms, position, rcond=None)[0][1:]
     return float(np.sqrt(abs(np.linalg.det(affine))))
 
 
 def _seen(corners: Corners, turn: Int[np.ndarray, " n"]) -> Seen:
-    """Positions, and the edges along the lattice coordinates, of corners."""
+    """Positions of corners, and directions of their edges along the lattice coordinates."""
     rows = np.arange(len(turn))
     directions = corners.directions
     heading = np.stack([directions[rows, turn], directions[rows, (turn + 1) % 4]], axis=1)
@@ -271,7 +270,7 @@ def _seen(corners: Corners, turn: Int[np.ndarray, " n"]) -> Seen:
 def _look(
     grey: Float32[np.ndarray, "h w"], style: CornerStyle, part: Part = WHOLE
 ) -> tuple[Corners, Board, list[Cells]]:
-    """Corners of a picture, their coordinates, and the cells of every piece large enough."""
+    """Corners of a picture, their coordinates, and the cells of every large enough piece."""
     corners = find_corners(grey, style)
     corners = corners.take(part.shows(corners.position, style.radius))
     board = connect_corners(corners, style.pitch)
@@ -283,7 +282,7 @@ def _look(
 
 
 def _everywhere(corners: Corners, placed: Placed) -> Seen:
-    """What is seen of each marker; NaN where nothing is."""
+    """The markers of the reference in a picture; NaN where not visible."""
     here = placed.corner >= 0
     seen = _seen(corners.take(placed.corner[here]), placed.turn[here])
     parts = [np.full((len(here), *part.shape[1:]), np.nan) for part in seen[:4]]
@@ -296,7 +295,7 @@ def _everywhere(corners: Corners, placed: Placed) -> Seen:
 def _rest(
     corners: Corners, turn: Int[np.ndarray, " m"], index: Int[np.ndarray, "m 2"], unloaded: bool
 ) -> tuple[Seen, str]:
-    """The corners at rest, measured or on a lattice fitted to those that rest; and what it is."""
+    """The corners at rest, measured or on a fitted lattice; and a note on their origin."""
     # share of the corners on a regular lattice from which a picture counts as unloaded
     rests = 0.95
     seen = _seen(corners, turn)
@@ -314,13 +313,13 @@ def _rest(
         )
         return seen, note
     place = fitted.place(index)
-    ahead = [
+    edges = [
         fitted.place(index + step) - fitted.place(index - step) for step in np.eye(2, dtype=int)
     ]
-    heading = np.stack([np.arctan2(one[:, 1], one[:, 0]) for one in ahead], axis=1)
-    none = np.zeros(len(index))
+    heading = np.stack([np.arctan2(edge[:, 1], edge[:, 0]) for edge in edges], axis=1)
+    variance = np.zeros(len(index))
     note = (
-        f"The clip starts loaded: the reference is a regular lattice through {fitted.on.sum()} of "
-        f"{len(index)} corners of the first frame, those away from contact."
+        f"The clip starts loaded: the reference is a regular lattice, fitted to {fitted.on.sum()} "
+        f"of {len(index)} corners of the first frame, away from contact."
     )
-    return Seen(place, none, heading, none), note
+    return Seen(place, variance, heading, variance), note

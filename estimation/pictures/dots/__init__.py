@@ -1,1 +1,1 @@
-"""Printed dots: found, fitted, matched and followed."""
+"""Printed dots: detection, fit, matching and tracking."""

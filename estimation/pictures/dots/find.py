@@ -1,4 +1,4 @@
-"""Dots: seeds from a difference of Gaussians, then a sub-pixel fit of a blurred ellipse each."""
+"""Detection of dots: seeds from a difference of Gaussians, then a sub-pixel fit of each dot."""
 
 from typing import NamedTuple
 
@@ -10,10 +10,10 @@ from estimation.pictures.dots.fit import fit_windows
 
 
 class DotStyle(NamedTuple):
-    """What the dots of a sensor look like.
+    """Appearance of a sensor's dots.
 
     Attributes:
-        dark: whether they are darker than their surroundings.
+        dark: whether the dots are darker than their surroundings.
         radius: typical radius [px].
         blur: typical standard deviation of the point spread [px].
     """
@@ -28,9 +28,10 @@ class Dots(NamedTuple):
 
     Attributes:
         centre: positions [px], x right and y down, the first pixel's middle at 0.
-        covariance: of the position, from the misfit of the fit [px²].
-        axes: symmetric matrices that take the unit circle to each dot's rim [px].
-        contrast: grey level of the background minus that of the dot, taken positive.
+        covariance: of the position, from the residual of the fit [px²].
+        axes: symmetric matrices that map the unit circle to each dot's rim [px].
+        contrast: difference of grey level between dot and background, positive if the dot is dark
+            or bright as the style says.
         blur: standard deviation of the point spread [px].
         explained: share of the picture's variance around the dot that the fit explains [-].
     """
@@ -43,12 +44,12 @@ class Dots(NamedTuple):
     explained: Float[np.ndarray, " n"]
 
     def take(self, which: Shaped[np.ndarray, " m"]) -> "Dots":
-        """Some of the dots."""
+        """Select dots by index or mask."""
         return Dots(*(value[which] for value in self))
 
     @property
     def radius(self) -> Float[np.ndarray, " n"]:
-        """Of the circle of each dot's area [px]."""
+        """Radius of the circle with each dot's area [px]."""
         xx, xy, yx, yy = self.axes.reshape(-1, 4).T
         return np.sqrt(np.abs(xx * yy - xy * yx))
 
@@ -61,12 +62,12 @@ class Dots(NamedTuple):
 
 
 def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarray, "n 2"]:
-    """Pixels (x, y) at which a dot may be: maxima of a difference of Gaussians.
+    """Find pixels (x, y) of possible dots: maxima of a difference of Gaussians.
 
-    Large dots are looked for in a picture of half the size.
+    Large dots are searched in a picture of half the size.
     """
-    coarse = 4.0  # radius from which dots are looked for at half the resolution [px]
-    faint = 0.3  # share of the typical seed's strength below which a seed is no dot
+    coarse = 4.0  # radius from which dots are searched at half the resolution [px]
+    faint = 0.3  # least strength of a seed, as a share of the typical seed's
     part = 2 if style.radius >= coarse else 1
     if part == 2:
         grey = cv2.resize(
@@ -95,7 +96,7 @@ def find_seeds(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Int[np.ndarra
 def _find_tops(
     response: Float[np.ndarray, "h w"], y: Int[np.ndarray, " n"], x: Int[np.ndarray, " n"]
 ) -> list[Float[np.ndarray, " n"]]:
-    """How far parabolas through three pixels have their tops from the middle one, in x and y."""
+    """Offsets, in x and y, of the tops of parabolas through three pixels from the middle pixel."""
     padded = cv2.copyMakeBorder(response, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     width, value = padded.shape[1], padded.ravel()
     at, offsets = (y + 1) * width + x + 1, []
@@ -109,23 +110,23 @@ def _find_tops(
 def fit_dots(
     grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
 ) -> Dots:
-    """Fit centre, shape, blur, contrast and a sloping background to every seed.
+    """Fit centre, shape, blur, contrast and a sloping background at every seed.
 
     Args:
-        grey: the picture, as `to_grey` gives it.
-        seeds: pixels to start from, each within a radius of a dot's centre.
+        grey: the picture from `to_grey`.
+        seeds: initial pixels, each within a radius of a dot's centre.
         style: typical radius, and whether the dots are dark.
     """
-    at_once = 16  # dots whose arrays stay in the processor's cache
+    at_once = 16  # dots fitted at a time, so that their arrays stay in the processor's cache
     half = int(np.ceil(1.5 * style.radius + 2.0))
     grey = cv2.copyMakeBorder(grey, half, half, half, half, cv2.BORDER_CONSTANT, value=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(grey, (2 * half + 1, 2 * half + 1))
     parts = [
-        fit_windows(windows[some[:, 1], some[:, 0]], style.radius)
-        for some in np.split(seeds, range(at_once, len(seeds), at_once))
+        fit_windows(windows[batch[:, 1], batch[:, 0]], style.radius)
+        for batch in np.split(seeds, range(at_once, len(seeds), at_once))
     ]
     offset, covariance, shape, contrast, blur, explained = (
-        np.concatenate(one).astype(float) for one in zip(*parts, strict=True)
+        np.concatenate(values).astype(float) for values in zip(*parts, strict=True)
     )
     return Dots(
         centre=seeds + offset,

@@ -1,8 +1,8 @@
-"""Blurred ellipses fitted to windows of a picture, many at once.
+"""Fit of blurred ellipses to windows of a picture, many at once.
 
-The profile across the rim is that of a straight edge under a Gaussian blur, ½ erfc(t/√2 s), t the
-distance from the rim: exact for radii large against the blur, and symmetric about the centre for
-all, so that the position is not biased by it.
+The profile across the rim is that of a straight edge under a Gaussian blur, ½ erfc(t/√2 s), with t
+the distance from the rim. It is exact for radii much larger than the blur. For all radii it is
+symmetric about the centre, and so does not bias the position.
 """
 
 import numpy as np
@@ -18,10 +18,10 @@ def model_dots(
     """Grey levels of blurred ellipses, and their derivatives.
 
     Args:
-        p: centre, inverse shape (xx, yy, xy), blur, then what is linear: the dot's grey level less
-            the background's, the background and its two slopes.
+        p: centre, inverse shape (xx, yy, xy) and blur, then the linear parameters: the dot's grey
+            level minus the background's, the background and its two slopes.
         dx: of the pixels, from the window's middle.
-        dy: the same.
+        dy: the same along y.
     """
     x, y = dx - p[:, :1], dy - p[:, 1:2]
     gx = p[:, 2:3] * x + p[:, 4:5] * y
@@ -52,15 +52,15 @@ def model_dots(
 def fit_windows(
     windows: Float32[np.ndarray, "n side side"], radius: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fit dots in windows around them, Gauss–Newton in all at once.
+    """Fit dots in their windows by Gauss–Newton, all at once.
 
     Args:
-        windows: grey levels, NaN outside the picture.
-        radius: typical, of the dots [px].
+        windows: grey levels; NaN outside the picture.
+        radius: typical radius of the dots [px].
 
     Returns:
-        Offset from the window's middle [px], its covariance [px²], inverse shape [1/px], contrast,
-        blur [px] and the share of the variance that the fit explains [-].
+        Offset from the window's middle [px], covariance of the offset [px²], inverse shape [1/px],
+        contrast, blur [px] and the share of the variance that the fit explains [-].
     """
     gauss_newton_steps = 5
     half = windows.shape[1] // 2
@@ -97,7 +97,7 @@ def fit_windows(
 def _start(
     value: Float32[np.ndarray, "n pixels"], mean: Float32[np.ndarray, " n"], radius: float
 ) -> Float32[np.ndarray, "n 10"]:
-    """Round dots of the typical radius, their grey levels from middle and mean of the windows."""
+    """Initial round dots of the typical radius, with grey levels from the windows."""
     middle = value[:, value.shape[1] // 2]
     edge_level = 1.5 * mean - 0.5 * middle
     p = np.zeros((len(mean), 10), np.float32)
@@ -115,7 +115,7 @@ def _equations(
 ) -> tuple[
     Float[np.ndarray, "n 10 10"], Float[np.ndarray, "n 10"], Float32[np.ndarray, "n pixels"]
 ]:
-    """Matrix and right side of a Gauss–Newton step, a little damped, and the residual."""
+    """Slightly damped matrix and right side of a Gauss–Newton step, and the residual."""
     fitted, jacobian = model_dots(p, dx, dy)
     jacobian *= weight[:, None]
     residual = (value - fitted) * weight

@@ -1,9 +1,9 @@
-"""Which dot is which: each frame matched to the reference, without continuity.
+"""Matching of dots: each frame is matched to the reference without earlier frames.
 
-Dots of a printed lattice keep their neighbours, however far they move. A frame is matched to the
-reference by that alone: dots that lie where the reference has them, and whose neighbours do too,
-are the gel that nothing has moved; from there the match spreads dot by dot, each step predicted
-from the neighbours found before. Earlier frames play no part, so none can mislead.
+Dots of a printed lattice keep their neighbours, however far they move. The match starts at gel that
+has not moved: at dots that lie at their place in the reference together with their neighbours. From
+there it spreads dot by dot, each dot predicted from its matched neighbours. Earlier frames are not
+used, so their errors do not persist.
 """
 
 import numpy as np
@@ -14,11 +14,14 @@ from estimation.pictures.lattice import NEAR, Reference, nearest
 
 
 def match_dots(reference: Reference, centre: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " m"]:
-    """The dot that each point of the reference is now, −1 where not seen.
+    """Match the dots of a frame to the reference.
 
     Args:
         reference: the reference.
         centre: dots of the frame [px].
+
+    Returns:
+        For each point of the reference, the number of its dot; −1 where not visible.
     """
     match = grow_match(reference, centre, match_piece(reference, centre, reference.position))
     return _drop_doubtful(reference, centre, match) if (match >= 0).any() else match
@@ -27,28 +30,31 @@ def match_dots(reference: Reference, centre: Float[np.ndarray, "n 2"]) -> Int[np
 def match_piece(
     reference: Reference, centre: Float[np.ndarray, "n 2"], expected: Float[np.ndarray, "m 2"]
 ) -> Int[np.ndarray, " m"]:
-    """The largest piece of neighbours that lie where they are expected, −1 for all others.
+    """Match the largest connected piece of points whose dots lie at their expected places.
 
     Args:
         reference: the reference.
         centre: dots of the frame [px].
-        expected: where the points may be [px], NaN where unknown.
+        expected: expected position of each point [px]; NaN where unknown.
+
+    Returns:
+        For each point of the reference, the number of its dot; −1 outside the piece.
     """
     match = np.full(len(reference.position), -1)
-    known = np.flatnonzero(np.isfinite(expected[:, 0]))
-    if len(centre) < 4 or not len(known):
+    points = np.flatnonzero(np.isfinite(expected[:, 0]))
+    if len(centre) < 4 or not len(points):
         return match
-    off, dot = nearest(KDTree(centre), expected[known])
-    back = nearest(KDTree(expected[known]), centre)[1]
+    off, dot = nearest(KDTree(centre), expected[points])
+    back = nearest(KDTree(expected[points]), centre)[1]
     mutual = (off < NEAR * reference.pitch) & (back[dot] == np.arange(len(dot)))
-    match[known[mutual]] = dot[mutual]
+    match[points[mutual]] = dot[mutual]
     return _largest_piece(reference, centre, match, expected)
 
 
 def grow_match(
     reference: Reference, centre: Float[np.ndarray, "n 2"], match: Int[np.ndarray, " m"]
 ) -> Int[np.ndarray, " m"]:
-    """A match spread from the matched points to their neighbours, as far as it goes."""
+    """Extend a match from matched points to their neighbours as far as possible."""
     if (match < 0).all():
         return match
     tree = KDTree(centre)
@@ -63,8 +69,8 @@ def grow_match(
 def _drop_doubtful(
     reference: Reference, centre: Float[np.ndarray, "n 2"], match: Int[np.ndarray, " m"]
 ) -> Int[np.ndarray, " m"]:
-    """Leave out dots that are not where the others have them, or nearer to another's place."""
-    # farthest a dot may lie from where all its neighbours together have it [pitches]
+    """Drop dots far from the place that their neighbours predict, or nearer to another place."""
+    # largest distance of a dot from the place that its neighbours predict [pitches]
     sure_share = 0.3
     place = predict(reference, centre, match)
     there = np.flatnonzero((match >= 0) & np.isfinite(place[:, 0]))
@@ -73,9 +79,9 @@ def _drop_doubtful(
     off = np.linalg.norm(place[there] - centre[match[there]], axis=1)
     owner = there[nearest(KDTree(place[there]), centre[match[there]])[1]]
     sure = there[(owner == there) & (off < sure_share * reference.pitch)]
-    kept = np.full_like(match, -1)
-    kept[sure] = match[sure]
-    return kept
+    certain = np.full_like(match, -1)
+    certain[sure] = match[sure]
+    return certain
 
 
 def _largest_piece(
@@ -84,27 +90,27 @@ def _largest_piece(
     match: Int[np.ndarray, " m"],
     expected: Float[np.ndarray, "m 2"],
 ) -> Int[np.ndarray, " m"]:
-    """The largest set of neighbours that have kept their places to each other."""
-    stretch = 0.5  # most that the vector to a neighbour may change among dots at rest [pitches]
+    """The largest set of connected neighbours that have kept their relative positions."""
+    stretch = 0.5  # largest change of the vector to a neighbour among dots at rest [pitches]
     neighbours = reference.neighbours
-    known = match >= 0
-    both = (neighbours >= 0) & known[neighbours] & known[:, None]
+    matched = match >= 0
+    linked = (neighbours >= 0) & matched[neighbours] & matched[:, None]
     off = centre[match] - expected
     moved = off[neighbours] - off[:, None]
-    firm = both & (np.einsum("nki,nki->nk", moved, moved) < (stretch * reference.pitch) ** 2)
+    firm = linked & (np.einsum("nki,nki->nk", moved, moved) < (stretch * reference.pitch) ** 2)
     label = _label_pieces(neighbours, firm)
-    largest = np.argmax(np.bincount(label[known], minlength=1))
-    return np.where((label == largest) & known, match, -1)
+    largest = np.argmax(np.bincount(label[matched], minlength=1))
+    return np.where((label == largest) & matched, match, -1)
 
 
 def _label_pieces(
     neighbours: Int[np.ndarray, "m k"], joined: Bool[np.ndarray, "m k"]
 ) -> Int[np.ndarray, " m"]:
-    """For each point the lowest number of a point that joints connect it to."""
+    """Label connected points by the lowest number among them."""
     label = np.arange(len(neighbours))
     while True:
         lower = np.minimum(label, np.where(joined, label[neighbours], len(label)).min(axis=1))
-        lower = lower[lower]  # as far as the label's own label: pieces are long
+        lower = lower[lower]  # jump to the label's own label, since pieces are long
         if (lower == label).all():
             return label
         label = lower
@@ -116,11 +122,11 @@ def _spread(
     tree: KDTree,
     match: Int[np.ndarray, " m"],
 ) -> Int[np.ndarray, " m"]:
-    """Match the points next to matched ones, where a free dot lies within reach of the guess."""
+    """Match points next to matched ones if a free dot lies near their predicted place."""
     free = np.ones(len(centre), dtype=bool)
     free[match[match >= 0]] = False
-    known = (reference.neighbours >= 0) & (match[reference.neighbours] >= 0)
-    rim = np.flatnonzero((match < 0) & (known.sum(axis=1) >= 2))
+    matched = (reference.neighbours >= 0) & (match[reference.neighbours] >= 0)
+    rim = np.flatnonzero((match < 0) & (matched.sum(axis=1) >= 2))
     if not (len(rim) and free.any()):
         return match
     guess = predict(reference, centre, match, rim)
@@ -139,27 +145,27 @@ def predict(
     match: Int[np.ndarray, " m"],
     points: Int[np.ndarray, " k"] | None = None,
 ) -> Float[np.ndarray, "k 2"]:
-    """Where points should be, by a rotation and a strain fitted to the matched ones around each.
+    """Predict positions [px] of points by a rotation and strain fitted to matched points around.
 
-    The strain is held back: few points tell it badly.
+    Rotation and strain are regularised, because few points determine them badly.
 
     Args:
         reference: the reference.
         centre: dots of the frame [px].
-        match: the dot that each point of the reference is, −1 where not known.
+        match: number of each point's dot; −1 where unknown.
         points: of the reference; all by default.
     """
-    # how much predictions are drawn towards no rotation and no strain, as a share of the data
+    # weight of the regularisation towards no rotation and no strain, relative to the data
     stiffness = 0.1
     points = np.arange(len(match)) if points is None else points
     around = reference.around[points]
-    known = (around >= 0) & (match[around] >= 0)
+    matched = (around >= 0) & (match[around] >= 0)
     to_complex = np.array([1.0, 1.0j])
     rest, now = reference.position @ to_complex, centre[match] @ to_complex
     ahead = rest[around] - rest[points][:, None]
-    weight = known / np.maximum(np.abs(ahead) ** 2, 1e-9)
+    weight = matched / np.maximum(np.abs(ahead) ** 2, 1e-9)
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
-    motion = np.where(known, now[around] - rest[around], 0.0)
+    motion = np.where(matched, now[around] - rest[around], 0.0)
     origin, shift = (weight * ahead).sum(axis=1), (weight * motion).sum(axis=1)
     arm, motion = ahead - origin[:, None], motion - shift[:, None]
     # normal equations of motion = turn · arm + strain · conj(arm)

@@ -37,23 +37,23 @@ from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
 
 RESTING = 5
-"""Frames in a row in which the dots must lie regularly, and still, to be at rest."""
+"""Number of consecutive frames in which dots must be regular and still to count as at rest."""
 MOST_JUDGED = 2000
-"""Frames whose contact is judged again once they have been seen at rest."""
+"""Largest number of frames whose contact is corrected once the dots have been at rest."""
 
 
 class DotReader(MarkerReader):
-    """Turns pictures of printed dots, one after the other, into marker positions.
+    """Turns pictures of printed dots into marker positions, one picture after the other.
 
-    Where a clip starts loaded the reference is guessed; as soon as the gel is seen at rest, that is
-    the reference of the whole clip.
+    If a clip starts loaded, the reference is estimated. As soon as the gel rests in a later frame,
+    that frame becomes the reference of the whole clip.
     """
 
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
-        """Learn dots and reference from a picture.
+        """Detect the dots in a picture and make the reference.
 
         Raises:
-            ValueError: there are no dots in rows in it.
+            ValueError: the picture shows no dots in rows.
         """
         assert first.image is not None
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
@@ -71,13 +71,13 @@ class DotReader(MarkerReader):
         self.size = first.size
         self.by_dots: deque[int] = deque(maxlen=MOST_JUDGED)
         self.resting, self.before = 0, self.reference.position
-        self.uneven = np.zeros((0, 2))  # dots that did not rest when they were last counted
-        self.reach = 0.0  # motion of those up to which they cannot rest [px]
+        self.uneven = np.zeros((0, 2))  # dots that did not rest when last indexed
+        self.reach = 0.0  # motion of these dots up to which they cannot rest [px]
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = self.reference.layout(self.scale, self.origin)
 
     def read(self, picture: Picture) -> Row:
-        """Marker positions, contact and imprint of the next picture."""
+        """Measure marker positions, contact and imprint in the next picture."""
         count = len(self.reference.position)
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, (count, 2), picture.flaw or "no picture")
@@ -118,36 +118,37 @@ class DotReader(MarkerReader):
         )
 
     def _in_plane(self, point: tuple[float, ...]) -> tuple[float, ...]:
-        """A point of what the object prints, where a straight lens would show it [px]."""
+        """A point of the object's print, without the lens's distortion [px]."""
         places = self.sensor.straighten(np.reshape(point[:4], (2, 2)))
         return (*places.ravel().tolist(), *point[4:])
 
     def notes(self) -> tuple[str, ...]:
-        """What the dots look like, what the reference is, and what tells the contact region."""
-        by = "the dispersion of the translation field"
+        """Remarks on the dots, the reference and the estimate of the contact region."""
+        source = "the dispersion of the translation field"
         if self.prints:
-            by = f"the object's print where there is one, else from {by}"
-        by = "the change of light" if self.light else by
+            source = f"the object's print where there is one, else from {source}"
+        source = "the change of light" if self.light else source
         return (
             f"{len(self.reference.position)} {'dark' if self.style.dark else 'bright'} dots of "
             f"radius {self.style.radius:.1f} px, {self.reference.pitch:.1f} px apart.",
             self.reference.note,
-            f"The contact region is estimated from {by}.",
+            f"The contact region is estimated from {source}.",
         )
 
     def _find(self, image: Shaped[np.ndarray, "h w *colour"]) -> Dots:
-        """The dots of a picture that are read whole."""
+        """Find the dots of a picture that the mask does not cut."""
         dots = find_dots(to_grey(image, self.style.dark), self.style)
         return dots.take(self.part.shows(dots.centre, self.style.radius))
 
     def _make_reference(
         self, image: Shaped[np.ndarray, "h w *colour"], unloaded: bool
     ) -> Reference:
-        """The sensor description's, unless an unloaded picture is at hand."""
-        told = self.sensor.reference
-        if told is not None and not unloaded:
+        """The reference: from an unloaded picture, the sensor description or the first picture."""
+        described = self.sensor.reference
+        if described is not None and not unloaded:
             return lay_reference(
-                told[:, :2] / self.sensor.scale, "The reference is the sensor description's."
+                described[:, :2] / self.sensor.scale,
+                "The reference is from the sensor description.",
             )
         dots = self._find(image)
         size = (image.shape[1], image.shape[0])
@@ -157,13 +158,13 @@ class DotReader(MarkerReader):
         self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
     ) -> None:
         """Take the dots as the reference once they have been regular and still for long enough."""
-        # share of a picture's dots, or of the reference's where those are fewer, to be among them
+        # share of the picture's dots (or of the reference's, if fewer) that must be matched
         recognised = 0.9
-        most_motion = 0.02  # distance by which dots at rest may move from frame to frame [pitches]
+        most_motion = 0.02  # largest motion of dots at rest from frame to frame [pitches]
         needed = recognised * min(len(dots), len(self.lattice.dot))
-        found = find_irregularity(self.lattice, position[self.lattice.dot])
-        rests = found.rests and np.isfinite(position[:, 0]).sum() >= needed
-        if not rests:  # a lattice guessed beside a contact may have mistaken dots for others
+        irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
+        rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
+        if not rests:  # a lattice estimated near a contact may have confused dots
             position = self._recognise(dots)
             rests = np.isfinite(position[:, 0]).sum() >= needed
         moved = np.linalg.norm(position - self.before, axis=1)
@@ -173,10 +174,10 @@ class DotReader(MarkerReader):
         if self.resting < RESTING or not self._is_better(position):
             return
         self.provisional, doubt = False, self.reference.doubt
-        known = np.isfinite(position[:, 0])
+        visible = np.isfinite(position[:, 0])
         self.reference = self.reference._replace(
-            position=np.where(known[:, None], position, self.reference.position),
-            doubt=doubt if doubt is None else np.where(known, 0.0, doubt),
+            position=np.where(visible[:, None], position, self.reference.position),
+            doubt=doubt if doubt is None else np.where(visible, 0.0, doubt),
             note=f"The clip starts loaded: the reference is frame {number}, in which all dots lie "
             "on a regular lattice and have come to rest.",
         )
@@ -184,26 +185,30 @@ class DotReader(MarkerReader):
         self.layout = self.reference.layout(self.scale, self.origin)
 
     def _is_better(self, position: Float[np.ndarray, "m 2"]) -> bool:
-        """Whether dots that rest are a better reference than the one there is.
+        """Whether dots at rest are a better reference than the present one.
 
-        They are where that is guessed beside a contact, or an object has gone since. A first frame
-        that looked unloaded is given up where dots lie elsewhere, and more regularly.
+        They are if the present one was estimated near a contact, or if an object's print has
+        disappeared. A first frame that looked unloaded is replaced if the dots at rest lie
+        elsewhere, and more regularly.
         """
-        more_regular = 0.9  # share of the first frame's irregularity that they may have [-]
+        more_regular = 0.9  # largest irregularity, as a share of the first frame's [-]
         if self.reference.doubt is not None or self.assumed is None:
             return True
         if not self._touched(position).any():
             return False
-        found = find_irregularity(self.lattice, position[self.lattice.dot])
-        return found.mean < more_regular * self.assumed.mean
+        irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
+        return irregularity.mean < more_regular * self.assumed.mean
 
     def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Frames that were read before the reference was found, their contact judged by it.
+        """Correct the contact of frames that were read before the reference was found.
 
-        Where an object is printed it touches, whatever the reference is.
+        Contacts detected by the object's print do not depend on the reference, and stay.
 
         Args:
             frames: in order of time.
+
+        Returns:
+            The frames, measured from the present reference.
         """
         arrival, judged, by_dots = Arrival(self.reference), list[Frame](), set(self.by_dots)
         for frame in frames:
@@ -221,30 +226,32 @@ class DotReader(MarkerReader):
         return judged
 
     def _recognise(self, dots: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
-        """The places of the reference's dots among dots that lie regularly, by their rows.
+        """Identify the reference's dots among regular dots by their rows and columns.
 
-        Rows and columns are counted alike in both, but for where the count begins: most dots of the
-        reference lie nearest to themselves.
+        The lattice coordinates of both differ only by an offset, which is found by a vote: most
+        dots of the reference are nearest to themselves.
 
         Returns:
-            NaN for dots that are not there, and for all where the dots do not lie regularly.
+            Positions of the reference's dots [px]; NaN where missing, and NaN for all if the dots
+            are not regular.
         """
         nowhere = np.full_like(self.reference.position, np.nan)
         if self.reach and nearest(KDTree(self.uneven), dots)[0].max(initial=0.0) < self.reach:
             return nowhere
-        found = index_lattice(dots)
-        irregularity = find_irregularity(found, dots[found.dot])
+        lattice = index_lattice(dots)
+        irregularity = find_irregularity(lattice, dots[lattice.dot])
         if not irregularity.rests:
-            self.uneven, self.reach = dots, irregularity.reach * found.pitch
+            self.uneven, self.reach = dots, irregularity.reach * lattice.pitch
             return nowhere
-        near = nearest(KDTree(dots[found.dot]), self.reference.position[self.lattice.dot])[1]
-        begins = found.coordinates[near] - self.lattice.coordinates
-        begin, votes = np.unique(begins, axis=0, return_counts=True)
-        index = self.lattice.coordinates + begin[votes.argmax()]
-        same = (index[:, None] == found.coordinates).all(axis=2)
-        known = same.any(axis=1)
-        nowhere[self.lattice.dot[known]] = dots[found.dot[same[known].argmax(axis=1)]]
-        return nowhere
+        near = nearest(KDTree(dots[lattice.dot]), self.reference.position[self.lattice.dot])[1]
+        offsets = lattice.coordinates[near] - self.lattice.coordinates
+        offset, votes = np.unique(offsets, axis=0, return_counts=True)
+        index = self.lattice.coordinates + offset[votes.argmax()]
+        same = (index[:, None] == lattice.coordinates).all(axis=2)
+        there = same.any(axis=1)
+        position = nowhere
+        position[self.lattice.dot[there]] = dots[lattice.dot[same[there].argmax(axis=1)]]
+        return position
 
     def _contact(
         self,
@@ -253,10 +260,11 @@ class DotReader(MarkerReader):
         position: Float[np.ndarray, "m 2"],
         in_picture: Float[np.ndarray, "m 2"],
     ) -> Bool[np.ndarray, " m"]:
-        """The contact region: by light where an unloaded picture is known and it changes.
+        """The contact region: by the change of light, the object's print or the dots.
 
-        Elsewhere by what the object prints, and by the dots where it prints nothing. Where a print
-        goes the object has gone: the dots will come to rest where they belong.
+        The change of light is used if an unloaded picture is known and the light has changed since.
+        Otherwise the object's print is used, and the dots if there is no print. When a print
+        disappears, the object has gone, and the dots will come to rest at their true places.
         """
         if self.rest is not None:
             assert picture.image is not None
@@ -275,20 +283,20 @@ class DotReader(MarkerReader):
         return self._touched(position)
 
     def _touched(self, position: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
-        """The contact region by the dots; those that the picture's side cuts jump."""
+        """The contact region by the dots, without the jumping dots at the picture's edge."""
         place = self.reference.position
         room = np.minimum(place, np.array(self.size) - 1 - place).min(axis=1)
         return region_of_dispersion(self.reference, position - place, room >= self.style.radius)
 
 
 def _style(image: Shaped[np.ndarray, "h w *colour"], sensor: Sensor) -> DotStyle:
-    largest_radius = 25.0  # radius of dots beyond which a picture is larger than it need be [px]
+    largest_radius = 25.0  # pictures with larger dots are larger than necessary [px]
     if sensor.radius is not None and sensor.radius > largest_radius:
         raise ValueError(
-            f"dots of radius {sensor.radius:g} px are not read; {largest_radius:g} px at most: "
+            f"the dots' radius is {sensor.radius:g} px; it must be {largest_radius:g} px at most: "
             "scale the pictures down"
         )
     if sensor.radius is not None and sensor.dark is not None:
         return DotStyle(sensor.dark, sensor.radius)
-    found = find_style(image, sensor.dark)
-    return found if sensor.radius is None else found._replace(radius=sensor.radius)
+    style = find_style(image, sensor.dark)
+    return style if sensor.radius is None else style._replace(radius=sensor.radius)

@@ -1,4 +1,4 @@
-"""Dots of a picture, and what the dots of a sensor look like where nobody has said so."""
+"""The dots of a picture, and the detection of their typical appearance."""
 
 import cv2
 import numpy as np
@@ -11,14 +11,14 @@ from estimation.pictures.light import to_grey
 
 
 def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
-    """The dots of a picture: seeds whose fit is a dot of about the typical size and contrast.
+    """Find the dots of a picture: seeds whose fit has about the typical size and contrast.
 
-    Those that do not look like the typical dot are fitted once more without its help.
+    Dots that differ from the typical dot are fitted again by the full model.
     """
-    # shares explained by the typical dot between which a dot may be one that looks different [-]
-    near_radius, far_radius = 0.8, 0.3
+    # explained shares between which the full model is tried: below, there is no dot [-]
+    most_explained, least_explained = 0.8, 0.3
     dots = fit_alike(grey, find_seeds(grey, style), style)
-    unlike = np.flatnonzero((dots.explained < near_radius) & (dots.explained > far_radius))
+    unlike = np.flatnonzero((dots.explained < most_explained) & (dots.explained > least_explained))
     if len(unlike):
         limit = np.array(grey.shape[::-1]) - 1
         seeds = np.clip(np.rint(dots.centre[unlike]).astype(int), 0, limit)
@@ -29,7 +29,7 @@ def find_dots(grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
 
 
 def _keep_dots(dots: Dots, grey: Float[np.ndarray, "h w"], style: DotStyle) -> Dots:
-    explained = 0.75  # share of the picture around a dot that its fit must explain [-]
+    explained = 0.75  # share of the variance around a dot that its fit must explain [-]
     size = dots.radius / style.radius
     good = (dots.explained > explained) & (size > 0.5) & (size < 1.8) & (dots.contrast > 3.0)
     good &= np.isfinite(dots.covariance).all(axis=(1, 2))
@@ -42,20 +42,20 @@ def _keep_dots(dots: Dots, grey: Float[np.ndarray, "h w"], style: DotStyle) -> D
 
 
 def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = None) -> DotStyle:
-    """Polarity and radius with which most dots line up in rows.
+    """Detect the polarity and the radius for which most dots lie in rows.
 
     Args:
         picture: a picture of the sensor.
-        dark: whether the dots are dark, where that is known.
+        dark: whether the dots are dark; None to detect it.
 
     Raises:
-        ValueError: no dots in rows, whatever their size and polarity.
+        ValueError: the picture shows no dots in rows, for any size and polarity.
     """
-    # radii that are tried [px], on pictures scaled so that all are the first
+    # radii that are tried [px]; the picture is scaled so that each becomes the first one
     radii = (3.5, 2.5, 5.0, 7.0, 10.0, 14.0)
-    # share of the picture that the rows must cover: a sensor's dots are all over it [-]
+    # share of the picture that the rows must cover, since a sensor's dots fill the picture [-]
     covered = 0.3
-    fewest = 12  # dots in rows from which a picture counts as one of dots
+    fewest = 12  # least number of dots in rows
     best, most = None, 0.0
     for polarity in (True, False) if dark is None else (dark,):
         original = to_grey(picture, polarity)
@@ -64,26 +64,26 @@ def find_style(picture: Shaped[np.ndarray, "h w *colour"], dark: bool | None = N
             grey = cv2.resize(original, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             tried = DotStyle(polarity, radii[0])
             dots = _keep_dots(fit_alike(grey, find_seeds(grey, tried), tried), grey, tried)
-            dots = dots.take(dots.elongation < DOT_ELONGATION[1])  # gaps between dots are longer
+            dots = dots.take(dots.elongation < DOT_ELONGATION[1])  # drops gaps between dots
             lattice = index_lattice(dots.centre)
             count = len(lattice.dot)
-            found = float(np.median(dots.radius)) if count else 0.0
+            typical = float(np.median(dots.radius)) if count else 0.0
             score = count * float(np.mean(dots.explained)) if count else 0.0
             enough = count >= max(fewest, 0.5 * len(dots.centre))
             if enough and score > most and _covers(dots.centre[lattice.dot], grey) > covered:
-                best, most = DotStyle(polarity, found / scale), score
+                best, most = DotStyle(polarity, typical / scale), score
     if best is None:
         raise ValueError(
-            "no rows of dots were detected in the first usable frame: this sensor seems to "
-            "have no printed dots, or they are smaller than 2 px or larger than 18 px in radius; "
-            "if there are dots, give radius and polarity (--dot-radius-px, --dark or --bright), "
-            "or leave out what is not the pad (--crop, --mask)"
+            "no rows of dots were detected in the first usable frame: the sensor has no printed "
+            "dots, or their radius is below 2 px or above 18 px; if there are dots, give their "
+            "radius and polarity (--dot-radius-px, --dark or --bright), or read only the pad "
+            "(--crop, --mask)"
         )
     return _refine(best, to_grey(picture, best.dark))
 
 
 def _refine(style: DotStyle, grey: Float[np.ndarray, "h w"]) -> DotStyle:
-    """Radius and blur of the typical dot, at the picture's own resolution."""
+    """Measure radius and blur of the typical dot at the picture's full resolution."""
     dots = _keep_dots(fit_dots(grey, find_seeds(grey, style), style), grey, style)
     if not len(dots.blur):
         return style

@@ -1,11 +1,10 @@
-"""The fit of `estimation.pictures.dots.find`, linearised about tabulated dots: many times faster.
+"""A fast fit of dots by least squares, linearised about tabulated dots.
 
-Most dots of a sensor look alike. The model and its derivatives are tabulated once, for centres on
-a grid finer than a pixel and for some radii; a dot is then fitted by linear least squares about
-the nearest entry, twice. An error of the entry's shape changes the dot evenly on both sides of its
-centre, so that to first order it leaves the centre alone. To second order it does not: dots that
-are far from round, as under a camera that looks from the side, are fitted once more in a frame in
-which they are round.
+Most dots of a sensor look alike. The model and its derivatives are tabulated once, for centres on a
+grid finer than a pixel and for several radii. A dot is then fitted by linear least squares about
+the nearest entry, twice. An error of the entry's shape changes the dot symmetrically about its
+centre, so to first order it does not bias the centre. It does to second order: dots that are far
+from round, as under an oblique camera, are fitted once more in a frame in which they are round.
 """
 
 from functools import lru_cache
@@ -19,24 +18,24 @@ from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.fit import model_dots
 
 DOT_ELONGATION = (1.15, 3.0)
-"""Ratios of a dot's axes from which it is fitted in its own frame, and up to which it is a dot."""
+"""Ratio of a dot's axes from which it is fitted in its own frame, and the largest of a dot."""
 PARTS = 8
-"""Steps between the centres tabulated, along each axis of a pixel, both of whose sides are."""
+"""Steps between the tabulated centres across a pixel, both edges included."""
 SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
-"""Radii tabulated, as multiples of the typical one."""
+"""Tabulated radii, as multiples of the typical radius."""
 
 
 class Templates(NamedTuple):
-    """Dots that have been worked out beforehand.
+    """Tabulated dots.
 
     Attributes:
         dx: of the window's pixels, from its middle.
-        dy: the same.
+        dy: the same along y.
         jacobian: derivatives of each entry by the first seven parameters of `model_dots`, for a dot
             of height 1; the entries are sorted by radius, then y, then x.
-        background: derivatives by the other three, alike in all entries.
+        background: derivatives by the last three parameters, equal for all entries.
         gram: products of the derivatives.
-        inverse: of the products, damped.
+        inverse: inverse of the damped products.
     """
 
     dx: Int[np.ndarray, " pixels"]
@@ -49,11 +48,11 @@ class Templates(NamedTuple):
     def fit(
         self, entry: Int[np.ndarray, " #n"], value: Float[np.ndarray, "n pixels"]
     ) -> Float[np.ndarray, "n 10"]:
-        """The ten parameters, by linear least squares about an entry for each window.
+        """Fit the ten parameters of each window by linear least squares about an entry.
 
         Args:
-            entry: of each window; one for all where it is a single one.
-            value: grey levels of the windows, less their mean.
+            entry: number of each window's entry, or a single entry for all windows.
+            value: grey levels of the windows minus their mean.
         """
         if len(entry) == 1 or (len(entry) and (entry == entry[0]).all()):  # as for seeds
             own = value @ self.jacobian[entry[0]].T
@@ -65,17 +64,17 @@ class Templates(NamedTuple):
 
 @lru_cache(maxsize=4)
 def make_templates(radius: float, blur: float) -> Templates:
-    """Tabulate dots of about a radius and with a blur [px]."""
+    """Tabulate dots around a typical radius [px], with a given blur [px]."""
     half = int(np.ceil(1.5 * radius + 2.0))
     dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
     inside = dx**2 + dy**2 <= (half + 0.5) ** 2
     dx, dy = dx[inside], dy[inside]
     spots = np.arange(PARTS + 1) / PARTS - 0.5
     size, y, x = (a.ravel() for a in np.meshgrid(SIZES, spots, spots, indexing="ij"))
-    none, one = np.zeros_like(x), np.ones_like(x)
+    zero, one = np.zeros_like(x), np.ones_like(x)
     inverse = 1.0 / (radius * size)
-    p = np.stack([x, y, inverse, inverse, none, blur * one, one, none, none, none], axis=1)
-    single = (one.astype(np.float32) for one in (p, dx, dy))
+    p = np.stack([x, y, inverse, inverse, zero, blur * one, one, zero, zero, zero], axis=1)
+    single = (values.astype(np.float32) for values in (p, dx, dy))
     _, jacobian = model_dots(*single)
     gram = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
     own, background = np.ascontiguousarray(jacobian[:, :7]), jacobian[0, 7:].copy()
@@ -83,7 +82,7 @@ def make_templates(radius: float, blur: float) -> Templates:
 
 
 def _damp(gram: Float[np.ndarray, "n 10 10"]) -> Float[np.ndarray, "n 10 10"]:
-    share = 1e-5  # share of each diagonal element that is added to it, as in the full fit
+    share = 1e-5  # share of each diagonal element that is added to it, as in `fit_windows`
     diagonal = np.einsum("nii->ni", gram)
     damping = share * diagonal + 1e-6
     return gram + damping[:, :, None] * np.eye(10)
@@ -92,11 +91,11 @@ def _damp(gram: Float[np.ndarray, "n 10 10"]) -> Float[np.ndarray, "n 10 10"]:
 def fit_alike(
     grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
 ) -> Dots:
-    """Fit dots that look about as the style says.
+    """Fit dots that look similar to the typical dot.
 
     Args:
-        grey: the picture, as `to_grey` gives it.
-        seeds: pixels to start from, each within half a radius of a dot's centre [px].
+        grey: the picture from `to_grey`.
+        seeds: initial pixels, each within half a radius of a dot's centre [px].
         style: typical radius and blur, and whether the dots are dark.
     """
     templates = make_templates(style.radius, style.blur)
@@ -119,7 +118,7 @@ def fit_alike(
 def _refit_elongated(
     grey: Float[np.ndarray, "h w"], templates: Templates, dots: Dots, style: DotStyle
 ) -> Dots:
-    """Fit elongated dots about the entry for a dot in the middle, each as its own frame shows it.
+    """Fit elongated dots again, each in its own frame and about the entry at a pixel's middle.
 
     Dots that the picture's border cuts stay as they are.
     """
@@ -138,15 +137,16 @@ def _refit_elongated(
     value = cv2.remap(grey, x, y, cv2.INTER_LINEAR)
     value -= value.mean(axis=1, keepdims=True)
     entry = (SIZES.index(1.0) * (PARTS + 1) + PARTS // 2) * (PARTS + 1) + PARTS // 2
-    found = templates.fit(np.array([entry]), value)
+    fit = templates.fit(np.array([entry]), value)
     gram, spread = templates.gram[[entry]], templates.inverse[[entry], :2, :2]
-    own = _to_dots(found, value, gram, spread, 1.0 / style.radius, style, float(value.shape[1]))
-    beside = place % 1.0  # what interpolation leaves of the noise; samples are not one a pixel
-    left = ((1.0 - beside) ** 2 + beside**2).prod(axis=1).mean(axis=1) * np.linalg.det(frame)
-    turned = frame.transpose(0, 2, 1)
+    own = _to_dots(fit, value, gram, spread, 1.0 / style.radius, style, float(value.shape[1]))
+    # interpolation reduces the noise, and the density of samples is not one a pixel
+    share = place % 1.0
+    noise = ((1.0 - share) ** 2 + share**2).prod(axis=1).mean(axis=1) * np.linalg.det(frame)
+    transposed = frame.transpose(0, 2, 1)
     better = own._replace(
         centre=dots.centre[far] + np.einsum("nij,nj->ni", frame, own.centre),
-        covariance=frame @ own.covariance @ turned / left[:, None, None],
+        covariance=frame @ own.covariance @ transposed / noise[:, None, None],
         axes=_symmetric(frame @ own.axes),
     )
     for values, new in zip(dots, better, strict=True):
@@ -155,10 +155,10 @@ def _refit_elongated(
 
 
 def _symmetric(axes: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 2 2"]:
-    """The symmetric matrices that take the unit circle to the same ellipses: roots of A Aᵀ."""
+    """Symmetric matrices that map the unit circle to the same ellipses: square roots of A Aᵀ."""
     square = axes @ axes.transpose(0, 2, 1)
     area = np.abs(axes[:, 0, 0] * axes[:, 1, 1] - axes[:, 0, 1] * axes[:, 1, 0])
-    width = np.sqrt(square[:, 0, 0] + square[:, 1, 1] + 2.0 * area)  # Cayley and Hamilton
+    width = np.sqrt(square[:, 0, 0] + square[:, 1, 1] + 2.0 * area)  # by Cayley–Hamilton
     return (square + area[:, None, None] * np.eye(2)) / width[:, None, None]
 
 
@@ -170,21 +170,21 @@ def _fit_linear(
     size: Int[np.ndarray, " n"],
     style: DotStyle,
 ) -> Dots:
-    """One linear fit about the entries next to the centres."""
+    """One linear fit about the entries nearest to the centres."""
     pixel = np.rint(centre).astype(int)
     part = np.rint((centre - pixel + 0.5) * PARTS).astype(int)
     entry = (size * (PARTS + 1) + part[:, 1]) * (PARTS + 1) + part[:, 0]
     start = (pixel[:, 1] + margin) * padded.shape[1] + pixel[:, 0] + margin
     value = padded.ravel()[start[:, None] + (templates.dy * padded.shape[1] + templates.dx)]
     count, total = np.full(len(value), float(value.shape[1])), value.sum(axis=1)
-    cut = np.flatnonzero(~np.isfinite(total))  # by the picture's border
+    cut = np.flatnonzero(~np.isfinite(total))  # windows that the picture's border cuts
     there = np.isfinite(value[cut])
     if len(cut):
         count[cut], value[cut] = there.sum(axis=1), np.where(there, value[cut], 0.0)
         total[cut] = value[cut].sum(axis=1)
     value -= (total / count)[:, None]
     gram, spread = templates.gram[entry], templates.inverse[entry, :2, :2]
-    found = templates.fit(entry, value)
+    fit = templates.fit(entry, value)
     if len(cut):
         value[cut] *= there
         own = templates.jacobian[entry[cut]]
@@ -194,14 +194,14 @@ def _fit_linear(
         products = np.matmul(jacobian, value[cut][..., None])
         sides = np.broadcast_to(np.eye(10, 2), (len(cut), 10, 2))
         solved = np.linalg.solve(_damp(gram[cut]), np.concatenate([products, sides], axis=2))
-        found[cut], spread[cut] = solved[..., 0], solved[:, :2, 1:]
+        fit[cut], spread[cut] = solved[..., 0], solved[:, :2, 1:]
     start_inverse = 1.0 / (style.radius * np.asarray(SIZES)[size])
-    dots = _to_dots(found, value, gram, spread, start_inverse, style, count)
+    dots = _to_dots(fit, value, gram, spread, start_inverse, style, count)
     return dots._replace(centre=pixel + part / PARTS - 0.5 + dots.centre)
 
 
 def _to_dots(
-    found: Float[np.ndarray, "n 10"],
+    fit: Float[np.ndarray, "n 10"],
     value: Float[np.ndarray, "n pixels"],
     gram: Float[np.ndarray, "#n 10 10"],
     spread: Float[np.ndarray, "#n 2 2"],
@@ -209,22 +209,22 @@ def _to_dots(
     style: DotStyle,
     count: Float[np.ndarray, " n"] | float,
 ) -> Dots:
-    """What linear fits say, the centres counted from those of the entries.
+    """Convert linear fits to dots, with centres relative to the entries' centres.
 
     Args:
-        found: the fits' parameters.
-        value: grey levels of the windows, less their mean.
-        gram: of the entries.
+        fit: parameters of the fits.
+        value: grey levels of the windows minus their mean.
+        gram: products of the entries' derivatives.
         spread: covariance of the centres at unit noise, for dots of height 1 [px²].
         start_inverse: 1 / radius of the entries [1/px].
         style: typical blur, and whether the dots are dark.
-        count: pixels of each window.
+        count: number of pixels of each window.
     """
-    right = np.matmul(gram, found[..., None])[..., 0]
+    right = np.matmul(gram, fit[..., None])[..., 0]
     power = np.einsum("np,np->n", value, value).astype(float)
-    misfit = np.maximum(power - np.einsum("ni,ni->n", found, right), 0.0)
-    height = np.where(np.abs(found[:, 6]) > 1e-3, found[:, 6], 1e-3)
-    change = found[:, :6] / height[:, None]
+    misfit = np.maximum(power - np.einsum("ni,ni->n", fit, right), 0.0)
+    height = np.where(np.abs(fit[:, 6]) > 1e-3, fit[:, 6], 1e-3)
+    change = fit[:, :6] / height[:, None]
     xx, yy, xy = change[:, 2] + start_inverse, change[:, 3] + start_inverse, change[:, 4]
     determinant = xx * yy - xy * xy
     determinant = np.where(np.abs(determinant) > 1e-6, determinant, 1e-6)

@@ -1,4 +1,4 @@
-"""Dots followed from frame to frame, each frame matched to the reference."""
+"""Tracking of dots from frame to frame; each frame is matched to the reference."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,11 +11,11 @@ LOST = 0.4
 
 
 class DotTracker:
-    """Says which dot of a frame is which dot of the reference.
+    """Matches the dots of each frame to the dots of the reference.
 
-    The dots that rest are found anew in every frame (`match_dots`). The frame before helps where
-    the gel is strained too much to be followed from there, but only while it agrees about those
-    that rest: after a gap or a jump it does not, and the match starts from the reference alone.
+    The dots at rest are searched anew in every frame (`match_dots`). The previous frame helps where
+    the gel is strained too much for a match from the dots at rest, but only if both matches agree
+    about the dots at rest. After a gap or a jump they disagree, and only the reference is used.
     """
 
     def __init__(self, reference: Reference) -> None:
@@ -24,13 +24,21 @@ class DotTracker:
         self.last = np.full(reference.position.shape, np.nan)
 
     def update(self, centre: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " m"], str]:
-        """The dot that each point of the reference is now, −1 where not seen; and what is wrong.
+        """Match the dots of the next frame.
 
-        A dot that would have jumped from one frame to the next is left out of the frame.
+        A dot that would have jumped since the previous frame is dropped from this frame.
+
+        Args:
+            centre: dots of the frame [px].
+
+        Returns:
+            For each point of the reference, the number of its dot, −1 where not visible; and why
+            the frame cannot be used, empty if it can.
         """
-        # distance from one frame to the next beyond which a dot is not taken for the same [pitches]
+        # largest motion of a dot from one frame to the next [pitches]
         jump = 0.5
-        # the same in a frame that stands alone: more strain than that may have led the match astray
+        # share of the dots that a frame without a predecessor must match, instead of `LOST`: with
+        # fewer, the strain may have misled the match
         first = 0.8
         match = self._follow(centre)
         if match is None:
@@ -49,8 +57,8 @@ class DotTracker:
         return match, ""
 
     def _follow(self, centre: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " m"] | None:
-        """The match that the last frame leads to, where it agrees about the dots that rest."""
-        # share of the dots at rest on which the last frame and the reference must agree
+        """The match from the last frame; None if it disagrees about the dots at rest."""
+        # share of the dots at rest about which the last frame and the reference must agree
         agreement = 0.5
         if not np.isfinite(self.last).any():
             return None

@@ -1,1 +1,1 @@
-"""The print that the object leaves in the picture: painted free, registered and followed."""
+"""The object's print in the picture: its separation from the dots, registration and tracking."""

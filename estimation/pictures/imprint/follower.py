@@ -1,9 +1,9 @@
 """The object's own rotation, where its edges or texture print through the gel.
 
-What the object prints turns with the object, what is printed on the gel turns with the gel: the
-dots are painted out, and the picture is registered with a keyframe by the rigid motion that
-correlates the two best. Where the last frame's motion leads nowhere, all rotations within reach are
-tried. Earlier keyframes, whose rotation is better known, end the drift of later ones.
+The object's print turns with the object, the dots with the gel. The dots are therefore painted out,
+and the picture is registered with a keyframe by the rigid motion of highest correlation. If the
+last frame's motion is no good start, all rotations within a range are tried. Earlier keyframes,
+whose rotation has a smaller error, end the drift of later ones.
 """
 
 from collections.abc import Iterator
@@ -19,14 +19,14 @@ from estimation.pictures.imprint.settings import ImprintSettings
 
 
 class Imprint(NamedTuple):
-    """Motion of what the object prints, since the first frame.
+    """Motion of the object's print since the first frame.
 
     Attributes:
         angle: rotation [rad, from x to y of the picture]; NaN where lost.
-        error: its standard error [rad].
+        error: standard error of the rotation [rad].
         quality: correlation with the keyframe [-].
-        point: x and y of a point of the object in the first frame and now [px], and the variances
-            of where it is now and their covariance [px²].
+        point: x and y of a point of the object in the first frame and now [px], then the variances
+            of the current x and y and their covariance [px²].
     """
 
     angle: float
@@ -39,20 +39,20 @@ LOST = Imprint(np.nan, np.nan, np.nan)
 
 
 class ImprintFollower:
-    """Follows the imprint from frame to frame; where it loses its place for long it ends."""
+    """Tracks the imprint from frame to frame, and gives it up when it is lost for long."""
 
     def __init__(self, settings: ImprintSettings | None = None) -> None:
-        """Start without a keyframe: the first frame with contact becomes it.
+        """Start without a keyframe; the first frame with contact becomes the first keyframe.
 
         Args:
-            settings: how the imprint is read.
+            settings: of registration and tracking; defaults if None.
         """
         self._settings = settings or ImprintSettings()
         self._reading_error = float(np.radians(self._settings.reading_deg))
         self._restart()
 
     def _restart(self) -> None:
-        """Count from the next frame, against which nothing is known yet."""
+        """Start again: angles count from the next frame."""
         self.keyframes: list[Keyframe] = []
         self.last: Match | None = None
         self.before: Keyframe | None = None
@@ -61,10 +61,10 @@ class ImprintFollower:
         self.resting = 0
         self.unclosed = 0  # frames since earlier keyframes were tried
         self.confirmed = False
-        """Whether a second frame has shown the first one's texture: else it may be noise."""
+        """Whether a second frame has shown the first one's texture, which is thus no noise."""
 
     def update(self, painted: Painted, region: Float[np.ndarray, "k 2"]) -> Imprint:
-        """Rotation of the imprint in the next frame.
+        """Measure the rotation of the imprint in the next frame.
 
         Args:
             painted: the picture without its dots.
@@ -78,26 +78,26 @@ class ImprintFollower:
         texture = cut_out(painted, region)
         if self.last is None or self.before is None:
             return self._begin(texture, painted.part)
-        found = self._find(texture, self.last, self.before)
-        if found is None or found.error > np.radians(self._settings.largest_deg):
+        match = self._find(texture, self.last, self.before)
+        if match is None or match.error > np.radians(self._settings.largest_deg):
             self.missed += 1
             if self.confirmed and self.missed <= self._settings.patience:
                 return LOST
-            shaded = not self.confirmed  # light, that no second frame has shown
+            shaded = not self.confirmed  # a change of light that no second frame has shown
             self._restart()
             self.resting = self._settings.unseen if shaded else 0
             return LOST if shaded else self._begin(texture, painted.part)
         self.missed, self.confirmed = 0, True
-        found = self._close(texture, found)
-        self.before = Keyframe(texture, found.pose, found.error, found.spread)
+        match = self._close(texture, match)
+        self.before = Keyframe(texture, match.pose, match.error, match.spread)
         self.angle += float(np.angle(np.exp(1j * (self.before.angle - self.angle))))
-        self.last = found
-        if found.quality < self._settings.new_keyframe or abs(found.turned) > np.radians(
+        self.last = match
+        if match.quality < self._settings.new_keyframe or abs(match.turned) > np.radians(
             self._settings.step_deg
         ):
             self._keep(self.before)
-        error = float(np.hypot(found.error, self._settings.shaded * self.angle))
-        return Imprint(self.angle, error, found.quality, _locate(self.before, painted.part))
+        error = float(np.hypot(match.error, self._settings.shaded * self.angle))
+        return Imprint(self.angle, error, match.quality, _locate(self.before, painted.part))
 
     def _begin(self, texture: Texture, part: int) -> Imprint:
         if texture.value[texture.mask > 0].std() < self._settings.texture:
@@ -108,7 +108,7 @@ class ImprintFollower:
         return Imprint(0.0, self._reading_error, 1.0, _locate(self.before, part))
 
     def _keep(self, keyframe: Keyframe) -> None:
-        """Make it the keyframe to register with."""
+        """Store a keyframe, with which the next frames are registered."""
         self.keyframes.append(keyframe)
         if len(self.keyframes) > self._settings.kept:
             del self.keyframes[1]
@@ -116,63 +116,63 @@ class ImprintFollower:
         self.last = Match(keyframe, still, 1.0, self._reading_error, spread)
 
     def _find(self, texture: Texture, last: Match, before: Keyframe) -> Match | None:
-        """The motion to this frame; None where the imprint has lost its place.
+        """Register this frame; None if the imprint is lost.
 
-        Tried are the keyframe of the last frame; where that fits badly, earlier ones, from the
-        first on, that leave less of an error; the last frame; and at last all rotations.
+        The keyframe of the last frame is tried first. If it fits badly, earlier keyframes with a
+        smaller error are tried from the first on, then the last frame, and finally all rotations.
         """
         settings = self._settings
-        found = register(last.keyframe, texture, last.warp, settings)
-        if found is not None and found.quality >= settings.new_keyframe:
-            return found
-        pose = before.pose if found is None else found.pose
+        match = register(last.keyframe, texture, last.warp, settings)
+        if match is not None and match.quality >= settings.new_keyframe:
+            return match
+        pose = before.pose if match is None else match.pose
         for closed in self._register_earlier(texture, pose, last.keyframe):
-            if found is None or closed.error < found.error:
+            if match is None or closed.error < match.error:
                 return closed
-        if found is not None:
-            return found
-        found = register(before, texture, np.eye(2, 3, dtype=np.float32), settings)
-        if found is None and self.confirmed:
+        if match is not None:
+            return match
+        match = register(before, texture, np.eye(2, 3, dtype=np.float32), settings)
+        if match is None and self.confirmed:
             guess = search_motion(before.texture, texture, settings)
             if guess is not None:
-                found = register(before, texture, guess, settings, least=settings.found_again)
-        return found
+                match = register(before, texture, guess, settings, least=settings.found_again)
+        return match
 
     def _register_earlier(
         self, texture: Texture, pose: Float[np.ndarray, "3 3"], now: Keyframe
     ) -> Iterator[Match]:
-        """The motions from earlier keyframes that are better known, the first one first."""
+        """Register this frame with earlier keyframes of smaller error, from the first on."""
         for earlier in self.keyframes:
             if earlier is not now and earlier.error < now.error:
                 start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
                 if (closed := register(earlier, texture, start, self._settings)) is not None:
                     yield closed
 
-    def _close(self, texture: Texture, found: Match) -> Match:
-        """The motion from an earlier keyframe where that leaves less of an error.
+    def _close(self, texture: Texture, match: Match) -> Match:
+        """Replace a match by one with an earlier keyframe if that has a clearly smaller error.
 
-        It is looked for where a keyframe is to be taken, and now and then while one lasts.
+        Earlier keyframes are tried when a new keyframe is due, and at regular intervals.
         """
         self.unclosed += 1
         settings = self._settings
-        far = abs(found.turned) > np.radians(settings.step_deg)
+        far = abs(match.turned) > np.radians(settings.step_deg)
         if not far and self.unclosed < settings.closing:
-            return found
+            return match
         self.unclosed = 0
         closed = min(
-            self._register_earlier(texture, found.pose, found.keyframe),
-            key=lambda one: one.error,
-            default=found,
+            self._register_earlier(texture, match.pose, match.keyframe),
+            key=lambda closed: closed.error,
+            default=match,
         )
-        return closed if closed.error < settings.closer * found.error else found
+        return closed if closed.error < settings.closer * match.error else match
 
 
 def _locate(now: Keyframe, part: int) -> tuple[float, ...]:
-    """The object's point that is in the middle of the contact, as `Imprint` has it.
+    """The object's point in the middle of the contact, as in `Imprint`.
 
     Args:
         now: the frame.
-        part: by how much its picture has been scaled down.
+        part: factor by which its picture was scaled down.
     """
     shape = cv2.moments(now.texture.mask, binaryImage=True)
     middle = np.array([shape["m10"], shape["m01"], shape["m00"]]) / shape["m00"]

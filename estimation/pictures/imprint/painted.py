@@ -1,7 +1,8 @@
-"""Pictures without their dots and without the slow change of their light.
+"""Pictures without their dots and without slow changes of light.
 
-The lamps do not turn with the object: a slope that turns changes its colour. What is registered is
-how far all colours together depart from what is around: how steep the print is.
+The lamps do not turn with the object, so a slope of the object changes its colour as it turns. The
+registered texture is therefore the deviation of all colours together from their surroundings, which
+measures the steepness of the print.
 """
 
 from collections.abc import Callable
@@ -18,8 +19,8 @@ class Texture(NamedTuple):
     """The imprint's texture in one frame.
 
     Attributes:
-        value: grey levels of 255, without dots and slow change of light.
-        mask: 255 where there is contact and no dot.
+        value: grey levels of 255, without dots and slow changes of light.
+        mask: 255 in contact without a dot, else 0.
     """
 
     value: Float32[np.ndarray, "h w"]
@@ -28,17 +29,17 @@ class Texture(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Painted:
-    """A picture without its dots and the slow change of its light, scaled down.
+    """A picture without its dots and slow changes of light, scaled down.
 
-    What is made of it is made when it is first asked for: many pictures show no contact.
+    Derived pictures are computed on first use, because many frames show no contact.
 
     Attributes:
         colours: its colours, grey levels of 255.
         shown: 1 where there is no dot, else 0.
-        clear: the same, and 0 where there may be dots that the side cuts.
-        dots: all dots in it [px].
-        part: by how much it has been scaled down [-].
-        radius: typical, of a dot in it [px].
+        clear: like `shown`, and 0 along the picture's edge, which may cut dots.
+        dots: all dots in the scaled picture [px].
+        part: factor by which the picture was scaled down [-].
+        radius: typical radius of a dot in the scaled picture [px].
     """
 
     colours: list[Float32[np.ndarray, "h w"]]
@@ -50,71 +51,71 @@ class Painted:
 
     @cached_property
     def planes(self) -> list[Float32[np.ndarray, "h w"]]:
-        """How far each colour departs from what is around, smoothed."""
+        """Smoothed deviation of each colour from its surroundings."""
         mean = self._mean_around(self.clear)
-        return _smooth([one - mean(one) for one in self.colours], self.clear)
+        return _smooth([colour - mean(colour) for colour in self.colours], self.clear)
 
     @cached_property
     def texture(self) -> Float32[np.ndarray, "h w"]:
-        """How far all together depart from what is around, worn dots left out; or grey levels."""
+        """Deviation of all colours together, without worn dots; of grey levels if there is one."""
         if len(self.colours) == 1:
             return self.planes[0]
         bare, mean = self.bare, self._mean_around(self.bare)
-        level = np.sqrt(_power(_smooth([one - mean(one) for one in self.colours], bare)))
+        level = np.sqrt(_power(_smooth([colour - mean(colour) for colour in self.colours], bare)))
         return (level - mean(level)) * bare
 
     @cached_property
     def bare(self) -> Float32[np.ndarray, "h w"]:
-        """1 where it is clear and no worn dot or dirt is, which only colours show; else 0."""
+        """1 where `clear` without worn dots and dirt, else 0; only colours show these."""
         return self.clear if len(self.colours) == 1 else self.clear * ~self._find_worn()
 
     def level(self, points: Float[np.ndarray, "n 2"], reach: float) -> Float[np.ndarray, " n"]:
-        """Root mean square of the texture around each of some points, over all colours.
+        """Root mean square of the texture around points, over all colours [grey levels].
 
         Args:
-            points: in the picture as it was [px]; NaN where there is none.
-            reach: half the side of the square around each [px].
+            points: in the original picture [px]; NaN where missing.
+            reach: half the side of the square around each point [px].
         """
         width = (2 * int(reach / self.part) + 1,) * 2
         power = self.shown * _power(_smooth(self._departing, self.shown))
         column, row = self._nearest(np.nan_to_num(points) / self.part)
-        power, shown = (cv2.blur(one, width)[row, column] for one in (power, self.shown))
+        power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, self.shown))
         return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
 
     @cached_property
     def _departing(self) -> list[Float32[np.ndarray, "h w"]]:
-        """How far each colour departs from what is around, up to the sides."""
+        """Deviation of each colour from its surroundings, up to the picture's edges."""
         mean = self._mean_around(self.shown)
-        return [one - mean(one) for one in self.colours]
+        return [colour - mean(colour) for colour in self.colours]
 
     def _mean_around(
         self, clear: Float32[np.ndarray, "h w"]
     ) -> Callable[[np.ndarray], Float32[np.ndarray, "h w"]]:
-        """What takes a plane to its mean, around each pixel, over where it is clear."""
+        """A function that averages a plane around each pixel, over clear pixels only."""
         width = (2 * int(4.0 * self.radius) + 1,) * 2
         share = cv2.blur(clear, width) + np.float32(1e-3)
         return lambda plane: cv2.blur(plane * clear, width) / share
 
     def _nearest(self, points: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "2 n"]:
-        """Column and row of the pixels next to some points."""
+        """Column and row of the pixels nearest to points."""
         limit = np.array(self.shown.shape[::-1]) - 1
         return np.clip(np.rint(points).astype(int), 0, limit).T
 
     def _find_worn(self) -> Bool[np.ndarray, "h w"]:
-        """Where worn dots and dirt are, which go with the gel: spots like dots, not found as such.
+        """Find worn dots and dirt, which move with the gel: spots like dots that are not detected.
 
-        In every colour they are darker than what is around, if dots are, or brighter. A slope is
-        not: of lamps of different colours it faces one.
+        They deviate from their surroundings like dots, in every colour. A slope does not, since it
+        faces only one of the coloured lamps.
         """
-        share = 0.25  # of what a dot takes of the light or adds, from which a spot is like it [-]
+        share = 0.25  # least deviation of a worn dot, as a share of a dot's [-]
         if not len(self.dots):
             return np.zeros(self.shown.shape, dtype=bool)
         column, row = self._nearest(self.dots)
-        sides = np.sign(np.median([one[row, column] for one in self._departing], axis=1))
-        alike = reduce(
-            np.minimum, (side * one for side, one in zip(sides, self._departing, strict=True))
+        signs = np.sign(np.median([plane[row, column] for plane in self._departing], axis=1))
+        least = reduce(
+            np.minimum, (sign * plane for sign, plane in zip(signs, self._departing, strict=True))
         )
-        worn = (alike > share * np.median(alike[row, column])) & (self.shown > 0.0)
+        worn = (least > share * np.median(least[row, column])) & (self.shown > 0.0)
         reach = np.ones((2 * round(0.5 * self.radius) + 1,) * 2, np.uint8)
         return cv2.dilate(worn.astype(np.uint8), reach) > 0
 
@@ -125,16 +126,16 @@ def paint_out(
     radius: float,
     seen: Bool[np.ndarray, "h w"] | None = None,
 ) -> Painted:
-    """The picture with the dots and the slow change of light taken off, scaled down.
+    """Remove dots and slow changes of light from a picture, and scale it down.
 
     Args:
         picture: of the frame.
-        dots: all dots in it [px].
-        radius: typical, of a dot [px].
+        dots: all dots in the picture [px].
+        radius: typical radius of a dot [px].
         seen: pixels that are read; all by default.
     """
-    # rows, about, of the picture that is registered: larger ones are scaled down; and the radius
-    # that this leaves a dot, a smaller one cannot be painted out [px]
+    # approximate rows of the scaled picture, and least radius of a dot in it: smaller dots cannot
+    # be painted out [px]
     rows, smallest_dot = 120, 2.0
     part = max(min(round(picture.shape[0] / rows), int(radius / smallest_dot)), 1)
     size = (picture.shape[1] // part, picture.shape[0] // part)
@@ -146,7 +147,7 @@ def paint_out(
         cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
     if seen is not None:
         shown[cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0] = 0.0
-    rim = round(1.6 * radius)  # of dots that the side cuts, whose middle is not seen
+    rim = round(1.6 * radius)  # width of the edge, where dots may be cut and so not detected
     clear = np.zeros_like(shown)
     clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
     colours = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
@@ -156,21 +157,21 @@ def paint_out(
 def _smooth(
     departing: list[Float32[np.ndarray, "h w"]], clear: Float32[np.ndarray, "h w"]
 ) -> list[Float32[np.ndarray, "h w"]]:
-    """What departs where it is clear, without its finest grain."""
-    return [cv2.GaussianBlur(one * clear, (0, 0), 1.0) for one in departing]
+    """Deviations at clear pixels, without their finest grain."""
+    return [cv2.GaussianBlur(plane * clear, (0, 0), 1.0) for plane in departing]
 
 
 def _power(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
-    """Sum of squares of all colours."""
-    return reduce(np.add, (one * one for one in planes))
+    """Sum of squares over all colours."""
+    return reduce(np.add, (plane * plane for plane in planes))
 
 
 def cut_out(painted: Painted, region: Float[np.ndarray, "k 2"]) -> Texture:
-    """The texture of the contact region.
+    """Cut out the texture of the contact region.
 
     Args:
         painted: the picture.
-        region: dots of the contact region [px of the picture as it was].
+        region: dots of the contact region [px of the original picture].
     """
     mask = np.zeros(painted.clear.shape, np.uint8)
     hull = cv2.convexHull((region / painted.part).astype(np.float32)).astype(np.int32)

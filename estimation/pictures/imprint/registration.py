@@ -1,7 +1,7 @@
-"""Two textures registered by the rigid motion that correlates them best, and its error.
+"""Registration of two textures by the rigid motion of highest correlation, and its error.
 
 [Evangelidis2008] G. D. Evangelidis, E. Z. Psarakis, "Parametric image alignment using enhanced
-correlation coefficient maximization", as OpenCV has it.
+correlation coefficient maximization", as implemented in OpenCV.
 """
 
 from typing import NamedTuple
@@ -18,13 +18,13 @@ STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 3e-4)
 
 
 class Keyframe(NamedTuple):
-    """A frame to register others with.
+    """A frame with which later frames are registered.
 
     Attributes:
-        texture: of the imprint in it.
-        pose: takes points of the first keyframe to where they are here, in homogeneous coordinates.
-        error: standard error of its rotation [rad].
-        spread: covariance of where the middle of the contact is [px²].
+        texture: of the imprint in the frame.
+        pose: maps points of the first keyframe to this frame, in homogeneous coordinates.
+        error: standard error of the rotation since the first keyframe [rad].
+        spread: covariance of the position of the contact's middle [px²].
     """
 
     texture: Texture
@@ -34,7 +34,7 @@ class Keyframe(NamedTuple):
 
     @property
     def angle(self) -> float:
-        """Its rotation since the first keyframe [rad]."""
+        """Rotation since the first keyframe [rad]."""
         return float(np.arctan2(self.pose[1, 0], self.pose[0, 0]))
 
 
@@ -42,11 +42,11 @@ class Match(NamedTuple):
     """A frame registered with a keyframe.
 
     Attributes:
-        keyframe: it is registered with.
-        warp: the rigid motion from there.
-        quality: correlation of the two [-].
-        own_error: standard error of the rotation between them [rad].
-        own_spread: covariance of the shift between them, of the middle of the contact [px²].
+        keyframe: the keyframe.
+        warp: rigid motion from the keyframe to the frame.
+        quality: correlation of the two textures [-].
+        own_error: standard error of the rotation between the two [rad].
+        own_spread: covariance of the shift of the contact's middle between the two [px²].
     """
 
     keyframe: Keyframe
@@ -57,7 +57,7 @@ class Match(NamedTuple):
 
     @property
     def pose(self) -> Float[np.ndarray, "3 3"]:
-        """As of a keyframe."""
+        """Motion since the first keyframe, as in `Keyframe`."""
         return np.vstack([self.warp, [0.0, 0.0, 1.0]]) @ self.keyframe.pose
 
     @property
@@ -72,7 +72,7 @@ class Match(NamedTuple):
 
     @property
     def spread(self) -> Float[np.ndarray, "2 2"]:
-        """Covariance of where the middle of the contact is [px²]."""
+        """Covariance of the position of the contact's middle [px²]."""
         return self.keyframe.spread + self.own_spread
 
 
@@ -84,23 +84,23 @@ def register(
     *,
     least: float | None = None,
 ) -> Match | None:
-    """The rigid motion from a keyframe to a frame; None where they correlate too little.
+    """Estimate the rigid motion from a keyframe to a frame; None if they correlate too little.
 
     Args:
-        keyframe: to register with.
+        keyframe: the keyframe.
         texture: of the frame.
-        start: the motion to begin with.
-        settings: how the imprint is read.
-        least: correlation that is too little [-]; that of the settings by default.
+        start: initial motion.
+        settings: of the registration.
+        least: correlation that must be exceeded [-]; `least_correlation` by default.
     """
     before = keyframe.texture
     shown = cv2.warpAffine(before.mask, start, before.mask.shape[::-1], flags=cv2.INTER_NEAREST)
-    both = cv2.bitwise_and(shown, texture.mask)
+    shared = cv2.bitwise_and(shown, texture.mask)
     areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
-    if cv2.countNonZero(both) < settings.overlap * min(areas):
+    if cv2.countNonZero(shared) < settings.overlap * min(areas):
         return None
-    here, there = _box(before.mask), _box(both)  # the rest of the pictures counts for nothing
-    here = slice(0, here[0].stop), slice(0, here[1].stop)  # steps turn about the first corner
+    here, there = _box(before.mask), _box(shared)  # only these parts are registered
+    here = slice(0, here[0].stop), slice(0, here[1].stop)  # steps rotate about the first corner
     try:
         quality, warp = cv2.findTransformECC(
             before.value[here],
@@ -108,10 +108,10 @@ def register(
             _between(start, here, there).astype(np.float32),
             cv2.MOTION_EUCLIDEAN,
             STEPS,
-            inputMask=both[there],
+            inputMask=shared[there],
             gaussFiltSize=3,
         )
-    except cv2.error:  # it has not converged
+    except cv2.error:  # the registration has not converged
         return None
     if quality <= (settings.least_correlation if least is None else least):
         return None
@@ -126,7 +126,7 @@ def register(
 
 
 def _box(mask: UInt8[np.ndarray, "h w"]) -> tuple[slice, slice]:
-    """Rows and columns of the part of a picture that a mask shows, and a rim for slopes."""
+    """Rows and columns of the part of a picture that a mask shows, with a rim for gradients."""
     rim = 6
     x, y, width, height = cv2.boundingRect(mask)
     return slice(max(y - rim, 0), y + height + rim), slice(max(x - rim, 0), x + width + rim)
@@ -139,20 +139,21 @@ def _between(
     *,
     back: bool = False,
 ) -> Float[np.ndarray, "2 3"]:
-    """A motion between pictures as one between parts of them, or the other way back."""
+    """Convert a motion between pictures to one between parts of them, or back."""
     start, end = (np.array([box[1].start, box[0].start], float) for box in (here, there))
     shift = warp[:, :2] @ start - end
     return np.column_stack([warp[:, :2], warp[:, 2] + (-shift if back else shift)])
 
 
 class _Fit(NamedTuple):
-    """Two textures where they fit.
+    """Comparison of two registered textures.
 
     Attributes:
-        place: row and column of the pixels that both show.
-        slopes: change of the level at each by a turn about the middle and by shifts along x and y.
-        misfit: difference of the levels at each, which are of length 1.
-        loss: what these motions would cost of the correlation, over half their squares [-, 1/px²].
+        place: row and column of the pixels that both textures show.
+        slopes: change of each pixel's level by a rotation about the middle and by shifts along x
+            and y.
+        misfit: difference of the levels of each pixel; the levels are normalised to length 1.
+        loss: loss of correlation by these motions, over half their squares [-, 1/px²].
     """
 
     place: Int[np.ndarray, "2 n"]
@@ -162,27 +163,27 @@ class _Fit(NamedTuple):
 
 
 def _compare(before: Texture, now: Texture, warp: Float32[np.ndarray, "2 3"]) -> _Fit | None:
-    """The textures where they fit; None where they have nothing in common.
+    """Compare two registered textures; None if they do not overlap.
 
-    The loss comes from the product of both slopes: noise, which they do not share, is left out.
+    The loss is the product of both textures' slopes, whose noise is independent and thus cancels.
     """
     box, whole = _box(before.mask), (slice(0, None), slice(0, None))
-    before = Texture(*(np.ascontiguousarray(one[box]) for one in before))
+    before = Texture(*(np.ascontiguousarray(values[box]) for values in before))
     warp, size = _between(warp, box, whole), before.value.shape[::-1]
     back = cv2.WARP_INVERSE_MAP
     value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
     shown = cv2.warpAffine(now.mask, warp, size, flags=cv2.INTER_NEAREST | back)
-    both = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8))
-    both = np.flatnonzero(both)  # many times faster than rows and columns at once
-    if not len(both):
+    shared = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8))
+    shared = np.flatnonzero(shared)  # much faster than rows and columns together
+    if not len(shared):
         return None
-    rows, columns = np.unravel_index(both, before.mask.shape)
+    rows, columns = np.unravel_index(shared, before.mask.shape)
     x, y = columns - columns.mean(), rows - rows.mean()
     slopes, levels = [], []
-    for one in (before.value, value):
-        right = cv2.Sobel(one, cv2.CV_32F, 1, 0, scale=0.125).ravel()[both]
-        down = cv2.Sobel(one, cv2.CV_32F, 0, 1, scale=0.125).ravel()[both]
-        level = one.ravel()[both]
+    for plane in (before.value, value):
+        right = cv2.Sobel(plane, cv2.CV_32F, 1, 0, scale=0.125).ravel()[shared]
+        down = cv2.Sobel(plane, cv2.CV_32F, 0, 1, scale=0.125).ravel()[shared]
+        level = plane.ravel()[shared]
         level -= level.mean()
         spread = max(float(np.linalg.norm(level)), 1e-6)
         slopes.append(np.stack([x * down - y * right, right, down]) / spread)
@@ -197,11 +198,11 @@ def _compare(before: Texture, now: Texture, warp: Float32[np.ndarray, "2 3"]) ->
 
 
 def _spread_turn(fit: _Fit, settings: ImprintSettings) -> float:
-    """Standard error of a turn [rad].
+    """Standard error of a rotation [rad].
 
-    What the print is not the same in pulls the turn to and fro. How far each patch of the picture
-    pulls it by itself is the sandwich estimate of the error ([White1982] H. White, "Maximum
-    likelihood estimation of misspecified models").
+    Differences between the two prints pull the estimated rotation in both directions. The sandwich
+    estimate of the error adds up the pulls of all patches as independent ([White1982] H. White,
+    "Maximum likelihood estimation of misspecified models").
     """
     rows, columns = fit.place // settings.patch
     patch = rows * (columns.max() + 1) + columns
@@ -209,20 +210,20 @@ def _spread_turn(fit: _Fit, settings: ImprintSettings) -> float:
     if count <= motions:
         return np.inf
     pulls = np.stack([np.bincount(patch, pull) for pull in fit.slopes * fit.misfit])
-    arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # turns in px, as shifts are
+    arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # converts rotations to px
     scale = np.array([1.0 / arm, 1.0, 1.0])
     along, ways = np.linalg.eigh(fit.loss * np.outer(scale, scale))
     seen = np.abs(along) > settings.alike * np.abs(along).max()
-    inverse = (ways[0] * seen / np.where(seen, along, 1.0)) @ ways.T  # of what a turn costs
-    alike = 1.0 - 0.5 * float(fit.misfit @ fit.misfit)  # correlation, which the loss is a share of
-    turned = scale[0] / alike * inverse @ (scale[:, None] * pulls)
+    inverse = (ways[0] * seen / np.where(seen, along, 1.0)) @ ways.T  # row of the rotation
+    correlation = 1.0 - 0.5 * float(fit.misfit @ fit.misfit)  # the loss is relative to it
+    turned = scale[0] / correlation * inverse @ (scale[:, None] * pulls)
     return float(np.linalg.norm(turned) * np.sqrt(count / (count - motions)))
 
 
 def _spread_shift(
     loss: Float[np.ndarray, "2 2"], lacking: float, area: int, settings: ImprintSettings
 ) -> Float[np.ndarray, "2 2"]:
-    """Covariance of a shift [px²]; along a print that is alike there it may be anything in view."""
+    """Covariance of a shift [px²]; along uniform prints its variance is the picture's area."""
     along, ways = np.linalg.eigh(loss)
     seen = along > settings.alike * along[1]
     variance = settings.reading_px**2 + lacking / np.where(seen, along, 1.0)
@@ -232,12 +233,12 @@ def _spread_shift(
 def search_motion(
     before: Texture, now: Texture, settings: ImprintSettings
 ) -> Float[np.ndarray, "2 3"] | None:
-    """The rigid motion, of all within the range searched, under which two textures correlate best.
+    """Search the rigid motion, within the searched range, under which two textures correlate best.
 
-    Fourier transforms give, for every rotation, the correlation under all shifts at once. Rotations
-    are tried in steps so coarse that pictures of half the size show as much.
+    For every rotation, Fourier transforms give the correlation under all shifts at once. Rotations
+    are tried in coarse steps, for which pictures of half the size suffice.
     """
-    step = 6.0  # between rotations that are tried [deg]
+    step = 6.0  # between tried rotations [deg]
     most = settings.searched_deg + 0.5 * step
     (earlier, mask), (value, shown) = _halve(before), _halve(now)
     rows, columns = shown.shape
@@ -258,18 +259,18 @@ def search_motion(
             highest, best = float(score.max()), ahead + np.column_stack([np.zeros((2, 2)), shift])
     if best is None:
         return None
-    corner = np.full(2, 0.5)  # middle of the first pixel of half the size, in pixels of the whole
+    corner = np.full(2, 0.5)  # middle of the half-size picture's first pixel, in full-size pixels
     best[:, 2] = 2.0 * best[:, 2] + corner - best[:, :2] @ corner
     return best.astype(np.float32)
 
 
 def _halve(texture: Texture) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
-    """A texture at half the size, 0 where it is not shown, and 1 where it is."""
+    """A texture at half the size, 0 where hidden; and its mask, 1 where shown."""
     rows, columns = (size // 2 for size in texture.value.shape)
     shown = (texture.mask[: 2 * rows, : 2 * columns] > 0).astype(np.float32)
     value = shown * texture.value[: 2 * rows, : 2 * columns]
     value, shown = (
-        cv2.resize(one, (columns, rows), interpolation=cv2.INTER_AREA) for one in (value, shown)
+        cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA) for plane in (value, shown)
     )
     mask = (shown > 0.5).astype(np.float32)
     return mask * value / np.maximum(shown, 0.5), mask
@@ -284,17 +285,19 @@ def _correlate(
     """Correlation of two textures where both are shown, under every shift of the earlier one.
 
     Args:
-        now: transforms of the texture, of 1 where it is shown, and of its square.
-        before: conjugate transforms of the same of the earlier one.
+        now: transforms of the texture, of its mask and of its square.
+        before: conjugates of the same transforms of the earlier texture.
         shape: of the shifts.
-        least: pixels that both must show, else it is 0.
+        least: least number of pixels that both must show; the correlation is 0 with fewer.
     """
     value, shown, square = now
     earlier, there, squared = before
     products = [value * earlier, square * there, shown * squared]
     sums = [value * there, shown * earlier, shown * there]
-    both, left, right, first, second, count = np.asarray(irfft2(np.stack(products + sums), shape))
+    product, left, right, first, second, count = np.asarray(
+        irfft2(np.stack(products + sums), shape)
+    )
     count = np.maximum(count, 1.0)
     size = (left - first**2 / count) * (right - second**2 / count)
-    score = (both - first * second / count) / np.sqrt(np.maximum(size, 1e-6))
+    score = (product - first * second / count) / np.sqrt(np.maximum(size, 1e-6))
     return np.where((count > least) & (size > 0.0), score, 0.0)

@@ -1,48 +1,47 @@
-"""How the imprint is read and followed."""
+"""Settings for reading and tracking the imprint."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class ImprintSettings:
-    """How the imprint is registered with keyframes and followed from frame to frame.
+    """Settings for registering the imprint with keyframes and tracking it.
 
     Attributes:
-        reading_deg: standard error of a registration with correlation 1; errors add up over
-            keyframes [deg].
-        reading_px: the same of the shift [px of the picture as it is registered].
-        independent: parts of a texture that differ from the keyframe by themselves: what the
-            correlation lacks, over these and over its loss by a shift, is the square of the shift's
-            error [-].
-        patch: side of the squares, of the picture scaled down, in which what the print is not the
-            same in belongs together: how far they pull the turn to and fro is its error [px].
-        shaded: share of the rotation by which light holds it back, the median of 72 published turns
-            [-].
-        least_correlation: with the keyframe, below which the imprint has lost its place [-].
-        found_again: correlation from which it counts as found again after a search [-].
-        new_keyframe: correlation below which another keyframe is taken: an earlier one, or a new
-            one [-].
-        kept: keyframes that are kept, the first always: registering with an earlier one ends the
-            drift.
-        closing: after how many frames earlier keyframes are tried again [frames].
-        closer: error over what it is without them from which they serve [-].
+        reading_deg: standard error of the rotation of a registration with correlation 1; errors
+            add up over keyframes [deg].
+        reading_px: standard error of the shift of such a registration [px of the scaled picture].
+        independent: number of independent parts of a texture. The variance of a shift is the
+            missing correlation (1 minus the correlation), divided by this number and by the
+            correlation's loss under a unit shift [-].
+        patch: side of the square patches of the scaled picture whose differences from the keyframe
+            count as independent. The error of a rotation follows from the pull of each patch [px].
+        shaded: share of the rotation that is lost by shading, the median of 72 published turns [-].
+        least_correlation: correlation with the keyframe below which the imprint is lost [-].
+        found_again: correlation from which a lost imprint counts as found by a search [-].
+        new_keyframe: correlation below which another keyframe is used, an earlier or a new one [-].
+        kept: number of stored keyframes, always with the first; registration with an earlier
+            keyframe ends the drift.
+        closing: interval at which earlier keyframes are tried again [frames].
+        closer: largest error with an earlier keyframe, over the error without it, for it to be
+            used [-].
         largest_deg: standard error from which the imprint is given up [deg].
-        step_deg: rotation against the keyframe from which a new one is taken [deg].
-        texture: grey levels, of 255, that the imprint's own texture must have, all colours
-            together.
-        least_loss: what a turn must cost of the correlation, over half its square, to be read: 5 %
-            at 3°. Prints of published clips have 70 to 260, a smooth ball 20, by what does not turn
-            with it [-].
-        alike: what a shift along the print must cost of the correlation, as a share of one across
-            it, for the print to show it: ridges have 0.00 to 0.07, prints of published lifts 0.09
-            and more [-].
-        searched_deg: largest rotation that is tried either way where the imprint has lost its place
-            [deg].
-        overlap: share of the smaller contact region that both pictures must show: elsewhere the pad
-            itself is seen [-].
-        unseen: frames that are passed over after one in which the object prints nothing.
-        patience: frames in a row without the imprint after which it is given up.
-        fewest: dots of the contact region below which too little of the object is seen.
+        step_deg: rotation against the keyframe from which a new keyframe is taken [deg].
+        texture: least standard deviation of the imprint's texture, over all colours [grey levels of
+            255].
+        least_loss: least loss of correlation by a rotation, over half the rotation's square, for
+            the rotation to be measured; 40 is a loss of 5 % at 3°. Prints of published clips have
+            70 to 260, a smooth ball 20, from features that do not turn with it [-].
+        alike: least loss of correlation by a shift along the print, as a share of the loss across
+            it, for that shift to be measured. Ridges have 0.00 to 0.07, prints of published lifts
+            at least 0.09 [-].
+        searched_deg: largest rotation, in both directions, that a search for a lost imprint
+            tries [deg].
+        overlap: share of the smaller contact region that both pictures must show; outside it the
+            pictures show the pad itself [-].
+        unseen: number of frames skipped after a frame without a print.
+        patience: number of consecutive frames without the imprint after which it is given up.
+        fewest: least number of dots in the contact region.
     """
 
     reading_deg: float = 0.05

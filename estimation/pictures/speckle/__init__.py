@@ -1,1 +1,1 @@
-"""Speckle patterns: subsets matched and followed."""
+"""Speckle patterns: matching and tracking of subsets."""

@@ -16,13 +16,13 @@ from estimation.pictures.stream import Picture
 
 
 class SpeckleReader(MarkerReader):
-    """Turns pictures of a speckle pattern, one after the other, into positions of its points."""
+    """Turns pictures of a speckle pattern into positions of its points, one after the other."""
 
     def __init__(self, first: Picture, settings: ImageSettings) -> None:
-        """Learn points of interest, and the reference, from a picture.
+        """Choose points of interest in a picture and make the reference.
 
         Raises:
-            ValueError: there is no speckle pattern in it.
+            ValueError: the picture shows no speckle pattern.
         """
         assert first.image is not None
         self.sensor, self.origin = settings.shown, settings.part.origin
@@ -36,8 +36,9 @@ class SpeckleReader(MarkerReader):
         note = (
             "The reference is the frame that was given."
             if self.given
-            else "Speckle does not show whether the gel is at rest: the first usable frame is the "
-            "reference, and angles count from it; give an unloaded frame if there is one."
+            else "Speckle does not show whether the gel is at rest, so the first usable frame is "
+            "the reference, and angles count from it; give an unloaded frame if there is one "
+            "(--unloaded-frame or --unloaded)."
         )
         around = np.full((len(rest), 0), -1)
         position = self.sensor.straighten(rest)
@@ -46,7 +47,7 @@ class SpeckleReader(MarkerReader):
         self.layout = MarkerLayout(self.scale * (position + self.origin), self.neighbours, full)
 
     def read(self, picture: Picture) -> Row:
-        """Positions, contact and rotation of the points in the next picture."""
+        """Measure positions, contact and rotation of the points in the next picture."""
         shape = self.reference.position.shape
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, shape, picture.flaw or "no picture")
@@ -68,25 +69,25 @@ class SpeckleReader(MarkerReader):
         )
 
     def notes(self) -> tuple[str, ...]:
-        """What the speckle looks like, what was left out, and what the reference is."""
+        """Remarks on the speckle, the unusable points and the reference."""
         style, lattice = self.tracker.style, self.tracker.lattice
-        left = [f"{count} {why}" for why, count in lattice.left_out.items() if count]
-        masked = f" Left out of the lattice: {', '.join(left)}." if left else ""
+        unusable = [f"{count} {why}" for why, count in lattice.left_out.items() if count]
+        masked = f" Points not used: {', '.join(unusable)}." if unusable else ""
         seeds = (
-            f" Features were searched in {self.tracker.searched} pictures."
+            f" Features were needed in {self.tracker.searched} pictures."
             if self.tracker.searched
             else ""
         )
         return (
-            f"{len(lattice.subsets.centre)} points of a speckle pattern of {2 * style.size:.1f} px "
-            f"grain, {style.pitch} px apart, each with the {2 * style.radius + 1} px square around "
-            f"it.{masked}{seeds}",
+            f"{len(lattice.subsets.centre)} points on a speckle pattern with a grain of "
+            f"{2 * style.size:.1f} px. The points are {style.pitch} px apart, each tracked by the "
+            f"{2 * style.radius + 1} px square around it.{masked}{seeds}",
             self.reference.note,
             "The contact region is estimated from the dispersion of the translation field.",
         )
 
     def _straighten(self, match: Match) -> Match:
-        """The match as it would be without the lens's distortion."""
+        """Remove the lens's distortion from a match."""
         if self.sensor.lens is None:
             return match
         shape = lens_stretch(self.sensor, match.position) @ match.deformation
@@ -97,8 +98,8 @@ class SpeckleReader(MarkerReader):
 
 
 def lens_stretch(sensor: Sensor, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 2"]:
-    """Derivative of the positions without distortion by those in the picture."""
-    step = 1.0  # distance over which the lens's distortion is differentiated [px]
+    """Derivative of undistorted positions by positions in the picture."""
+    step = 1.0  # step of the central difference [px]
     if sensor.lens is None:
         return np.tile(np.eye(2), (len(points), 1, 1))
     columns = [
@@ -110,7 +111,7 @@ def lens_stretch(sensor: Sensor, points: Float[np.ndarray, "n 2"]) -> Float[np.n
 
 
 def measure_rotation(reference: Reference, match: Match) -> Rotation:
-    """Rotation of each subset and of the lattice's lines through it, fused by their variances."""
+    """Rotation of each subset and of the lattice's lines through it, averaged by variance."""
     own = Rotation(
         polar_angle(match.deformation), np.where(match.good, polar_variance(match), np.inf)
     )

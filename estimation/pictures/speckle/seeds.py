@@ -1,4 +1,4 @@
-"""Guesses of where a speckle pattern has gone, however far, from two pictures alone."""
+"""Initial guesses of a speckle pattern's motion, of any size, from two pictures."""
 
 from typing import NamedTuple
 
@@ -9,11 +9,11 @@ from scipy.spatial import KDTree
 
 
 class Guess(NamedTuple):
-    """Where subsets may be.
+    """Guessed motion of subsets.
 
     Attributes:
         position: of their centres [px].
-        deformation: F.
+        deformation: deformation gradient F [-].
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -21,13 +21,18 @@ class Guess(NamedTuple):
 
 
 def stay(centre: Float[np.ndarray, "n 2"], shift: Float[np.ndarray, " 2"]) -> Guess:
-    """All moved by the same vector [px]."""
+    """A guess that moves all subsets by the same vector, without deformation.
+
+    Args:
+        centre: of the subsets at rest [px].
+        shift: the vector [px].
+    """
     return Guess(centre + shift, np.tile(np.eye(2), (len(centre), 1, 1)))
 
 
 def flatten_light(grey: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
-    """A picture without its slow changes, of about equal contrast everywhere."""
-    grain = 24.0  # width of what is taken off as light rather than texture, standard deviation [px]
+    """Remove slow changes of light from a picture, and equalise its contrast."""
+    grain = 24.0  # standard deviation of the blur that separates light from texture [px]
     texture = grey - cv2.GaussianBlur(grey, (0, 0), grain)
     spread = np.sqrt(cv2.GaussianBlur(texture * texture, (0, 0), grain)) + 2.0
     return np.clip(texture / spread, -3.0, 3.0)
@@ -36,11 +41,11 @@ def flatten_light(grey: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"
 def find_shift(
     rest: Float32[np.ndarray, "h w"], now: Float32[np.ndarray, "h w"]
 ) -> Float[np.ndarray, " 2"]:
-    """The shift that most of the picture agrees on, by phase correlation [px].
+    """Estimate the shift of the whole picture by phase correlation [px].
 
     Args:
-        rest: the reference, its light flattened.
-        now: the picture, its light flattened.
+        rest: the reference, with flattened light.
+        now: the picture, with flattened light.
     """
     window = cv2.createHanningWindow(rest.shape[::-1], cv2.CV_32F)
     shift, _ = cv2.phaseCorrelate(rest, now, window)
@@ -48,10 +53,10 @@ def find_shift(
 
 
 class FeatureSeeds:
-    """Features of a reference picture, by which any motion and rotation is found."""
+    """Features of a reference picture, from which any motion and rotation can be guessed."""
 
     def __init__(self, rest: Float32[np.ndarray, "h w"]) -> None:
-        """Find features in a picture whose light is flattened."""
+        """Find the features of a picture with flattened light."""
         self.detector = cv2.SIFT.create(nfeatures=4000, contrastThreshold=0.02)
         self.points, self.turns, self.descriptors = self._describe(rest)
 
@@ -60,31 +65,31 @@ class FeatureSeeds:
         keypoints, descriptors = self.detector.detectAndCompute(byte, None)
         if descriptors is None:
             descriptors = np.zeros((0, 128), np.float32)
-        points = np.array([one.pt for one in keypoints]).reshape(-1, 2)
-        return points, np.radians([one.angle for one in keypoints]), descriptors
+        points = np.array([keypoint.pt for keypoint in keypoints]).reshape(-1, 2)
+        return points, np.radians([keypoint.angle for keypoint in keypoints]), descriptors
 
     def guess(
         self, now: Float32[np.ndarray, "h w"], centre: Float[np.ndarray, "n 2"]
     ) -> Guess | None:
-        """Where points are in another picture; None where too few features are found again.
+        """Guess the motion of points in another picture; None if too few features match.
 
         Args:
-            now: the picture, its light flattened.
+            now: the picture, with flattened light.
             centre: the points in the reference [px].
         """
-        # distance of a feature's best match to that of its second best below which it is taken
+        # largest distance of a feature's best match, as a share of its second best's
         ratio = 0.8
-        # features around a point that say where it is; their median is robust to three wrong ones
+        # number of features that determine a point; their median is robust to three wrong ones
         around = 7
         points, turns, descriptors = self._describe(now)
         if min(len(self.points), len(points)) < around:
             return None
         pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(self.descriptors, descriptors, k=2)
-        kept = [one for one, two in pairs if one.distance < ratio * two.distance]
-        if len(kept) < around:
+        matches = [best for best, second in pairs if best.distance < ratio * second.distance]
+        if len(matches) < around:
             return None
-        before = np.array([one.queryIdx for one in kept])
-        after = np.array([one.trainIdx for one in kept])
+        before = np.array([match.queryIdx for match in matches])
+        after = np.array([match.trainIdx for match in matches])
         turn = turns[after] - self.turns[before]
         near = np.asarray(KDTree(self.points[before]).query(centre, around)[1])
         unit = np.exp(1j * turn[near])

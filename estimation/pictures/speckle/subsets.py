@@ -1,11 +1,12 @@
-"""Subsets of a speckle picture, found again in other pictures by what is printed in them.
+"""Matching of subsets of a speckle picture (digital image correlation).
 
-A subset is moved and deformed to first order, ξ → c + u + (I + G) ξ, until the other picture in it
-is the reference's but for brightness and contrast. Inverse-compositional Gauss–Newton ([Baker2004]
-S. Baker, I. Matthews, "Lucas-Kanade 20 Years On: A Unifying Framework"; [Pan2013] B. Pan, K. Li,
-W. Tong, "Fast, Robust and Accurate Digital Image Correlation Calculation Without Redundant
-Computations") linearises the reference, so that one matrix per subset, made once, takes grey levels
-to steps. Brightness and contrast are two of its rows, so that no normalisation is needed.
+A subset is moved and deformed to first order, ξ → c + u + (I + G) ξ, until the picture in it equals
+the reference except for brightness and contrast. The method is inverse-compositional Gauss–Newton
+([Baker2004] S. Baker, I. Matthews, "Lucas-Kanade 20 Years On: A Unifying Framework"; [Pan2013] B.
+Pan, K. Li, W. Tong, "Fast, Robust and Accurate Digital Image Correlation Calculation Without
+Redundant Computations"). It linearises the reference, so that one matrix per subset, computed once,
+maps grey levels to steps. Brightness and contrast are two of the matrix's rows, so that no
+normalisation is needed.
 """
 
 from typing import NamedTuple
@@ -15,20 +16,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 CLIPPED = (3.0, 250.0)
-"""Grey levels, of 255, below and above which a pixel may be clipped."""
+"""Grey levels (of 255) below and above which a pixel may be clipped."""
 FINER, TAPS, KAISER = 3, 8, 5.0
-"""How much finer pictures are made, and the length and the window of the filter that does it."""
+"""Upsampling factor of pictures, and length and Kaiser parameter of the upsampling filter."""
 
 
 class Subsets(NamedTuple):
     """Subsets of a reference picture.
 
     Attributes:
-        centre: of each [px].
-        offset: ξ, of its pixels from there [px].
-        solve: takes the pixels' grey levels to the step of (u, G row by row), contrast and level.
-        strength: root of the sum of squares of the grey levels about their mean.
-        unit: covariance of (u, G row by row) at noise 1.
+        centre: of each subset [px].
+        offset: ξ, of the pixels from the centre [px].
+        solve: maps the pixels' grey levels to the step of (u, G row by row), contrast and level.
+        strength: norm of the grey levels minus their mean.
+        unit: covariance of (u, G row by row) for noise of 1 grey level.
     """
 
     centre: Float[np.ndarray, "n 2"]
@@ -43,7 +44,7 @@ class Subsets(NamedTuple):
         return float(self.offset.max())
 
     def take(self, which: Bool[np.ndarray, " n"] | Int[np.ndarray, " m"]) -> "Subsets":
-        """Some of the subsets."""
+        """Select subsets by index or mask."""
         return Subsets(
             self.centre[which],
             self.offset,
@@ -54,15 +55,15 @@ class Subsets(NamedTuple):
 
 
 class Match(NamedTuple):
-    """Subsets as they are in a picture.
+    """Subsets matched to a picture.
 
     Attributes:
         position: of their centres [px].
         deformation: F = I + G.
-        covariance: of position and F row by row, by the noise that the match leaves.
+        covariance: of position and F row by row, from the residual of the match.
         correlation: zero-mean normalised cross-correlation with the reference [-].
-        noise: standard deviation of what is left [grey levels of the reference].
-        good: whether it has converged near its guess, inside the picture.
+        noise: standard deviation of the residual [grey levels of the reference].
+        good: whether the match has converged near its guess, inside the picture.
     """
 
     position: Float[np.ndarray, "n 2"]
@@ -76,7 +77,13 @@ class Match(NamedTuple):
 def make_subsets(
     grey: Float32[np.ndarray, "h w"], centre: Int[np.ndarray, "n 2"], radius: int
 ) -> Subsets:
-    """Square subsets about pixels of a reference picture, all inside it."""
+    """Make square subsets around pixels of a reference picture.
+
+    Args:
+        grey: the reference picture, 0 to 255.
+        centre: x and y of the pixels; all subsets must lie inside the picture.
+        radius: half the side of a subset [px].
+    """
     side = np.arange(-radius, radius + 1)
     offset = np.stack(np.meshgrid(side, side, indexing="xy"), axis=-1).reshape(-1, 2)
     at = centre[:, None] + offset
@@ -107,7 +114,7 @@ def make_subsets(
 def count_clipped(
     grey: Float32[np.ndarray, "h w"], centre: Float[np.ndarray, "n 2"], radius: float
 ) -> Float[np.ndarray, " n"]:
-    """Share of the pixels about each centre that are nearly black or white [-]."""
+    """Share of nearly black or white pixels around each centre [-]."""
     clipped = ((grey < CLIPPED[0]) | (grey > CLIPPED[1])).astype(np.float32)
     size = 2 * round(radius) + 1
     share = cv2.blur(clipped, (size, size), borderType=cv2.BORDER_REPLICATE)
@@ -117,27 +124,27 @@ def count_clipped(
 
 
 class Sampler:
-    """A picture's grey levels between its pixels.
+    """Interpolates a picture's grey levels between pixels.
 
-    The picture is made `FINER` times finer by a windowed sinc, and interpolated linearly there: as
-    good as a cubic spline in the picture itself, for a fraction of the time.
+    The picture is upsampled `FINER` times by a windowed sinc, and then interpolated linearly. This
+    is as accurate as a cubic spline in the original picture, for a fraction of the time.
     """
 
     def __init__(self, grey: Float32[np.ndarray, "h w"]) -> None:
         """Prepare a picture."""
         self.size = np.array(grey.shape[::-1])
         rows, columns = grey.shape
-        kept, middle = np.ones(1, np.float32), TAPS // 2 - 1
+        single, middle = np.ones(1, np.float32), TAPS // 2 - 1
         tall = np.empty((rows, FINER, columns), np.float32)
         tall[:, 0] = grey
         for part, taps in enumerate(BETWEEN, start=1):
             tall[:, part] = cv2.sepFilter2D(
-                grey, -1, kept, taps, anchor=(0, middle), borderType=cv2.BORDER_REPLICATE
+                grey, -1, single, taps, anchor=(0, middle), borderType=cv2.BORDER_REPLICATE
             )
         tall = tall.reshape(FINER * rows, columns)
         across = [
             cv2.sepFilter2D(
-                tall, -1, taps, kept, anchor=(middle, 0), borderType=cv2.BORDER_REPLICATE
+                tall, -1, taps, single, anchor=(middle, 0), borderType=cv2.BORDER_REPLICATE
             )
             for taps in BETWEEN
         ]
@@ -152,9 +159,9 @@ class Sampler:
         """Grey levels of squares that are moved and deformed to first order.
 
         Args:
-            offset: of their points from the middle [px].
-            place: of their middles in the picture [px].
-            shape: F of each.
+            offset: of a square's points from its middle [px].
+            place: of the squares' middles in the picture [px].
+            shape: deformation gradient F of each square.
         """
         motion = (FINER * np.concatenate([shape, place[..., None]], axis=2)).astype(np.float32)
         ahead = np.concatenate([offset, np.ones_like(offset[:, :1])], axis=1).T
@@ -163,7 +170,7 @@ class Sampler:
 
 
 def _between(share: float) -> Float32[np.ndarray, " taps"]:
-    """Weights of the pixels around for the value a share of the way from one to the next."""
+    """Weights of the pixels around for the value at a share of the way between two pixels."""
     distance = np.arange(TAPS) - (TAPS // 2 - 1) - share
     window = np.i0(KAISER * np.sqrt(np.clip(1.0 - (2.0 * distance / TAPS) ** 2, 0.0, 1.0)))
     weight = np.sinc(distance) * window
@@ -179,25 +186,25 @@ def match_subsets(
     position: Float[np.ndarray, "n 2"],
     deformation: Float[np.ndarray, "n 2 2"],
 ) -> Match:
-    """Find subsets in a picture; not those whose guess shows nothing like them.
+    """Match subsets to a picture; subsets whose guess correlates too little are not matched.
 
     Args:
         subsets: of the reference.
         sampler: of the picture.
-        position: guessed, within about half a speckle [px]; NaN for what is not looked for.
-        deformation: guessed F, its rotation within about 10°.
+        position: guessed position, within about half a speckle [px]; NaN to skip a subset.
+        deformation: guessed F, with a rotation within about 10°.
     """
-    # step of the subset's rim below which it has converged [px]: each next one is twenty times as
-    # small, and then a tenth of the noise
+    # step of the subset's rim below which the match has converged [px]: the next step would be
+    # twenty times smaller, a tenth of the noise
     least_step = 0.02
-    steps = 15  # most steps from one guess
-    hopeful = 0.3  # correlation at a guess from which it is followed [-]
-    stray = 0.6  # farthest a subset may go from its guess [subset radii]
+    steps = 15  # largest number of steps from one guess
+    hopeful = 0.3  # least correlation at a guess [-]
+    stray = 0.6  # largest distance of a subset from its guess [subset radii]
     place, shape = position.copy(), deformation.copy()
     count, radius = len(place), subsets.radius
     active = _inside(sampler, place, shape, radius)
     converged = np.zeros(count, dtype=bool)
-    alpha, left = np.zeros(count), np.full(count, np.inf)
+    alpha, power = np.zeros(count), np.full(count, np.inf)
     for turn in range(steps):
         which = np.flatnonzero(active)
         if not len(which):
@@ -207,7 +214,7 @@ def match_subsets(
         step = np.matmul(solve, grey[..., None])[..., 0].astype(float)
         grey -= grey.mean(axis=1, keepdims=True)
         alpha[which] = step[:, 6]
-        left[which] = np.einsum("np,np->n", grey, grey)
+        power[which] = np.einsum("np,np->n", grey, grey)
         contrast = np.where(step[:, 6] > 0.0, step[:, 6], np.nan)
         shift, gradient = step[:, :2] / contrast[:, None], step[:, 2:6] / contrast[:, None]
         inverse = _inverse(np.eye(2) + gradient.reshape(-1, 2, 2))
@@ -218,10 +225,10 @@ def match_subsets(
         strayed = np.linalg.norm(place[which] - position[which], axis=1) > stray * radius
         wild = ~np.isfinite(moved) | strayed | (moved > 2.0 * radius)
         if not turn:
-            wild |= alpha[which] * subsets.strength[which] < hopeful * np.sqrt(left[which])
+            wild |= alpha[which] * subsets.strength[which] < hopeful * np.sqrt(power[which])
         active[which] = ~converged[which] & ~wild
         active[which] &= _inside(sampler, place[which], shape[which], radius)
-    return _gather(subsets, sampler, place, shape, converged, alpha, left)
+    return _gather(subsets, sampler, place, shape, converged, alpha, power)
 
 
 def _gather(
@@ -233,14 +240,14 @@ def _gather(
     contrast: Float[np.ndarray, " n"],
     total: Float[np.ndarray, " n"],
 ) -> Match:
-    """What was found, with what it leaves unexplained."""
-    rounding = 1.0 / 12.0  # least variance of a pixel, that of rounding to whole grey levels
+    """Make the match, with correlation, noise and covariance from its residual."""
+    rounding = 1.0 / 12.0  # least variance of a pixel, from rounding to whole grey levels
     good = converged & _inside(sampler, place, shape, subsets.radius)
     contrast = np.where(good, contrast, np.nan)
     explained = contrast * subsets.strength
     correlation = explained / np.sqrt(np.maximum(total, 1e-12))
-    rest = (total - explained**2) / (len(subsets.offset) - 8)
-    noise = np.sqrt(np.maximum(rest, rounding)) / contrast
+    variance = (total - explained**2) / (len(subsets.offset) - 8)
+    noise = np.sqrt(np.maximum(variance, rounding)) / contrast
     turn = np.zeros((len(place), 6, 6))
     turn[:, :2, :2] = turn[:, 2:4, 2::2] = shape
     turn[:, 2:, 2:] = np.einsum("nij,kl->nikjl", shape, np.eye(2)).reshape(-1, 4, 4)
@@ -276,7 +283,7 @@ def _inside(
     shape: Float[np.ndarray, "n 2 2"],
     radius: float,
 ) -> Bool[np.ndarray, " n"]:
-    """Whether whole subsets lie in the picture."""
+    """Whether each subset lies completely inside the picture."""
     reach = radius * np.abs(shape).sum(axis=2)
     with np.errstate(invalid="ignore"):
         return ((place >= reach) & (place <= sampler.size - 1 - reach)).all(axis=1)

@@ -1,9 +1,9 @@
-"""A speckle pattern followed from picture to picture, each matched to the reference by itself.
+"""Tracking of a speckle pattern; each picture is matched to the reference independently.
 
-Points of interest lie on a square lattice; what is printed around each says where it is. Where a
-point may be is guessed from the picture before, from rest, from the shift of the whole, from points
-next to it or from features; whether it is there only the reference tells. So no continuity is
-needed, and nothing that was wrong once stays wrong.
+Points of interest lie on a square lattice, and are recognised by the print around them. The place
+of a point is guessed from the previous picture, from rest, from the shift of the whole picture,
+from neighbouring points or from features. The guess is confirmed by the reference alone. The method
+therefore needs no continuity, and errors do not persist.
 """
 
 from collections.abc import Iterator
@@ -25,13 +25,13 @@ from estimation.pictures.speckle.subsets import (
 )
 
 CLIPPED = 0.1
-"""Most of a subset's pixels that may be as good as black or white [-]."""
+"""Largest share of a subset's pixels that may be nearly black or white [-]."""
 PIECE = 4
-"""Fewest points that must fit each other."""
+"""Least number of neighbouring points that must agree with each other."""
 
 
 class SpeckleStyle(NamedTuple):
-    """What a speckle pattern looks like.
+    """Appearance of a speckle pattern, and the lattice of points on it.
 
     Attributes:
         size: distance at which the texture's autocorrelation falls to one half [px].
@@ -48,10 +48,10 @@ class Lattice(NamedTuple):
     """Points of interest of a reference.
 
     Attributes:
-        subsets: about each.
-        number: of the point at each place of the lattice, −1 for none.
-        around: the eight points next to each, −1 for none.
-        left_out: how many places have no point, and why.
+        subsets: the subset around each point.
+        number: of the point at each place of the lattice; −1 for none.
+        around: the eight points next to each point; −1 for none.
+        left_out: number of places without a point, by reason.
     """
 
     subsets: Subsets
@@ -61,17 +61,17 @@ class Lattice(NamedTuple):
 
 
 def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> SpeckleStyle:
-    """Size of the speckles, and of subsets that hold enough of them.
+    """Estimate the size of the speckles, and choose subsets that contain enough of them.
 
     Args:
-        grey: the picture.
-        part: of the sensor's pictures that it shows.
+        grey: the picture, 0 to 255.
+        part: the part of the sensor's pictures that is read.
 
     Raises:
-        ValueError: the picture has no fine texture, or one that repeats.
+        ValueError: the picture has no fine texture, or its texture repeats.
     """
-    points = 400  # points of interest in a picture, about
-    sides = 5.0  # half the side of a subset in half widths of the texture's autocorrelation
+    points = 400  # approximate number of points of interest in a picture
+    sides = 5.0  # half side of a subset, in half widths of the texture's autocorrelation
     texture = flatten_light(grey)
     padded = [cv2.getOptimalDFTSize(2 * n) for n in grey.shape]
     power = np.abs(np.fft.rfft2(texture, padded)) ** 2
@@ -86,14 +86,14 @@ def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> 
     rings = [correlation[(distance >= r - 0.5) & (distance < r + 0.5)].mean() for r in range(21)]
     below = np.flatnonzero(np.array(rings) < 0.5)
     if not len(below):
-        raise ValueError("no fine texture: all structures are larger than 20 px")
+        raise ValueError("the texture is not fine: all structures are larger than 20 px")
     i = below[0]
     size = float(i - 1 + (rings[i - 1] - 0.5) / (rings[i - 1] - rings[i]))
     peak = np.where(distance > 5.0 * size, correlation, 0.0)
     if peak.max() > 0.5:
         place = np.unravel_index(np.argmax(peak), peak.shape)
         raise ValueError(
-            f"the texture repeats every {distance[place]:.0f} px, so places in it are ambiguous"
+            f"the texture repeats every {distance[place]:.0f} px, so points on it are ambiguous"
         )
     radius = _unique_radius(grey, round(sides * size), part)
     pitch = max(round(float(np.sqrt(grey.size / points))), radius)
@@ -101,10 +101,10 @@ def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> 
 
 
 def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int, part: Part) -> int:
-    """The smallest half side of subsets that are hardly found twice, and not below `least`."""
-    # subsets that are looked for elsewhere, and the share that may be found, to choose their size
+    """The smallest half side, from `least` on, of subsets that rarely recur in the picture."""
+    # number of subsets that are searched elsewhere, and the largest share that may recur
     fewest, rare_share = 40, 0.05
-    radii = (8, 10, 12, 14, 17, 20)  # half sides of subsets to choose from [px]
+    radii = (8, 10, 12, 14, 17, 20)  # candidate half sides [px]
     largest = radii[-1]
     low, high = np.full(2, largest), np.array(grey.shape[::-1]) - largest
     if (low >= high).any():
@@ -121,19 +121,19 @@ def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int, part: Part) -> 
 def lay_points(
     grey: Float32[np.ndarray, "h w"], style: SpeckleStyle, part: Part = WHOLE
 ) -> Lattice:
-    """Points of interest wherever the picture has enough texture that is found nowhere else.
+    """Lay points of interest wherever the picture has enough texture that is unique.
 
     Args:
-        grey: the picture.
-        style: of its speckle.
-        part: of the sensor's pictures that it shows.
+        grey: the picture, 0 to 255.
+        style: appearance of its speckle.
+        part: the part of the sensor's pictures that is read.
 
     Raises:
-        ValueError: that is in too little of the picture.
+        ValueError: too few places of the picture are usable.
     """
-    # grey levels of noise at which a point must be found to so many px
+    # noise [grey levels] for which a point's error must stay below a limit [px]
     sensor_noise, least_error = 3.0, 0.1
-    usable = 0.5  # share of the lattice that must be usable for a picture to be one of speckle [-]
+    usable = 0.5  # least share of the lattice that must be usable [-]
     ways = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]])
     rim = style.radius + 2
     ys, xs = (
@@ -143,83 +143,86 @@ def lay_points(
     x, y = np.meshgrid(xs, ys)
     centre = np.stack([x.ravel(), y.ravel()], axis=1)
     if len(centre) < 2 * PIECE:
-        raise ValueError("the picture is too small for its texture")
+        raise ValueError(
+            f"the picture has room for {len(centre)} points of its texture; at least {2 * PIECE} "
+            "are needed"
+        )
     subsets = make_subsets(grey, centre, style.radius)
     hidden = ~part.shows(subsets.centre, np.sqrt(2.0) * style.radius)
     clipped = ~hidden & (count_clipped(grey, subsets.centre, float(style.radius)) > CLIPPED)
     error = sensor_noise * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
     faint = ~(hidden | clipped) & ((error > least_error) | _is_noise(grey, centre, style.radius))
     again = np.zeros(len(centre), dtype=bool)
-    clear = np.flatnonzero(~(hidden | clipped | faint))
-    again[clear] = _recurs(grey, centre[clear], style.radius)
-    kept = ~(hidden | clipped | faint | again)
+    textured = np.flatnonzero(~(hidden | clipped | faint))
+    again[textured] = _recurs(grey, centre[textured], style.radius)
+    clear = ~(hidden | clipped | faint | again)
     left_out = {
         "hidden by the mask": int(hidden.sum()),
         "black or white": int(clipped.sum()),
         "without texture": int(faint.sum()),
-        "found elsewhere too": int(again.sum()),
+        "ambiguous": int(again.sum()),
     }
-    if kept.sum() < max(usable * (~hidden).sum(), 2 * PIECE):
+    if clear.sum() < max(usable * (~hidden).sum(), 2 * PIECE):
         reasons = ", ".join(f"{count} {why}" for why, count in left_out.items() if count)
-        raise ValueError(f"of {len(kept)} places in the picture too many are {reasons}")
-    number = np.full(len(kept), -1)
-    number[kept] = np.arange(kept.sum())
+        raise ValueError(f"too many of {len(clear)} places in the picture are unusable: {reasons}")
+    number = np.full(len(clear), -1)
+    number[clear] = np.arange(clear.sum())
     number = number.reshape(len(ys), len(xs))
     padded = np.pad(number, 1, constant_values=-1)
     at = np.argwhere(number >= 0) + 1
     around = np.stack([padded[tuple((at + way).T)] for way in ways], axis=1)
-    return Lattice(subsets.take(kept), number, around, left_out)
+    return Lattice(subsets.take(clear), number, around, left_out)
 
 
 def _is_noise(
     grey: Float32[np.ndarray, "h w"], centre: Int[np.ndarray, "n 2"], radius: int
 ) -> Bool[np.ndarray, " n"]:
-    """Whether neighbouring pixels around each point have nothing to do with each other."""
-    # correlation of a pixel with the next from which there is texture rather than noise [-]
+    """Whether neighbouring pixels around each point are uncorrelated."""
+    # least correlation of neighbouring pixels in a texture; below, they are noise [-]
     grain = 0.3
     side, (x, y) = (2 * radius + 1,) * 2, centre.T
     texture = grey - cv2.blur(grey, side)
-    beside = 0.5 * (np.roll(texture, 1, axis=0) + np.roll(texture, 1, axis=1))
-    alike = cv2.blur(texture * beside, side)[y, x]
-    return alike < grain * cv2.blur(texture * texture, side)[y, x]
+    shifted = 0.5 * (np.roll(texture, 1, axis=0) + np.roll(texture, 1, axis=1))
+    covariance = cv2.blur(texture * shifted, side)[y, x]
+    return covariance < grain * cv2.blur(texture * texture, side)[y, x]
 
 
 def _recurs(
     grey: Float32[np.ndarray, "h w"], centre: Int[np.ndarray, "n 2"], radius: int
 ) -> Bool[np.ndarray, " n"]:
-    """Whether what is about each point is found elsewhere in the picture as well, at half size."""
-    # correlation of a subset with another place of the reference from which it is ambiguous [-]
+    """Whether the print around each point recurs elsewhere in the picture, at half size."""
+    # least correlation of a subset with another place for it to count as ambiguous [-]
     repeated = 0.75
     half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    size, found = radius // 2, []
+    size, ambiguous = radius // 2, []
     last = np.array(half.shape[::-1]) - size - 1
     for x, y in np.clip(centre // 2, size, last):
         template = half[y - size : y + size + 1, x - size : x + size + 1]
         score = cv2.matchTemplate(half, template, cv2.TM_CCOEFF_NORMED)
         itself = slice(max(y - 2 * size, 0), y + 1), slice(max(x - 2 * size, 0), x + 1)
         score[itself] = 0.0
-        found.append(np.nanmax(np.where(np.isfinite(score), score, 0.0)) > repeated)
-    return np.array(found, dtype=bool)
+        ambiguous.append(np.nanmax(np.where(np.isfinite(score), score, 0.0)) > repeated)
+    return np.array(ambiguous, dtype=bool)
 
 
 class SpeckleTracker:
-    """Says where the points of a reference are, picture by picture.
+    """Locates the points of a reference in each picture.
 
     Attributes:
-        style: what the speckles look like.
+        style: appearance of the speckle.
         lattice: the points.
-        searched: pictures in which features had to be looked for.
+        searched: number of pictures in which features were needed.
     """
 
     def __init__(self, grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> None:
-        """Learn a reference.
+        """Make the reference from a picture.
 
         Args:
-            grey: the picture.
-            part: of the sensor's pictures that this and the next ones show.
+            grey: the picture, 0 to 255.
+            part: the part of the sensor's pictures that all pictures show.
 
         Raises:
-            ValueError: it has no fine texture, a repeating one, or too little of it.
+            ValueError: the picture has no fine texture, a repeating texture, or too little texture.
         """
         self.style, self.part = find_speckle_style(grey, part), part
         self.lattice = lay_points(grey, self.style, part)
@@ -229,9 +232,14 @@ class SpeckleTracker:
         self.searched = 0
 
     def find(self, grey: Float32[np.ndarray, "h w"]) -> tuple[Match, str]:
-        """The points in the next picture, NaN where not recognised; and why it cannot be used."""
-        firm = 0.7  # share of the points that must be recognised for no other guess to be tried [-]
-        lost = 0.3  # share of the reference's points below which a picture counts as not recognised
+        """Locate the points in the next picture.
+
+        Returns:
+            The points, NaN where not recognised; and why the picture cannot be used, empty if it
+            can.
+        """
+        firm = 0.7  # share of recognised points from which no other guess is tried [-]
+        lost = 0.3  # share of recognised points below which the picture cannot be used [-]
         subsets, sampler = self.lattice.subsets, Sampler(grey)
         match = _nothing(len(subsets.centre))
         for guess in self._guesses(grey):
@@ -254,7 +262,7 @@ class SpeckleTracker:
         return match, ""
 
     def _guesses(self, grey: Float32[np.ndarray, "h w"]) -> Iterator[Guess]:
-        """Where the points may be: as before, at rest, moved with the whole, by features."""
+        """Guesses: as in the last picture, at rest, shifted with the whole, by features."""
         centre = self.lattice.subsets.centre
         if self.last is not None:
             yield self.last
@@ -264,69 +272,70 @@ class SpeckleTracker:
         if self.features is None:
             self.features = FeatureSeeds(self.rest)
         self.searched += 1
-        found = self.features.guess(texture, centre)
-        if found is not None:
-            yield found
+        guess = self.features.guess(texture, centre)
+        if guess is not None:
+            yield guess
 
     def _spread(self, sampler: Sampler, match: Match) -> Match:
-        """Go on from the points that are recognised to those next to them."""
+        """Extend a match from recognised points to the points next to them."""
         around, centre = self.lattice.around, self.lattice.subsets.centre
         fresh = match.good
         while fresh.any():
             rim = ~match.good & ((around >= 0) & fresh[around]).any(axis=1)
-            known = (around >= 0) & match.good[around] & rim[:, None]
+            linked = (around >= 0) & match.good[around] & rim[:, None]
             arm = centre[:, None] - centre[around]
             shape = match.deformation[around]
             there = match.position[around] + np.einsum("nkij,nkj->nki", shape, arm)
-            weight = np.where(known, 1.0, 0.0) / np.maximum(known.sum(axis=1), 1)[:, None]
+            weight = np.where(linked, 1.0, 0.0) / np.maximum(linked.sum(axis=1), 1)[:, None]
             guess = Guess(
-                np.einsum("nk,nki->ni", weight, np.where(known[..., None], there, 0.0)),
-                np.einsum("nk,nkij->nij", weight, np.where(known[..., None, None], shape, 0.0)),
+                np.einsum("nk,nki->ni", weight, np.where(linked[..., None], there, 0.0)),
+                np.einsum("nk,nkij->nij", weight, np.where(linked[..., None, None], shape, 0.0)),
             )
             grown = _join(match, _follow(self.lattice.subsets, sampler, guess, rim))
             fresh, match = grown.good & ~match.good, grown
         return match
 
     def _fits(self, match: Match) -> Bool[np.ndarray, " m"]:
-        """The points that lie where most of their neighbours have them, in pieces of several."""
-        apart = 0.15  # farthest a point may lie from where its neighbour has it [pitches]
+        """Whether each point lies where most of its neighbours predict it, at least three."""
+        apart = 0.15  # largest distance of a point from its neighbour's prediction [pitches]
         around, centre = self.lattice.around, self.lattice.subsets.centre
-        both = (around >= 0) & match.good[around] & match.good[:, None]
+        linked = (around >= 0) & match.good[around] & match.good[:, None]
         arm = centre[:, None] - centre[around]
         mean = 0.5 * (match.deformation[:, None] + match.deformation[around])
         there = match.position[around] + np.einsum("nkij,nkj->nki", mean, arm)
         off = np.linalg.norm(match.position[:, None] - there, axis=2)
-        agree = both & (off < apart * self.style.pitch)
+        agree = linked & (off < apart * self.style.pitch)
         count = agree.sum(axis=1)
-        return match.good & (count >= PIECE - 1) & (2 * count >= both.sum(axis=1))
+        return match.good & (count >= PIECE - 1) & (2 * count >= linked.sum(axis=1))
 
 
 def _follow(
     subsets: Subsets, sampler: Sampler, guess: Guess, which: Bool[np.ndarray, " n"]
 ) -> Match:
-    """Match some of the subsets from a guess."""
-    least = 0.7  # correlation with the reference from which a subset is recognised [-]
+    """Match the chosen subsets from a guess."""
+    least = 0.7  # least correlation of a recognised subset with the reference [-]
     if which.all():
-        found = match_subsets(subsets, sampler, *guess)
-        return _blank(found, found.good & (found.correlation > least))
+        match = match_subsets(subsets, sampler, *guess)
+        return _blank(match, match.good & (match.correlation > least))
     part = np.flatnonzero(which)
-    found = match_subsets(
+    match = match_subsets(
         subsets.take(part), sampler, guess.position[part], guess.deformation[part]
     )
     whole = _nothing(len(which))
-    for everywhere, value in zip(whole, found, strict=True):
+    for everywhere, value in zip(whole, match, strict=True):
         everywhere[part] = value
     return _blank(whole, whole.good & (whole.correlation > least))
 
 
 def _nothing(count: int) -> Match:
-    """No point recognised."""
+    """A match without recognised points."""
     shapes = (2,), (2, 2), (6, 6), (), ()
-    return Match(*(np.full((count, *one), np.nan) for one in shapes), good=np.zeros(count, bool))
+    values = (np.full((count, *shape), np.nan) for shape in shapes)
+    return Match(*values, good=np.zeros(count, bool))
 
 
 def _blank(match: Match, good: Bool[np.ndarray, " n"]) -> Match:
-    """The match with only some of its points recognised."""
+    """The match with only the good points recognised."""
     values = [
         np.where(good.reshape(-1, *[1] * (value.ndim - 1)), value, np.nan) for value in match[:5]
     ]
@@ -334,7 +343,7 @@ def _blank(match: Match, good: Bool[np.ndarray, " n"]) -> Match:
 
 
 def _join(one: Match, other: Match) -> Match:
-    """The first match, with what only the second has recognised."""
+    """The first match, completed by points that only the second one has recognised."""
     values = [
         np.where(one.good.reshape(-1, *[1] * (first.ndim - 1)), first, second)
         for first, second in zip(one[:5], other[:5], strict=True)

@@ -92,7 +92,7 @@ def test_a_table_of_times_goes_by_frame_number(tmp_path):
     times = [one.time for one in read_pictures(folder, 5.0)]
     assert times == pytest.approx([1.5, 1.6, np.nan], nan_ok=True)
     unused, ignored = describe_pictures(folder, 5.0)
-    assert "times.csv has times of 1 frame without a picture, 0 the first" in unused
+    assert "times.csv has times of 1 frame without a picture; the first is frame 0" in unused
     assert "5 pictures per second (--fps) is not used: times come from times.csv" in ignored
     (folder / "times.csv").write_text("frame,time_s\n1,1.0\n2,1.5\n2,1.6\n")
     with pytest.raises(ValueError, match=r"times.csv.*frame 2 has the time 1.6 s here and 1.5 s"):

@@ -123,7 +123,7 @@ def test_an_empty_description_knows_nothing(tmp_path):
         ("format_version = 1\n[camera]\nmm_per_px = true", "camera.mm_per_px must be a number"),
         (
             "format_version = 1\n[camera]\nwidth_px = 640",
-            "camera: width_px and height_px come together",
+            "camera: width_px and height_px belong together",
         ),
         ("format_version = 1\n[camera]\nmatrix = [[1]]\ndistortion = [0]", "camera matrix"),
         (

@@ -159,7 +159,7 @@ def test_a_place_that_is_there_twice_is_left_out(rest):
     twice = rest.copy()
     twice[20:100, 20:110] = rest[130:210, 180:270]
     lattice = SpeckleTracker(twice.astype(np.float32)).lattice
-    assert lattice.left_out["found elsewhere too"] > 10
+    assert lattice.left_out["ambiguous"] > 10
     x, y = lattice.subsets.centre.T
     assert not ((x > 40) & (x < 90) & (y > 40) & (y < 80)).any()
     repeated = np.tile(rest[:60, :80], (4, 4))
