@@ -215,8 +215,8 @@ class _Motion:
         outwards = 1j * turned * _share_slope(turn.within) * spin * turn.arm
         tilted = outwards / turn.distance**2  # `outwards`: by d ln(radius), less d ln(distance)
         rows = np.empty((4, len(turn.arm)), dtype=complex)
-        rows[0] = turn.moved - tilted * turn.arm.real
-        rows[1] = 1j * turn.moved - tilted * turn.arm.imag
+        rows[0] = turn.moved - tilted * np.real(turn.arm)
+        rows[1] = 1j * turn.moved - tilted * np.imag(turn.arm)
         rows[2] = -outwards / radius
         rows[3] = -1j * turn.share * spin * turn.arm
         rows /= self._scale
