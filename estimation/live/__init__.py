@@ -1,1 +1,1 @@
-"""Sources that are followed while they go on, and the page that shows them."""
+"""Live sources, and the page in the browser that shows them."""

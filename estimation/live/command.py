@@ -1,4 +1,4 @@
-"""Follow a source live: answers as they come, the report when it ends."""
+"""The command `live`: answers while a source runs, and the report at its end."""
 
 import signal
 from collections.abc import Callable
@@ -26,37 +26,37 @@ def follow(
     say: Callable[[str], None],
     resume: bool = False,
 ) -> Outcome:
-    """Answer what a source gives while it gives it, a line for each frame on standard output.
+    """Answer the frames of a source as they arrive, with a line for each on standard output.
 
-    Ctrl-C or SIGTERM ends it, and the report is made.
+    Ctrl-C or SIGTERM ends the run and makes the report.
 
     Args:
-        name: of a camera or a recording; the virtual pivot where it is empty.
+        name: name of a camera, a Tac3D port or a recording; empty for the virtual pivot.
         out: folder to write to.
-        settings: of the run.
-        choices: how it is followed.
-        say: told what happens to the source.
-        resume: go on with a camera where an earlier run was cut off.
+        settings: settings of the run.
+        choices: how the source is followed.
+        say: receives messages about the source.
+        resume: continue an interrupted run over a camera.
 
     Raises:
-        ValueError: a wrong setting, or no source.
-        OSError: it cannot be read, or something cannot be written.
+        ValueError: a wrong setting, or the name is not that of a source.
+        OSError: the source cannot be read, or a file cannot be written.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    one, feed = open_live(name, settings, choices, say, out if resume else None)
+    item, feed = open_live(name, settings, choices, say, out if resume else None)
     sinks: list[Sink] = []
     with ExitStack() as opened:
-        if "json" not in settings.sink:  # which has standard output for itself
+        if "json" not in settings.sink:  # the JSON lines use standard output
             outlet = open_stdout()
             opened.callback(close_outlet, outlet, "standard output", say)
             sinks.append(LineWriter(outlet.send, settings.method))
         if choices.window:
-            window = Window(one.source, feed, settings.method)
+            window = Window(item.source, feed, settings.method)
             server = WindowServer(window, feed.name, choices.window_host, choices.window_port)
             opened.callback(_close_window, window, server, say)
             say(f"window: {server.address}")
             sinks.append(window)
-        outcome = run_all([one], out, settings, Progress(disable=True), sinks, resume)
+        outcome = run_all([item], out, settings, Progress(disable=True), sinks, resume)
     return outcome._replace(lines=[*outcome.lines, *feed.notes()])
 
 

@@ -1,4 +1,4 @@
-"""Between a source and its answers: a thread that reads, and a short queue."""
+"""A thread that reads a live source, and a short queue between it and the answers."""
 
 import math
 import threading
@@ -11,18 +11,19 @@ from estimation.choices import LiveChoices
 from estimation.tracking.stream import AHEAD_LIVE
 
 Item = TypeVar("Item")
-"""A frame, a picture or a message: whatever has a `time` [s]."""
+"""A frame, a picture or a message: any object with a `time` [s]."""
 
 
 class Feed:
-    """Reads a source in a thread of its own, so that one that is slow to answer delays no reading.
+    """Reads a source in a separate thread, so that slow answers do not delay reading.
 
-    Who answers too slowly misses the oldest frames, unless all of them are waited for.
+    If answers are too slow, the oldest frames in the queue are dropped, except from a recording
+    that is played as fast as possible.
 
     Attributes:
-        name: of the source.
-        lost: frames that were left out.
-        silences: how long the source gave nothing, each time that it was reported [s].
+        name: name of the source.
+        lost: number of dropped frames.
+        silences: duration of each reported time without a frame [s].
     """
 
     def __init__(
@@ -33,20 +34,21 @@ class Feed:
         *,
         recorded: bool = False,
     ) -> None:
-        """Make it; reading begins with the first item that is asked for.
+        """Make a feed; reading begins when the first item is requested.
 
         Args:
-            name: of the source.
-            choices: how it is followed.
-            say: told when the source is silent, gives frames again, or ends by a flaw.
-            recorded: whether it is a recording, which is played at its own pace or as fast as it
-                is answered; else it has a pace of its own.
+            name: name of the source.
+            choices: how the source is followed.
+            say: receives a message when the source is silent, gives frames again, or ends with a
+                flaw.
+            recorded: whether the source is a recording, which is played at its own pace or as fast
+                as it is answered; other sources set the pace themselves.
         """
         self.name, self.lost = name, 0
         self.silences: list[float] = []
         self._choices, self._say = choices, say
         self._paced = recorded and not choices.fast
-        self._waits, self._given = recorded and choices.fast, 0
+        self._waits, self._taken = recorded and choices.fast, 0
         self._queue: deque[Any] = deque()
         self._changed = threading.Condition()
         self._last: Any = None
@@ -54,18 +56,19 @@ class Feed:
         self._error: Exception | None = None
 
     def __call__(self, items: Iterator[Item]) -> Iterator[Item]:
-        """The items, as they come.
+        """The items as they arrive.
 
         Args:
-            items: read in another thread; they can be fed once.
+            items: items to read in the other thread; they can be fed once.
 
         Raises:
-            ValueError: what reading them raises, and so an OSError or a RuntimeError.
+            ValueError: an item cannot be read; an OSError or RuntimeError of the reader is raised
+                too.
         """
         thread = threading.Thread(target=self._read, args=(items,), daemon=True)
-        del items  # the thread alone has it, and lets go of the camera when it ends
+        del items  # only the thread refers to them, so the camera is released when it ends
         thread.start()
-        patience = 2.0  # time that the reader has to end [s]
+        patience = 2.0  # time for the reader to end [s]
         try:
             while (item := self._take()) is not None:
                 yield item
@@ -78,17 +81,17 @@ class Feed:
             raise self._error
 
     def notes(self) -> tuple[str, ...]:
-        """What was lost, and how long the source was silent, in sentences."""
+        """Sentences on dropped frames and on times without a frame, if any."""
         notes = []
         if self.lost:
             notes.append(
                 f"{self.lost} frames were lost between source and answer: they came faster than "
-                f"they were answered, and {self._choices.queue} wait at most (--queue)."
+                f"they were answered, and at most {self._choices.queue} can wait (--queue)."
             )
         if self.silences:
             notes.append(
-                f"The source was silent {len(self.silences)} times, for {max(self.silences):.1f} s "
-                "at the longest."
+                f"The source was silent {len(self.silences)} times, for up to "
+                f"{max(self.silences):.1f} s."
             )
         return tuple(notes)
 
@@ -105,7 +108,7 @@ class Feed:
                 self._changed.notify_all()
 
     def _put(self, item: Any) -> bool:
-        """Add an item to the queue; whether more are wanted."""
+        """Add an item to the queue; return whether to go on reading."""
         with self._changed:
             full = self._choices.queue
             while self._must_wait and len(self._queue) >= full and not self._stopped.is_set():
@@ -119,15 +122,15 @@ class Feed:
 
     @property
     def _must_wait(self) -> bool:
-        """Whether nothing is left out, as when a recording waits for its first answer."""
-        return self._waits or (self._paced and self._given <= AHEAD_LIVE)
+        """Whether no frame may be dropped, as while a recording waits for its first answer."""
+        return self._waits or (self._paced and self._taken <= AHEAD_LIVE)
 
     def _pace(self, items: Iterator[Any]) -> Iterator[Any]:
-        """Items at their times; clocks that run backwards or jump far ahead are not waited for.
+        """Items at the pace of their times; steps backwards or far ahead are passed at once.
 
-        The first frames come as they are taken: the pace begins with the first answer.
+        The first frames come as fast as they are taken: the pace begins with the first answer.
         """
-        longest = 10.0  # step of the time stamps that is waited for [s]
+        longest = 10.0  # largest step of the time stamps to wait for [s]
         start = last = math.nan  # clock at time 0 of the recording; last time stamp
         for item in items:
             step = item.time - last
@@ -139,7 +142,7 @@ class Feed:
             yield item
 
     def _take(self) -> Any:
-        """The next item, waited for; None at the end."""
+        """Wait for the next item; None at the end."""
         began, reported = time.monotonic(), False
         with self._changed:
             while not (self._queue or self._ended):
@@ -147,12 +150,12 @@ class Feed:
                     self._say(f"{self.name}: no frame for {self._choices.silent_s:g} s; waiting")
                     reported = True
             item = self._queue.popleft() if self._queue else None
-            self._given += 1
+            self._taken += 1
             self._changed.notify_all()
         if reported:
             self.silences.append(time.monotonic() - began)
-            goes = "there are frames again" if item is not None else "it has ended"
-            self._say(f"{self.name}: {goes}, after {self.silences[-1]:.1f} s")
+            event = "frames arrive again" if item is not None else "the source has ended"
+            self._say(f"{self.name}: {event}, after {self.silences[-1]:.1f} s")
         if item is None and (flaw := getattr(self._last, "flaw", "")):
             self._say(f"{self.name}: {flaw}")
         self._last = item

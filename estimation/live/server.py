@@ -1,4 +1,4 @@
-"""Serves the page of a live run: two fixed paths, nothing of the disc, and no input."""
+"""Server of a live run's page: two fixed paths, no files, and no input."""
 
 import ipaddress
 import socket
@@ -15,29 +15,29 @@ from estimation.output.report import render_page
 from estimation.output.scene import page_colours
 
 MOST_BROWSERS = 8
-"""Browsers that are shown a run at a time."""
+"""Largest number of browsers that can show a run at the same time."""
 
 
 class WindowServer(socketserver.ThreadingTCPServer):
-    """Serves a window in threads of its own.
+    """Serves a window in separate threads.
 
     Attributes:
-        window: that is shown.
-        page: its content, the same for all.
-        host: address that it was told to serve at.
-        seats: one for each browser.
+        window: window to show.
+        page: content of the page, the same for all browsers.
+        host: address at which the page is served.
+        seats: limits the number of browsers.
     """
 
     allow_reuse_address, daemon_threads = True, True
 
     def __init__(self, window: Window, title: str, host: str, port: int) -> None:
-        """Begin to serve.
+        """Start the server.
 
         Args:
-            window: that is shown.
-            title: of the page.
+            window: window to show.
+            title: title of the page.
             host: address to serve at.
-            port: of it; 0 for any that is free.
+            port: port to serve at; 0 chooses a free one.
 
         Raises:
             OSError: the address or the port is not available.
@@ -46,9 +46,9 @@ class WindowServer(socketserver.ThreadingTCPServer):
         self.page = render_page("window.html", {}, title=title, colours=page_colours()).encode()
         self.seats = threading.BoundedSemaphore(MOST_BROWSERS)
         try:
-            told = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-            self.address_family = told[0]
-            super().__init__((str(told[4][0]), port), _Handler)
+            family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+            self.address_family = family
+            super().__init__((str(address[0]), port), _Handler)
         except (OSError, OverflowError) as error:
             raise OSError(
                 f"the window cannot be served at {host}, port {port} ({error}): give another "
@@ -58,20 +58,20 @@ class WindowServer(socketserver.ThreadingTCPServer):
 
     @property
     def address(self) -> str:
-        """Where a browser finds the page."""
+        """Address of the page for browsers."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{self.server_address[1]}/"
 
     def close(self) -> None:
-        """Serve no longer; browsers have a moment for what comes last."""
-        patience = 1.0  # for all of them [s]
+        """Stop the server, after a moment in which browsers receive the last event."""
+        patience = 1.0  # time for all browsers [s]
         for _ in range(MOST_BROWSERS):
             self.seats.acquire(timeout=patience / MOST_BROWSERS)
         self.shutdown()
         self.server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Report what went wrong, unless a browser is gone."""
+        """Report an error, unless a browser has disconnected."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
@@ -79,7 +79,7 @@ class WindowServer(socketserver.ThreadingTCPServer):
 class _Handler(BaseHTTPRequestHandler):
     """Answers one request."""
 
-    timeout = 10.0  # of a browser that takes nothing, or asks for nothing [s]
+    timeout = 10.0  # for a browser that neither requests nor receives data [s]
     server_version, sys_version = "contactmodel", ""
 
     @property
@@ -88,9 +88,9 @@ class _Handler(BaseHTTPRequestHandler):
         return self.server
 
     def do_GET(self) -> None:
-        """Give the page or its events."""
+        """Send the page or its events."""
         if not is_own(self.headers.get("Host", ""), self._window.host):
-            self.send_error(HTTPStatus.FORBIDDEN, "this page is served under another name")
+            self.send_error(HTTPStatus.FORBIDDEN, "this page is served under another host name")
         elif self.path == "/":
             self._begin("text/html; charset=utf-8")
             self.wfile.write(self._window.page)
@@ -100,17 +100,17 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Refuse; every method but GET in one way."""
+        """Send an error; for all methods but GET, the same one."""
         if code == HTTPStatus.NOT_IMPLEMENTED:
             code, message = HTTPStatus.METHOD_NOT_ALLOWED, "only GET is served"
         super().send_error(code, message, explain)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing on the terminal."""
+        """Print nothing on the terminal."""
 
     def _send_events(self) -> None:
         if not self._window.seats.acquire(blocking=False):
-            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "too many browsers look at this run")
+            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "too many browsers show this run")
             return
         try:
             self._begin("text/event-stream")
@@ -136,14 +136,14 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def is_own(host: str, served: str) -> bool:
-    """Whether a request names this server by its address, and not by a name that leads here.
+    """Whether a request names this server by its address, not by a foreign host name.
 
-    A page of somebody else may have its own name lead to this machine, and would then be given what
-    is meant for this page alone. It cannot do so with an address.
+    A foreign page could let its host name point to this machine and then read the data of this page
+    (DNS rebinding). An address cannot be misused in this way.
 
     Args:
-        host: of the request.
-        served: address or name that the server was told to serve at.
+        host: host of the request.
+        served: address or name at which the page is served.
     """
     try:
         name = urlsplit(f"//{host}").hostname or ""

@@ -1,4 +1,4 @@
-"""What can be followed live: a camera, or a recording that is played."""
+"""Sources to follow live: a camera, a Tac3D sensor, or a recording that is played."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,19 +22,18 @@ def open_live(
     say: Callable[[str], None],
     resume: Path | None = None,
 ) -> tuple[Input, Feed]:
-    """Open the one source that is followed, and what its frames or pictures go through.
+    """Open a source to follow, and the feed that its frames or pictures pass through.
 
     Args:
-        name: of a camera, a port of a Tac3D sensor or a recording; the virtual pivot where it is
-            empty.
-        settings: of the run.
-        choices: how it is followed.
-        say: told what is assumed about the source, and what happens to it.
-        resume: the folder of a camera's run that is resumed.
+        name: name of a camera, a Tac3D port or a recording; empty for the virtual pivot.
+        settings: settings of the run.
+        choices: how the source is followed.
+        say: receives warnings and messages about the source.
+        resume: output folder of the camera's run to resume.
 
     Raises:
-        ValueError: what is there is no source, or several; or a recording is to be resumed.
-        OSError: it cannot be read.
+        ValueError: the name stands for no source or for several, or a recording cannot be resumed.
+        OSError: the source cannot be read.
     """
     if name.startswith(PREFIX):
         feed = Feed(name, choices, say)
@@ -48,8 +47,8 @@ def open_live(
     recorded = not (paths and is_camera(paths[0]))
     if recorded and resume is not None:
         raise ValueError(
-            "--resume goes on with a camera: play the recording again into another folder "
-            "(--out), or run over it with `python -m estimation run`"
+            "--resume needs a camera: play the recording again into another folder (--out), or "
+            "run over it with `python -m estimation run`"
         )
     title = name_recordings(paths)[0] if paths else "virtual pivot"
     feed = Feed(title, choices, say, recorded=recorded)
@@ -61,16 +60,16 @@ def open_live(
     for warning in source.warnings:
         say(f"{title}: {warning}")
     place = f"{name}, live" if recorded else name
-    given = source if source.live else play(source, feed)
-    return Input(given, None, checkpoint, None, place, feed.notes), feed
+    followed = source if source.live else play(source, feed)
+    return Input(followed, None, checkpoint, None, place, feed.notes), feed
 
 
 def play(source: Source, feed: Feed) -> FrameStream:
-    """A source whose frames are passed on as they come.
+    """A live source that passes on the frames of another source.
 
     Args:
-        source: of the frames; its reference stays.
-        feed: that they go through.
+        source: source of the frames, whose reference does not change.
+        feed: feed that the frames pass through.
     """
     about = {name: getattr(source, name) for name in SOURCE_FACTS}
     played = FrameStream(source.layout, (), live=True, **about)

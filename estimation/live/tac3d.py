@@ -1,9 +1,9 @@
-"""The frames that the Tac3D desktop program sends by UDP, without its maker's SDK.
+"""Frames that the Tac3D desktop program sends by UDP, read without the maker's SDK.
 
-A frame comes in packets of a serial number (4 bytes), the number of the last packet and that of
-this one (2 bytes each, as the machine orders them), and a piece. The first piece is a head in YAML,
-the others are its arrays. This is what the decoder of the maker's SDK reads (`pytac3d` 3.3.0.9,
-`Sensor.py`); the SDK itself asks for packages that replace the OpenCV of this one.
+A frame comes in packets. Each consists of a serial number (4 bytes), the number of the last packet
+and that of this one (2 bytes each, in the machine's byte order), and a piece. The first piece is a
+head in YAML, the others hold its arrays. The decoder of the maker's SDK reads the same (`pytac3d`
+3.3.0.9, `Sensor.py`); the SDK is not used since its requirements replace this project's OpenCV.
 """
 
 import socket
@@ -23,7 +23,7 @@ from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
 
 PREFIX = "tac3d:"
-"""What a name of such a source begins with."""
+"""Prefix of the names of these sources."""
 _ARRAYS = {
     "Positions": "3D_Positions",
     "Displacements": "3D_Displacements",
@@ -34,24 +34,24 @@ _ARRAYS = {
 
 
 class Tac3DReceiver:
-    """Puts the packets of a port together.
+    """Joins the packets that arrive at a port.
 
     Attributes:
-        sensor: serial number of the one that is listened to; empty before its first frame.
-        others: serial numbers of other sensors on the port.
-        foreign: packets and frames that could not be read.
+        sensor: serial number of the followed sensor; empty before its first frame.
+        others: serial numbers of other sensors that send to the port.
+        foreign: number of packets and frames that could not be read.
     """
 
     def __init__(self, name: str) -> None:
-        """Listen.
+        """Listen to a port.
 
         Args:
-            name: `tac3d:PORT`, or `tac3d:PORT/SENSOR` where several sensors send to a port.
+            name: `tac3d:PORT`, or `tac3d:PORT/SENSOR` if several sensors send to the port.
 
         Raises:
             ImportError: the extra `tac3d` is not installed.
-            ValueError: there is no port.
-            OSError: another program listens there.
+            ValueError: the name has no valid port.
+            OSError: the port is not available.
         """
         require_extra("tac3d", f"following {name}")
         port, _, self.sensor = name.removeprefix(PREFIX).partition("/")
@@ -66,13 +66,13 @@ class Tac3DReceiver:
         except OSError as error:
             self._socket.close()
             raise OSError(
-                f"{name}: the port cannot be listened to ({error.strerror}): does another program, "
-                "or the SDK, listen to it?"
+                f"{name}: the port is not available ({error.strerror}): close the other program "
+                "or SDK that listens to it"
             ) from error
 
     def messages(self) -> Iterator[Stamped]:
-        """The sensor's frames as they come; it has no end."""
-        largest = 65535  # of a packet [bytes]
+        """The sensor's frames as they arrive, without end."""
+        largest = 65535  # size of a packet [bytes]
         with closing(self._socket):
             while True:
                 packet, sender = self._socket.recvfrom(largest)
@@ -88,12 +88,12 @@ class Tac3DReceiver:
                     yield Stamped(content, content.sendTimestamp, content.index)
 
     def notes(self) -> tuple[str, ...]:
-        """What else came to the port, in sentences."""
+        """Sentences on other data that came to the port, if any."""
         notes = []
         if self.others:
             others = ", ".join(sorted(self.others))
             notes.append(
-                f"Only {self.sensor} is followed; to the same port send {others} "
+                f"Only {self.sensor} is followed; other sensors send to the same port: {others} "
                 f"({PREFIX}PORT/SENSOR chooses)."
             )
         if self.foreign:
@@ -108,7 +108,7 @@ class Tac3DReceiver:
 
     def _join(self, packet: bytes, sender: object) -> tuple[bytes, bytes] | None:
         """Head and arrays of the frame that a packet completes."""
-        begun, most = 8, 256  # frames at a time; packets of a frame
+        incomplete, most = 8, 256  # largest number of incomplete frames; of packets of a frame
         try:
             serial, last, this = struct.unpack_from("=IHH", packet)
         except struct.error:
@@ -119,7 +119,7 @@ class Tac3DReceiver:
         pieces = self._pieces.setdefault((sender, serial), {})
         pieces[this] = packet[8:]
         if len(pieces) <= last:
-            while len(self._pieces) > begun:  # packets of the oldest were lost
+            while len(self._pieces) > incomplete:  # the oldest frame has lost packets
                 del self._pieces[next(iter(self._pieces))]
             return None
         del self._pieces[sender, serial]
@@ -127,16 +127,16 @@ class Tac3DReceiver:
 
 
 class Tac3DSource:
-    """The frames of a Tac3D sensor as the desktop program sends them.
+    """Frames of a Tac3D sensor as the desktop program sends them.
 
     The reference comes from the first frame with a load, or from the first two seconds without one.
 
     Attributes:
-        name: short name.
-        source: where they come from.
-        warnings: none.
-        live: yes.
-        provisional: no.
+        name: name of the source.
+        source: origin of the frames, the same.
+        warnings: always empty.
+        live: always true.
+        provisional: always false.
     """
 
     live, provisional, unit = True, False, PlainMessages.unit
@@ -146,15 +146,15 @@ class Tac3DSource:
         """Wait for the first frames.
 
         Args:
-            name: as for `Tac3DReceiver`.
-            feed: passes the frames on as they come.
+            name: name as in `Tac3DReceiver`.
+            feed: passes the frames on as they arrive.
 
         Raises:
             ImportError: the extra `tac3d` is not installed.
-            ValueError: there is no port.
-            OSError: another program listens there.
+            ValueError: the name has no valid port.
+            OSError: the port is not available.
         """
-        most = 64  # frames that are waited for
+        most = 64  # largest number of frames to wait for
         self.name = self.source = name
         self._receiver, self._ahead = Tac3DReceiver(name), list[Stamped]()
         self._messages = feed(self._receiver.messages())
@@ -171,12 +171,12 @@ class Tac3DSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know, in sentences, as known by now."""
+        """Notes up to now, in sentences."""
         received = self._receiver.notes()
         return (*self._markers.notes, *received, *self._inspector.notes())
 
     def __iter__(self) -> Iterator[Frame]:
-        """The frames in order; it can be done once."""
+        """The frames in order; they can be iterated once."""
         shape = self.layout.reference.shape
         for message in chain(self._ahead, self._messages):
             try:
@@ -188,26 +188,26 @@ class Tac3DSource:
 
 
 def _decode(head: bytes, data: bytes) -> Any:
-    """A frame with the fields of a `Frame` of the Tac3D nodes; None while the sensor begins.
+    """A frame with the fields of a Tac3D node's `Frame`; None while the sensor initializes.
 
     Raises:
-        ValueError: that is no head, or arrays that it declares are not there; and so KeyError,
-            TypeError, struct.error.
+        ValueError: the head is malformed, or an array that it declares is missing; this may also
+            raise KeyError, TypeError or struct.error.
     """
     from ruamel.yaml import YAML, YAMLError
 
-    largest = 65536  # of a head [bytes]
+    largest = 65536  # size of a head [bytes]
     if len(head) > largest:
         raise ValueError("the head is too long")
     try:
-        told = YAML(typ="safe").load(head.decode("ascii"))
+        content = YAML(typ="safe").load(head.decode("ascii"))
     except YAMLError as error:
-        raise ValueError("the head is no YAML") from error
-    frame = SimpleNamespace(SN=str(told["SN"]), index=int(told["index"]))
-    frame.sendTimestamp = float(told["timestamp"])
-    parts = {item["name"]: item for item in told["data"]}
-    begun = parts.get("InitializeProgress")
-    if begun is not None and struct.unpack_from("=i", data, int(begun["offset"]))[0] != 100:
+        raise ValueError("the head is not YAML") from error
+    frame = SimpleNamespace(SN=str(content["SN"]), index=int(content["index"]))
+    frame.sendTimestamp = float(content["timestamp"])
+    parts = {item["name"]: item for item in content["data"]}
+    progress = parts.get("InitializeProgress")
+    if progress is not None and struct.unpack_from("=i", data, int(progress["offset"]))[0] != 100:
         return None
     for name, sent in _ARRAYS.items():
         part = parts[sent]

@@ -1,4 +1,4 @@
-"""What a page in the browser shows of a run that goes on: the sink of its answers."""
+"""The sink that sends the answers of a live run to a page in the browser."""
 
 import json
 import threading
@@ -23,7 +23,7 @@ from estimation.tracking.stream import Answer
 
 
 class Point(NamedTuple):
-    """What the curve shows of an answer; angles in degrees."""
+    """A point of the curve; time in s, angles in degrees."""
 
     serial: int
     time: float
@@ -34,7 +34,7 @@ class Point(NamedTuple):
 
 
 class Latest(NamedTuple):
-    """An answer, and the picture that it was found in; None where there is none."""
+    """An answer, and the picture that it comes from; None without pictures."""
 
     serial: int
     answer: Answer
@@ -42,24 +42,24 @@ class Latest(NamedTuple):
 
 
 class Window:
-    """The sink that hands the latest answer to whoever looks; it never waits for them.
+    """Sink that offers the latest answer to browsers and never waits for them.
 
-    A browser that is slow misses pictures and markers, but no point of the curve.
+    A slow browser misses pictures and markers, but no point of the curve.
 
     Attributes:
-        dropped: answers that a browser has not shown, the browsers added up.
-        events: answers that were handed to browsers.
+        dropped: number of answers not sent to a browser, summed over browsers.
+        events: number of answers sent to browsers.
     """
 
     def __init__(self, source: Source, feed: Feed, method: str) -> None:
-        """Make it.
+        """Make a window.
 
         Args:
-            source: that is followed.
-            feed: that its frames go through.
-            method: whose answers are shown.
+            source: source of the frames.
+            feed: feed that the frames pass through.
+            method: method whose answers are shown.
         """
-        longest = 4000  # points of the curve that a new browser is given
+        longest = 4000  # points of the curve that a new browser receives
         self.dropped = self.events = 0
         self._source, self._feed, self._method = source, feed, method
         self._find_picture = keep_pictures(source)
@@ -70,37 +70,38 @@ class Window:
         self._began, self._serial, self._anew, self._end = np.nan, 0, 0, ""
 
     def put(self, answer: Answer) -> None:
-        """Take an answer; nothing is drawn here."""
-        found = answer.estimates[self._method]
+        """Take an answer, without drawing it."""
+        estimate = answer.estimates[self._method]
         picture = self._find_picture(answer.frame)
         with self._changed:
-            if np.isfinite(found.time):
-                self._began = found.time if np.isnan(self._began) else self._began
-                angle, low, high = np.degrees([found.angle, found.low, found.high]).tolist()
-                since, state = found.time - self._began, str(found.state)
+            if np.isfinite(estimate.time):
+                self._began = estimate.time if np.isnan(self._began) else self._began
+                interval = np.degrees([estimate.angle, estimate.low, estimate.high])
+                angle, low, high = interval.tolist()
+                since, state = estimate.time - self._began, str(estimate.state)
                 self._points.append(Point(self._serial, since, angle, low, high, state))
             self._latest = Latest(self._serial, answer, picture)
             self._serial += 1
             self._changed.notify_all()
 
     def restart(self) -> None:
-        """Begin the curve anew: with a better reference the answers are given again."""
+        """Clear the curve; the answers come again, relative to a better reference."""
         with self._changed:
             self._points.clear()
             self._anew += 1
 
     def end(self, text: str) -> None:
-        """Tell browsers, in a sentence, that there is nothing more to come."""
+        """End the stream of all browsers with a sentence."""
         with self._changed:
             self._end = text
             self._changed.notify_all()
 
     def follow(self) -> Iterator[str]:
-        """What one browser is told, as lines of JSON: the latest answer whenever it is asked.
+        """Lines of JSON for one browser: the latest answer at each request.
 
-        Empty lines come while nothing is new.
+        Empty lines come while there is no new answer.
         """
-        quiet, least = 5.0, 1.0 / 60.0  # time without news; between two of them [s]
+        quiet, least = 5.0, 1.0 / 60.0  # longest wait for an answer; least time between two [s]
         serial, point, anew = -1, -1, self._anew
         while True:
             with self._changed:
@@ -114,8 +115,8 @@ class Window:
                 self.dropped, self.events = self.dropped + missed, self.events + 1
                 serial = shown.serial
                 point = points[-1].serial if points else point
-                told = {"again": again, "curve": _show_points(points), "lost": self._feed.lost}
-                yield json.dumps(self._draw(shown) | told, ensure_ascii=False, allow_nan=False)
+                news = {"again": again, "curve": _show_points(points), "lost": self._feed.lost}
+                yield json.dumps(self._draw(shown) | news, ensure_ascii=False, allow_nan=False)
             elif not end:
                 yield ""
             if end:
@@ -124,14 +125,14 @@ class Window:
             time.sleep(least)
 
     def describe(self) -> str:
-        """What browsers have missed, in a sentence; empty where it is nothing."""
+        """A sentence on answers that browsers have missed; empty if there are none."""
         if not self.dropped:
             return ""
-        every = self.dropped + self.events
-        return f"window: {self.dropped} of {every} frames not shown: the browser was slower"
+        total = self.dropped + self.events
+        return f"window: {self.dropped} of {total} frames not shown: the browser was slower"
 
     def _wait_for_other(self, serial: int, quiet: float) -> Latest | None:
-        """The latest answer, once it is another one than a serial's, or time has gone by."""
+        """Wait for another answer than that of a serial, at most `quiet` s; return the latest."""
         if not self._end and (self._latest is None or self._latest.serial == serial):
             self._changed.wait(quiet)
         return self._latest
@@ -145,7 +146,7 @@ class Window:
         return after[::-1]
 
     def _draw(self, shown: Latest) -> dict[str, Any]:
-        """What is shown of an answer; it is drawn once for all browsers."""
+        """The content of an answer, drawn once for all browsers."""
         with self._drawing:
             if self._drawn[0] != shown.serial:
                 self._drawn = shown.serial, self._describe(shown)
@@ -153,41 +154,41 @@ class Window:
 
     def _describe(self, shown: Latest) -> dict[str, Any]:
         answer, frame = shown.answer, shown.answer.frame
-        found, reference = answer.estimates[self._method], answer.layout.reference
+        estimate, reference = answer.estimates[self._method], answer.layout.reference
         view = view_markers(self._source, frame.positions, reference, shown.picture)
-        signs = show_markers(view.spots, frame.valid, found.stick, found.contact)
+        signs = show_markers(view.spots, frame.valid, estimate.stick, estimate.contact)
         return {
-            "frame": found.source_index,
-            "state": str(found.state),
+            "frame": estimate.source_index,
+            "state": str(estimate.state),
             "alert": str(answer.alert.level),
-            "reason": found.reason,
+            "reason": estimate.reason,
             "values": self._list_values(answer),
             "scene": {"size": list(view.size)} | signs,
             "picture": None if view.jpeg is None else picture_url(view.jpeg),
         }
 
     def _list_values(self, answer: Answer) -> list[list[Any]]:
-        """Name, value, half-width and unit of what is known."""
-        found, shear, unit = answer.estimates[self._method], answer.shear, self._source.unit
+        """Name, value, half-width and unit of each known quantity."""
+        estimate, shear, unit = answer.estimates[self._method], answer.shear, self._source.unit
         margin, alert = answer.margin, answer.alert
-        angle = np.degrees([found.angle, (found.high - found.low) / 2.0])
-        left = np.degrees([margin.angle, (margin.angle_high - margin.angle_low) / 2.0])
+        angle = np.degrees([estimate.angle, (estimate.high - estimate.low) / 2.0])
+        remaining = np.degrees([margin.angle, (margin.angle_high - margin.angle_low) / 2.0])
         rows: list[tuple[str, float, float, str]] = [
             ("angle", angle[0], angle[1], "°"),
             ("slip", shear.slip, shear.slip_error, unit),
             ("probability of a slip", shear.slipped, np.nan, ""),
-            ("angle left", left[0], left[1], "°"),
+            ("remaining angle", remaining[0], remaining[1], "°"),
             ("time to slip", alert.time_to_slip, (alert.high - alert.low) / 2.0, "s"),
             ("friction in use", answer.friction.used, np.nan, ""),
-            ("markers that stick", float(found.stick_markers), np.nan, ""),
-            ("markers in contact", float(found.contact_markers), np.nan, ""),
+            ("markers that stick", float(estimate.stick_markers), np.nan, ""),
+            ("markers in contact", float(estimate.contact_markers), np.nan, ""),
         ]
-        shown = [[name, *show_numbers((value, half)), of] for name, value, half, of in rows]
+        shown = [[name, *show_numbers((value, half)), unit] for name, value, half, unit in rows]
         return [row for row in shown if row[1] is not None]
 
 
 def _show_points(points: list[Point]) -> dict[str, Any]:
-    """Points as `drawCurve` takes them."""
+    """Points in the form that `drawCurve` takes."""
     columns = list(zip(*points, strict=True)) or [()] * len(Point._fields)
     table = dict(zip(Point._fields, columns, strict=True))
     numbers = {name: show_numbers(table[name], 4) for name in ("time", "angle", "low", "high")}

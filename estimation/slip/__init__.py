@@ -1,1 +1,1 @@
-"""How far the object has slipped, when macro slip began, and the margin left before it begins."""
+"""Slip of the object: its amount, the onset of macro slip, and the margin before it."""

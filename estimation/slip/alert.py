@@ -1,4 +1,4 @@
-"""When a contact will slip at the present rate, and a word that a gripper can act on."""
+"""Time to slip at the present rate, and alert levels for a gripper."""
 
 from collections import deque
 from enum import StrEnum
@@ -63,19 +63,19 @@ class Alert(NamedTuple):
 
 
 class AlertWatch:
-    """Follows angle and friction in use, and says when they reach their limits."""
+    """Follows angle and friction in use, and predicts when they reach their limits."""
 
     def __init__(self, settings: AlertSettings = DEFAULT_ALERT) -> None:
-        """Begin with nothing known.
+        """Begin without any frame.
 
         Args:
-            settings: when a gripper is warned.
+            settings: thresholds of the alerts.
         """
         self._settings = settings
         self.restart()
 
     def restart(self) -> None:
-        """Begin with nothing known: the object has left."""
+        """Discard all frames: the object has left."""
         self._past: deque[tuple[float, float, float]] = deque(maxlen=self._settings.rate_frames)
 
     def update(
@@ -87,15 +87,15 @@ class AlertWatch:
         friction: Friction,
         slipped: float,
     ) -> Alert:
-        """What comes after a frame.
+        """The prediction after a frame.
 
         Args:
             time: time stamp [s].
-            state: of the contact.
-            angle: of the object [rad].
-            margin: angle and moment that remain.
-            friction: in use, and its coefficient.
-            slipped: probability that all of the contact has slipped lately [-]; NaN if unknown.
+            state: state of the contact.
+            angle: angle of the object [rad].
+            margin: remaining angle and moment.
+            friction: friction in use, and its coefficient.
+            slipped: probability that all of the contact has slipped recently [-]; NaN if unknown.
         """
         if state == State.NO_CONTACT:
             self.restart()
@@ -104,42 +104,42 @@ class AlertWatch:
         self._past.append((time, angle, friction.used))
         if state == State.MACRO_SLIP:
             return Alert(Level.SLIPS, 0.0, 0.0, 0.0)
-        # a load levels off towards its limit, and comes there later than its rate says
+        # a load levels off towards its limit and reaches it later than its rate suggests
         grip = np.array([friction.coefficient, friction.low, np.inf]) - friction.used
         times = self._time_to(1, (margin.angle, margin.angle_low, margin.angle_high))
         if np.isnan(times[0]):
             times = self._time_to(2, tuple(np.maximum(grip, 0.0)))
         return Alert(self._judge(times[0], friction.share, slipped, state), *times)
 
-    def _time_to(self, of: int, left: tuple[float, ...]) -> tuple[float, float, float]:
-        """Time until nothing is left, and its 95 % interval [s]; NaN at rest, or the other way.
+    def _time_to(self, column: int, margin: tuple[float, ...]) -> tuple[float, float, float]:
+        """Time to the limit and its 95 % interval [s]; NaN at rest or away from the limit.
 
         Args:
-            of: which of the numbers that are kept goes there.
-            left: how much of it is still there, and the ends of its 95 % interval.
+            column: column of the past frames that approaches the limit: 1 angle, 2 friction.
+            margin: distance to the limit, and the ends of its 95 % interval.
         """
-        known = np.array([(one[0], one[of]) for one in self._past if np.isfinite(one[of])])
+        past = np.array([(row[0], row[column]) for row in self._past if np.isfinite(row[column])])
         fewest = 5
-        if np.isnan(left[0]) or len(known) < fewest:
+        if np.isnan(margin[0]) or len(past) < fewest:
             return np.nan, np.nan, np.nan
-        (slope, _), covariance = np.polyfit(known[:, 0] - known[-1, 0], known[:, 1], 1, cov=True)
-        # the branch of an angle goes the way that the object turns
-        rate, half = abs(slope) if of == 1 else slope, Z95 * float(np.sqrt(covariance[0, 0]))
+        (slope, _), covariance = np.polyfit(past[:, 0] - past[-1, 0], past[:, 1], 1, cov=True)
+        # an angle approaches its limit whichever way the object turns
+        rate, half = abs(slope) if column == 1 else slope, Z95 * float(np.sqrt(covariance[0, 0]))
         if not rate > half:
             return np.nan, np.nan, np.nan
-        middle, low, high = left
+        middle, low, high = margin
         return float(middle / rate), float(low / (rate + half)), float(high / (rate - half))
 
     def _judge(self, time: float, share: float, slipped: float, state: State) -> Level:
-        told = self._settings
-        if time <= told.act_s or share >= told.act_used or slipped >= told.act_probability:
+        limits = self._settings
+        if time <= limits.act_s or share >= limits.act_used or slipped >= limits.act_probability:
             return Level.ACT
-        near = time <= told.watch_s or share >= told.watch_used
+        near = time <= limits.watch_s or share >= limits.watch_used
         return Level.WATCH if near or state == State.INCIPIENT else Level.NONE
 
 
 class GripPath(NamedTuple):
-    """What is kept of friction and alerts over a recording; as in `Friction` and `Alert`."""
+    """Friction and alerts of a recording; fields as in `Friction` and `Alert`, over frames."""
 
     friction_used: Float[np.ndarray, " frames"]
     friction: Float[np.ndarray, " frames"]
@@ -152,11 +152,11 @@ class GripPath(NamedTuple):
 
     @classmethod
     def of(cls, *frames: tuple[Friction, Alert]) -> "GripPath":
-        """That of some frames."""
+        """Gather the friction and alert of each frame."""
         numbers = np.array([(*friction, *alert[1:]) for friction, alert in frames]).reshape(-1, 7)
         return cls(*numbers.T, level=tuple(alert.level for _, alert in frames))
 
     def take(self, rows: slice) -> "GripPath":
-        """That of some of the frames."""
+        """The path for a slice of the frames."""
         *numbers, levels = self
         return GripPath(*(values[rows] for values in numbers), level=levels[rows])

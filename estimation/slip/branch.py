@@ -1,8 +1,8 @@
-"""The moment of a turning object against its angle, under a constant load.
+"""The moment–angle curve of a turning object under a constant load.
 
-The moment of a Hertz-like contact follows Lubkin's curve on first loading and the same curve
-enlarged twice after a reversal ([Lubkin1951], [Masing1926]). Limit, stiffness and the moment at
-which the branch began are fitted to what the branch has shown so far.
+The moment of a Hertz-like contact follows Lubkin's curve on first loading, and the same curve
+enlarged twice after a reversal ([Lubkin1951], [Masing1926]). A branch is the part of the curve
+since the last reversal. Its limit, stiffness and start moment are fitted to the points so far.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,21 +17,21 @@ from scipy.optimize import least_squares, leastsq
 from contactmodel.analytic import lubkin_moment, lubkin_twist
 
 LEAST_STICK_RATIO = 0.1
-"""c/a to which Lubkin's curve is followed [-]; it never ends."""
+"""c/a to which Lubkin's curve is tabulated [-]; the curve has no end."""
 
 
 @dataclass(frozen=True)
 class MarginSettings:
-    """How branches of moment against angle are found and fitted.
+    """How branches of the moment–angle curve are detected and fitted.
 
     Attributes:
-        turn_deg: rotation back by which a reversal is believed, and forth by which a branch has
-            begun [°].
-        least_points: points of a branch from which it is fitted [-].
-        most_points: a branch of twice as many points is thinned to half of them [-].
-        largest_limit: limit over the largest moment seen that a fit may reach [-].
-        most_doubt: standard error of the limit's logarithm from which the data cannot tell [-].
-        noise_frames: over which the noise is correlated [frames].
+        turn_deg: rotation that confirms a reversal, or the start of the first branch [°].
+        least_points: fewest points for a fit [-].
+        most_points: a branch with twice as many points is thinned to half of them [-].
+        largest_limit: largest fitted limit over the largest measured moment [-].
+        most_doubt: standard error of the limit's logarithm from which the data cannot determine the
+            limit [-].
+        noise_frames: frames over which the noise is correlated [frames].
     """
 
     turn_deg: float = 1.0
@@ -46,17 +46,17 @@ DEFAULT_SETTINGS = MarginSettings()
 
 
 class Branch(NamedTuple):
-    """The branch that an object turns on.
+    """A fitted branch of the moment–angle curve.
 
     Attributes:
-        start: angle at which it began [rad].
-        sign: which way it turns, ±1.
+        start: angle at its start [rad].
+        sign: direction of the turn, ±1.
         limit: moment of full slip [N·mm].
         stiffness: dM/dθ without slip [N·mm/rad].
         start_moment: moment at its start, along the turn; below 0 after a reversal [N·mm].
-        covariance: of ln limit, ln stiffness and start moment.
-        rms: of what the fit leaves [N·mm].
-        points: measured points in the fit.
+        covariance: covariance of ln limit, ln stiffness and start moment.
+        rms: root mean square of the residuals [N·mm].
+        points: number of measured points in the fit.
     """
 
     start: float
@@ -70,9 +70,9 @@ class Branch(NamedTuple):
 
     @classmethod
     def read(cls, content: Mapping[str, Any]) -> "Branch":
-        """A branch as `write` gave it."""
-        told: dict[str, Any] = {**content, "covariance": np.array(content["covariance"])}
-        return cls(**told)
+        """The branch that `write` returned."""
+        values: dict[str, Any] = {**content, "covariance": np.array(content["covariance"])}
+        return cls(**values)
 
     def write(self) -> dict[str, Any]:
         """The branch, ready for JSON."""
@@ -80,7 +80,7 @@ class Branch(NamedTuple):
 
     @property
     def parameters(self) -> Float[np.ndarray, " 3"]:
-        """Ln limit, ln stiffness and start moment, what the fit varies."""
+        """The fitted parameters: ln limit, ln stiffness and start moment."""
         return np.array([np.log(self.limit), np.log(self.stiffness), self.start_moment])
 
     def moment(self, angle: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
@@ -96,14 +96,14 @@ def fit_branch(
     guess: Float[np.ndarray, " 3"] | None = None,
     settings: MarginSettings = DEFAULT_SETTINGS,
 ) -> Branch:
-    """Fit limit, stiffness and first moment of the branch through measured points.
+    """Fit limit, stiffness and start moment of a branch to measured points.
 
     Args:
-        angle: object's angle, from the branch's start on [rad].
-        moment: at these angles [N·mm].
-        sign: which way the branch turns, ±1.
-        guess: ln limit, ln stiffness and first moment to start from.
-        settings: of the fit.
+        angle: angles of the object from the branch's start on [rad].
+        moment: moments at these angles [N·mm].
+        sign: direction of the turn, ±1.
+        guess: initial ln limit, ln stiffness and start moment.
+        settings: settings of the fit.
     """
     travel = np.maximum(sign * (angle - angle[0]), 0.0)
     along = sign * moment
@@ -117,11 +117,11 @@ def fit_branch(
     def residual(parameters: np.ndarray) -> np.ndarray:
         return (_branch_moment(parameters, travel) - along) / largest
 
-    found, inverse, left = _solve(residual, guess, np.array([0.1, 0.1, 0.1 * largest]), highest)
-    rms = float(np.sqrt(np.mean((left * largest) ** 2)))
+    fit, inverse, error = _solve(residual, guess, np.array([0.1, 0.1, 0.1 * largest]), highest)
+    rms = float(np.sqrt(np.mean((error * largest) ** 2)))
     free = max(len(travel) / settings.noise_frames - 3.0, 1.0)
     covariance = inverse * rms**2 * len(travel) / free / largest**2
-    limit, stiffness, start_moment = found
+    limit, stiffness, start_moment = fit
     return Branch(
         start=float(angle[0]),
         sign=sign,
@@ -140,16 +140,17 @@ def _solve(
     typical: Float[np.ndarray, " 3"],
     highest: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The least squares, the inverse of their normal matrix, and what they leave.
+    """The least-squares solution, the inverse of its normal matrix, and its residual.
 
-    Without a bound, which takes a third of the time; with it where the limit goes beyond.
+    It is solved without a bound, which takes a third of the time, and again with the bound if the
+    limit exceeds it.
     """
-    found, *details = leastsq(
+    best, *details = leastsq(
         residual, guess, full_output=True, epsfcn=1e-6, diag=1.0 / typical, factor=10, maxfev=120
     )
     inverse, info = details[:2]
-    if inverse is not None and found[0] <= highest:
-        return found, inverse, info["fvec"]
+    if inverse is not None and best[0] <= highest:
+        return best, inverse, info["fvec"]
     bounds = ([-np.inf] * 3, [highest, np.inf, np.inf])
     solution = least_squares(
         residual, guess, bounds=bounds, x_scale=typical, diff_step=1e-3, max_nfev=30
@@ -160,7 +161,13 @@ def _solve(
 def margin_after(
     parameters: Float[np.ndarray, " 3"], travel: float, end: float
 ) -> Float[np.ndarray, " 2"]:
-    """Angle and moment left at a travel along the branch, below 0 beyond its end."""
+    """Remaining angle [rad] and moment [N·mm] at a travel along the branch; below 0 past its end.
+
+    Args:
+        parameters: ln limit, ln stiffness and start moment.
+        travel: rotation since the start of the branch [rad].
+        end: c/a at the end of the branch [-].
+    """
     limit, stiffness = np.exp(parameters[:2])
     x, _ = _virgin()
     last = float(np.interp(-end, -_stick_ratios(), x))
@@ -175,10 +182,10 @@ def margin_after(
 def _branch_moment(
     parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"]
 ) -> Float[np.ndarray, " points"]:
-    """Moment along a branch that began at any moment: Masing's rule, then the first-loading curve.
+    """Moment along a branch with any start moment, by Masing's rule.
 
-    A branch that began loaded against its turn is enlarged twice until that load is undone and
-    mirrored; from there on, and from the start otherwise, it is the first-loading curve.
+    A branch with a start moment against its turn is the curve enlarged twice, until the moment is
+    mirrored. From there on, and in other branches from the start, it is the first-loading curve.
     """
     limit, stiffness = np.exp(parameters[:2])
     first = parameters[2] / limit
@@ -191,14 +198,14 @@ def _branch_moment(
 
 
 def _virgin_at(x: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
-    """M over its limit, at θ times stiffness over limit, x ≥ 0."""
+    """M over its limit, at x = θ times stiffness over limit, x ≥ 0."""
     twist, moment = _virgin()
-    # beyond the table less is left to the limit than at its end
+    # beyond the table the moment is closer to the limit than at its end
     return np.interp(x, twist, moment)
 
 
 def _virgin_inverse(moment: float) -> float:
-    """Where the first-loading curve has a moment of either sign, as far as its end."""
+    """The x at which the first-loading curve has a moment of either sign, up to its end."""
     x, y = _virgin()
     return float(np.sign(moment) * np.interp(abs(moment), y, x))
 
@@ -211,7 +218,7 @@ def _stick_ratios() -> Float[np.ndarray, " points"]:
 
 @cache
 def _virgin() -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """Lubkin's curve with limit 1 and slope 1 at the origin, to the least stick ratio."""
+    """Lubkin's curve with limit 1 and slope 1 at the origin, up to the least stick ratio."""
     kappa = _stick_ratios()
     share = 3.0 * np.pi / 16.0
     twist = np.asarray(lubkin_twist(kappa, 1.0), dtype=float) * (4.0 / np.pi) / share

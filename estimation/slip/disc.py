@@ -1,11 +1,11 @@
-"""The disc of markers that still stick, as their motion over a few frames shows it.
+"""The disc of markers that still stick, from their motion over a few frames.
 
 [Jaeger1995] J. Jäger, "Axi-symmetric bodies of equal material in contact under torsion or shift".
 
-Whatever the pressure of a round contact, a small further twist moves the elastomer as a rigid disc
-does that has the radius c of the region that sticks ([Jaeger1995]): by dθ inside, and outside by
-(2/π)[asin(c/r) − (c/r)√(1 − c²/r²)] dθ. The motion of all markers thus tells c, however few of them
-are inside, and when fewer than three are.
+Whatever the pressure of a round contact, a small further twist moves the elastomer like a rigid
+disc with the radius c of the stick region ([Jaeger1995]): by dθ inside, and outside by
+(2/π)[asin(c/r) − (c/r)√(1 − c²/r²)] dθ. The motion of all markers therefore determines c, even if
+fewer than three of them lie inside.
 """
 
 from dataclasses import dataclass
@@ -20,36 +20,37 @@ from estimation.fields.stick import MIN_STICK_MARKERS
 
 @dataclass(frozen=True)
 class SlipSettings:
-    """How macro slip is dated and doubted, looking back; lengths are in pitches of the markers.
+    """How macro slip is dated and suspected, looking back; lengths are in pitches of the markers.
 
     Attributes:
-        window: over which the motion is taken [frames].
-        least_markers: markers in contact from which a disc is fitted, which has four unknowns.
-        load_change: share by which the contact may grow or shrink over a window: pressing moves its
-            markers too [-].
-        worst_misfit: misfit over noise from which the motion is not a disc's [-].
-        largest_misfit: share of the motion that the disc may leave unexplained [-].
-        largest_error: standard error of the disc's radius beyond which a window says nothing: the
-            object rests, or slides [pitches].
-        at_rest: motion of the markers about the axis, over its noise, below which the contact rests
+        window: length of the window over which the motion is measured [frames].
+        least_markers: fewest markers in contact for the fit of a disc, which has four unknowns [-].
+        load_change: largest relative growth or shrinkage of the contact over a window, since a
+            change of load moves its markers too [-].
+        worst_misfit: misfit over noise from which the motion is not that of a disc [-].
+        largest_misfit: largest share of the motion that the disc may leave unexplained [-].
+        largest_error: standard error of the disc's radius above which a window gives no disc,
+            because the object rests or slides [pitches].
+        at_rest: motion of the markers about the axis over its noise, below which the contact rests
             [-].
-        axis_drift: how far the axis may be from where it was while nine markers stuck [pitches].
-        round_misfit: misfit of a disc, as a share of the motion beyond its noise, from which the
-            contact is not round. The disc closes while a window lasts: round virtual pivots without
+        axis_drift: standard deviation of the axis from its position while nine markers stuck
+            [pitches].
+        round_misfit: misfit of a disc, as a share of the motion beyond its noise, above which the
+            contact is not round. The disc closes during a window: round virtual pivots without
             noise show up to 0.056, contacts of 2:1 from 0.16 on [-].
-        roundness: error of the radius beyond the noise; what markers of the virtual pivots show
+        roundness: error of the radius in addition to the noise, measured on virtual pivots
             [pitches].
-        regained: margin from which markers stick again: a turn back makes all of them stick
+        regained: margin from which markers stick again; a reversal makes all of them stick
             [pitches].
-        around: windows before and after the date through which a line is laid [-].
-        widest: half-width of a date's interval beyond which it is no date [frames].
-        noise_frames: over which the noise is correlated [frames].
-        most_steps: evaluations of the misfit in one fit of a disc [-].
-        firm_share: share of the contact's markers that stick beyond which the angle is not believed
-            to be lost [-].
-        least_margin: radius of the closing disc beyond the third marker from which gel that comes
-            to rest is believed to rest under the object. On virtual pivots the last four discs
-            before an unseen slip come below it; before a true rest they do where hardly more than
+        around: number of windows before and after the onset through which a line is fitted [-].
+        widest: half-width of an onset's interval above which it is not reported [frames].
+        noise_frames: frames over which the noise is correlated [frames].
+        most_steps: largest number of evaluations of the misfit in one fit of a disc [-].
+        firm_share: share of the contact's markers that stick, from which the angle does not count
+            as lost [-].
+        least_margin: radius of the closing disc beyond the third marker, from which gel that comes
+            to rest counts as resting under the object. On virtual pivots the last four discs before
+            an unnoticed slip fall below it; before a true rest they do so only if hardly more than
             three markers stick [pitches].
     """
 
@@ -76,13 +77,13 @@ DEFAULT_SETTINGS = SlipSettings()
 
 
 class Disc(NamedTuple):
-    """The region that sticks, as the markers' motion over a window shows it.
+    """The stick region, from the markers' motion over a window.
 
     Attributes:
         time: middle of the window [s].
-        margin: radius less the third marker's distance from the axis, in pitches; below 0 fewer
-            than three stick.
-        error: its standard error, in pitches.
+        margin: radius less the third marker's distance from the axis [pitches]; below 0, fewer than
+            three markers stick.
+        error: standard error of the margin [pitches].
         misfit: share of the markers' motion, beyond their noise, that is not the disc's [-].
     """
 
@@ -93,7 +94,7 @@ class Disc(NamedTuple):
 
 
 class DiscFit(NamedTuple):
-    """Axis x and y, radius and rotation of a disc, and what they leave of the motion."""
+    """Axis x and y, radius and rotation of a disc, with the residual and its derivatives."""
 
     parameters: Float[np.ndarray, " 4"]
     residual: Float[np.ndarray, " m"]
@@ -107,7 +108,7 @@ def describe_disc(
     scale: float,
     settings: SlipSettings,
 ) -> Disc:
-    """The disc of a fit; its time is not known here."""
+    """The disc of a fit, without its time (NaN)."""
     misfit = float(np.sqrt(np.mean(best.residual**2))) / settings.worst_misfit
     error = np.sqrt(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2]) * max(misfit, 1.0)
     distance = np.sort(np.abs(before - complex(*best.parameters[:2])))
@@ -125,9 +126,9 @@ def is_still(moved: Float[np.ndarray, " m"], scale: float, at_rest: float) -> bo
     """Whether markers have moved over a window by hardly more than their noise.
 
     Args:
-        moved: by how much each.
-        scale: noise of the difference of two positions, per coordinate.
-        at_rest: motion over its noise that is hardly more [-].
+        moved: distance that each marker has moved.
+        scale: noise of the difference of two positions, per coordinate, in the same unit.
+        at_rest: motion over its noise, below which the markers rest [-].
     """
     return bool(np.mean(moved**2) < 2.0 * (at_rest * scale) ** 2)
 
@@ -140,23 +141,23 @@ def fit_disc(
     axis: np.ndarray | None,
     settings: SlipSettings,
 ) -> DiscFit:
-    """Axis x and y, radius and rotation of the disc; least squares, from the last and afresh."""
+    """Fit a disc by least squares, from the last disc and, if that is poor, from new guesses."""
     motion = _Motion(before, after, scale, axis, settings.axis_drift)
 
     def solve(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found, *told = leastsq(
+        best, *details = leastsq(
             motion.residual,
             start,
             Dfun=motion.jacobian,
             col_deriv=True,
-            full_output=True,  # and no warning where the steps are used up
+            full_output=True,  # also avoids a warning when the steps are used up
             ftol=1e-6,
             xtol=1e-6,
             gtol=1e-8,
             maxfev=settings.most_steps,
             diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01]),  # typical changes, pitches and rad
         )
-        return found, told[1]["fvec"]
+        return best, details[1]["fvec"]
 
     solutions = []
     if last is not None:
@@ -172,12 +173,12 @@ def fit_disc(
             solve(np.array([centre.real, centre.imag, radius, turned]))
             for radius in (1.0, 2.0, 4.0)
         ]
-    found, residual = min(solutions, key=_squares)
-    return DiscFit(found, residual, motion.jacobian(found).T)
+    best, residual = min(solutions, key=_squares)
+    return DiscFit(best, residual, motion.jacobian(best).T)
 
 
 def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
-    """Sum of the squared residuals of parameters that were found."""
+    """Sum of the squared residuals of a solution."""
     return float(solution[1] @ solution[1])
 
 
@@ -203,12 +204,12 @@ class _Motion:
     def residual(self, parameters: np.ndarray) -> np.ndarray:
         """The motion that a disc does not explain, over the noise."""
         turn = self._turn_by(parameters)
-        left = (self._moved - turn.moved * turn.arm) / self._scale
+        error = (self._moved - turn.moved * turn.arm) / self._scale
         drift = self._drift[:, :2] @ (parameters[:2] - self._axis)
-        return np.concatenate([left.view(float), drift])
+        return np.concatenate([error.view(float), drift])
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
-        """Derivatives of the residual by axis, radius and rotation, a row each."""
+        """Derivatives of the residual by axis x and y, radius and rotation, one row each."""
         *_, radius, turned = parameters
         turn = self._turn_by(parameters)
         spin = turn.moved + 1.0
@@ -223,7 +224,7 @@ class _Motion:
         return np.concatenate([rows.view(float), self._drift.T], axis=1)
 
     def _turn_by(self, parameters: np.ndarray) -> "_Turn":
-        """How a disc turns the points; kept, as residual and derivatives are asked for in turn."""
+        """The turn of the points by a disc; cached, since residual and derivatives share it."""
         if self._turn is None or not np.array_equal(self._turn.parameters, parameters):
             x, y, radius, turned = parameters
             arm = self._before - complex(x, y)
@@ -236,15 +237,15 @@ class _Motion:
 
 
 class _Turn(NamedTuple):
-    """How a disc turns points.
+    """Turn of points by a disc.
 
     Attributes:
-        parameters: of the disc.
-        arm: from the axis to each point.
-        distance: of each point from the axis.
-        within: radius over distance, up to 1.
-        share: rotation of each point over the disc's.
-        moved: displacement of each point over its arm.
+        parameters: parameters of the disc.
+        arm: vector from the axis to each point [pitches].
+        distance: distance of each point from the axis [pitches].
+        within: radius over distance, at most 1 [-].
+        share: rotation of each point over that of the disc [-].
+        moved: displacement of each point over its arm [-].
     """
 
     parameters: np.ndarray
@@ -256,12 +257,14 @@ class _Turn(NamedTuple):
 
 
 def _share(within: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Rotation about the axis, over that of the disc, of points of the surface ([Jaeger1995])."""
+    """Rotation of surface points about the axis, over that of the disc ([Jaeger1995]) [-]."""
     return 2.0 / np.pi * (np.arcsin(within) - within * np.sqrt(1.0 - within * within))
 
 
 def _share_slope(within: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Derivative of the share by the logarithm of the radius; at the rim, where it has no bound,
-    that of a twentieth."""
+    """Derivative of `_share` by the logarithm of the radius, bounded near the rim.
+
+    The root is taken as at least 0.05, since the derivative is unbounded at the rim.
+    """
     root = np.sqrt(1.0 - within * within)
     return np.where(within < 1.0, 4.0 / np.pi * within**3 / np.maximum(root, 0.05), 0.0)

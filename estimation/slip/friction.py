@@ -1,11 +1,11 @@
-"""Friction of a contact from the forces on it, and how much of its limit a grasp uses.
+"""Friction of a contact from the forces on it, and the share of its limit in use.
 
-The object slips where shear and moment together reach the limit curve: nearly an ellipse
+The object slips when shear and moment together reach the limit curve, nearly an ellipse
 ([Howe1996] R. D. Howe, M. R. Cutkosky, "Practical Force-Motion Models for Sliding Manipulation"),
-(Q/Q₀)² + (M/M₀)² = 1. Under a normal force P it has Q₀ = μP and, of a round contact of radius a
-with Hertz's pressure, M₀ = (3π/16) μPa ([Lubkin1951]). The friction in use, what μ would have to
-be for a slip now, is no more than μ while the object holds, and μ while all of it slips. What a
-slip has shown is remembered over the recording, for grasps that are pressed otherwise, too.
+(Q/Q₀)² + (M/M₀)² = 1. Under a normal force P, Q₀ = μP, and for a round contact of radius a with
+Hertz's pressure M₀ = (3π/16) μPa ([Lubkin1951]). The friction in use is the μ at which the contact
+would slip now. It is at most μ while the object holds, and equals μ while all of the contact slips.
+The coefficient measured in a slip is kept for the whole recording, also for other normal forces.
 """
 
 from collections import deque
@@ -25,19 +25,20 @@ HERTZ_ARM = 3.0 * np.pi / 16.0
 
 @dataclass(frozen=True)
 class FrictionSettings:
-    """How friction is found.
+    """How friction is estimated.
 
     Attributes:
-        least_force: pressing force from which friction is found [N].
-        frames: of macro slip over which friction is the median, at most [frames].
-        steady: change of the friction in use over five frames that still is a slip, and none of the
-            load [-].
-        arm_error: relative standard error of the arm: flat faces carry more at their rims, and
-            have one longer by a quarter [-].
-        load_error: relative standard error of forces, and of the limit curve [-].
+        least_force: smallest normal force for an estimate [N].
+        frames: largest number of frames of macro slip over which the median is taken [frames].
+        steady: relative change of the friction in use over five frames, below which the load is
+            steady [-].
+        arm_error: relative standard error of the arm, which is longer by a quarter for flat faces,
+            since they carry more at their rims [-].
+        load_error: relative standard error of the forces and of the limit curve [-].
         most_doubt: relative standard error from which the coefficient is unknown [-].
-        holding: friction in use, over that of earlier slips, below which an object holds [-].
-        holding_unseen: the same over the most that was in use, while no slip has been seen [-].
+        holding: friction in use over that of earlier slips, below which an object holds [-].
+        holding_unseen: friction in use over its largest value, below which an object holds before
+            the first slip [-].
     """
 
     least_force: float = 0.1
@@ -51,7 +52,7 @@ class FrictionSettings:
 
 
 class Friction(NamedTuple):
-    """Friction after a frame; NaN where it is unknown.
+    """Friction after a frame; NaN where unknown.
 
     Attributes:
         used: friction in use, the coefficient at which the object would slip now [-].
@@ -77,18 +78,18 @@ class Friction(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Share of the limit that is in use [-]; NaN while no friction is known."""
+        """Share of the limit in use [-]; NaN while the coefficient is unknown."""
         return self.used / self.coefficient
 
 
 class FrictionWatch:
-    """Follows the friction in use, and learns the coefficient from slips."""
+    """Follows the friction in use, and estimates the coefficient from slips."""
 
     def __init__(self, settings: FrictionSettings | None = None) -> None:
-        """Begin with nothing known.
+        """Begin without any frame.
 
         Args:
-            settings: how friction is found.
+            settings: how friction is estimated.
         """
         self._settings = settings or FrictionSettings()
         self._slips: deque[float] = deque(maxlen=self._settings.frames)
@@ -97,7 +98,7 @@ class FrictionWatch:
         self.restart()
 
     def restart(self) -> None:
-        """The object has left; what its slips have shown is remembered."""
+        """The object has left; the coefficient from its slips is kept."""
         self._lately: deque[float] = deque(maxlen=5)
         self._most = self._used = np.nan
         self._turn = 1.0
@@ -106,9 +107,9 @@ class FrictionWatch:
         """Take the next frame.
 
         Args:
-            wrench: force [N] and moment [N·mm] on the sensor, about its origin; pressing makes the
-                force's z component negative.
-            contact: where the markers of the contact are [mm].
+            wrench: force [N] and moment [N·mm] on the sensor, about its origin; the z component of
+                the force is negative under pressure.
+            contact: positions of the contact's markers [mm].
         """
         if not len(contact):
             self.restart()
@@ -128,24 +129,24 @@ class FrictionWatch:
 
     @property
     def holds(self) -> bool:
-        """Whether so little friction is in use that the object cannot be slipping."""
+        """Whether too little friction is in use for a slip."""
         if self._slips:
             return self._used < self._settings.holding * float(np.median(self._slips))
         return self._used < self._settings.holding_unseen * self._most
 
     def learn(self) -> None:
-        """All of the contact slips: what is in use is the coefficient, if the load is steady."""
-        known = np.array(self._lately)
-        enough = len(known) == self._lately.maxlen and np.isfinite(self._used)
-        if enough and np.ptp(known) < self._settings.steady * known.mean():
+        """Take the friction in use as the coefficient, if the load is steady: the contact slips."""
+        recent = np.array(self._lately)
+        enough = len(recent) == self._lately.maxlen and np.isfinite(self._used)
+        if enough and np.ptp(recent) < self._settings.steady * recent.mean():
             self._slips.append(self._used)
             self._turning = self._turn
 
     def tell(self, branch: Branch | None = None) -> Friction:
-        """What is known now.
+        """The friction after the last frame.
 
         Args:
-            branch: that the object turns on, whose limit shows the coefficient before a slip does.
+            branch: moment–angle curve, whose limit gives the coefficient before the first slip.
         """
         coefficient = spread = np.nan
         if self._slips:
@@ -155,7 +156,7 @@ class FrictionWatch:
             coefficient, spread = branch.limit / self._arm, float(np.sqrt(branch.covariance[0, 0]))
         if not (np.isfinite(self._used + coefficient) and spread < self._settings.most_doubt):
             return Friction(self._used, low=self._most)
-        # of the coefficient, the arm bears the share that the twist has in it
+        # the arm's error counts by the share of the twist in the coefficient
         errors = spread, self._settings.load_error, self._settings.arm_error * self._turning
         half = Z95 * float(np.linalg.norm(errors))
         low, high = coefficient * np.exp([-half, half])

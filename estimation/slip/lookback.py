@@ -1,12 +1,11 @@
-"""What the whole recording says of answers that were given frame by frame.
+"""Withdrawal of angles in view of the whole recording.
 
-A tracker that knows only the past sees macro slip some frames late. Where there is little friction
-it may not see it at all: the gel comes to rest under an object that slides on, and a round contact
-looks the same whether it slides or rests. Looking back, the closing disc dates the slip
-(`estimation.slip.onset`), and gel that came to rest while few markers stuck is a reason for doubt.
-Either way the angle is unknown from there until the contact ends, unless an outline or imprint was
-in sight, which the tracker then follows. The answers that are withdrawn for that stay in
-`Result.withdrawn`.
+A causal tracker detects macro slip some frames late. Under low friction it may miss it: the gel
+comes to rest under an object that slides on, and a round contact looks the same in both cases.
+Looking back, the closing disc dates the slip (`estimation.slip.onset`), and gel that came to rest
+while few markers stuck casts doubt on the angle. In both cases the angle is unknown from there
+until the contact ends, unless the tracker followed a visible outline or imprint. Withdrawn answers
+are kept in `Result.withdrawn`.
 """
 
 from collections.abc import Sequence
@@ -31,7 +30,7 @@ from estimation.slip.disc import DEFAULT_SETTINGS, SlipSettings
 from estimation.slip.onset import MacroSlip, Sight, SlipWatch, date_slips
 
 FOLLOWING = ("tracked", "incremental")
-"""Methods that follow the object, whose angles are withdrawn where they may have lost it."""
+"""Methods that follow the object; their angles are withdrawn where they may have lost it."""
 
 
 def find_slips(
@@ -40,13 +39,13 @@ def find_slips(
     noise: Noise,
     settings: SlipSettings = DEFAULT_SETTINGS,
 ) -> list[MacroSlip]:
-    """When fewer than three markers stuck, or may have: in order of time.
+    """Macro slips of a recording, certain and possible ones, in order of time.
 
     Args:
         recording: the recording.
-        result: of one of its methods, for the contact and the markers that stick.
-        noise: of the markers.
-        settings: how slips are dated and doubted.
+        result: result of one method, for the contact and the markers that stick.
+        noise: noise of the markers.
+        settings: how slips are dated and suspected.
     """
     watch = SlipWatch(recording.layout, noise, settings)
     frames = zip(recording.positions, result.contact, result.time, strict=True)
@@ -57,12 +56,12 @@ def find_slips(
 def date_doubts(
     track: Track, sights: Sequence[Sight], settings: SlipSettings = DEFAULT_SETTINGS
 ) -> list[MacroSlip]:
-    """When fewer than three markers stuck, or may have, by what was seen while it happened.
+    """Macro slips, certain and possible ones, from the sights recorded frame by frame.
 
     Args:
-        track: of one of the methods.
-        sights: what a `SlipWatch` saw, by frame.
-        settings: how slips are dated and doubted.
+        track: track of one method.
+        sights: sights of a `SlipWatch`, by frame.
+        settings: how slips are dated and suspected.
     """
     slips = date_slips([sight.disc for sight in sights if sight.disc is not None], settings)
     doubts = [
@@ -81,20 +80,22 @@ def withdraw(
     keep: bool = False,
     settings: SlipSettings = DEFAULT_SETTINGS,
 ) -> Kept:
-    """The result without the angles that were given while the object slid unseen, or may have.
+    """The result without angles reported while the object may have been sliding unnoticed.
+
+    A slip withdraws no angle if a third of the contact's markers stick throughout its beginning, or
+    if the outline is visible.
 
     Args:
-        result: of a method that follows the object.
-        slips: of the recording.
-        outline: direction of the contact's outline in each frame, NaN where refused [rad].
-        keep: leave angles and states as they were answered frame by frame. The reasons then say
-            what speaks against them, and `Result.withdrawn` says which they are.
-        settings: how slips are doubted.
+        result: result of a method that follows the object.
+        slips: slips of the recording.
+        outline: direction of the contact's outline in each frame [rad]; NaN if rejected.
+        keep: keep angles and states as answered frame by frame. The reasons then give the doubt,
+            and `Result.withdrawn` marks the answers.
+        settings: how slips are suspected.
 
     Returns:
-        States and reasons say why an angle is missing; `Result.withdrawn` has the answers. A slip
-        is left alone where a third of the contact's markers stick all the while it begins, and
-        where the outline is in sight.
+        The result. States and reasons explain missing angles, and `Result.withdrawn` holds the
+        withdrawn answers.
     """
     state, reason = list(result.state), list(result.reason)
     gone, answered = np.zeros(len(result.time), dtype=bool), result.answered
@@ -114,8 +115,8 @@ def withdraw(
                 state[row], reason[row] = State.MACRO_SLIP, TOO_FEW_STICK
             else:
                 state[row], reason[row] = State.UNKNOWN, RESTS_OR_SLIDES if slides else UNSEEN_TURN
-    given = result.quantities() | result.without(~gone)
-    withdrawn = Withdrawn(**{name: given[name] for name in Withdrawn.columns()})
+    quantities = result.quantities() | result.without(~gone)
+    withdrawn = Withdrawn(**{name: quantities[name] for name in Withdrawn.columns()})
     result = replace(result, reason=tuple(reason), withdrawn=withdrawn)
     if keep:
         return result
@@ -129,7 +130,7 @@ def withdraw(
 
 
 def _find_doubts(track: Track, sights: Sequence[Sight], settings: SlipSettings) -> list[MacroSlip]:
-    """Times in which gel rests that came to rest while few markers stuck."""
+    """Possible slips: times of gel at rest that came to rest while few markers stuck."""
     time, doubts = track.time, list[MacroSlip]()
     for first, last in _runs(np.array([sight.rests for sight in sights])):
         begin = first - settings.window  # the window's first frame
@@ -160,7 +161,7 @@ def _find_doubts(track: Track, sights: Sequence[Sight], settings: SlipSettings) 
 
 
 def _lets_go(result: Track, row: int, settings: SlipSettings) -> bool:
-    """Whether few markers stuck in any of the frames around."""
+    """Whether few markers stuck in any of the frames around a row."""
     around = slice(max(row - settings.window, 0), row + settings.window + 1)
     stick, contact = result.stick_markers[around], result.contact_markers[around]
     return bool((stick < settings.firm_share * contact).any())
@@ -171,7 +172,7 @@ def _end(slip: MacroSlip) -> float:
 
 
 def _contact_from(result: Track, row: int) -> Int[np.ndarray, " rows"]:
-    """The row, and those after it until the contact ends."""
+    """The rows from this one to the end of the contact."""
     free = (i for i in range(row + 1, len(result.time)) if result.state[i] == State.NO_CONTACT)
     return np.arange(row, next(free, len(result.time)))
 

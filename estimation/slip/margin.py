@@ -1,4 +1,4 @@
-"""How far a contact is from macro slip: the moment against the angle, followed to its end."""
+"""Margin to macro slip, from the moment–angle curve extrapolated to its end."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,8 +19,9 @@ from estimation.slip.branch import (
 )
 
 THIRD_MARKER = (0.91, 0.092)
-"""Distance of the third-nearest marker of a square grid from a point, in pitches: mean and standard
-deviation over the points."""
+"""Distance from a point to the third-nearest marker of a square grid, in pitches.
+
+Mean and standard deviation over all points."""
 
 
 class Margin(NamedTuple):
@@ -57,31 +58,31 @@ class MarginTracker:
     """Follows angle and moment frame by frame; the cost of a frame is bounded.
 
     Attributes:
-        branch: as known now; None if the data cannot tell one.
-        last: as known in the last frame that had a margin.
+        branch: the fitted branch; None if the data cannot determine one.
+        last: the branch of the last frame with a margin; None before it.
     """
 
     def __init__(self, settings: MarginSettings = DEFAULT_SETTINGS) -> None:
-        """Begin with nothing known."""
+        """Begin without any frame."""
         self.settings = settings
         self.last: Branch | None = None
         self.restart()
 
     def restart(self) -> None:
-        """Begin with nothing known: the object has left."""
+        """Discard all points: the object has left."""
         self._points: list[tuple[float, float]] = []
         self._sign = 0.0
         self._guess: Float[np.ndarray, " 3"] | None = None
         self.branch: Branch | None = None
 
     def follow(self, state: State, angle: float, moment: float, contact_markers: int) -> Margin:
-        """The margin after a frame in some state; NaN without contact and in macro slip.
+        """The margin after a frame; NaN without contact and in macro slip.
 
         Args:
-            state: of the contact.
-            angle: as for `update`, and so the next two.
-            moment: about the normal [N·mm].
-            contact_markers: markers in contact.
+            state: state of the contact.
+            angle: angle of the object [rad].
+            moment: moment about the normal [N·mm].
+            contact_markers: number of markers in contact.
         """
         if state == State.NO_CONTACT:
             self.restart()
@@ -94,24 +95,24 @@ class MarginTracker:
         return margin
 
     def update(self, angle: float, moment: float, contact_markers: int) -> Margin:
-        """What is left after a frame.
+        """The margin after a frame in contact.
 
         Args:
-            angle: of the object [rad].
-            moment: about the normal [N·mm].
-            contact_markers: markers in contact; macro slip is when fewer than three of them stick.
+            angle: angle of the object [rad].
+            moment: moment about the normal [N·mm].
+            contact_markers: number of markers in contact; in macro slip fewer than three stick.
         """
         if not self.pass_by(angle, moment):
             return Margin()
         angles, moments = np.array(self._points).T
         self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
         margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers), self.settings)
-        # a fit that could not tell is no place to start from
+        # an undetermined fit is no good initial guess
         self._guess = self.branch.parameters if np.isfinite(margin.angle) else None
         return margin
 
     def pass_by(self, angle: float, moment: float) -> bool:
-        """Keep the point of a frame, whose margin is not asked for; whether there are enough."""
+        """Add the point of a frame without a margin; return whether there are enough for a fit."""
         if not np.isfinite(angle + moment):
             return False
         self._points.append((angle, moment))
@@ -122,7 +123,7 @@ class MarginTracker:
         return bool(self._sign) and len(self._points) >= self.settings.least_points
 
     def _turn(self) -> None:
-        """Begin a new branch where the object has turned back."""
+        """Begin a new branch if the object has turned back."""
         angles = np.array([angle for angle, _ in self._points])
         least = np.radians(self.settings.turn_deg)
         if not self._sign:
@@ -136,11 +137,11 @@ class MarginTracker:
 
 
 class MarginPath(NamedTuple):
-    """Margin and branch after every frame of a recording, from that and earlier frames only.
+    """Margins of a recording, each from its own and earlier frames only.
 
     Attributes:
-        margins: by frame; NaN in macro slip.
-        last: the branch as known in the last frame that has a margin; None if there is none.
+        margins: margin of each frame; NaN in macro slip.
+        last: the branch of the last frame with a margin; None without one.
     """
 
     margins: list[Margin]
@@ -156,11 +157,11 @@ def follow_margin(
     """Margins of a recording, frame by frame.
 
     Args:
-        track: of the chosen method.
-        settings: of the fits.
-        known: margins found before answers were withdrawn.
-        changed: frames whose answer was withdrawn; they change the margins of their contact's later
-            frames.
+        track: track of the chosen method.
+        settings: settings of the fits.
+        known: margins computed before answers were withdrawn.
+        changed: frames whose answer was withdrawn, which changes the margins of later frames of the
+            same contact.
     """
     frames = zip(
         track.state,
@@ -173,7 +174,7 @@ def follow_margin(
     if known is not None and changed is not None:
         fitted = _is_stale(track, changed)
         determined = np.flatnonzero(~fitted & np.isfinite([margin.angle for margin in known]))
-        fitted[determined[-1:]] = True  # for the branch
+        fitted[determined[-1:]] = True  # gives the last branch
     tracker, margins = MarginTracker(settings), list[Margin]()
     for row, (state, angle, moment, contact) in enumerate(frames):
         if fitted[row] or known is None:
@@ -188,7 +189,7 @@ def follow_margin(
 
 
 def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
-    """Frames of contacts in which a frame was changed, from that on."""
+    """Frames at or after a changed frame of the same contact."""
     free = np.array([state == State.NO_CONTACT for state in track.state])
     so_far = np.cumsum(changed)
     before = np.maximum.accumulate(np.where(free, so_far, 0))
@@ -204,15 +205,15 @@ def end_stick_ratio(contact_markers: int) -> float:
 def margin_at(
     branch: Branch, angle: float, end: float, settings: MarginSettings = DEFAULT_SETTINGS
 ) -> Margin:
-    """What the branch has left at an angle on it; nothing while its limit cannot be told.
+    """The margin at an angle on a branch; NaN while the branch's limit is undetermined.
 
     Args:
         branch: the branch.
-        angle: of the object [rad].
+        angle: angle of the object [rad].
         end: c/a that counts as macro slip [-].
-        settings: when the limit cannot be told.
+        settings: when the limit counts as undetermined.
     """
-    far = branch.limit > 2.0 * np.pi * branch.stiffness  # the slope at the start is none
+    far = branch.limit > 2.0 * np.pi * branch.stiffness  # the stiffness is almost 0
     if far or branch.covariance[0, 0] > settings.most_doubt**2:
         return Margin()
     travel = max(branch.sign * (angle - branch.start), 0.0)
@@ -227,7 +228,7 @@ def margin_at(
     spread = THIRD_MARKER[1] / THIRD_MARKER[0]
     variance += (margin_after(best, travel, end * (1.0 - spread)) - middle) ** 2
     half = Z95 * np.sqrt(variance)
-    # measured and fitted moment differ by the rms; the interval of the moment has it
+    # the moment's interval includes the rms difference of measured and fitted moments
     half[1] = np.hypot(half[1], Z95 * branch.rms)
     low, high = np.maximum(middle - half, 0.0), np.maximum(middle + half, 0.0)
     middle = np.maximum(middle, 0.0)

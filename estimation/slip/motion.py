@@ -1,4 +1,4 @@
-"""How far the object has slipped over the pad: the curl of the slip, and in all.
+"""Rotational slip of the object over the pad: the curl of the slip at each marker, and its total.
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eq. (9).
@@ -16,37 +16,37 @@ from estimation.fields.measure import Fields
 
 
 class Since(NamedTuple):
-    """What the angle of a method counts from.
+    """The frame that a method's angle counts from.
 
     Attributes:
-        anew: how often it was counted anew since the object touched.
-        since: time stamp of the frame that it counts from [s].
+        anew: number of restarts of the count since the object touched.
+        since: time stamp of the frame that the angle counts from [s].
     """
 
     anew: int = 0
     since: float = float("nan")
 
     def update(self, gel: Measurement, fields: Fields, time: float) -> "Since":
-        """The count after the next frame."""
+        """The value after the next frame."""
         if not fields.contact.any():
             return Since(0, time)
         return self if gel.anew == self.anew else Since(gel.anew, time)
 
 
 NO_COUNT = Since()
-"""Before the first frame."""
+"""The value before the first frame."""
 
 
 class Count:
-    """From where the angle is counted: the unloaded shape, or the frame that set it to zero.
+    """Counts φ of the markers from the same frame as the angle.
 
-    What sticks now is no measure of slip: after a reversal the region holds markers that have
-    slipped before. Where the pad was first seen loaded and the angle is counted from that frame, so
-    is φ.
+    Markers that stick now are no measure of slip: after a reversal they include markers that have
+    slipped before. If the recording starts with a loaded pad and the angle counts from that frame,
+    φ counts from it too.
 
     Attributes:
-        start: φ of each marker in the frame that the angle is counted from [rad]; 0 for the
-            unloaded shape.
+        start: φ of each marker in the frame that the angle counts from [rad]; 0 for the unloaded
+            shape.
     """
 
     def __init__(self) -> None:
@@ -57,11 +57,11 @@ class Count:
     def turned(
         self, state: State, anew: int, rotation: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """How far the gel at each marker has turned since the angle is counted [rad].
+        """Rotation of the gel at each marker since the frame that the angle counts from [rad].
 
         Args:
-            state: of the next frame's contact.
-            anew: how often the angle has been counted anew since the object touched.
+            state: state of the next frame's contact.
+            anew: number of restarts of the count since the object touched.
             rotation: φ of each marker [rad].
         """
         if state == State.NO_CONTACT or not anew:
@@ -75,36 +75,39 @@ class Count:
 def gel_ends(
     turned: Float[np.ndarray, " n"], contact: Bool[np.ndarray, " n"]
 ) -> tuple[float, float]:
-    """Rotation of the gel that has turned furthest either way [rad]; NaN where too few tell.
+    """Rotation of the gel that has turned furthest in either direction [rad].
 
-    The medians of the tenth of the contact's markers, at least `FEWEST`, that have turned furthest;
-    noise of φ adds up to twice itself to them.
+    The values are medians over the tenth of the contact's markers, at least five, that have turned
+    furthest clockwise and counter-clockwise. Noise of φ shifts them outwards by up to twice itself.
 
     Args:
-        turned: φ of each marker since the angle is counted [rad]; NaN where unknown.
+        turned: φ of each marker since the frame that the angle counts from [rad]; NaN if unknown.
         contact: markers of the contact region.
+
+    Returns:
+        Clockwise and counter-clockwise end; NaN with fewer than five markers.
     """
-    fewest = 5  # markers that tell how far the gel has turned
-    known = np.sort(turned[contact & np.isfinite(turned)])
-    most = max(len(known) // 10, fewest)
-    if len(known) < most:
+    fewest = 5
+    turns = np.sort(turned[contact & np.isfinite(turned)])
+    most = max(len(turns) // 10, fewest)
+    if len(turns) < most:
         return np.nan, np.nan
-    rest, lower, upper = len(known) - most, (most - 1) // 2, most // 2
-    low, high = known[lower] + known[upper], known[rest + lower] + known[rest + upper]
+    rest, lower, upper = len(turns) - most, (most - 1) // 2, most // 2
+    low, high = turns[lower] + turns[upper], turns[rest + lower] + turns[rest + upper]
     return 0.5 * float(low), 0.5 * float(high)
 
 
 def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
-    """rot(s) at each marker since the angle has been counted ([Li2024] Eq. 9) [rad].
+    """rot(s) at each marker since the frame that the angle counts from ([Li2024] Eq. 9) [rad].
 
     The object's angle is the estimated one.
 
     Args:
-        result: of one method.
+        result: result of one method.
         frame: row of the recording.
 
     Returns:
-        NaN outside the contact region and where the angle is unknown.
+        rot(s); NaN outside the contact region, and everywhere if the angle is unknown.
     """
     softness = float(result.stiffness_ratio[frame]), float(result.load_term[frame])
     turned = turned_since_counted(result.take(slice(frame + 1)))[frame]
@@ -112,7 +115,7 @@ def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
 
 
 def turned_since_counted(result: Result) -> Float[np.ndarray, "frames n"]:
-    """How far the gel at each marker has turned since the angle is counted, by frame [rad]."""
+    """Rotation of the gel at each marker since the frame that the angle counts from [rad]."""
     count = Count()
     frames = zip(result.state, result.anew.tolist(), result.rotation, strict=True)
     return np.stack([count.turned(*frame) for frame in frames])
@@ -127,21 +130,21 @@ def slip_curl(
     """rot(s) at each marker ([Li2024] Eq. 9) [rad]; NaN outside the contact region.
 
     Args:
-        turned: φ since the angle is counted [rad].
+        turned: φ since the frame that the angle counts from [rad].
         contact: markers of the contact region.
-        angle: of the object [rad].
-        softness: k and L [-, rad].
+        angle: angle of the object [rad].
+        softness: k [-] and L [rad].
     """
     curl = slip_curl_of_rotation(turned, *softness, clockwise=-angle)
     return np.where(contact, np.asarray(curl), np.nan)
 
 
 def accumulate_slip(track: Track) -> Float[np.ndarray, " frames"]:
-    """How far the object has turned over the gel [rad, counter-clockwise].
+    """Rotation of the object over the gel in each frame [rad, counter-clockwise].
 
-    The object's angle less that of the gel under it (`follow_gel`), both since the angle has been
-    counted: zero while some of the gel has turned as far as the object. NaN without contact and
-    where the angle is unknown.
+    This is the object's angle less that of the gel under it (`follow_gel`), both since the frame
+    that the angle counts from. It is zero while some of the gel has turned as far as the object,
+    and NaN without contact or angle.
     """
     return track.angle - np.asarray(
         object_rotation(follow_gel(track), track.stiffness_ratio, track.load_term)
@@ -149,24 +152,25 @@ def accumulate_slip(track: Track) -> Float[np.ndarray, " frames"]:
 
 
 def follow_gel(track: Track) -> Float[np.ndarray, " frames"]:
-    """Rotation of the gel that has followed the object furthest, since the angle is counted [rad].
+    """Rotation of the gel that has followed the object furthest in each frame [rad].
 
-    Around what sticks φ falls and changes sign, and after a reversal the rim keeps what it was
-    turned before: a mean over the contact says little. Between the gel that has turned furthest
-    either way (`gel_ends`) some has turned as the object wants it; beyond them the nearer one is
-    the answer, and where the object's angle is unknown the larger one. NaN without contact.
+    It counts from the same frame as the angle. A mean over the contact says little, since φ falls
+    and changes sign around the stick region, and after a reversal the rim keeps its earlier
+    rotation. If the object's rotation lies between the two ends of the gel's (`gel_ends`), some gel
+    has followed it fully. Beyond them, the nearer end is returned; without an angle, the larger
+    end. NaN without contact.
     """
     zero = np.asarray(object_rotation(0.0, track.stiffness_ratio, track.load_term))
-    wanted = (track.angle - zero) / (1.0 + track.stiffness_ratio)
+    followed = (track.angle - zero) / (1.0 + track.stiffness_ratio)
     low, high = track.gel_low, track.gel_high
     further = np.where(np.abs(high) > np.abs(low), high, low)
-    return np.where(np.isfinite(wanted), np.clip(wanted, low, high), further)
+    return np.where(np.isfinite(followed), np.clip(followed, low, high), further)
 
 
 def describe_counts(track: Track) -> tuple[str, ...]:
-    """When angles were counted anew after they had been lost, in sentences; none if they were not.
+    """A sentence with the times at which the count of a lost angle was restarted, if any.
 
-    A contact that is counted from the first frame of the recording is not among them.
+    A contact that counts from the first frame of the recording is not included.
     """
     first = track.time[0] if len(track.time) else np.nan
     times = {float(t) for t, n in zip(track.since, track.anew, strict=True) if n and t > first}

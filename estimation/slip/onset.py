@@ -1,12 +1,12 @@
-"""When macro slip began: the disc of markers that still stick, followed as it closes.
+"""Onset of macro slip, from the disc of markers that still stick as it closes.
 
-A live tracker asks the last markers whether they still move alike, which it can only say some
-frames later; the disc (`estimation.slip.disc`) is followed over windows, and dated looking back
-with frames from after the event. The moment would not do: with c/a = 0.2 it grows with 1 % of its
-first slope (c³/a³), long before and long after.
+A causal tracker checks whether the last markers still move alike, which takes some frames. Here
+the disc (`estimation.slip.disc`) is followed over windows of frames, and the onset is dated looking
+back, with frames after the event. The moment is unsuitable: at c/a = 0.2 it grows with 1 % of its
+first slope (c³/a³), long before and after the onset.
 
-Contacts that are not round close in other shapes, and real gels creep: where a disc does not move
-the markers as they moved, to twice their noise, there is no date.
+Contacts that are not round close in other shapes, and real gels creep. If the motion of the markers
+differs from that of a disc by more than twice their noise, no onset is reported.
 """
 
 from collections import deque
@@ -32,14 +32,15 @@ from estimation.slip.disc import (
 
 
 class MacroSlip(NamedTuple):
-    """A time in which fewer than three markers stuck, or may have.
+    """A certain or possible macro slip: fewer than three markers stick.
 
     Attributes:
-        onset: when it began, or the gel came to rest [s].
+        onset: time of its onset, or at which the gel came to rest [s].
         low: lower end of its 95 % interval [s].
-        high: upper end [s]; of a slip that is not certain, when the gel rested last.
-        regained: when markers stuck again [s]; NaN if they did not.
-        certain: whether a disc was seen to close; else the gel came to rest while few markers
+        high: upper end of its 95 % interval [s]; for a possible slip, the last time at which the
+            gel rested.
+        regained: time at which markers stuck again [s]; NaN if they did not.
+        certain: whether the stick disc closed. Otherwise the gel came to rest while few markers
             stuck, and the object may rest with it or slide on.
     """
 
@@ -56,7 +57,7 @@ class MacroSlip(NamedTuple):
 
 
 def date_slips(discs: Sequence[Disc], settings: SlipSettings = DEFAULT_SETTINGS) -> list[MacroSlip]:
-    """When fewer than three markers stuck, by the discs of a whole recording."""
+    """The certain macro slips of a recording, dated by its discs."""
     slips: list[MacroSlip] = []
     slipping = False
     discs = [disc for disc in discs if disc.misfit <= settings.round_misfit]
@@ -77,15 +78,15 @@ def date_slips(discs: Sequence[Disc], settings: SlipSettings = DEFAULT_SETTINGS)
 
 
 def describe_slips(slips: Sequence[MacroSlip], start: float) -> tuple[str, ...]:
-    """A sentence about each, in seconds since a start [s]."""
+    """A sentence about each slip, in seconds since a start [s]."""
     return tuple(_describe(slip, start) for slip in slips)
 
 
 def _describe(slip: MacroSlip, start: float) -> str:
     if not slip.certain:
         return (
-            f"From {slip.onset - start:.3f} to {slip.high - start:.3f} s the gel rests, with few "
-            "markers that stuck before: the object may have rested with it or slid on."
+            f"From {slip.onset - start:.3f} to {slip.high - start:.3f} s the gel rests, after few "
+            "markers stuck: the object may have rested with it or slid on."
         )
     return (
         f"Macro slip began at {slip.onset - start:.3f} s "
@@ -94,12 +95,12 @@ def _describe(slip: MacroSlip, start: float) -> str:
     )
 
 
-class _Seen(NamedTuple):
+class _Markers(NamedTuple):
     """Markers of one frame.
 
     Attributes:
-        points: x + iy in pitches.
-        contact: those of the contact region.
+        points: positions x + iy [pitches].
+        contact: markers of the contact region.
         time: time stamp [s].
     """
 
@@ -109,10 +110,10 @@ class _Seen(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What the motion over the window that ends with a frame shows.
+    """Evidence of slip in the motion over the window that ends with a frame.
 
     Attributes:
-        disc: the region that sticks; None where the motion shows none.
+        disc: the stick disc; None if the motion is not that of a disc.
         rests: whether the contact's markers have hardly moved.
     """
 
@@ -121,22 +122,22 @@ class Sight(NamedTuple):
 
 
 class SlipWatch:
-    """Follows the disc that sticks frame by frame, over every window whose motion shows one."""
+    """Follows the stick disc frame by frame, over all windows whose motion shows one."""
 
     def __init__(
         self, layout: MarkerLayout, noise: Noise, settings: SlipSettings = DEFAULT_SETTINGS
     ) -> None:
-        """Begin with no frame.
+        """Begin without any frame.
 
         Args:
-            layout: of the markers.
-            noise: of the markers.
+            layout: the markers of the sensor.
+            noise: noise of the markers.
             settings: how the disc is followed.
         """
         self._pitch = marker_pitch(layout)
         self._scale = float(np.sqrt(2.0) * noise.in_plane) / self._pitch
         self._settings = settings
-        self._window: deque[_Seen] = deque(maxlen=settings.window + 1)
+        self._window: deque[_Markers] = deque(maxlen=settings.window + 1)
         self._lose()
 
     def update(
@@ -146,16 +147,16 @@ class SlipWatch:
         time: float,
         printed: bool = False,
     ) -> Sight:
-        """What is seen after the next frame.
+        """The evidence after the next frame.
 
         Args:
-            positions: of the markers [mm]; NaN where not seen.
+            positions: positions of the markers [mm]; NaN for markers that are not visible.
             contact: markers of the contact region.
             time: time stamp [s].
-            printed: whether the object's print shows what slips, and no disc is needed.
+            printed: whether the object's print shows slip, so that no disc is needed.
         """
         z = (positions[:, 0] + 1j * positions[:, 1]) / self._pitch
-        self._window.append(_Seen(z, contact, time))
+        self._window.append(_Markers(z, contact, time))
         if len(self._window) <= self._settings.window:
             return Sight(None, False)
         first, last = self._window[0], self._window[-1]
@@ -168,8 +169,10 @@ class SlipWatch:
             return Sight(None, rests)
         return Sight(self._find_disc(first, last, held), rests)
 
-    def _find_disc(self, first: _Seen, last: _Seen, held: Bool[np.ndarray, " n"]) -> Disc | None:
-        """The disc that moved the markers that are seen in contact at both ends of the window."""
+    def _find_disc(
+        self, first: _Markers, last: _Markers, held: Bool[np.ndarray, " n"]
+    ) -> Disc | None:
+        """The disc that moved the markers visible in contact at both ends of the window."""
         settings, scale = self._settings, max(self._scale, 1e-6)
         held = held & np.isfinite(first.time + last.time)
         few = held.sum() < settings.least_markers
@@ -180,7 +183,7 @@ class SlipWatch:
             return None
         before, after = first.points[held], last.points[held]
         moved = np.abs(after - before)
-        if self._axis is not None:  # those near the axis move to the end
+        if self._axis is not None:  # markers near the axis move longest
             near = np.argsort(np.abs(before - complex(*self._axis)))
             moved = moved[near[: settings.least_markers]]
         if is_still(moved, scale, settings.at_rest):
@@ -197,13 +200,13 @@ class SlipWatch:
         return disc._replace(time=0.5 * (first.time + last.time))
 
     def _lose(self) -> None:
-        """Begin anew with the next disc."""
+        """Restart with the next disc."""
         self._last: np.ndarray | None = None
         self._axis: np.ndarray | None = None
         self._missed = 0
 
     def _believe(self, disc: np.ndarray, before: Complex[np.ndarray, " m"]) -> None:
-        """Start from this disc next time, and from its axis while many markers are inside."""
+        """Use this disc as the next initial guess, and its axis while it holds many markers."""
         self._last, self._missed = disc, 0
         inside = np.abs(before - complex(*disc[:2])) < abs(disc[2])
         if inside.sum() >= 3 * MIN_STICK_MARKERS:
@@ -212,20 +215,20 @@ class SlipWatch:
 
 
 def _date(discs: Sequence[Disc], near: float, settings: SlipSettings) -> MacroSlip | None:
-    """Where a line through the margins crosses zero; None where they do not tell."""
+    """The slip at the time at which a line through the margins crosses zero; None if unclear."""
     time, margin, error = np.array([(disc.time, disc.margin, disc.error) for disc in discs]).T
     if len(time) < 3:
         return None
     design = np.stack([time - near, np.ones_like(time)], axis=1) / error[:, None]
     inverse = np.linalg.pinv(design.T @ design)
     slope, level = inverse @ (design.T @ (margin / error))
-    left = design @ [slope, level] - margin / error
+    residual = design @ [slope, level] - margin / error
     # neighbouring windows share frames and noise
     correlated = (settings.window + settings.noise_frames) / 2.0
-    variance = max(float(left @ left) / max(len(time) - 2, 1), 1.0) * correlated
+    variance = max(float(residual @ residual) / max(len(time) - 2, 1), 1.0) * correlated
     onset = near - level / slope if slope < 0.0 else near
     onset = float(np.clip(onset, time[0], time[-1]))
     gradient = np.array([onset - near, 1.0]) / slope
-    frame = float(np.median(np.diff(time)))  # the truth lies between two of them
+    frame = float(np.median(np.diff(time)))  # the true onset lies between two frames
     half = float(np.hypot(Z95 * np.sqrt(gradient @ inverse @ gradient * variance), frame))
     return MacroSlip(onset, onset - half, onset + half) if half < settings.widest * frame else None

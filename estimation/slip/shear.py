@@ -1,14 +1,14 @@
-"""Whether the object slips along the gel, by the gel's shear and by what the object prints on it.
+"""Detection of slip along the gel, from the gel's shear and the object's print on it.
 
-While the object holds, the gel's shear follows the load: it rises to a plateau. Once all of the
-contact slips, friction can carry no more: the shear falls where friction falls with the slip, and
-stays where it does not. What the object prints goes over the gel then (`estimation.pictures.hold`),
-unless the object is the same along the way it slips; and where the print is followed, it is beyond
-all of the gel under it (`estimation.slip.slide`). Each of these signs is enough, and none is
-certain: the probability is that at least one of them is right.
+There are three signs of slip. While the object holds, the gel's shear follows the load. Once all of
+the contact slips, the shear falls if friction falls with the slip, and stays constant otherwise.
+The print then moves over the gel (`estimation.pictures.hold`), unless the object is uniform along
+its path. And where the print is followed, it moves beyond all of the gel under it
+(`estimation.slip.slide`). Each sign is sufficient and none is certain: the probability of slip is
+that of at least one sign being right.
 
-Shear that falls may also be a load that is taken off: where the print has stayed on the gel, it is,
-and where no print can be compared nothing is said.
+Falling shear may also mean that the load is removed. This is assumed if the print has stayed on the
+gel. Without a print to compare, there is no verdict.
 """
 
 from collections import deque
@@ -32,25 +32,27 @@ from estimation.slip.slide import Slide
 class ShearSettings:
     """How a slip in shear is recognised.
 
-    The numbers of `fallen` and `kept` are rounded from fits to 36 labelled lifts of four
-    objects ([Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual
-    information", ICRA 2018); `python -m papers run slip_lifts` fits them anew without each object.
+    The values of `fallen` and `kept` are rounded from fits to 36 labelled lifts of four objects
+    ([Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual
+    information", ICRA 2018); `python -m papers run slip_lifts` repeats the fits without each object
+    in turn.
 
     Attributes:
-        markers: how many of those that moved furthest give the shear.
-        memory: how long a peak of the shear is remembered [frames].
-        least: shear that a fall is measured against at least [pitches].
-        fallen: share of its peak that the shear has lost in an even bet [-].
-        fallen_spread: change of that for odds of e [-].
-        kept: correlation with the earlier print in an even bet [-].
-        kept_spread: change of that for odds of e [-].
-        slid: slip over the half-width of its 95 % interval in an even bet [-].
-        slid_spread: change of that for odds of e [-].
-        unloaded: correlation from which a fall is a load taken off; later ones count from
-            there [-].
-        resting: correlation with the print of some frames before from which the object does not
+        markers: number of markers, those that moved furthest, whose motion gives the shear [-].
+        memory: frames for which a peak of the shear is remembered [frames].
+        least: smallest shear against which a fall is measured [pitches].
+        fallen: lost share of the shear's peak at which slip has even odds [-].
+        fallen_spread: change of that share that multiplies the odds by e [-].
+        kept: correlation with the earlier print at which slip has even odds [-].
+        kept_spread: change of that correlation that multiplies the odds by e [-].
+        slid: slip over the half-width of its 95 % interval at which slip has even odds [-].
+        slid_spread: change of that ratio that multiplies the odds by e [-].
+        unloaded: correlation above which a fall counts as a removed load, and later falls are
+            measured from it [-].
+        resting: correlation with the print some frames earlier, above which the object does not
             slide [-].
-        sticking: the same of what agrees least, from which all of the contact sticks [-].
+        sticking: smallest correlation over the parts of the print, above which all of the contact
+            sticks [-].
     """
 
     markers: int = 10
@@ -110,7 +112,7 @@ class Shear(NamedTuple):
 
     @property
     def state(self) -> State:
-        """State of a contact of which nothing is known but what the object prints on the gel."""
+        """State of the contact by the object's print alone."""
         if self.slides:
             return State.MACRO_SLIP
         if self.sticks:
@@ -119,7 +121,7 @@ class Shear(NamedTuple):
 
 
 class ShearPath(NamedTuple):
-    """What is kept of the shear over a recording; as in `Shear`, an array each."""
+    """Shear of a recording; fields as in `Shear`, over frames."""
 
     shear: Float[np.ndarray, " frames"]
     hold: Float[np.ndarray, " frames"]
@@ -130,25 +132,25 @@ class ShearPath(NamedTuple):
 
     @classmethod
     def of(cls, *shears: Shear) -> "ShearPath":
-        """That of some frames."""
-        return cls(*(np.array([getattr(one, name) for one in shears]) for name in cls._fields))
+        """Gather the shears of frames."""
+        return cls(*(np.array([getattr(shear, name) for shear in shears]) for name in cls._fields))
 
     def take(self, rows: slice) -> "ShearPath":
-        """That of some of the frames."""
+        """The path for a slice of the frames."""
         return ShearPath(*(values[rows] for values in self))
 
 
 class Outcome(NamedTuple):
-    """What became of a grasp.
+    """Outcome of a grasp.
 
     Attributes:
-        word: `held` or `slipped`; `unknown` without contact, and where the object may have slid
-            over gel at rest.
-        probability: that it slipped [-]: a half where nothing is known, and NaN where only the
-            states of the contact tell.
-        onset: when that became more likely than not, or macro slip was first seen [s]; NaN if it
-            was held.
-        slips: stretches of frames in which it slipped.
+        word: `held` or `slipped`; `unknown` without contact, or if the object may have slid over
+            gel at rest.
+        probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
+            if it comes from the states of the contact alone.
+        onset: time at which a slip became more likely than not, or of the first macro slip [s]; NaN
+            without slip.
+        slips: number of slips.
     """
 
     word: str
@@ -161,11 +163,11 @@ class ShearWatch:
     """Follows the gel's shear from frame to frame."""
 
     def __init__(self, layout: MarkerLayout, settings: ShearSettings | None = None) -> None:
-        """Begin before the object touches.
+        """Begin without contact.
 
         Args:
             layout: markers and reference.
-            settings: how a slip is recognised.
+            settings: how a slip is recognised; the defaults if None.
         """
         self._settings = settings or ShearSettings()
         self._least = float(np.fmax(self._settings.least * marker_pitch(layout), 1e-12))
@@ -186,13 +188,13 @@ class ShearWatch:
         hold: tuple[float, float, float],
         slide: Slide,
     ) -> Shear:
-        """What is known after the next frame.
+        """The shear after the next frame.
 
         Args:
-            positions: of the markers [mm]; NaN where not seen.
+            positions: positions of the markers [mm]; NaN for markers that are not visible.
             contact: markers of the contact region.
-            hold: agreement of the print with earlier ones [-]; NaN where unknown.
-            slide: how far the object has slid over the gel.
+            hold: correlations of the print with earlier ones [-]; NaN if unknown.
+            slide: slip of the object over the gel.
         """
         if not contact.any():
             self._restart()
@@ -206,7 +208,7 @@ class ShearWatch:
         self._start[unseen] = points[unseen]
         since, *now = hold
         self._raw.append((*self._measure(points, contact), since))
-        # one frame may be wrong: the middle of three
+        # a single frame may be wrong: the median of three
         shear, shifted, since = (_middle(values) for values in zip(*self._raw, strict=True))
         self._shears.append((shear, shifted))
         if np.isfinite(slide.beyond):
@@ -218,10 +220,10 @@ class ShearWatch:
     def _measure(
         self, points: Float[np.ndarray, "n 2"], contact: Bool[np.ndarray, " n"]
     ) -> tuple[float, float]:
-        """How far the markers that went furthest within memory have gone, as one [mm].
+        """Displacements of the markers that moved furthest and of the contact's middle [mm].
 
-        And how far the middle of the contact has gone with them: where they turn about it, each
-        goes another way.
+        The first is the median over markers within memory. The second is the motion of the middle
+        with them, which differs if the markers turn about it.
         """
         assert self._start is not None
         moved = points - self._start
@@ -233,7 +235,7 @@ class ShearWatch:
         if not len(top):
             return np.nan, np.nan
         shear = float(np.linalg.norm(np.median(moved[top], axis=0)))
-        before, now = (one @ np.array([1.0, 1.0j]) for one in (self._start, points))
+        before, now = (positions @ np.array([1.0, 1.0j]) for positions in (self._start, points))
         under = before[contact & np.isfinite(self._start[:, 0])]
         if len(top) < MIN_STICK_MARKERS or not len(under):
             return shear, shear
@@ -244,11 +246,11 @@ class ShearWatch:
     def _judge(self, signs: tuple[float, float], lately: float, weakest: float) -> Shear:
         settings, (since, slid) = self._settings, signs
         peaks, (shear, shifted) = np.fmax.reduce(self._shears), self._shears[-1]
-        # a fall shows in both: markers that turn need not go back for theirs to fall
+        # both must fall: markers that turn can lower theirs without moving back
         fallen = float(min(peaks - (shear, shifted)) / max(peaks[0], self._least))
         if not np.isfinite(since):
             return Shear(shear, fallen, slid=slid)
-        if since > settings.unloaded:  # by now the load is the less: later falls are from here
+        if since > settings.unloaded:  # the load is smaller now: measure later falls from here
             self._shears.clear()
             self._shears.append((shear, shifted))
         slipped = float(find_slip_probability(np.array([fallen, since, slid]), settings))
@@ -261,12 +263,12 @@ class ShearWatch:
 def find_slip_probability(
     signs: Float[np.ndarray, "3 ..."], settings: ShearSettings
 ) -> Float[np.ndarray, "..."]:
-    """Probability that all of the contact has slipped lately, by each of three signs [-].
+    """Probability that all of the contact has slipped recently, from three signs [-].
 
     Args:
-        signs: share of its peak that the shear has lost again; correlation of the print on the gel
-            with an earlier one; how far the object has slid lately, over the half-width of the
-            interval [-]. NaN where unknown, and for all without the second.
+        signs: lost share of the shear's peak; correlation of the print on the gel with an earlier
+            one; recent slip of the object over the half-width of its interval [-]. NaN if unknown;
+            the probability is NaN without the second sign.
         settings: how a slip is recognised.
     """
     fallen, hold, slid = signs
@@ -278,19 +280,19 @@ def find_slip_probability(
 
 
 def conclude(slipped: Float[np.ndarray, " frames"], track: Track) -> Outcome:
-    """What became of the grasp of a recording; without any print the states of the contact tell.
+    """The outcome of a recording's grasp; without any print, from the states of the contact.
 
     Args:
         slipped: probability of a slip in each frame [-].
-        track: of the chosen method.
+        track: track of the chosen method.
     """
     if np.isfinite(slipped).any():
         probability, over = float(np.nanmax(slipped)), slipped > 0.5
     else:
         probability = np.nan
         over = np.array([state == State.MACRO_SLIP for state in track.state])
-        known = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
-        if not (over.any() or known):
+        certain = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
+        if not (over.any() or certain):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
         return Outcome("held", probability, np.nan)
@@ -299,5 +301,5 @@ def conclude(slipped: Float[np.ndarray, " frames"], track: Track) -> Outcome:
 
 
 def _middle(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else np.nan
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.median(finite)) if finite else np.nan

@@ -1,8 +1,8 @@
-"""How far the object has slid over the gel: the place of the one against that of the other.
+"""Slip of the object over the gel, from the positions of both.
 
-What the object prints shows where the object is, the markers show where the gel is. While the
-object holds both go together, however the gel is sheared; how far they have parted is the slip, in
-any direction and over any length.
+The object's print gives the position of the object, and the markers give that of the gel. While the
+object holds, both move together, however the gel is sheared. Their difference is the slip, in any
+direction and over any length.
 """
 
 from collections.abc import Sequence
@@ -15,25 +15,26 @@ from estimation.fields.stencils import marker_pitch
 from estimation.frames.recording import MarkerLayout
 
 TILTED = 0.08
-"""Share of the gel's shear by which a print goes ahead of gel that it holds [-]: a sheared contact
-grows at its front. In 19 held published lifts it was 0.18 at most."""
+"""Share of the gel's shear by which a print is ahead of the gel that holds it [-].
+
+A sheared contact grows at its front. In 19 held published lifts the share was 0.18 at most."""
 
 MARKER_ERROR = 0.003
-"""Standard error of a marker's way, along x and along y [pitches]: 5 µm of dots 1.9 mm apart."""
+"""Standard error of a marker's path along x and along y [pitches]: 5 µm for dots 1.9 mm apart."""
 
 
 class Slide(NamedTuple):
-    """How far the object has slid over the gel.
+    """Slip of the object over the gel.
 
     Attributes:
-        slip: over the gel that has followed it best [mm]: 0 while some of the contact sticks. NaN
-            without contact, where no print is followed, and where it is not known to a marker's
-            pitch nor to itself: a print that is alike along a line does not show slip that way.
+        slip: slip over the gel that has followed the object best [mm]; 0 while some of the contact
+            sticks. NaN without contact or print, and if its error exceeds both a marker's pitch and
+            the slip: a print that is uniform along a line does not show slip along it.
         slip_error: half-width of its 95 % interval [mm]; NaN without contact or print.
-        slip_since: time stamp of the frame that it counts from: the first that shows the print
-            after the object touched, or after the print was lost for long [s].
-        beyond: the slip that the print shows, over the radius that holds 95 % of its errors, where
-            that is least [-]; a print that is alike along a line shows the slip across it.
+        slip_since: time stamp of the frame that the slip counts from [s]: the first frame with a
+            print after the object touched, or after a long loss of the print.
+        beyond: smallest ratio, over the markers, of the slip to the radius of its 95 % region [-].
+            A print that is uniform along a line shows only slip across it.
     """
 
     slip: float = float("nan")
@@ -43,12 +44,11 @@ class Slide(NamedTuple):
 
 
 class SlideWatch:
-    """Follows the object's place on the gel from frame to frame.
+    """Follows the object's position on the gel from frame to frame.
 
-    The slip differs from place to place: it is least in the core of the contact, where it is 0 as
-    long as something sticks, and largest at the rim. The slip of the object is its slip over the
-    marker that has followed it best, which stands for the gel that carries it. Between the markers
-    the gel may have followed better.
+    Slip varies over the contact: it is largest at the rim and smallest in the core, where it is 0
+    while markers stick. The slip of the object is its slip over the marker that has followed it
+    best. The gel between the markers may have followed it better.
     """
 
     def __init__(self, layout: MarkerLayout) -> None:
@@ -69,13 +69,13 @@ class SlideWatch:
         point: Sequence[float],
         time: float,
     ) -> Slide:
-        """What is known after the next frame.
+        """The slip after the next frame.
 
         Args:
-            positions: of the markers [mm]; NaN where not seen.
+            positions: positions of the markers [mm]; NaN for markers that are not visible.
             contact: markers of the contact region.
-            imprint: rotation of what the object prints, and its standard error [rad].
-            point: of that print, as `Frame.print_point` has it [mm, mm²].
+            imprint: rotation of the object's imprint and its standard error [rad].
+            point: point of the imprint, as in `Frame.print_point` [mm, mm²].
             time: time stamp [s].
         """
         if not contact.any():
@@ -90,28 +90,26 @@ class SlideWatch:
         turn, turn_error = imprint
         c, s = np.cos(turn), np.sin(turn)
         arms = positions - now
-        # where each marker would have been at first had it gone with the object ever since
+        # initial position of each marker if it had moved with the object ever since
         with_object = first + arms @ np.array([[c, -s], [s, c]])
         slips = (with_object - self._before) @ np.array([[c, s], [-s, c]])
-        seen = contact & np.isfinite(slips[:, 0])
-        if not seen.any():
+        visible = contact & np.isfinite(slips[:, 0])
+        if not visible.any():
             return Slide()
-        across = turn_error * arms[seen][:, ::-1] * [-1.0, 1.0]
-        sheared = TILTED * np.linalg.norm((positions - self._before)[seen], axis=1)
+        across = turn_error * arms[visible][:, ::-1] * [-1.0, 1.0]
+        sheared = TILTED * np.linalg.norm((positions - self._before)[visible], axis=1)
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
         read = MARKER_ERROR * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
-        return self._judge(slips[seen], spread)
+        return self._judge(slips[visible], spread)
 
-    def _judge(
-        self, slips: Float[np.ndarray, "seen 2"], spread: Float[np.ndarray, "seen 2 2"]
-    ) -> Slide:
-        """What the slip over each marker and its covariance say."""
-        radius = 2.4477  # that holds 95 % of a normal error in the plane, in standard errors
+    def _judge(self, slips: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 2"]) -> Slide:
+        """The slip of the object, from the slip over each marker [mm] and its covariance [mm²]."""
+        radius = 2.4477  # of the circle with 95 % of a normal error in the plane, standard errors
         far = np.linalg.norm(slips, axis=1)
         best = int(far.argmin())
         half = radius * float(np.sqrt(np.linalg.eigvalsh(spread[best])[-1]))
-        known = half < max(far[best], self._pitch)
+        determined = half < max(far[best], self._pitch)
         apart = np.einsum("ki,ki->k", slips, np.linalg.solve(spread, slips[..., None])[..., 0])
         beyond = float(np.sqrt(apart.min())) / radius
-        return Slide(float(far[best]) if known else np.nan, half, self._since, beyond)
+        return Slide(float(far[best]) if determined else np.nan, half, self._since, beyond)

@@ -1,4 +1,4 @@
-"""Published warnings of slip: signals that say no angle, only that the grip is about to go.
+"""Published slip warnings: signals that predict the loss of grip, without an angle.
 
 [Yuan2015] W. Yuan, R. Li, M. A. Srinivasan, E. H. Adelson, "Measurement of Shear and Slip with a
 GelSight Tactile Sensor".
@@ -7,12 +7,12 @@ of Vision-Based Tactile Sensor".
 [Dong2017] S. Dong, W. Yuan, E. H. Adelson, "Improved GelSight Tactile Sensor for Measuring Geometry
 and Slip".
 
-All were made for shear, where markers that stick move alike. In a twist they do not: displacement
-grows with the distance from the axis, though nothing slips. `turning_ratio` is the stick ratio
-with each marker's rotation in the place of its displacement.
+All of them were made for shear, where markers that stick move alike. In a twist they do not:
+displacement grows with the distance from the axis, even without slip. `turning_ratio` is the stick
+ratio with rotations of markers instead of displacements.
 
-The signals follow the papers; their constants (ten bins, the share of 80 %, the bounds, the least
-motion) are ours and could not be checked against them.
+The signals follow the papers. Their constants (ten bins, the share of 80 %, the bounds, the least
+motion) are our choices and could not be checked against the papers.
 """
 
 from collections.abc import Callable
@@ -34,9 +34,9 @@ class SlipWarning(NamedTuple):
     """A slip warning over a recording.
 
     Attributes:
-        signal: per frame [-]; NaN without contact or where too little has moved to tell.
-        warned: frames in which the signal is beyond its bound.
-        first_time: time stamp of the first of them [s]; NaN if there is none.
+        signal: signal of each frame [-]; NaN without contact or with too little motion.
+        warned: frames in which the signal exceeds its bound.
+        first_time: time stamp of the first warning [s]; NaN without a warning.
     """
 
     signal: Float[np.ndarray, " frames"]
@@ -47,12 +47,12 @@ class SlipWarning(NamedTuple):
 def warn_by_entropy(recording: Recording, *, bound: float = 0.8) -> SlipWarning:
     """Entropy of the histogram of tangential displacements, [Yuan2015].
 
-    The histogram has ten bins from 0 to the largest displacement of the contact; the entropy is
-    given over its largest, log 10.
+    The histogram has ten bins from 0 to the largest displacement of the contact. The entropy is
+    divided by its largest value, log 10.
 
     Args:
         recording: the recording.
-        bound: entropy above which there is a warning [-].
+        bound: entropy above which a warning is given [-].
     """
     return _warn(recording, _entropy, lambda signal: signal > bound)
 
@@ -60,23 +60,23 @@ def warn_by_entropy(recording: Recording, *, bound: float = 0.8) -> SlipWarning:
 def warn_by_stick_ratio(recording: Recording, *, bound: float = 0.5) -> SlipWarning:
     """Share of the contact's markers that move with the largest motion, [Ito2011], [Dong2017].
 
-    A marker moves with it from 80 % of the largest tangential displacement on.
+    These are the markers with at least 80 % of the largest tangential displacement.
 
     Args:
         recording: the recording.
-        bound: ratio below which there is a warning [-].
+        bound: ratio below which a warning is given [-].
     """
     return _warn(recording, _stick_ratio, lambda signal: signal < bound)
 
 
 def warn_by_turning_ratio(recording: Recording, *, bound: float = 0.5) -> SlipWarning:
-    """Stick ratio of a twist: share of markers with 80 % of the largest rotation.
+    """Stick ratio of a twist: share of markers with at least 80 % of the largest rotation.
 
-    The largest is the 90th percentile of φ over the contact, which noise does not reach.
+    The largest rotation is the 90th percentile of φ over the contact, to exclude noise.
 
     Args:
         recording: the recording.
-        bound: ratio below which there is a warning [-].
+        bound: ratio below which a warning is given [-].
     """
     return _warn(recording, _turning_ratio, lambda signal: signal < bound)
 

@@ -130,7 +130,7 @@ def test_a_silent_source_is_reported_and_waited_for():
     feed = Feed("pad", LiveChoices(silent_s=0.02), say)
     assert len(list(feed(source()))) == 2
     assert said[0] == "pad: no frame for 0.02 s; waiting"
-    assert said[1].startswith("pad: there are frames again, after 0.")
+    assert said[1].startswith("pad: frames arrive again, after 0.")
     assert feed.notes()[-1].startswith("The source was silent 1 times")
 
 
@@ -269,7 +269,7 @@ def test_what_cannot_be_followed_is_refused(archive, tmp_path):
     def opened(name, resume=None, **settings):
         open_live(name, replace(SETTINGS, **settings), FAST, print, resume)
 
-    with pytest.raises(ValueError, match="--resume goes on with a camera"):
+    with pytest.raises(ValueError, match="--resume needs a camera"):
         opened(str(archive), tmp_path)
     write_archive(lift(np.zeros(3)), archive.with_name("other.npz"))
     with pytest.raises(ValueError, match=r"holds 2 recordings \(lift, other\): name one"):
@@ -355,7 +355,8 @@ def test_frames_of_a_tac3d_sensor_are_followed(tmp_path, plain):
     found = [float(row["angle_deg"]) for row in rows]
     np.testing.assert_allclose(found, np.degrees(expected.angle)[:-1], atol=1e-5)
     notes = json.loads((tmp_path / "summary.json").read_text())["notes"]
-    assert "Only HDL1 is followed; to the same port send AD2 (tac3d:PORT/SENSOR chooses)." in notes
+    expected = "Only HDL1 is followed; other sensors send to the same port: AD2"
+    assert f"{expected} (tac3d:PORT/SENSOR chooses)." in notes
     assert any(note.endswith("packets were not of a Tac3D sensor, or damaged.") for note in notes)
 
 
@@ -371,5 +372,5 @@ def test_a_port_that_cannot_be_listened_to_is_refused():
             Tac3DReceiver(name)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("", 0))
-        with pytest.raises(OSError, match="does another program, or the SDK, listen to it"):
+        with pytest.raises(OSError, match="close the other program or SDK that listens to it"):
             Tac3DReceiver(f"tac3d:{other.getsockname()[1]}")
