@@ -1,1 +1,1 @@
-"""A study of our own: slip told from pictures of the gel, judged on labelled lifts."""
+"""A study of our own: slip detection from pictures of the gel, scored on labelled lifts."""

@@ -1,9 +1,9 @@
-"""Labelled lifts: does the gel, or what the object prints on it, say whether the object slips?
+"""Labelled lifts: how well slips are detected from the gel's shear and the object's print on it.
 
 [Li2018] R. Li, R. Dong, E. Adelson, "Slip detection with combined tactile and visual information",
 ICRA 2018: a gripper with a GelSight finger lifts an object, at widths at which it just holds or
-just slips out. All scores are of the same frames, with the same markers. What is fitted, or a
-bound that is chosen, comes from the other objects.
+just slips out. All scores use the same frames and markers. Fitted numbers and chosen thresholds
+come from the other objects.
 """
 
 from collections.abc import Iterator, Mapping
@@ -42,7 +42,7 @@ UNPRINTED = "macro slip by the markers alone"
 
 
 class Label(NamedTuple):
-    """A lift and what became of it.
+    """A lift and its outcome.
 
     Attributes:
         object_: folder of the object's lifts.
@@ -59,15 +59,15 @@ class Label(NamedTuple):
 
 @dataclass(frozen=True)
 class Lift:
-    """A lift, answered.
+    """The answers to a lift.
 
     Attributes:
-        label: what it is.
-        folder: of its pictures.
-        frames: their numbers.
-        shears: of the gel in each frame.
-        outcome: as concluded.
-        scores: other than the outcome's probability, by name; higher speaks for a slip [-].
+        label: label of the lift.
+        folder: folder of its pictures.
+        frames: numbers of the frames.
+        shears: shear of the gel in each frame.
+        outcome: estimated outcome of the lift.
+        scores: other scores than the outcome's probability, by name; higher for a slip [-].
         macro_slip: share of the frames in macro slip [-].
     """
 
@@ -86,18 +86,18 @@ class Lift:
 
     @property
     def signs(self) -> Float[np.ndarray, "3 frames"]:
-        """What the probability is made from: fall of the shear, hold and slip of the print [-]."""
+        """Inputs of the probability: fall of the shear, hold and slip of the print [-]."""
         names = ("fallen", "hold", "slid")
         return np.array([[getattr(shear, name) for shear in self.shears] for name in names])
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Lifts of some objects, answered.
+    """The answers to the lifts of some objects.
 
     Attributes:
         root: folder of the data set.
-        lifts: in the order of the objects' tables.
+        lifts: the lifts, in the order of the objects' tables.
     """
 
     root: Path
@@ -105,19 +105,19 @@ class Study:
 
     @cached_property
     def slipped(self) -> Bool[np.ndarray, " lifts"]:
-        """What became of each lift."""
+        """Whether the object slipped out, by lift."""
         return np.array([lift.label.slipped for lift in self.lifts])
 
     @cached_property
     def objects(self) -> np.ndarray:
-        """The object of each lift."""
+        """The object's name, by lift."""
         return np.array([lift.label.object_ for lift in self.lifts])
 
     @cached_property
     def fits(self) -> dict[str, ShearSettings]:
-        """The numbers that make probabilities, fitted without each object."""
+        """Settings of the probability, fitted to all other objects, by the object left out."""
         signs = np.stack([lift.signs for lift in self.lifts], axis=1)
-        signs[2] = np.nan  # else those of lifts in which the print is followed would not be fitted
+        signs[2] = np.nan  # otherwise lifts with a tracked print would not enter the fit
         names = np.unique(self.objects) if len(np.unique(self.objects)) > 1 else []
         return {
             str(name): fit_probability(
@@ -130,16 +130,19 @@ class Study:
 
     @cached_property
     def scores(self) -> dict[str, Float[np.ndarray, " lifts"]]:
-        """All scores by name, those with the best claim first [-]."""
-        found = {OURS: np.array([lift.outcome.probability for lift in self.lifts])}
+        """All scores of a slip by name, ours first [-]."""
+        ours = {OURS: np.array([lift.outcome.probability for lift in self.lifts])}
         if self.fits:
-            found[LEFT_OUT] = np.array([_refit(lift, self.fits) for lift in self.lifts])
+            ours[LEFT_OUT] = np.array([_refit(lift, self.fits) for lift in self.lifts])
         others = self.lifts[0].scores
-        return found | {n: np.array([lift.scores[n] for lift in self.lifts]) for n in others}
+        return ours | {
+            name: np.array([lift.scores[name] for lift in self.lifts]) for name in others
+        }
 
     @cached_property
     def called(self) -> dict[str, Bool[np.ndarray, " lifts"]]:
-        """Which lifts each score calls a slip; bounds that are chosen take several objects."""
+        """Masks of the lifts called slips, by score; scores without a fixed threshold need several
+        objects."""
         own = {OURS: 0.5, LEFT_OUT: 0.5, RULE: settings.RuleSettings().fallen}
         return {
             name: score > own[name] if name in own else leave_out(score, self.slipped, self.objects)
@@ -149,18 +152,18 @@ class Study:
 
 
 def compute(quick: bool = False, track: Track = iter) -> Study:
-    """Answer all lifts; those of one object if quick."""
+    """Answer all lifts; if quick, only those of one object."""
     root = datasets.fetch("slip-lifts")
-    found = sorted(root.glob(f"{settings.QUICK if quick else 'object*'}_result.dat"))
-    labels = [label for table in found for label in read_labels(table)]
-    return Study(root, tuple(answer(root, label) for label in track(labels)))
+    result_files = sorted(root.glob(f"{settings.QUICK if quick else 'object*'}_result.dat"))
+    lift_labels = [label for table in result_files for label in read_labels(table)]
+    return Study(root, tuple(answer(root, label) for label in track(lift_labels)))
 
 
 def read_labels(table: Path) -> Iterator[Label]:
-    """The lifts of an object and what became of them.
+    """The labels of an object's lifts.
 
     Raises:
-        ValueError: a line of another kind.
+        ValueError: a line has another format.
     """
     for number, line in enumerate(table.read_text("utf-8").splitlines(), start=1):
         words = line.split()
@@ -176,7 +179,7 @@ def read_labels(table: Path) -> Iterator[Label]:
 
 
 def answer(root: Path, label: Label) -> Lift:
-    """Read a lift's pictures, and score them in every way."""
+    """Read a lift's pictures, and compute all its scores."""
     folder = root / label.object_ / label.lift
     recording = read_recording(folder)
     noise, _ = find_noise(recording)
@@ -193,7 +196,7 @@ def answer(root: Path, label: Label) -> Lift:
 
 
 def follow(recording: Recording, noise: Noise | None) -> tuple[Result, tuple[Shear, ...]]:
-    """What the default method answers, and what is known of the shear, in each frame."""
+    """The default method's result, and the shear in each frame."""
     trackers = Trackers(recording.layout, {DEFAULT_METHOD: {}}, noise=noise)
     estimates, shears = [], []
     for frame in recording:
@@ -211,32 +214,32 @@ def _refit(lift: Lift, fits: Mapping[str, ShearSettings]) -> float:
 
 
 def tables(result: Study) -> dict[str, list[dict[str, object]]]:
-    """A row by object, by score, by object left out, and by lift."""
+    """Tables with a row for each object, score, object left out, and lift."""
     every = np.ones(len(result.lifts), dtype=bool)
     objects = {name: result.objects == name for name in dict.fromkeys(result.objects)}
-    shown = {
-        "": [_row(result, str(name), these) for name, these in objects.items()]
+    result_tables = {
+        "": [_row(result, str(name), mask) for name, mask in objects.items()]
         + [_row(result, "all", every)],
         "_scores": [_score_row(result, name) for name in result.scores],
         "_lifts": [_lift_row(result, i) for i in range(len(result.lifts))],
     }
     if result.fits:
-        shown["_fits"] = [_fit_row(result, name) for name in result.fits]
-    return shown
+        result_tables["_fits"] = [_fit_row(result, name) for name in result.fits]
+    return result_tables
 
 
-def _row(study: Study, name: str, these: Bool[np.ndarray, " lifts"]) -> dict[str, object]:
-    slipped = study.slipped[these]
-    macro = np.array([lift.macro_slip for lift in study.lifts])[these]
+def _row(study: Study, name: str, mask: Bool[np.ndarray, " lifts"]) -> dict[str, object]:
+    slipped = study.slipped[mask]
+    macro = np.array([lift.macro_slip for lift in study.lifts])[mask]
     row: dict[str, object] = {
         "object": name,
-        "lifts": int(these.sum()),
+        "lifts": int(mask.sum()),
         "slips": int(slipped.sum()),
     }
     for score in (OURS, LEFT_OUT, RULE):
         if score in study.scores:
-            row[f"{score}: right"] = int((study.called[score][these] == slipped).sum())
-            row[f"{score}: AUC"] = _round(measure_auc(study.scores[score][these], slipped))
+            row[f"{score}: right"] = int((study.called[score][mask] == slipped).sum())
+            row[f"{score}: AUC"] = _round(measure_auc(study.scores[score][mask], slipped))
     row["held lifts with macro slip"] = int((macro[~slipped] > 0.0).sum())
     return row
 
@@ -272,24 +275,24 @@ def _fit_row(study: Study, name: str) -> dict[str, object]:
     numbers = ("fallen", "fallen_spread", "kept", "kept_spread")
     return {
         "left out": name,
-        **{one: _round(getattr(fit, one)) for one in numbers},
+        **{number: _round(getattr(fit, number)) for number in numbers},
         "right": int((study.called[LEFT_OUT] == study.slipped)[own].sum()),
         "of": int(own.sum()),
     }
 
 
 def plot(result: Study) -> Figure:
-    """ROC curves of all scores, and the probabilities of all lifts by object."""
+    """Left: ROC curves of all scores. Right: the probability of a slip for each lift, by object."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     for name, score in result.scores.items():
         auc = measure_auc(score, result.slipped)
         left.plot(*draw_roc(score, result.slipped), label=f"{name}: {auc:.2f}", alpha=0.8)
     left.legend(fontsize=7, title="area", title_fontsize=7)
     left.set(xlabel="held lifts called slips [-]", ylabel="slips called slips [-]")
-    shown = result.scores.get(LEFT_OUT, result.scores[OURS])
-    for label, these in (("slipped", result.slipped), ("held", ~result.slipped)):
+    probability = result.scores.get(LEFT_OUT, result.scores[OURS])
+    for label, mask in (("slipped", result.slipped), ("held", ~result.slipped)):
         right.plot(
-            shown[these], result.objects[these], "o" if label == "held" else "x", label=label
+            probability[mask], result.objects[mask], "o" if label == "held" else "x", label=label
         )
     right.axvline(0.5, color="0.6", lw=0.8)
     right.set(xlabel="probability of a slip, fitted to the other objects [-]")

@@ -1,7 +1,7 @@
-"""When a slip is called, beside the frame in which an outside camera sees the object move.
+"""Time of the first slip call, compared with the object's motion in an outside camera.
 
-Objects 1 and 3. The motion is that of the object against the gripper, so that it contains the
-gel's own shear and that of the other finger.
+Objects 1 and 3. The motion is that of the object relative to the gripper, so it includes the shear
+of the gel and of the other finger.
 """
 
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ __all__ = ["compute", "plot", "tables"]
 
 @dataclass(frozen=True)
 class Onsets:
-    """Lifts that the outside camera has seen.
+    """Lifts recorded by the outside camera.
 
     Attributes:
-        lifts: as answered from the gel.
-        motion: of the object against the gripper in each frame [mm], by lift.
+        lifts: answers from the gel.
+        motion: motion of the object relative to the gripper in each frame, by lift [mm].
     """
 
     lifts: tuple[Lift, ...]
@@ -37,10 +37,10 @@ class Onsets:
 
 @cache
 def watch(study: Study) -> Onsets:
-    """Follow the objects of a study in the outside pictures, where there are any."""
-    seen = tuple(one for one in study.lifts if one.label.object_ in settings.VIEWS)
+    """Track the objects in the outside pictures, for the lifts that have such pictures."""
+    watched = tuple(lift for lift in study.lifts if lift.label.object_ in settings.VIEWS)
     motion = []
-    for lift in seen:
+    for lift in watched:
         folder = study.root / "outside" / lift.label.object_ / lift.label.lift
         grey = [
             cv2.cvtColor(picture.image, cv2.COLOR_BGR2GRAY)
@@ -48,21 +48,21 @@ def watch(study: Study) -> Onsets:
             if picture.image is not None
         ]
         motion.append(measure_motion(grey, settings.VIEWS[lift.label.object_]))
-    return Onsets(seen, tuple(motion))
+    return Onsets(watched, tuple(motion))
 
 
 def tables(result: Study) -> dict[str, list[dict[str, object]]]:
-    """A row by lift, and how many frames before each motion the slips were called."""
+    """A row for each lift, and the lead of the slip calls before each distance, in frames."""
     return tabulate(watch(result))
 
 
 def plot(result: Study) -> Figure:
-    """Motion by the outside camera and probability of a slip by the gel, lift by lift."""
+    """Motion by the outside camera and probability of a slip by the gel, a panel for each lift."""
     return draw(watch(result))
 
 
 def tabulate(result: Onsets) -> dict[str, list[dict[str, object]]]:
-    """The tables of some lifts."""
+    """The tables of the lifts recorded by the outside camera."""
     rows = []
     for lift, motion in zip(result.lifts, result.motion, strict=True):
         called = first_called(lift.slipped)
@@ -83,7 +83,7 @@ def tabulate(result: Onsets) -> dict[str, list[dict[str, object]]]:
 
 
 def _lead(slips: list[dict], column: str, name: str) -> dict[str, object]:
-    """By how many frames the calls are ahead of a motion, and how many would have been possible."""
+    """Lead of the calls before a motion, and the largest possible lead [frames]."""
     reached = [
         row for row in slips if row[column] is not None and row["called [frame]"] is not None
     ]
@@ -101,20 +101,20 @@ def _lead(slips: list[dict], column: str, name: str) -> dict[str, object]:
 
 
 def first_beyond(motion: Float[np.ndarray, " frames"], far: float) -> int | None:
-    """Index of the first frame from which on the object has gone as far for good; None in none."""
+    """Index of the frame from which the object stays beyond a distance; None if it never does."""
     short = np.flatnonzero(motion < far)
     first = int(short[-1]) + 1 if len(short) else 0
     return first if first < len(motion) else None
 
 
 def first_loaded(lift: Lift) -> int:
-    """Index of the frame in which the gel first shows a tenth of its greatest shear."""
-    shear = np.array([one.shear for one in lift.shears])
+    """Index of the frame in which the gel first has a tenth of its greatest shear."""
+    shear = np.array([shear.shear for shear in lift.shears])
     return int((shear > 0.1 * np.nanmax(shear)).argmax())
 
 
 def draw(result: Onsets) -> Figure:
-    """The figure of some lifts."""
+    """The figure of the lifts recorded by the outside camera."""
     columns = 5
     rows = -(-len(result.lifts) // columns)
     figure, axes = plt.subplots(

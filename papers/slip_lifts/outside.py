@@ -1,9 +1,9 @@
-"""How far the object moves against the gripper, by the outside camera's pictures.
+"""Motion of the object relative to the gripper, from the outside camera's pictures.
 
-The camera is fixed to the hand and looks along the fingers at an angle. An object that slides
-along itself moves away from it, towards the point in which lines along the object meet, and gets
-smaller. Near the fingers 1 mm of that is `FINGER_PX_PER_MM` times the sine of the angle between
-the line of sight and the object, which the distance to that point gives.
+The camera is fixed to the hand and looks along the fingers at an angle. An object that slides along
+its axis moves away from the camera, towards the vanishing point of that axis, and its image
+shrinks. Near the fingers, 1 mm of this motion is `FINGER_PX_PER_MM` times the sine of the angle
+between the line of sight and the axis. The distance to the vanishing point gives this angle.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ Patch = tuple[int, int, int, int]
 def measure_motion(
     pictures: Sequence[UInt8[np.ndarray, "h w"]], view: View
 ) -> Float[np.ndarray, " frames"]:
-    """How far the object has gone against the gripper since the first picture [mm]."""
-    smooth = [cv2.GaussianBlur(one, (0, 0), 1.0) for one in pictures]
+    """Distance of the object's motion relative to the gripper since the first picture [mm]."""
+    smooth = [cv2.GaussianBlur(picture, (0, 0), 1.0) for picture in pictures]
     points = follow_points(smooth, view.object_)
     finger = np.median(follow_points(smooth, view.gripper), axis=1)
     moved = np.median(points - points[0], axis=1) - (finger - finger[0])
@@ -38,30 +38,34 @@ def _px_per_mm(place: Float[np.ndarray, "2"], view: View) -> float:
 def follow_points(
     pictures: Sequence[UInt8[np.ndarray, "h w"]], patch: Patch
 ) -> Float[np.ndarray, "frames points 2"]:
-    """Corners of a patch of the first picture in all of them, those that are found back [px].
+    """Positions of the first picture's corners in all pictures; lost corners are left out [px].
+
+    Args:
+        pictures: pictures in order.
+        patch: left, top, width and height of the region with the corners [px].
 
     Raises:
-        ValueError: there are none.
+        ValueError: the patch has no corner, or none is tracked through all pictures.
     """
     left, top, width, height = patch
     mask = np.zeros_like(pictures[0])
     mask[top : top + height, left : left + width] = 255
     corners = cv2.goodFeaturesToTrack(pictures[0], 200, 0.01, 4, mask=mask)
     if corners is None:
-        raise ValueError(f"there is nothing to follow in the patch {patch} of the outside pictures")
+        raise ValueError(f"the patch {patch} of the outside pictures has no corner to track")
     tracks, good = [corners.reshape(-1, 1, 2)], np.ones(len(corners), dtype=bool)
     for before, after in pairwise(pictures):
-        there, found = _flow(before, after, tracks[-1])
-        back, again = _flow(after, before, there)
-        good &= found & again & (np.linalg.norm(back - tracks[-1], axis=-1)[:, 0] < 0.5)
-        tracks.append(there)
+        moved, tracked = _flow(before, after, tracks[-1])
+        back, tracked_back = _flow(after, before, moved)
+        good &= tracked & tracked_back & (np.linalg.norm(back - tracks[-1], axis=-1)[:, 0] < 0.5)
+        tracks.append(moved)
     if not good.any():
-        raise ValueError(f"no corner of the patch {patch} is found in all outside pictures")
+        raise ValueError(f"no corner of the patch {patch} is tracked through all outside pictures")
     return np.array(tracks)[:, good, 0].astype(float)
 
 
 def _flow(before: np.ndarray, after: np.ndarray, points: np.ndarray):
-    there, found, _ = cv2.calcOpticalFlowPyrLK(
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(
         before, after, points, points.copy(), winSize=(17, 17), maxLevel=2
     )
-    return there.reshape(-1, 1, 2), found.ravel() > 0
+    return moved.reshape(-1, 1, 2), found.ravel() > 0

@@ -1,7 +1,7 @@
-"""Scores of a slip, how well they tell the outcomes apart, and how ours is fitted.
+"""Scores of a slip, how well they separate the outcomes, and the fit of our probability.
 
-[Platt1999] J. Platt, "Probabilistic outputs for support vector machines", has the logistic that
-makes probabilities; the prior on its spread is ours.
+The logistic function of the probability is that of [Platt1999] J. Platt, "Probabilistic outputs for
+support vector machines"; the prior on its spread is ours.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from papers.slip_lifts.settings import FitSettings, RuleSettings
 def measure_auc(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]) -> float:
     """Share of the pairs of a slip and a hold in which the slip has the higher score [-].
 
-    Ties count half; NaN where all are the same.
+    Ties count half. The result is NaN if all lifts have the same outcome.
     """
     slips, holds = int(slipped.sum()), int((~slipped).sum())
     if not slips or not holds:
@@ -29,27 +29,27 @@ def measure_auc(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"])
 def draw_roc(
     score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " bounds"], Float[np.ndarray, " bounds"]]:
-    """Share of the holds, and of the slips, with at least each score in turn, from 0 to 1 [-]."""
+    """ROC curve: shares of holds and of slips at or above each threshold, from 0 to 1 [-]."""
     bounds = [np.inf, *np.unique(score)[::-1]]
     false, true = (
-        np.array([np.mean(score[these] >= bound) for bound in bounds])
-        for these in (~slipped, slipped)
+        np.array([np.mean(score[group] >= bound) for bound in bounds])
+        for group in (~slipped, slipped)
     )
     return false, true
 
 
 def first_called(slipped: Float[np.ndarray, " frames"]) -> int | None:
-    """First frame in which a slip is more likely than not; None without one.
+    """First frame in which a slip is more likely than not; None without such a frame.
 
     Args:
-        slipped: its probability in each frame [-].
+        slipped: probability of a slip in each frame [-].
     """
     over = slipped > 0.5
     return int(over.argmax()) if over.any() else None
 
 
 def choose_bound(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]) -> float:
-    """The score above which to call a slip: the middle of the gap with the most right."""
+    """The threshold of the score with the most right calls, in the middle of its gap."""
     values = np.unique(score)
     bounds = np.concatenate([values[:1] - 1.0, 0.5 * (values[1:] + values[:-1])])
     right = [np.mean((score > bound) == slipped) for bound in bounds]
@@ -58,29 +58,29 @@ def choose_bound(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]
 
 
 def leave_out(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"], group: np.ndarray):
-    """Calls of a slip, each with the bound that is best for the other groups.
+    """Calls of a slip, each with the threshold that is best for the other groups.
 
     Args:
-        score: of each recording.
-        slipped: what became of it.
-        group: that it belongs to.
+        score: score of each recording.
+        slipped: whether the object slipped out, by recording.
+        group: group of each recording.
 
     Returns:
-        Bool array.
+        Whether each recording is called a slip.
     """
     called = np.zeros(len(score), dtype=bool)
-    for one in np.unique(group):
-        own = group == one
+    for name in np.unique(group):
+        own = group == name
         called[own] = score[own] > choose_bound(score[~own], slipped[~own])
     return called
 
 
 def apply_rule(moved: Float[np.ndarray, "frames n 2"], settings: RuleSettings) -> float:
-    """Share of its peak that the shear of the most sheared markers has lost in the end [-].
+    """Share of the peak shear that the most sheared markers have lost at the end [-].
 
     Args:
-        moved: of each marker since the first frame [px]; NaN where not seen.
-        settings: of the rule.
+        moved: motion of each marker since the first frame [px]; NaN if hidden.
+        settings: settings of the rule.
     """
     far = np.max(np.nan_to_num(np.linalg.norm(moved, axis=-1)), axis=0)
     top = np.argsort(-far)[: settings.markers]
@@ -94,12 +94,12 @@ def fit_probability(
     slipped: Bool[np.ndarray, " lifts"],
     settings: FitSettings,
 ) -> ShearSettings:
-    """The settings that make the outcomes most probable; only the numbers of probabilities change.
+    """Fit the settings of the probability to the outcomes by maximum likelihood with a prior.
 
     Args:
-        signs: as for `find_slip_probability` [-].
-        slipped: what became of each lift.
-        settings: of the fit.
+        signs: inputs of `find_slip_probability` [-].
+        slipped: whether the object slipped out, by lift.
+        settings: settings of the fit.
     """
 
     def unpack(x: np.ndarray) -> ShearSettings:

@@ -7,9 +7,9 @@ class RuleSettings(NamedTuple):
     """The ten-line rule.
 
     Attributes:
-        markers: those that move furthest, whose median shift is the shear.
-        least: peak of the shear from which a fall counts [px].
-        fallen: share of the peak by which it must fall to be a slip [-].
+        markers: number of the markers that move most; their median motion is the shear.
+        least: least peak of the shear for which a fall counts [px].
+        fallen: least fall of the shear, over its peak, that is called a slip [-].
     """
 
     markers: int = 10
@@ -18,15 +18,15 @@ class RuleSettings(NamedTuple):
 
 
 class FitSettings(NamedTuple):
-    """How the numbers that make probabilities are fitted.
+    """Settings of the fit of the probability.
 
-    The two outcomes separate without an error, so that the likelihood alone would make both
-    spreads 0. They get a log-normal prior.
+    The two outcomes separate without error, so the likelihood alone would drive both spreads to 0.
+    The spreads therefore have a log-normal prior.
 
     Attributes:
-        spread: its median [-].
-        width: its standard deviation, of the logarithm [-].
-        starts: values of `fallen` and `kept` that the fit begins with [-].
+        spread: median of the prior [-].
+        width: standard deviation of the logarithm in the prior [-].
+        starts: initial values of `fallen` and `kept` [-].
     """
 
     spread: float = 0.05
@@ -35,12 +35,12 @@ class FitSettings(NamedTuple):
 
 
 class View(NamedTuple):
-    """What the outside camera sees of an object in the gripper.
+    """Regions of the outside camera's view of an object in the gripper.
 
     Attributes:
         object_: left, top, width and height of the part of the object near the fingers [px].
-        gripper: the same of the finger with the sensor [px].
-        vanishing: point that the object moves towards where it slides along itself [px].
+        gripper: left, top, width and height of the finger with the sensor [px].
+        vanishing: vanishing point, towards which the sliding object moves [px].
     """
 
     object_: tuple[int, int, int, int]
@@ -52,25 +52,25 @@ VIEWS = {
     "object001": View((315, 175, 110, 125), (60, 180, 230, 150), (308.0, 40.0)),
     "object003": View((332, 200, 72, 100), (60, 180, 260, 150), (348.0, 103.0)),
 }
-"""Lifts that the outside camera has seen. The vanishing points are the fixed points of the
-similarities that take the first picture to the last one of the slips, medians."""
+"""Views of the objects recorded by the outside camera. A vanishing point is the median, over the
+slips, of the fixed point of the similarity from the first picture to the last."""
 
 FINGER_PX_PER_MM = 3.64
-"""By how much the fingers move apart in the outside pictures for 1 mm more of the gripper's width:
-a line through the 19 lifts of both objects leaves 0.2 px at one finger and 0.3 px at the other."""
+"""Distance by which the fingers move apart in the outside pictures per 1 mm of the gripper's width.
+A line through the 19 lifts of both objects leaves 0.2 px at one finger and 0.3 px at the other."""
 
 FOCAL_PX = 600.0
-"""Focal length of the outside camera [px]. Nobody gives it; 500 to 700 px are the fields of view,
-65° to 49°, of such cameras."""
+"""Focal length of the outside camera [px]. The data set does not give it; such cameras have 500 to
+700 px, a field of view of 65° to 49°."""
 
 SLID_MM = (1.0, 2.0, 3.0)
-"""Motion of the object against the gripper at which frames are compared [mm]."""
+"""Motions of the object relative to the gripper for which the lead is measured [mm]."""
 
 WORST = 6
-"""Least sure lifts of which pictures are shown."""
+"""Number of the least certain lifts that are shown."""
 
 SHOWN = 8
-"""Pictures of each of them."""
+"""Number of pictures for each of these lifts."""
 
 QUICK = "object003"
-"""The object whose lifts alone are taken if quick."""
+"""The only object of the quick size."""

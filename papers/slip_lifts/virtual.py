@@ -1,8 +1,8 @@
 """Virtual lifts: rendered pictures of objects that are held or slip, with truth.
 
-Spheres, cubes and cylinders are shifted along the gel, some turned as well, at friction from 0.2
-to 1.0; friction falls when the object slides, or does not. The pictures begin loaded, and go the
-way of `python -m estimation run` without options.
+Spheres, cubes and cylinders are shifted along the gel, and some are turned, with friction
+coefficients from 0.2 to 1.0. In some lifts friction falls once the object slides. The pictures
+begin loaded; `python -m estimation run` answers them without options.
 """
 
 from typing import NamedTuple
@@ -27,14 +27,14 @@ from papers.slip_lifts.scores import first_called
 SHAPES = ("sphere", "cube", "cylinder")
 RELIEFS = ("texture", "edges", "stripes", "smooth")
 DRAWS, QUICK_DRAWS = 36, 4
-"""Lifts of either kind."""
+"""Number of held lifts, and of lifts that slip."""
 UNSEEN = 9
-"""Poses before the first picture: the object is pressed on."""
+"""Poses before the first picture, in which the object is pressed on."""
 SOON = 2
-"""Frames after the onset of macro slip within which it should be called."""
+"""Frames within which macro slip should be called after its onset."""
 
 NEAR_SHARE, NEAR_MM = 0.05, 0.02
-"""Error of the slip that is asked for: a share of it [-], or a length."""
+"""Largest allowed error of the slip: a share of the slip [-], or a length [mm] if larger."""
 SLIP_FIGURES = (
     "median error [µm]",
     "90 % [µm]",
@@ -45,18 +45,18 @@ SLIP_FIGURES = (
 
 
 class VirtualLift(NamedTuple):
-    """A lift, as it was and as it is answered.
+    """The truth of a lift and its answers.
 
     Attributes:
-        shape: of the object.
-        relief: what it prints.
-        slips: whether it slips.
-        onset: first frame in which nothing sticks; None if it is held.
+        shape: shape of the object.
+        relief: relief that the object prints.
+        slips: whether the object slips.
+        onset: first frame in which nothing sticks; None for a held object.
         slipped: probability of a slip in each frame [-].
-        states: of the contact in each frame, as answered.
-        slid: slip of the object over the gel in each frame, as it was since the frame that the
-            answer counts from, the answer, and the half-width of its interval [mm]; NaN where it is
-            not answered.
+        states: estimated state of the contact in each frame.
+        slid: slip of the object over the gel in each frame [mm]: the truth since the frame from
+            which the estimate counts, the estimate, and the half-width of its interval. The last
+            two are NaN without an answer.
     """
 
     shape: str
@@ -69,17 +69,17 @@ class VirtualLift(NamedTuple):
 
     @property
     def called(self) -> int | None:
-        """First frame that is called a slip."""
+        """First frame called a slip; None without one."""
         return first_called(self.slipped)
 
     @property
     def delay(self) -> int | None:
-        """Frames from the onset to the call."""
+        """Frames from the onset to the call; None without an onset or a call."""
         return None if self.onset is None or self.called is None else self.called - self.onset
 
 
 def draw_lift(slips: bool, draw: int) -> tuple[str, Scene]:
-    """The shape and the scene of a lift, drawn at random."""
+    """The shape's name and the random scene of a lift."""
     rng = np.random.default_rng((int(slips), draw))
     shape = SHAPES[draw % len(SHAPES)]
     indenter, approach = shape_of(shape, rng)
@@ -106,7 +106,7 @@ def draw_lift(slips: bool, draw: int) -> tuple[str, Scene]:
 
 
 def answer_lift(slips: bool, draw: int) -> VirtualLift:
-    """Draw a lift, and run over its pictures as the command line does."""
+    """Render a lift, and answer its pictures as the command line does."""
     shape, scene = draw_lift(slips, draw)
     clip = VirtualClip(scene)
     answers = answer_clip(clip).frames
@@ -122,49 +122,49 @@ def answer_lift(slips: bool, draw: int) -> VirtualLift:
 
 
 def compare_slips(clip: VirtualClip, shears: list[Shear]) -> Float[np.ndarray, "3 frames"]:
-    """The slip of the object in each frame, the answer and its half-width, as `VirtualLift` has it.
+    """The true slip in each frame, the estimate and its half-width [mm], as in `VirtualLift.slid`.
 
     Args:
-        clip: whose pictures were answered, without a scale.
+        clip: the clip; its pictures were answered without a scale.
         shears: the answers.
     """
     truth, scale = clip.truth, clip.scene.camera.mm_per_px
-    found = np.array([(one.slip, one.slip_error, one.slip_since) for one in shears]).T
-    since = np.rint(np.nan_to_num(found[2]) * clip.scene.rate).astype(int)
+    estimated = np.array([(shear.slip, shear.slip_error, shear.slip_since) for shear in shears]).T
+    since = np.rint(np.nan_to_num(estimated[2]) * clip.scene.rate).astype(int)
     way = truth.shift - truth.gel_shift
-    # counted from a frame before any slip it is that over the gel that has slipped least
+    # counted from a frame before any slip: the slip of the gel's point that has slipped least
     slip = np.where(truth.slip[since] > 0.0, np.linalg.norm(way - way[since], axis=1), truth.slip)
-    return np.stack([slip, *(scale * found[:2])])
+    return np.stack([slip, *(scale * estimated[:2])])
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[VirtualLift]:
-    """Draw and answer the lifts."""
+    """Render and answer the lifts."""
     draws = range(QUICK_DRAWS if quick else DRAWS)
     return [answer_lift(*case) for case in track([(s, i) for i in draws for s in (False, True)])]
 
 
 def tables(result: list[VirtualLift]) -> dict[str, list[dict[str, object]]]:
-    """A row for each shape and for each thing printed; how far the slips found are off."""
-    shapes = {name: [one for one in result if one.shape == name] for name in SHAPES}
-    reliefs = {name: [one for one in result if one.relief == name] for name in RELIEFS}
+    """A row for each shape and relief, and the errors of the estimated slip."""
+    shapes = {name: [lift for lift in result if lift.shape == name] for name in SHAPES}
+    reliefs = {name: [lift for lift in result if lift.relief == name] for name in RELIEFS}
     groups = shapes | reliefs | {"all": result}
     slips = {
         f"{relief}, {'slipped' if slipped else 'held'}": [
-            one for one in reliefs[relief] if one.slips == slipped
+            lift for lift in reliefs[relief] if lift.slips == slipped
         ]
         for relief in RELIEFS
         for slipped in (False, True)
     }
     return {
-        "": [_row(name, some) for name, some in groups.items() if some],
-        "_slips": [_slip_row(name, some) for name, some in slips.items() if some],
+        "": [_row(name, lifts) for name, lifts in groups.items() if lifts],
+        "_slips": [_slip_row(name, lifts) for name, lifts in slips.items() if lifts],
     }
 
 
 def _slip_row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:
-    slid = np.concatenate([one.slid for one in lifts], axis=1)
-    slip, found, half = slid[:, np.isfinite(slid[1])]
-    off = np.abs(found - slip)
+    slid = np.concatenate([lift.slid for lift in lifts], axis=1)
+    slip, estimated, half = slid[:, np.isfinite(slid[1])]
+    off = np.abs(estimated - slip)
     row: dict[str, object] = {"lifts": name, "frames": slid.shape[1], "answered": len(slip)}
     if not len(slip):
         return row | dict.fromkeys(SLIP_FIGURES)
@@ -176,19 +176,19 @@ def _slip_row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:
         1e3 * np.median(half),
         100.0 * (off <= half).mean(),
     )
-    return row | {name: round(float(one)) for name, one in zip(SLIP_FIGURES, figures, strict=True)}
+    return row | {name: round(float(f)) for name, f in zip(SLIP_FIGURES, figures, strict=True)}
 
 
 def _row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:
-    held = [one for one in lifts if not one.slips]
-    slipped = [one for one in lifts if one.slips]
-    delays = [one.delay for one in slipped if one.delay is not None]
+    held = [lift for lift in lifts if not lift.slips]
+    slipped = [lift for lift in lifts if lift.slips]
+    delays = [lift.delay for lift in slipped if lift.delay is not None]
     soon = sum(abs(delay) <= SOON for delay in delays)
     return {
         "lifts": name,
         "held": len(held),
-        "called slips": sum(one.called is not None for one in held),
-        "macro slip in some frame": sum(State.MACRO_SLIP in one.states for one in held),
+        "called slips": sum(lift.called is not None for lift in held),
+        "macro slip in some frame": sum(State.MACRO_SLIP in lift.states for lift in held),
         "slipped": len(slipped),
         "called": len(delays),
         f"within {SOON} frames": soon,
@@ -198,14 +198,16 @@ def _row(name: str, lifts: list[VirtualLift]) -> dict[str, object]:
 
 
 def plot(result: list[VirtualLift]) -> Figure:
-    """Probability of a slip, from its onset in lifts that slip and from the first frame else."""
+    """Probability of a slip over the frames; in lifts that slip, frames count from the onset."""
     figure, axes = plt.subplots(1, 2, figsize=(10.0, 3.6), sharey=True, layout="constrained")
-    for one in result:
-        frames = np.arange(len(one.slipped)) - (one.onset or 0)
-        axes[int(one.slips)].plot(frames, one.slipped, color="C3" if one.slips else "C0", lw=0.8)
+    for lift in result:
+        frames = np.arange(len(lift.slipped)) - (lift.onset or 0)
+        axes[int(lift.slips)].plot(frames, lift.slipped, color="C3" if lift.slips else "C0", lw=0.8)
     for axis, title in zip(axes, ("held", "slipped"), strict=True):
         axis.axhline(0.5, color="0.5", lw=0.8)
-        axis.set_title(f"{title}: {sum(one.slips == (title == 'slipped') for one in result)} lifts")
+        axis.set_title(
+            f"{title}: {sum(lift.slips == (title == 'slipped') for lift in result)} lifts"
+        )
         axis.set_xlabel("frame" if title == "held" else "frames after nothing sticks")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("probability of a slip")

@@ -1,4 +1,4 @@
-"""The least sure lifts: pictures of the gel, and what was made of them below."""
+"""The least certain lifts: pictures of the gel, with the estimates below."""
 
 from collections.abc import Sequence
 
@@ -15,14 +15,14 @@ __all__ = ["compute", "plot", "tables"]
 
 
 def find_worst(study: Study) -> list[int]:
-    """Indices of the lifts whose outcome was given the least probability, the worst first."""
+    """Indices of the lifts whose true outcome got the lowest probability, worst first."""
     score = study.scores.get(LEFT_OUT, study.scores[OURS])
     right = np.where(study.slipped, score, 1.0 - score)
     return [int(i) for i in np.argsort(right)[: settings.WORST]]
 
 
 def tables(result: Study) -> dict[str, list[dict[str, object]]]:
-    """What speaks for a slip in each of them."""
+    """The evidence of a slip in each of these lifts."""
     rows = []
     for i in find_worst(result):
         lift = result.lifts[i]
@@ -30,9 +30,11 @@ def tables(result: Study) -> dict[str, list[dict[str, object]]]:
             "object": lift.label.object_,
             "lift": lift.label.lift,
             "label": "slipped" if lift.label.slipped else "held",
-            "greatest shear [px]": round(float(np.nanmax([one.shear for one in lift.shears])), 1),
-            "fallen by": round(float(np.nanmax([one.fallen for one in lift.shears])), 2),
-            "least print_hold": round(float(np.nanmin([one.hold for one in lift.shears])), 2),
+            "greatest shear [px]": round(
+                float(np.nanmax([shear.shear for shear in lift.shears])), 1
+            ),
+            "fallen by": round(float(np.nanmax([shear.fallen for shear in lift.shears])), 2),
+            "least print_hold": round(float(np.nanmin([shear.hold for shear in lift.shears])), 2),
         }
         shown = {n: result.scores[n][i] for n in (OURS, LEFT_OUT) if n in result.scores}
         rows.append(row | {name: round(float(score), 2) for name, score in shown.items()})
@@ -40,7 +42,7 @@ def tables(result: Study) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Study) -> Figure:
-    """A row of pictures for each, with shear, agreement of the print and probability below."""
+    """A row of pictures for each lift; below, shear, hold of the print and probability."""
     worst = find_worst(result)
     figure = plt.figure(figsize=(14, 3.4 * len(worst)), layout="constrained")
     parts = figure.subfigures(len(worst), 1, squeeze=False)[:, 0]
@@ -65,11 +67,11 @@ def plot(result: Study) -> Figure:
 
 
 def _draw_below(axis: Axes, shears: Sequence) -> None:
-    shear = np.array([one.shear for one in shears])
-    most = np.nanmax(shear)
-    axis.plot(shear / max(most, 1e-9), "C0", label=f"shear, over {most:.1f} px")
-    axis.plot([one.hold for one in shears], "C2", label="print_hold")
-    axis.plot([one.slipped for one in shears], "C3", label="probability of a slip")
+    size = np.array([shear.shear for shear in shears])
+    most = np.nanmax(size)
+    axis.plot(size / max(most, 1e-9), "C0", label=f"shear, over {most:.1f} px")
+    axis.plot([shear.hold for shear in shears], "C2", label="print_hold")
+    axis.plot([shear.slipped for shear in shears], "C3", label="probability of a slip")
     axis.axhline(0.5, color="0.7", lw=0.6)
     axis.set(ylim=(-0.05, 1.05), xlim=(0, len(shears) - 1))
     axis.legend(fontsize=7, loc="center left")

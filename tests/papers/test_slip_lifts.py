@@ -114,7 +114,7 @@ def test_motion_against_the_gripper_is_measured_in_mm():
     found = outside.measure_motion(pictures, view)
     # the median corner lies within 20 px of the middle of its patch
     assert found == pytest.approx(2.0 * np.arange(4) / scale, rel=0.03, abs=0.02)
-    with pytest.raises(ValueError, match="nothing to follow"):
+    with pytest.raises(ValueError, match="no corner to track"):
         outside.follow_points([np.zeros((50, 50), np.uint8)] * 2, (0, 0, 50, 50))
 
 
