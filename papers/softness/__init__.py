@@ -1,1 +1,1 @@
-"""What a fitted k mends: virtual objects on a half-space, a real pivot finger against finger."""
+"""The gain of a fitted k: virtual objects on a half-space, and a real pivot with two fingers."""

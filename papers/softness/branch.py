@@ -1,11 +1,11 @@
-"""The real pivot `tac3d-pivot`: the moment against the angle, from one finger to the other.
+"""The real pivot `tac3d-pivot`: one finger's moment–angle curve predicted from the other finger's.
 
-An object that turned in full slip and is then turned back follows [Lubkin1951]'s curve enlarged
-twice ([Masing1926]) until it slips the other way. That branch is fitted to one finger: its limit
-gives μ, its stiffness G, both effective, since the contact is elongated and the pad no half-space.
-With them and its own normal force and size of contact the other finger's branch is predicted. One
-recording begins when the object is already on its way back; how far is fitted, and of a prediction
-taken from the moment with which the recording begins.
+An object that turned in full slip and then turns back follows [Lubkin1951]'s curve enlarged twice
+([Masing1926]) until it slips the other way. This branch is fitted to one finger. Its limit gives μ,
+its stiffness G; both are effective values, since the contact is elongated and the pad is not a
+half-space. The other finger's branch is predicted from them and from that finger's own normal force
+and contact size. One recording begins when the object is already on its way back. The missing angle
+is fitted; for a prediction it follows from the recording's first moments.
 
 [Lubkin1951] J. L. Lubkin, "The torsion of elastic spheres in contact"; [Masing1926] G. Masing,
 "Eigenspannungen und Verfestigung beim Messing".
@@ -30,28 +30,28 @@ from estimation.tracking.tracker import estimate_angles
 from papers.items import Track
 
 _LIMIT = 3.0 * np.pi / 16.0
-"""Moment of full slip over μ F a, Hertz pressure [-]."""
+"""Moment of full slip over μ F a, for Hertz pressure [-]."""
 
 _STIFFNESS = 16.0 / 3.0
-"""Stiffness without slip over G a³, a rigid object on a half-space [-]."""
+"""Stiffness without slip over G a³, for a rigid object on a half-space [-]."""
 
 _FIRST = 3
-"""Frames whose mean moment tells where on a predicted branch a recording begins."""
+"""Frames whose mean moment determines where on a predicted branch a recording begins."""
 
 _MOST_EARLIER = np.radians(60.0)
 
 
 class Finger(NamedTuple):
-    """One finger's turn, from where its outline turns back.
+    """The turn on one finger since its outline turned back.
 
     Attributes:
-        angle: of the outline, since then [rad].
-        moment: about the normal [N·mm].
-        force: normal force, mean [N].
-        radius: of the contact, mean [mm].
-        sign: which way it turns, ±1.
-        branch: through all of it, from full slip the other way; its covariance that of ln limit,
-            ln stiffness and the angle at which it began.
+        angle: angle of the outline since then [rad].
+        moment: moment about the normal [N·mm].
+        force: mean normal force [N].
+        radius: mean radius of the contact [mm].
+        sign: direction of the turn, ±1.
+        branch: branch fitted to all frames, from full slip the other way. Its covariance is that of
+            ln limit, ln stiffness and the angle at which it began.
     """
 
     angle: Float[np.ndarray, " frames"]
@@ -72,7 +72,7 @@ class Finger(NamedTuple):
         return self.branch.stiffness / (_STIFFNESS * self.radius**3)
 
     def predict(self, other: "Finger") -> Float[np.ndarray, " frames"]:
-        """Moment on this finger, from the other one's μ and G [N·mm]."""
+        """Predict the moment on this finger from another finger's μ and G [N·mm]."""
         limit = _LIMIT * other.friction * self.force * self.radius
         stiffness = _STIFFNESS * other.shear_modulus * self.radius**3
         earlier = np.linspace(0.0, _MOST_EARLIER, 1000)
@@ -83,10 +83,10 @@ class Finger(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> dict[str, Finger]:
-    """Both fingers."""
+    """Measure and fit both fingers; the quick size is the full one."""
     del quick
     recordings = [read_recording(path) for path in find_recordings(datasets.fetch("tac3d-pivot"))]
-    return {one.name: _follow(one) for one in track(recordings)}
+    return {recording.name: _follow(recording) for recording in track(recordings)}
 
 
 def _follow(recording: Recording) -> Finger:
@@ -109,7 +109,7 @@ def _follow(recording: Recording) -> Finger:
 
 
 def _from_slip(limit: float, stiffness: float, earlier: float, sign: float) -> Branch:
-    """The branch that began in full slip the other way, so far before angle 0."""
+    """The branch that began in full slip the other way, by the angle `earlier` [rad] before 0."""
     unknown = np.full((3, 3), np.nan)
     return Branch(-sign * earlier, sign, limit, stiffness, -limit, unknown, np.nan, 0)
 
@@ -117,53 +117,55 @@ def _from_slip(limit: float, stiffness: float, earlier: float, sign: float) -> B
 def _fit(
     angle: Float[np.ndarray, " frames"], moment: Float[np.ndarray, " frames"], sign: float
 ) -> Branch:
-    """Limit, stiffness and how much earlier the branch began."""
+    """Fit the branch's limit and stiffness, and the angle by which it began earlier."""
 
     def branch(x: np.ndarray) -> Branch:
         return _from_slip(float(np.exp(x[0])), float(np.exp(x[1])), float(x[2]), sign)
 
     largest = float(np.abs(moment).max())
-    found = least_squares(
+    solved = least_squares(
         lambda x: branch(x).moment(angle) - moment,
         [np.log(largest), np.log(4.0 * largest / np.ptp(angle)), 0.05],
         bounds=([-np.inf, -np.inf, 0.0], [np.inf, np.inf, _MOST_EARLIER]),
         x_scale=[0.1, 0.1, 0.02],
         diff_step=1e-3,
     )
-    rms = float(np.sqrt(np.mean(found.fun**2)))
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * rms**2 * MarginSettings().noise_frames
-    return branch(found.x)._replace(covariance=covariance, rms=rms, points=len(angle))
+    rms = float(np.sqrt(np.mean(solved.fun**2)))
+    covariance = np.linalg.pinv(solved.jac.T @ solved.jac) * rms**2 * MarginSettings().noise_frames
+    return branch(solved.x)._replace(covariance=covariance, rms=rms, points=len(angle))
 
 
 def tables(result: dict[str, Finger]) -> dict[str, list[dict[str, object]]]:
-    """What each finger gives, and what is left on each by where the branch is from."""
+    """The fitted values of each finger, and the residual on each finger by the branch's source."""
     fitted: list[dict[str, object]] = [
         {
             "finger": name,
-            "turn [°]": round(float(np.degrees(np.ptp(one.angle))), 1),
-            "began before [°]": round(abs(float(np.degrees(one.branch.start))), 1),
-            "force [N]": round(one.force, 2),
-            "contact radius [mm]": round(one.radius, 2),
-            "limit [N·mm]": _with_error(one.branch.limit, one.branch.covariance[0, 0]),
-            "stiffness [N·mm/rad]": _with_error(one.branch.stiffness, one.branch.covariance[1, 1]),
-            "μ": round(one.friction, 3),
-            "G [MPa]": round(one.shear_modulus, 4),
+            "turn [°]": round(float(np.degrees(np.ptp(finger.angle))), 1),
+            "began before [°]": round(abs(float(np.degrees(finger.branch.start))), 1),
+            "force [N]": round(finger.force, 2),
+            "contact radius [mm]": round(finger.radius, 2),
+            "limit [N·mm]": _with_error(finger.branch.limit, finger.branch.covariance[0, 0]),
+            "stiffness [N·mm/rad]": _with_error(
+                finger.branch.stiffness, finger.branch.covariance[1, 1]
+            ),
+            "μ": round(finger.friction, 3),
+            "G [MPa]": round(finger.shear_modulus, 4),
         }
-        for name, one in result.items()
+        for name, finger in result.items()
     ]
     tested: list[dict[str, object]] = [
         {
             "tested on": name,
             "branch from": source,
-            "rms left [N·mm]": round(float(np.sqrt(np.mean(left**2))), 2),
-            "largest [N·mm]": round(float(np.abs(left).max()), 2),
+            "rms left [N·mm]": round(float(np.sqrt(np.mean(residual**2))), 2),
+            "largest [N·mm]": round(float(np.abs(residual).max()), 2),
             "rms over range [%]": round(
-                100 * float(np.sqrt(np.mean(left**2)) / np.ptp(one.moment)), 1
+                100 * float(np.sqrt(np.mean(residual**2)) / np.ptp(finger.moment)), 1
             ),
         }
-        for name, one in result.items()
+        for name, finger in result.items()
         for source, other in result.items()
-        for left in [_left(one, other)]
+        for residual in [_residual(finger, other)]
     ]
     return {"": fitted, "_tested": tested}
 
@@ -172,24 +174,24 @@ def _with_error(value: float, variance: float) -> str:
     return f"{value:.4g} ± {Z95 * value * np.sqrt(variance):.2g}"
 
 
-def _left(one: Finger, other: Finger) -> Float[np.ndarray, " frames"]:
-    """Recorded less fitted, or predicted, moment [N·mm]."""
-    predicted = one.branch.moment(one.angle) if one is other else one.predict(other)
-    return one.moment - predicted
+def _residual(finger: Finger, other: Finger) -> Float[np.ndarray, " frames"]:
+    """Recorded minus fitted or predicted moment [N·mm]."""
+    predicted = finger.branch.moment(finger.angle) if finger is other else finger.predict(other)
+    return finger.moment - predicted
 
 
 def plot(result: dict[str, Finger]) -> Figure:
-    """Moments, the fitted branch and the predicted one."""
+    """The recorded moments over the angle, with the fitted and the predicted branch."""
     figure, axes = plt.subplots(
         1, len(result), figsize=(10, 3.8), layout="constrained", squeeze=False
     )
-    for axis, (name, one) in zip(axes[0], result.items(), strict=True):
-        turn = np.degrees(one.angle)
-        axis.plot(turn, one.moment, ".", ms=4, color="0.4", label="recorded")
-        axis.plot(turn, one.branch.moment(one.angle), color="#08306b", label="fitted to it")
+    for axis, (name, finger) in zip(axes[0], result.items(), strict=True):
+        turn = np.degrees(finger.angle)
+        axis.plot(turn, finger.moment, ".", ms=4, color="0.4", label="recorded")
+        axis.plot(turn, finger.branch.moment(finger.angle), color="#08306b", label="fitted to it")
         for source, other in result.items():
             if source != name:
-                axis.plot(turn, one.predict(other), "--", color="#c1440e",
+                axis.plot(turn, finger.predict(other), "--", color="#c1440e",
                           label=f"predicted from {source}")  # fmt: skip
         axis.set_title(name, fontsize=10)
         axis.set_xlabel("turn of the outline [°]")

@@ -1,7 +1,8 @@
-"""Soft objects pressed on a layer and turned, for `papers sweep`: what `layered` reads.
+"""Soft objects pressed on a layer and turned, for `papers sweep`; input of `layered`.
 
-Each case is a path of ten contacts: a cube, a sphere or a lying cylinder, pressed on, then turned
-by 12°. A grasp is its size: two are for fitting, two, one smaller and one larger, for testing.
+Each case is a path of ten contacts: a cube, a sphere or a lying cylinder is pressed on and then
+turned by 12°. Grasps differ in contact size: two are for fitting, and two, one smaller and one
+larger, for testing.
 """
 
 import jax.numpy as jnp
@@ -23,7 +24,7 @@ from papers.sweeps import Study
 
 RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0)
 THICKNESSES = (2.0, 3.0, 5.0, np.inf)
-"""Of the elastomer, bonded to its base; inf is a half-space, solved as a layer of 60 mm [mm]."""
+"""Thickness of the bonded elastomer [mm]; inf is a half-space, solved as a layer of 60 mm."""
 
 SHAPES = ("cube", "sphere", "cylinder")
 SIZES = {
@@ -33,7 +34,7 @@ SIZES = {
 }
 """Grasps: width of the cube's face, radius of a sphere's contact, length of the cylinder [mm].
 
-Spheres and cylinders are as large as gives such a contact between half-spaces.
+The radii of spheres and cylinders follow from their contact between half-spaces.
 """
 
 FITTED, TESTED = (0, 1), (2, 3)
@@ -44,28 +45,28 @@ MARKERS, PITCH = 20, 1.0
 """Markers along a side, and their distance [mm]."""
 
 OFFSETS = ((0.13, -0.21), (-0.32, 0.08), (0.4, 0.27), (-0.05, -0.44))
-"""Of the markers against the object's axis, by grasp [mm]."""
+"""Offset of the markers from the object's axis, by grasp [mm]."""
 
 SHEAR_MODULUS, POISSON_RATIO, FRICTION = 0.2, 0.48, 0.8
 EDGE = 0.5
 """Radius of the cube's edges and of the cylinder's ends [mm]."""
 
 _THICK = 60.0  # mm
-_CELLS, _SIZE = 44, 15.0  # of the grid, and its side [mm]
-_INDENTATION = 0.3  # of the elastomer, about [mm]
-_STIFFENING = 3.5  # layer against half-space when pressed: 1 + (this/h)² [mm]
-_HALF_WIDTH = 2.5  # of the cylinder's contact [mm]
+_CELLS, _SIZE = 44, 15.0  # cells along a side of the grid, and its length [mm]
+_INDENTATION = 0.3  # approximate indentation of the elastomer [mm]
+_STIFFENING = 3.5  # a pressed layer is stiffer than a half-space by 1 + (this/h)² [mm]
+_HALF_WIDTH = 2.5  # half-width of the cylinder's contact [mm]
 
 
 def markers(grasp: int) -> Float[np.ndarray, "n 2"]:
-    """Of a grasp, in the frame of the object [mm]."""
+    """Positions of a grasp's markers in the object's frame [mm]."""
     at = PITCH * (np.arange(MARKERS) - 0.5 * (MARKERS - 1))
     x, y = np.meshgrid(at, at)
     return np.stack([x, y], -1).reshape(-1, 2) + np.asarray(OFFSETS[grasp])
 
 
 def cases(quick: bool) -> dict[str, np.ndarray]:
-    """Every combination; the quick table has one object."""
+    """All combinations; the quick table has one object."""
     axes = (RATIOS, THICKNESSES, range(len(SHAPES)), range(4))
     if quick:
         axes = ((0.5,), (2.0,), (SHAPES.index("sphere"),), range(4))
@@ -79,13 +80,13 @@ def evaluate(
     shape: Array,
     grasp: Array,
 ) -> dict[str, Array]:
-    """Along the path: displacement of the markers, which are under the object, which stick."""
+    """Displacement of the markers [mm], and masks of contact and stick, along the path."""
     grid = Grid((_CELLS, _CELLS), (_SIZE, _SIZE))
     sizes = jnp.asarray([SIZES[name] for name in SHAPES])[shape, grasp]
     twist = jnp.radians(jnp.concatenate([jnp.zeros(1), jnp.asarray(TWISTS_DEG)]))
     points = jnp.asarray(grid.points)
     stiffening = 1.0 + (_STIFFENING / thickness) ** 2
-    approach = _INDENTATION * (1.0 + stiffness_ratio * stiffening)  # the rest is the object's
+    approach = _INDENTATION * (1.0 + stiffness_ratio * stiffening)  # adds the object's indentation
     heights = jnp.stack([
         SquarePunch(jnp.where(shape == 0, sizes, 5.0), EDGE).height(points),
         Paraboloid(sizes**2 / approach).height(points),
@@ -104,7 +105,7 @@ def evaluate(
     )
     at = jnp.stack([jnp.asarray(markers(i)) for i in range(4)])[grasp]
     pressed = path.at_step(0).elastomer_displacement_at(at)
-    carried = at + pressed[:, :2]  # a turn takes markers round from where pressing has put them
+    carried = at + pressed[:, :2]  # the turn starts from the pressed positions
     turned = path.elastomer_displacement_at(carried)
     index = jnp.floor(at / jnp.asarray(grid.spacing) + 0.5 * _CELLS).astype(int)
     inside = jnp.all((index >= 0) & (index < _CELLS), axis=1)
@@ -117,11 +118,11 @@ def evaluate(
 
 
 def _lying_cylinder(points: Array, radius: Array, length: Array) -> Array:
-    """Height of a cylinder along y, x²/2R across, its ends rounded like the cube's edges."""
+    """Height of a cylinder along y: x²/2R across, with ends rounded like the cube's edges [mm]."""
     x, y = points
     ends = SquarePunch(length, EDGE).height(jnp.stack([jnp.zeros_like(y), y]))
     return x**2 / (2.0 * radius) + ends
 
 
-# alone: on a processor a batch waits for its slowest path
+# batches of one: a larger batch waits for its slowest path
 STUDY = Study(cases, evaluate, uses=("contactmodel",))

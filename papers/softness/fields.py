@@ -1,10 +1,10 @@
-"""Shear modulus, thickness and friction from fields: how near, when not at all, how sure.
+"""Shear modulus, thickness and friction from fields: errors, flagged numbers and coverage.
 
-A ball is pressed on a bonded layer and twisted; 400 markers with 1 µm of noise in the plane and
-3 µm along z show both states, and force and moment are measured. Five numbers are sought from
-starts that are 25 to 50 % off. The fields that are fitted come from a finer grid, so what the
-fit's own grid leaves is in the errors; coverage is counted with fields from the same grid, many
-draws of noise on a coarse one.
+A ball is pressed on a bonded layer and twisted. 400 markers, with noise of 1 µm in the plane and
+3 µm along z, show both states; force and moment are measured. Five numbers are fitted from starting
+values that are 25 to 50 % off. The fitted fields come from a finer grid, so the errors include that
+of the fit's own grid. The coverage of the intervals is counted over many draws of noise, with
+fields and fits on one coarse grid.
 """
 
 from collections.abc import Mapping
@@ -48,13 +48,13 @@ _TRUTH = {
 
 
 class Experiment(NamedTuple):
-    """A contact and what is measured of it.
+    """A contact and its measured quantities.
 
     Attributes:
-        name: for readers.
-        changed: of the truth, by name.
+        name: description for readers.
+        changed: numbers that differ from the common truth, by name.
         forces: whether force and moment are measured.
-        along_z: whether the markers' displacement along z is.
+        along_z: whether the markers' displacement along z is measured.
     """
 
     name: str
@@ -64,12 +64,12 @@ class Experiment(NamedTuple):
 
     @property
     def truth(self) -> dict[str, Any]:
-        """Every number."""
+        """The true value of every number, by name."""
         return {name: np.asarray(value) for name, value in (_TRUTH | dict(self.changed)).items()}
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """What the fit is told."""
+        """The numbers given to the fit: true values, and start and range of the unknown ones."""
         return self.truth | SOUGHT
 
 
@@ -84,16 +84,16 @@ EXPERIMENTS = (
     Experiment("all sticks", {"friction_coefficient": 2.0, "twist": np.radians([0.0, 0.5])}),
 )
 COVERED = (0, 4, 5)
-"""Of them, those that coverage is counted of."""
+"""Indices of the experiments whose coverage is counted."""
 
 
 class Result(NamedTuple):
     """Fits of the experiments.
 
     Attributes:
-        fits: by experiment, one for each draw of noise.
-        inside: by experiment, for each draw and number whether the interval holds the truth; NaN
-            where no interval is given.
+        fits: fits by experiment, one for each draw of noise.
+        inside: by experiment, whether the interval of each draw and number holds the truth; NaN
+            without an interval.
     """
 
     fits: dict[str, list[FieldFit]]
@@ -101,24 +101,24 @@ class Result(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Result:
-    """Fit every experiment, and the covered ones over and over."""
+    """Fit every experiment, and for the coverage some of them many times."""
     chosen = EXPERIMENTS[5:6] if quick else EXPERIMENTS
     covered = () if quick else tuple(EXPERIMENTS[i] for i in COVERED)
     cells, fine = (COVER_CELLS, COVER_CELLS) if quick else (CELLS, FINE_CELLS)
-    jobs = [(one, cells, fine, 1 if quick else DRAWS) for one in chosen]
-    jobs += [(one, COVER_CELLS, COVER_CELLS, COVER_DRAWS) for one in covered]
-    found = [_fit(*job) for job in track(jobs)]
+    jobs = [(experiment, cells, fine, 1 if quick else DRAWS) for experiment in chosen]
+    jobs += [(experiment, COVER_CELLS, COVER_CELLS, COVER_DRAWS) for experiment in covered]
+    fitted = [_fit(*job) for job in track(jobs)]
     return Result(
-        {one.name: fits for one, fits in zip(chosen, found[: len(chosen)], strict=True)},
+        {e.name: fits for e, fits in zip(chosen, fitted[: len(chosen)], strict=True)},
         {
-            one.name: np.stack([_holds(one, fit) for fit in fits])
-            for one, fits in zip(covered, found[len(chosen) :], strict=True)
+            experiment.name: np.stack([_holds(experiment, fit) for fit in fits])
+            for experiment, fits in zip(covered, fitted[len(chosen) :], strict=True)
         },
     )
 
 
 def _fit(experiment: Experiment, cells: int, fine: int, draws: int) -> list[FieldFit]:
-    """Fits on so many cells to fields from so many."""
+    """Fits on a grid of `cells`² to fields from a grid of `fine`², one for each draw of noise."""
     seen = _predict(plan(fine), experiment.truth)
     return [
         fit_fields(plan(cells), experiment.numbers, measure(seen, experiment, draw))
@@ -141,14 +141,20 @@ _predict = eqx.filter_jit(FieldModel.predict)
 
 @lru_cache
 def plan(cells: int) -> FieldModel:
-    """The model of both states on so many cells along a side."""
+    """The model of both states, on a grid with `cells` along a side."""
     at = 0.5 * (np.arange(20) - 9.5)
     markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
     return FieldModel(_BALL, Grid((cells, cells), (SIZE_MM, SIZE_MM)), markers, frames=2)
 
 
 def measure(seen: Prediction, experiment: Experiment, draw: int) -> FieldData:
-    """What an experiment shows, with a draw of noise."""
+    """The data of an experiment with a draw of noise.
+
+    Args:
+        seen: fields, force and moment without noise.
+        experiment: the experiment; it determines which data are NaN.
+        draw: seed of the noise.
+    """
     rng = np.random.default_rng(draw)
     fields, force, moment = (
         np.asarray(value) + error * rng.normal(size=value.shape)
@@ -162,8 +168,8 @@ def measure(seen: Prediction, experiment: Experiment, draw: int) -> FieldData:
 
 
 def tables(result: Result) -> dict[str, list[dict[str, object]]]:
-    """Largest error of each number, with its standard error; and the share of intervals."""
-    by_name = {one.name: one for one in EXPERIMENTS}
+    """The largest error of each number with its standard error, and the coverage."""
+    by_name = {experiment.name: experiment for experiment in EXPERIMENTS}
     fitted: list[dict[str, object]] = []
     for name, fits in result.fits.items():
         row: dict[str, object] = {"experiment": name}
@@ -171,37 +177,41 @@ def tables(result: Result) -> dict[str, list[dict[str, object]]]:
             row[f"{number} [%]"] = _show(fits, i, _sought(by_name[name])[i])
         row["χ² by freedom"] = round(float(np.median([fit.misfit for fit in fits])), 2)
         fitted.append(row)
-    shown: dict[str, list[dict[str, object]]] = {"": fitted}
+    result_tables: dict[str, list[dict[str, object]]] = {"": fitted}
     if result.inside:
-        shown["_coverage"] = [_cover(name, inside) for name, inside in result.inside.items()]
-    return shown
+        result_tables["_coverage"] = [
+            _cover(name, inside) for name, inside in result.inside.items()
+        ]
+    return result_tables
 
 
 def _cover(name: str, inside: Float[np.ndarray, "draws p"]) -> dict[str, object]:
-    """Share of the draws in which the interval of each number holds the truth."""
+    """Share of the draws in which a number's interval holds the truth, for each number."""
     row: dict[str, object] = {"experiment": name, "fits": len(inside)}
-    for number, held in zip(SOUGHT, inside.T, strict=True):
-        given = held[np.isfinite(held)]
-        row[f"{number} [%]"] = round(100 * float(given.mean()), 1) if given.size else "flagged"
-        if 0 < given.size < held.size:
-            row[f"{number} [%]"] = f"{row[f'{number} [%]']} ({held.size - given.size} without)"
+    for number, holds in zip(SOUGHT, inside.T, strict=True):
+        known = holds[np.isfinite(holds)]
+        row[f"{number} [%]"] = round(100 * float(known.mean()), 1) if known.size else "flagged"
+        if 0 < known.size < holds.size:
+            row[f"{number} [%]"] = f"{row[f'{number} [%]']} ({holds.size - known.size} without)"
     return row
 
 
 def _show(fits: list[FieldFit], i: int, truth: float) -> str:
-    """Largest error of a number and its standard error, in percent, or that it is flagged."""
-    given = [fit for fit in fits if fit.determined[i]]
-    if not given:
+    """Largest error of a number and its standard error, in percent; or `flagged`."""
+    determined = [fit for fit in fits if fit.determined[i]]
+    if not determined:
         return "flagged"
-    off = max(abs(fit.values[i] / truth - 1.0) for fit in given)
-    error = np.median([np.sqrt(fit.covariance[i, i]) for fit in given])
+    off = max(abs(fit.values[i] / truth - 1.0) for fit in determined)
+    error = np.median([np.sqrt(fit.covariance[i, i]) for fit in determined])
     shown = f"{100 * off:.2f} (± {100 * error:.2f})"
-    return shown if len(given) == len(fits) else f"{shown}, {len(fits) - len(given)} flagged"
+    return (
+        shown if len(determined) == len(fits) else f"{shown}, {len(fits) - len(determined)} flagged"
+    )
 
 
 def plot(result: Result) -> Figure:
-    """Errors of the numbers that are given, with their 95 % intervals."""
-    by_name = {one.name: one for one in EXPERIMENTS}
+    """Errors of the determined numbers, with their 95 % intervals."""
+    by_name = {experiment.name: experiment for experiment in EXPERIMENTS}
     figure, axes = plt.subplots(
         1, len(SOUGHT), figsize=(12.0, 1.2 + 0.4 * len(result.fits)), sharey=True,
         layout="constrained",

@@ -1,8 +1,9 @@
 """Soft objects on thin elastomers: k fitted on two grasps, tested on a smaller and a larger one.
 
-The contacts are those of `contacts`. Both softnesses, the number k of Eq. (13), which is that of a
-half-space, and the layered one, are fitted to the same two grasps. A frame of the other two counts
-where ten markers or more have always stuck; without an answer its error is as large as the angle.
+The module `contacts` solves the contacts. Two kinds of softness are fitted to the same two grasps:
+the number k of Eq. (13), which is exact for half-spaces, and the layered softness. A frame of the
+other two grasps counts if at least ten markers have always stuck; a missing answer counts as an
+error of the full angle.
 """
 
 from collections.abc import Mapping
@@ -30,13 +31,13 @@ from papers.sweeps import run_study
 NOISES_MM = (1e-3, 1e-2)
 FIRM = 10
 UNLOADED, HELD = 10, 12
-"""Frames before the contact, and under full load before the turn."""
+"""Frames before the contact, and frames under full load before the turn."""
 
 SHARE, FLOOR_DEG = 0.02, 0.1
-"""What is asked of the error: a share of the angle, or so much, whichever is larger."""
+"""Largest allowed error: a share of the angle [-], or an angle [deg], whichever is larger."""
 
 REFERENCE_ERROR, MODEL_ERROR = 1e-3, 5e-3
-"""What the fit is told of the angle's error [rad], and of its share that the models may be off."""
+"""Errors given to the fit: of the reference angle [rad], and of the models over the angle [-]."""
 
 WAYS = ("none", "scalar", "layered")
 
@@ -48,14 +49,14 @@ class Cell(NamedTuple):
     """One object on one elastomer, at one noise.
 
     Attributes:
-        shape: of the object.
+        shape: shape of the object.
         k: true stiffness ratio [-].
-        thickness: of the elastomer [mm].
-        noise: of the markers in the plane [mm].
-        found: k by the scalar and the layered fit [-]; NaN where refused.
+        thickness: thickness of the elastomer [mm].
+        noise: noise of the markers in the plane [mm].
+        found: k by the scalar and the layered fit [-]; NaN if the fit failed.
         error: mean absolute error over the angle, by way [-].
-        within: share of frames within what is asked, by way [-].
-        frames: tested.
+        within: share of the frames within the allowed error, by way [-].
+        frames: number of tested frames.
     """
 
     shape: str
@@ -78,24 +79,26 @@ class _Seen:
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Cell]:
-    """Solve what `python -m papers sweep papers.softness.contacts` has not, then fit and test."""
-    found = run_study("papers.softness.contacts", quick, track)
-    if found.failures:
-        raise ValueError(f"{len(found.failures)} contacts failed: {found.failures}")
-    table = {name: np.asarray(column) for name, column in found.table.items()}
-    objects = np.arange(len(table["grasp"])).reshape(-1, len(contacts.OFFSETS))  # grasps go fastest
+    """Solve the contacts missing in the sweep `papers.softness.contacts`, then fit and test."""
+    solved = run_study("papers.softness.contacts", quick, track)
+    if solved.failures:
+        raise ValueError(f"{len(solved.failures)} contacts failed: {solved.failures}")
+    table = {name: np.asarray(column) for name, column in solved.table.items()}
+    objects = np.arange(len(table["grasp"])).reshape(
+        -1, len(contacts.OFFSETS)
+    )  # grasps vary fastest
     noises = NOISES_MM[:1] if quick else NOISES_MM
     cells = []
     for rows in track(objects):
         for noise in noises:
-            grasps = [_make(found.values, table, int(row), noise) for row in rows]
+            grasps = [_make(solved.values, table, int(row), noise) for row in rows]
             first = {name: column[rows[0]].item() for name, column in table.items()}
             cells.append(_test(first, grasps, noise))
     return cells
 
 
 def _make(values: Values, table: Values, row: int, noise: float) -> _Seen:
-    """A recording of a solved path, unloaded and held before it."""
+    """A recording of a solved path, with unloaded and held frames before it."""
     grasp = int(table["grasp"][row])
     plane = contacts.markers(grasp)
     reference = np.pad(plane, ((0, 0), (0, 1)))
@@ -106,8 +109,10 @@ def _make(values: Values, table: Values, row: int, noise: float) -> _Seen:
     before = UNLOADED + HELD
     turn = np.radians(contacts.TWISTS_DEG)
     angle = np.concatenate([np.full(UNLOADED, np.nan), np.zeros(HELD), turn])
-    kept = contact & ~np.logical_or.accumulate(contact & ~stick, axis=0)
-    firm = np.concatenate([np.zeros(before, dtype=bool), (kept.sum(axis=1) >= FIRM) & (turn > 0.0)])
+    stuck = contact & ~np.logical_or.accumulate(contact & ~stick, axis=0)
+    firm = np.concatenate(
+        [np.zeros(before, dtype=bool), (stuck.sum(axis=1) >= FIRM) & (turn > 0.0)]
+    )
     side = (contacts.MARKERS, contacts.MARKERS)
     count = len(positions)
     recording = Recording(
@@ -125,46 +130,48 @@ def _make(values: Values, table: Values, row: int, noise: float) -> _Seen:
     return _Seen(replace(recording, positions=noisy), angle, firm)
 
 
-def _test(first: dict, grasps: list[_Seen], noise: float) -> Cell:
-    told = Noise.given(noise)
+def _test(first: dict, grasps: list[_Seen], noise_mm: float) -> Cell:
+    noise = Noise.given(noise_mm)
     k, h = first["stiffness_ratio"], first["thickness"]
     fitted = [grasps[i] for i in contacts.FITTED]
     ways: dict[str, Softness | None] = {
         "none": ScalarSoftness(),
-        "scalar": _fit(fitted, told, np.inf),
-        "layered": _fit(fitted, told, h),
+        "scalar": _fit(fitted, noise, np.inf),
+        "layered": _fit(fitted, noise, h),
     }
     error, within = {}, {}
     frames = 0
     for name, softness in ways.items():
-        off, size = [], []
+        deviation, size = [], []
         for seen in (grasps[i] for i in contacts.TESTED):
             angle = np.zeros(len(seen.angle))
             if softness is not None:
-                found = estimate_angles(
-                    seen.recording, "incremental", noise=told, softness=softness
+                result = estimate_angles(
+                    seen.recording, "incremental", noise=noise, softness=softness
                 )
-                angle = np.nan_to_num(found.angle)
-            off.append(np.abs(angle - seen.angle)[seen.firm])
+                angle = np.nan_to_num(result.angle)
+            deviation.append(np.abs(angle - seen.angle)[seen.firm])
             size.append(seen.angle[seen.firm])
-        off, size = np.concatenate(off), np.concatenate(size)
-        frames = len(off)
-        error[name] = float(np.mean(off / size))
-        within[name] = float(np.mean(off <= np.maximum(SHARE * size, np.radians(FLOOR_DEG))))
+        deviation, size = np.concatenate(deviation), np.concatenate(size)
+        frames = len(deviation)
+        error[name] = float(np.mean(deviation / size))
+        within[name] = float(np.mean(deviation <= np.maximum(SHARE * size, np.radians(FLOOR_DEG))))
     ks = [
         float("nan") if one is None else one.stiffness_ratio
         for one in (ways["scalar"], ways["layered"])
     ]
-    return Cell(contacts.SHAPES[first["shape"]], k, h, noise, (ks[0], ks[1]), error, within, frames)
+    return Cell(
+        contacts.SHAPES[first["shape"]], k, h, noise_mm, (ks[0], ks[1]), error, within, frames
+    )
 
 
 def _fit(grasps: list[_Seen], noise: Noise, thickness: float) -> Softness | None:
-    """k on an elastomer of known thickness; none where the fit refuses."""
+    """Fit k on an elastomer of known thickness; None if the fit fails."""
     turns = []
-    for one in grasps:
-        error = np.hypot(REFERENCE_ERROR, MODEL_ERROR * one.angle)
-        truth = Reference(one.recording.time, one.angle, error, True, True, "truth")
-        turns.append(Grasp(one.recording, truth, noise))
+    for seen in grasps:
+        error = np.hypot(REFERENCE_ERROR, MODEL_ERROR * seen.angle)
+        truth = Reference(seen.recording.time, seen.angle, error, True, True, "truth")
+        turns.append(Grasp(seen.recording, truth, noise))
     try:
         return fit_layered_softness(turns, Layer(thickness)).softness
     except ValueError:
@@ -176,25 +183,25 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
     return {
         "": [
             {
-                "shape": one.shape,
-                "h [mm]": one.thickness,
-                "k": one.k,
-                "noise [µm]": round(1e3 * one.noise, 3),
-                "k, scalar": round(one.found[0], 3),
-                "k, layered": round(one.found[1], 3),
-                **{f"error, {way} [%]": round(100 * one.error[way], 1) for way in WAYS},
-                **{f"within, {way} [%]": round(100 * one.within[way]) for way in WAYS},
-                "frames": one.frames,
+                "shape": cell.shape,
+                "h [mm]": cell.thickness,
+                "k": cell.k,
+                "noise [µm]": round(1e3 * cell.noise, 3),
+                "k, scalar": round(cell.found[0], 3),
+                "k, layered": round(cell.found[1], 3),
+                **{f"error, {way} [%]": round(100 * cell.error[way], 1) for way in WAYS},
+                **{f"within, {way} [%]": round(100 * cell.within[way]) for way in WAYS},
+                "frames": cell.frames,
             }
-            for one in result
+            for cell in result
         ]
     }
 
 
 def plot(result: list[Cell]) -> Figure:
-    """Mean error over k and thickness: a map for each shape, noise and way."""
-    noises = sorted({one.noise for one in result})
-    shapes = list(dict.fromkeys(one.shape for one in result))
+    """Mean error over k and thickness, a map for each shape, noise and way."""
+    noises = sorted({cell.noise for cell in result})
+    shapes = list(dict.fromkeys(cell.shape for cell in result))
     rows = [(noise, way) for noise in noises for way in WAYS]
     figure, axes = plt.subplots(
         len(rows), len(shapes), squeeze=False, layout="constrained",
@@ -203,11 +210,11 @@ def plot(result: list[Cell]) -> Figure:
     images = []
     for (noise, way), line in zip(rows, axes, strict=True):
         for shape, axis in zip(shapes, line, strict=True):
-            mine = [one for one in result if (one.shape, one.noise) == (shape, noise)]
-            images.append(_map(axis, mine, way))
+            chosen = [cell for cell in result if (cell.shape, cell.noise) == (shape, noise)]
+            images.append(_map(axis, chosen, way))
             axis.set_title(f"{shape}, {1e3 * noise:g} µm, {_TITLES[way]}", fontsize=8)
     figure.colorbar(images[0], ax=axes, label="mean error of the angle [%]", shrink=0.6)
-    figure.suptitle(f"framed: all within {100 * SHARE:g} % or {FLOOR_DEG:g}°", fontsize=9)
+    figure.suptitle(f"framed: all errors within {100 * SHARE:g} % or {FLOOR_DEG:g}°", fontsize=9)
     return figure
 
 
@@ -215,16 +222,16 @@ _TITLES = {"none": "uncorrected", "scalar": "scalar k", "layered": "layered"}
 
 
 def _map(axis, cells: list[Cell], way: str):
-    """Errors as colours and numbers; framed where all angles are within what is asked."""
-    ks = sorted({one.k for one in cells})
-    heights = sorted({one.thickness for one in cells})
+    """Errors as colours and numbers; framed if all angles are within the allowed error."""
+    ks = sorted({cell.k for cell in cells})
+    heights = sorted({cell.thickness for cell in cells})
     shade = np.full((len(heights), len(ks)), np.nan)
-    for one in cells:
-        i, j = heights.index(one.thickness), ks.index(one.k)
-        shade[i, j] = 100 * one.error[way]
+    for cell in cells:
+        i, j = heights.index(cell.thickness), ks.index(cell.k)
+        shade[i, j] = 100 * cell.error[way]
         colour = "white" if shade[i, j] > 3.0 else "black"
         axis.text(j, i, f"{shade[i, j]:.1f}", ha="center", va="center", fontsize=7, color=colour)
-        if one.within[way] == 1.0:
+        if cell.within[way] == 1.0:
             axis.add_patch(Rectangle((j - 0.44, i - 0.4), 0.88, 0.8, fill=False, lw=1.5))
     image = axis.imshow(
         shade, norm="log", vmin=0.3, vmax=100.0, cmap="viridis_r", aspect="auto", origin="lower"

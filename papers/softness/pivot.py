@@ -1,7 +1,7 @@
-"""The real pivot `tac3d-pivot`: k from one finger against the outline, tested on the other.
+"""The real pivot `tac3d-pivot`: k fitted to the outline on one finger, tested on the other.
 
-Readings are those that `make_trials` takes: nine markers stick, no macro slip. The outline has no
-zero, so the median of what is left is taken off on each finger before the error is told.
+`make_trials` selects the readings: nine markers stick, and there is no macro slip. The outline has
+no zero, so the median residual on each finger is subtracted before the errors are computed.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,13 +20,13 @@ from estimation.sources import find_recordings, read_recording
 
 
 class Pivot(NamedTuple):
-    """Both fingers.
+    """Fits and residuals of both fingers.
 
     Attributes:
-        trials: by finger.
-        fits: k of each.
-        left: outline minus (1 + k) φ on a finger, by the finger that k is from; `none` for k = 0
-            [rad].
+        trials: readings by finger.
+        fits: fitted k by finger.
+        left: residual, outline minus (1 + k) φ, by the tested finger and the finger of k; `none`
+            for k = 0 [rad].
     """
 
     trials: dict[str, Trial]
@@ -35,25 +35,25 @@ class Pivot(NamedTuple):
 
 
 def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> Pivot:
-    """Fit each finger and test each k on both."""
+    """Fit k on each finger, and test each k on both; the quick size is the full one."""
     del quick
     trials = {}
     for path in track(find_recordings(datasets.fetch("tac3d-pivot"))):
         recording = read_recording(path)
         (trials[recording.name],) = make_trials(recording, outline_reference(recording))
     fits = {name: fit_softness([trial]) for name, trial in trials.items()}
-    left = {}
+    residuals = {}
     for name, fit in fits.items():
         points = fit.line.points
         for source in ("none", *fits):
             k = 0.0 if source == "none" else fits[source].softness.stiffness_ratio
-            rest = points.reference - (1.0 + k) * points.rotation
-            left[name, source] = rest - np.median(rest)
-    return Pivot(trials, fits, left)
+            residual = points.reference - (1.0 + k) * points.rotation
+            residuals[name, source] = residual - np.median(residual)
+    return Pivot(trials, fits, residuals)
 
 
 def tables(result: Pivot) -> dict[str, list[dict[str, object]]]:
-    """k of each finger, and the errors of each k on each finger."""
+    """k of each finger, and the errors with each k on each finger."""
     fitted: list[dict[str, object]] = [
         {
             "finger": name,
@@ -69,25 +69,25 @@ def tables(result: Pivot) -> dict[str, list[dict[str, object]]]:
         {
             "tested on": name,
             "k from": source,
-            "rms error [°]": round(float(np.degrees(np.sqrt(np.mean(rest**2)))), 3),
-            "median absolute error [°]": round(float(np.degrees(np.median(np.abs(rest)))), 3),
-            "largest [°]": round(float(np.degrees(np.abs(rest).max())), 2),
+            "rms error [°]": round(float(np.degrees(np.sqrt(np.mean(residual**2)))), 3),
+            "median absolute error [°]": round(float(np.degrees(np.median(np.abs(residual)))), 3),
+            "largest [°]": round(float(np.degrees(np.abs(residual).max())), 2),
         }
-        for (name, source), rest in result.left.items()
+        for (name, source), residual in result.left.items()
     ]
     return {"": fitted, "_tested": tested}
 
 
 def plot(result: Pivot) -> Figure:
-    """What is left on each finger, by where k is from."""
+    """Residuals on each finger over φ, by the finger of k."""
     figure, axes = plt.subplots(
         1, len(result.fits), figsize=(10, 3.8), layout="constrained", squeeze=False
     )
     for axis, (name, fit) in zip(axes[0], result.fits.items(), strict=True):
         for source in ("none", *result.fits):
             label = "rigid" if source == "none" else f"k from {source}"
-            left = np.degrees(result.left[name, source])
-            axis.plot(np.degrees(fit.line.points.rotation), left, ".", ms=4, label=label)
+            residual = np.degrees(result.left[name, source])
+            axis.plot(np.degrees(fit.line.points.rotation), residual, ".", ms=4, label=label)
         axis.set_title(name, fontsize=10)
         axis.set_xlabel("rotation φ of the elastomer [°]")
         axis.set_ylabel("outline − (1 + k) φ [°]")

@@ -1,9 +1,9 @@
 """The real presses `tac3d-press`: shear modulus and thickness of the pad from fields and forces.
 
-The last press, of something round that is then twisted to and fro, is fitted frame by frame with a
-flat bonded layer, the pad's curvature counted to the object's. (The presses before are of two
-bumps.) Numbers of one pad must agree between frames, and stay where they are without the recorded
-moment, which is some 1.4 times that of the recorded marker forces, and on a finer grid.
+In the last press a round object is twisted to and fro. Its frames are fitted one by one with a flat
+bonded layer; the object's curvature includes the pad's. (In the earlier presses the object has two
+bumps.) The pad's numbers must agree between frames. They must not change on a finer grid, nor
+without the recorded moment, which is about 1.4 times that of the recorded marker forces.
 """
 
 from collections.abc import Mapping
@@ -26,23 +26,23 @@ from papers.items import Track
 
 FRAMES = (180, 186, 192, 198, 204, 210)
 TESTED = 192
-"""The frame that the variants are fitted to."""
+"""The frame to which all variants are fitted."""
 
 FINE_CELLS = 48
 _SHOWN = ("shear_modulus", "thickness", "friction_coefficient", "radius", "twist")
 
 
 class Press(NamedTuple):
-    """One fit.
+    """The fit of one frame.
 
     Attributes:
-        frame: of the recording.
-        variant: how it was fitted.
-        fit: what came out.
-        moved: measured displacement of its markers [mm].
-        markers: where they are [mm].
+        frame: frame of the recording.
+        variant: variant of the fit.
+        fit: result of the fit.
+        moved: measured displacement of the markers [mm].
+        markers: positions of the markers [mm].
         force: recorded normal force [N].
-        moment: recorded, about the grid's origin [N·mm].
+        moment: recorded moment about the grid's origin [N·mm].
     """
 
     frame: int
@@ -55,7 +55,7 @@ class Press(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Press]:
-    """Fit the frames, and one of them in other ways."""
+    """Fit the frames, and one of them in several variants."""
     recording = read_recording(find_recordings(datasets.fetch("tac3d-press"))[0])
     plan = read_experiment("tac3d_press")
     fine = replace(plan, grid=Grid((FINE_CELLS, FINE_CELLS), plan.grid.size))
@@ -76,26 +76,26 @@ def _fit(recording: Recording, plan: Experiment, frame: int, variant: str) -> Pr
     model, data = replace(plan, frames=(frame,)).of(recording)
     assert data.force is not None
     assert data.moment is not None
-    told = data._replace(moment=np.full(1, np.nan)) if variant == "no moment" else data
-    fit = fit_fields(model, plan.numbers, told)
+    fitted_data = data._replace(moment=np.full(1, np.nan)) if variant == "no moment" else data
+    fit = fit_fields(model, plan.numbers, fitted_data)
     force, moment = float(-data.force[0, 2]), float(data.moment[0])
     return Press(frame, variant, fit, data.displacement[0], model.markers, force, moment)
 
 
 def tables(result: list[Press]) -> dict[str, list[dict[str, object]]]:
-    """Numbers, their ranges where data are left out, the residual and χ²."""
+    """The fitted numbers, their ranges with parts of the data left out, residual and χ²."""
     return {
         "": [
             {
-                "frame": one.frame,
-                "fitted": one.variant,
-                "force [N]": round(one.force, 2),
-                "moment [N·mm]": round(one.moment, 1),
-                **{_TITLES[name]: _show(one.fit, name) for name in _SHOWN},
-                "residual motion [%]": round(100 * one.fit.residual_share, 1),
-                "χ² by freedom": round(one.fit.misfit),
+                "frame": press.frame,
+                "fitted": press.variant,
+                "force [N]": round(press.force, 2),
+                "moment [N·mm]": round(press.moment, 1),
+                **{_TITLES[name]: _show(press.fit, name) for name in _SHOWN},
+                "residual motion [%]": round(100 * press.fit.residual_share, 1),
+                "χ² by freedom": round(press.fit.misfit),
             }
-            for one in result
+            for press in result
         ]
     }
 
@@ -110,7 +110,7 @@ _TITLES: Mapping[str, str] = {
 
 
 def _show(fit: FieldFit, name: str) -> str:
-    """A number with its range over the parts left out (no interval), or that there is none."""
+    """A number with its range over the left-out parts (not an interval); or `undetermined`."""
     i = fit.names.index(name)
     if not fit.determined[i]:
         return "undetermined"
@@ -120,21 +120,25 @@ def _show(fit: FieldFit, name: str) -> str:
 
 
 def plot(result: list[Press]) -> Figure:
-    """Measured displacement, and what the model leaves of it, of the variants' frame."""
-    one = next(press for press in result if press.frame == TESTED)
-    left = 1e3 * one.fit.residual[0]
-    top = float(np.nanmax(np.abs(left)))
+    """Measured displacement, and its residual by component, in the variants' frame."""
+    tested = next(press for press in result if press.frame == TESTED)
+    residual = 1e3 * tested.fit.residual[0]
+    top = float(np.nanmax(np.abs(residual)))
     figure, axes = plt.subplots(1, 4, figsize=(14, 3.4), layout="constrained")
     shown = (
-        (1e3 * one.moved[:, 2], "u_z [µm]", {"cmap": "viridis"}),
+        (1e3 * tested.moved[:, 2], "u_z [µm]", {"cmap": "viridis"}),
         *(
-            (left[:, i], f"residual of u_{axis} [µm]", {"cmap": "RdBu", "vmin": -top, "vmax": top})
+            (
+                residual[:, i],
+                f"residual of u_{axis} [µm]",
+                {"cmap": "RdBu", "vmin": -top, "vmax": top},
+            )
             for i, axis in enumerate("xyz")
         ),
     )
     for axis, (value, title, colours) in zip(axes, shown, strict=True):
-        points = axis.scatter(*one.markers.T, c=value, s=26, marker="s", **colours)
+        points = axis.scatter(*tested.markers.T, c=value, s=26, marker="s", **colours)
         figure.colorbar(points, ax=axis, shrink=0.8)
         axis.set(title=title, aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
-    axes[0].quiver(*one.markers.T, *one.moved[:, :2].T, angles="xy", width=4e-3)
+    axes[0].quiver(*tested.markers.T, *tested.moved[:, :2].T, angles="xy", width=4e-3)
     return figure

@@ -1,7 +1,7 @@
-"""Virtual objects, k fitted on some grasps, tested on grasps of other contact size.
+"""Virtual objects: k is fitted on some grasps and tested on grasps of other contact sizes.
 
-Sphere on a half-space elastomer from closed forms; a stage with 0.05° of noise and its own zero
-reads the angle of the fitted grasps. Errors count while ten markers or more have always stuck.
+Spheres on a half-space elastomer, by closed forms. In the fitted grasps a stage with 0.05° of noise
+and its own zero measures the angle. A frame counts if at least ten markers have always stuck.
 """
 
 from collections.abc import Callable, Iterable
@@ -32,14 +32,14 @@ class Case(NamedTuple):
 
     Attributes:
         k: true stiffness ratio [-].
-        noise: of the markers in the plane [mm].
-        found: k as fitted [-].
+        noise: noise of the markers in the plane [mm].
+        found: fitted k [-].
         low: lower end of its 95 % interval [-].
-        high: upper end [-].
-        before: mean absolute error without softness, and its largest over θ [deg, -].
-        after: the same with the fitted softness.
-        inside: share of angles in their 95 % interval, with it [-].
-        frames: tested.
+        high: upper end of its 95 % interval [-].
+        before: mean absolute error without softness [deg], and its mean over θ [-].
+        after: the same errors with the fitted softness.
+        inside: share of the 95 % intervals that hold the truth, with the fitted softness [-].
+        frames: number of tested frames.
     """
 
     k: float
@@ -54,25 +54,25 @@ class Case(NamedTuple):
 
 
 def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> list[Case]:
-    """Fit and test every object."""
+    """Fit and test each object at each noise."""
     grid = [(k, noise) for k in RATIOS for noise in NOISES_MM]
     return [_case(k, noise) for k, noise in track(grid[:1] if quick else grid)]
 
 
-def _case(k: float, noise: float) -> Case:
-    told = Noise.given(noise)
+def _case(k: float, noise_mm: float) -> Case:
+    noise = Noise.given(noise_mm)
     trials = []
     for seed, radius in enumerate(FITTED_RADII):
-        recording, truth = _pivot(k, radius, noise, seed)
-        trials += make_trials(recording, _stage(recording, truth, seed), noise=told)
+        recording, truth = _pivot(k, radius, noise_mm, seed)
+        trials += make_trials(recording, _stage(recording, truth, seed), noise=noise)
     fit = fit_softness(trials)
     errors: dict[str, list[np.ndarray]] = {"before": [], "after": []}
     angles, inside = [], []
     for seed, radius in enumerate(TESTED_RADII, start=10):
-        recording, truth = _pivot(k, radius, noise, seed)
+        recording, truth = _pivot(k, radius, noise_mm, seed)
         firm = (truth.stick.sum(axis=1) >= FIRM) & (np.abs(truth.angle) > np.radians(1.0))
         for name, softness in (("before", ScalarSoftness()), ("after", fit.softness)):
-            result = estimate_angles(recording, "incremental", noise=told, softness=softness)
+            result = estimate_angles(recording, "incremental", noise=noise, softness=softness)
             errors[name].append((np.nan_to_num(result.angle) - truth.angle)[firm])
             if name == "after":
                 inside.append(((result.low <= truth.angle) & (truth.angle <= result.high))[firm])
@@ -85,7 +85,7 @@ def _case(k: float, noise: float) -> Case:
 
     return Case(
         k=k,
-        noise=noise,
+        noise=noise_mm,
         found=fit.stiffness_ratio,
         low=fit.low,
         high=fit.high,
@@ -119,31 +119,31 @@ def tables(result: list[Case]) -> dict[str, list[dict[str, object]]]:
     return {
         "": [
             {
-                "k": one.k,
-                "noise [µm]": round(1e3 * one.noise, 3),
-                "k fitted": round(one.found, 4),
-                "95 %": f"{one.low:.4f} to {one.high:.4f}",
-                "error before [°]": round(one.before[0], 3),
-                "before [%]": round(100 * one.before[1], 2),
-                "error after [°]": round(one.after[0], 3),
-                "after [%]": round(100 * one.after[1], 2),
-                "interval holds truth": round(one.inside, 3),
-                "frames": one.frames,
+                "k": case.k,
+                "noise [µm]": round(1e3 * case.noise, 3),
+                "k fitted": round(case.found, 4),
+                "95 %": f"{case.low:.4f} to {case.high:.4f}",
+                "error before [°]": round(case.before[0], 3),
+                "before [%]": round(100 * case.before[1], 2),
+                "error after [°]": round(case.after[0], 3),
+                "after [%]": round(100 * case.after[1], 2),
+                "interval holds truth": round(case.inside, 3),
+                "frames": case.frames,
             }
-            for one in result
+            for case in result
         ]
     }
 
 
 def plot(result: list[Case]) -> Figure:
-    """Error over k, before and after."""
+    """Error over k, without and with the fitted softness."""
     figure, axis = plt.subplots(figsize=(6, 4), layout="constrained")
     for noise, marker in zip(NOISES_MM, "os", strict=True):
-        mine = [one for one in result if one.noise == noise]
+        chosen = [case for case in result if case.noise == noise]
         for name, colour in (("before", "C3"), ("after", "C0")):
             axis.loglog(
-                [one.k for one in mine],
-                [100 * getattr(one, name)[1] for one in mine],
+                [case.k for case in chosen],
+                [100 * getattr(case, name)[1] for case in chosen],
                 f"{marker}-",
                 color=colour,
                 label=f"{name}, {1e3 * noise:g} µm",
