@@ -1,1 +1,1 @@
-"""A study of our own: how accurate the estimators are on virtual pivots with exact truth."""
+"""A study of our own: accuracy of the estimators on virtual pivots with exact truth."""

@@ -1,8 +1,8 @@
 """Error and interval of each method at each integer angle, on virtual pivots.
 
-Sphere on a flat elastomer, contact radius 5 mm, 20×20 markers at 1 mm, the grid laid and turned at
-random under the object. Each frame is one draw: loaded and twisted once, no window, no history. A
-frame without an answer counts as a miss: as an error as large as the angle.
+A sphere presses on a flat elastomer: contact radius 5 mm, 20×20 markers at 1 mm, with the grid
+placed and turned at random under the object. Each draw is a single frame, loaded and twisted once,
+without window or history. A missing answer counts as an error of the full angle.
 """
 
 from typing import NamedTuple
@@ -22,15 +22,15 @@ from papers.virtual_pivots import settings
 
 
 class Accuracy(NamedTuple):
-    """Draws of the study; where the truth has too few sticking markers, `counts` is false.
+    """Results of the draws.
 
     Attributes:
         methods: names of the methods.
         angle: true angles [deg].
-        error: estimate minus truth, minus the truth where there is no answer [deg].
-        answered: which draws were answered.
-        inside: which intervals hold the truth.
-        counts: which draws count.
+        error: estimate minus truth; minus the truth without an answer [deg].
+        answered: mask of the answered draws.
+        inside: mask of the intervals that hold the truth.
+        counts: mask of the draws in which enough markers truly stick.
         limit: mean absolute error at the Cramér–Rao bound of the true stick region [deg].
     """
 
@@ -44,7 +44,7 @@ class Accuracy(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Accuracy:
-    """Draw and estimate."""
+    """Simulate the frames, and estimate their angles."""
     rng = np.random.default_rng(0)
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["accuracy"]
     shape = (
@@ -84,7 +84,7 @@ def compute(quick: bool = False, track: Track = iter) -> Accuracy:
 
 
 def tables(result: Accuracy) -> dict[str, list[dict[str, object]]]:
-    """Both tables, by the ending of their file's name."""
+    """Tables by noise and method, and by angle."""
     return {"": tabulate(result), "_angles": tabulate_angles(result)}
 
 
@@ -131,9 +131,9 @@ def tabulate_angles(result: Accuracy) -> list[dict[str, object]]:
 
 
 def plot(result: Accuracy) -> Figure:
-    """Mean absolute error over the angle, one panel per noise, with the paper's figure.
+    """Mean absolute error over the angle, a panel for each noise, with the paper's number.
 
-    Methods that answer alike are drawn one within the other.
+    Lines become narrower from method to method, so that equal results stay visible.
     """
     figure, axes = plt.subplots(
         1, len(settings.NOISES_UM), figsize=(10, 4.6), sharey=True, layout="constrained"

@@ -1,10 +1,9 @@
-"""The default method on elongated contacts: into macro slip, and on by the outline.
+"""The default method on elongated contacts: into macro slip, and further by the outline.
 
-An ellipsoid that touches a half-space (ν = ½) in an ellipse of 2:1, 6.6 by 3.1 mm to each side,
-is lifted to 10°, held and turned back to −25°, its shape going along with what slides
-(`solve_path` with `sliding`). Frames are steps of the path, with more steps between them where it
-slides: the shape lags by one step, which is 0.1° here. Each draw lays the markers anew, with new
-noise.
+An ellipsoid touches a half-space (ν = ½) in an ellipse of 2:1, with half-axes of 6.6 and 3.1 mm. It
+is lifted to 10°, held and turned back to −25°; its shape moves with the sliding (`solve_path` with
+`sliding`). The shape lags by one step of the path, which is 0.1° here. Frames are steps of it,
+with more steps between them while it slides. Each draw has a new marker grid and new noise.
 """
 
 from functools import cache
@@ -40,12 +39,13 @@ class Elongated(NamedTuple):
     Attributes:
         friction: μ [-].
         error: mean absolute error while at least ten markers do not slip, by method [deg].
-        slipped: the same in macro slip, once the state says so [deg].
+        slipped: mean absolute error in macro slip, from its detection on, by method [deg].
         unanswered: share of the frames in contact without an answer [-].
-        inside: share of the frames while at least ten do not slip whose interval holds the truth.
-        inside_slipped: the same of the frames in macro slip.
-        late: frames by which the state says macro slip after it began.
-        lost: whether the state said macro slip before.
+        inside: share of the intervals that hold the truth while at least ten markers do not slip
+            [-].
+        inside_slipped: share of the intervals that hold the truth in detected macro slip [-].
+        late: delay of the detection after the onset of macro slip [frames].
+        lost: whether macro slip was reported while at least ten markers did not slip.
     """
 
     friction: Float[np.ndarray, " draws"]
@@ -60,7 +60,7 @@ class Elongated(NamedTuple):
 
 @cache
 def solve_pivot(friction: float, resolution: settings.Resolution) -> ContactSolution:
-    """The contact along the path, a step a frame."""
+    """The contact along the path, with one kept step for each frame."""
     poses = [Pose(0.0)]
     poses += [Pose(APPROACH_MM, twist=np.radians(angle)) for angle in CORNERS_DEG]
     steps = [n * per for n, per in zip(resolution.frames, resolution.steps, strict=True)]
@@ -77,7 +77,7 @@ def solve_pivot(friction: float, resolution: settings.Resolution) -> ContactSolu
 def simulate_elongated(
     friction: float, seed: int, resolution: settings.Resolution = settings.FINE
 ) -> tuple[Recording, Truth]:
-    """A recording of the path, the markers laid and turned at random under the object."""
+    """A recording of the path, with the marker grid placed and turned at random."""
     rng = np.random.default_rng((7, seed))
     offset = (float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5)))
     model = PivotModel(offset=offset, grid_angle=float(rng.uniform(0.0, np.pi / 2)))
@@ -86,7 +86,7 @@ def simulate_elongated(
 
 
 def compute(quick: bool = False, track: Track = iter) -> Elongated:
-    """Draw and estimate."""
+    """Simulate the recordings, and estimate their angles."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["elongated"]
     resolution = settings.COARSE if quick else settings.FINE
     cases = [(friction, draw) for friction in settings.FRICTIONS for draw in range(draws)]
@@ -129,35 +129,37 @@ def tables(result: Elongated) -> dict[str, list[dict[str, object]]]:
     """A row for each friction and method."""
     rows = []
     for friction in np.unique(result.friction):
-        of = result.friction == friction
+        chosen = result.friction == friction
         for i, method in enumerate(METHODS):
-            mine = i == 0
+            is_default = i == 0
             rows.append(
                 {
                     "μ": float(friction),
                     "method": method,
-                    "draws": int(of.sum()),
-                    "error, ten stick [°]": _round(result.error[of, i]),
-                    "error, handed over [°]": _round(result.slipped[of, i]),
-                    "worst draw, handed over [°]": _round(result.slipped[of, i], np.nanmax),
-                    "interval holds, ten stick [%]": _round(100 * result.inside[of])
-                    if mine
+                    "draws": int(chosen.sum()),
+                    "error, ten stick [°]": _round(result.error[chosen, i]),
+                    "error, handed over [°]": _round(result.slipped[chosen, i]),
+                    "worst draw, handed over [°]": _round(result.slipped[chosen, i], np.nanmax),
+                    "interval holds, ten stick [%]": _round(100 * result.inside[chosen])
+                    if is_default
                     else None,
-                    "interval holds, handed over [%]": _round(100 * result.inside_slipped[of])
-                    if mine
+                    "interval holds, handed over [%]": _round(100 * result.inside_slipped[chosen])
+                    if is_default
                     else None,
-                    "unanswered [%]": _round(100 * result.unanswered[of]) if mine else None,
-                    "late, median [frames]": _round(result.late[of], np.nanmedian)
-                    if mine
+                    "unanswered [%]": _round(100 * result.unanswered[chosen])
+                    if is_default
                     else None,
-                    "lost before [draws]": int(result.lost[of].sum()) if mine else None,
+                    "late, median [frames]": _round(result.late[chosen], np.nanmedian)
+                    if is_default
+                    else None,
+                    "lost before [draws]": int(result.lost[chosen].sum()) if is_default else None,
                 }
             )
     return {"": rows}
 
 
 def plot(result: Elongated) -> Figure:
-    """Errors of the draws, before and in macro slip."""
+    """Errors of the draws over μ, before macro slip (dots) and in it (crosses)."""
     figure, axis = plt.subplots(figsize=(7, 3.8), layout="constrained")
     for i, method in enumerate(METHODS):
         for values, mark, when in (
@@ -175,6 +177,6 @@ def plot(result: Elongated) -> Figure:
 
 
 def _round(values: np.ndarray, summary=np.nanmean) -> float | None:
-    """To three digits; None where there is no number."""
+    """A summary of the values, rounded to three digits; None if all are NaN."""
     known = np.isfinite(values).any()
     return float(f"{summary(values):.3g}") if known else None

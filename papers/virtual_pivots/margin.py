@@ -1,8 +1,9 @@
-"""How early and how well the margin foretells macro slip.
+"""Accuracy of the margin's prediction of macro slip, by the angle ahead.
 
-Reversals of the round pivots, friction and markers at random, the moment read with 0.05 N·mm of
-noise: at some angles before fewer than three markers stick, how far the foretold end is from the
-true one, and whether the interval holds it. Its truth has the steps of single markers.
+Reversals of round pivots with random friction and marker grid; the moment has 0.05 N·mm of noise.
+The true end is the frame in which fewer than three markers stick. At several angles ahead of it,
+the predicted end is compared with the true one, and its interval is checked. The true end changes
+in steps, since markers slip one by one.
 """
 
 from dataclasses import replace
@@ -25,12 +26,12 @@ MOMENT_NOISE_NMM = 0.05
 
 
 class Foretold(NamedTuple):
-    """By draw and angle ahead; NaN where nothing is foretold.
+    """Predictions by draw and angle ahead; NaN without a prediction.
 
     Attributes:
-        error: foretold less true angle left [deg].
-        low: its interval's lower end less the true angle left [deg].
-        high: the upper end [deg].
+        error: predicted minus true remaining angle [deg].
+        low: lower end of the interval minus the true remaining angle [deg].
+        high: upper end of the interval minus the true remaining angle [deg].
     """
 
     error: Float[np.ndarray, "draws aheads"]
@@ -39,7 +40,7 @@ class Foretold(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Foretold:
-    """Draw, follow and foretell."""
+    """Simulate the recordings, and predict macro slip in each."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["margin"]
     columns = np.array([_foretell(draw) for draw in track(range(draws))])
     return Foretold(*np.moveaxis(columns, 1, 0))
@@ -51,14 +52,14 @@ def _foretell(draw: int) -> Float[np.ndarray, "3 aheads"]:
     result = estimate_angles(recording)
     noise = MOMENT_NOISE_NMM * rng.standard_normal(len(recording))
     margins = follow_margin(replace(result, moment=result.moment + noise)).margins
-    left = np.degrees(truth.angle - truth.angle[np.argmax(truth.macro_slip)])
-    found = np.full((3, len(AHEAD_DEG)), np.nan)
+    remaining = np.degrees(truth.angle - truth.angle[np.argmax(truth.macro_slip)])
+    foretold = np.full((3, len(AHEAD_DEG)), np.nan)
     for i, ahead in enumerate(AHEAD_DEG):
-        turning = np.flatnonzero((recording.source_index >= 80) & (left <= ahead))
+        turning = np.flatnonzero((recording.source_index >= 80) & (remaining <= ahead))
         if truth.macro_slip.any() and len(turning):
             frame = turning[0]
-            found[:, i] = np.degrees(margins[frame][:3]) - left[frame]
-    return found
+            foretold[:, i] = np.degrees(margins[frame][:3]) - remaining[frame]
+    return foretold
 
 
 def tables(result: Foretold) -> dict[str, list[dict[str, object]]]:
@@ -85,7 +86,7 @@ def tables(result: Foretold) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Foretold) -> Figure:
-    """Errors of the foretold end against how far ahead it was."""
+    """Errors of the predicted end, with intervals, over the true remaining angle."""
     figure, axis = plt.subplots(figsize=(7, 3.8), layout="constrained")
     for i, ahead in enumerate(AHEAD_DEG):
         width = np.linspace(-0.5, 0.5, len(result.error))

@@ -1,9 +1,9 @@
 """Error of each method on rendered pictures of virtual pivots: from grey levels to the angle.
 
 640×480 pixels, 400 dots 22 px apart, radius 4.3 px, blur 1 px, 120 grey levels of contrast and
-noise of 2; contact radius 5 mm, μp0/2G* = 0.3. Each draw lays the grid at random under the object
-and renders the resting pad and the pad pressed and twisted; dots, identities, contact region and
-angle are found from the two pictures alone.
+noise of 2; contact radius 5 mm, μp0/2G* = 0.3. Each draw places the grid at random under the
+object, and renders the pad at rest and the pad pressed and twisted. Dots, their identities, contact
+region and angle are estimated from these two pictures alone.
 """
 
 from collections.abc import Callable
@@ -37,14 +37,14 @@ POSITION_NOISE = 0.0085 * CAMERA.mm_per_px
 
 
 class Rendered(NamedTuple):
-    """Draws; where the truth has too few sticking markers, `counts` is false.
+    """Results of the draws.
 
     Attributes:
         angle: true angles [deg].
-        error: estimate minus truth, minus the truth where there is no answer [deg].
-        answered: which draws were answered.
-        counts: which draws count.
-        seen: dots that were recognised.
+        error: estimate minus truth; minus the truth without an answer [deg].
+        answered: mask of the answered draws.
+        counts: mask of the draws in which enough markers truly stick.
+        seen: number of recognised dots.
     """
 
     angle: Float[np.ndarray, " angles"]
@@ -55,7 +55,7 @@ class Rendered(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> Rendered:
-    """Render and estimate."""
+    """Render the pictures, and estimate the angles."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["rendered"]
     middle = len(settings.ANGLES_DEG) // 2
     angles = settings.ANGLES_DEG[middle : middle + 1] if quick else settings.ANGLES_DEG
@@ -79,14 +79,14 @@ def compute(quick: bool = False, track: Track = iter) -> Rendered:
 def photograph(
     model: PivotModel, angle: float, rng: np.random.Generator
 ) -> tuple[MarkerLayout, Frame, int]:
-    """What a camera and the reader make of a pivot: layout, frame, and how many markers stick."""
+    """Read a rendered pivot: layout, frame, and the true number of sticking markers."""
     layout = lay_out_markers(model)
     stick = deform(model, layout, np.ones(1), np.array([angle]))[1].stick[0]
 
     def move(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         flat = np.column_stack([points, np.zeros(len(points))])
-        some = MarkerLayout(flat, np.full((len(flat), 1), -1))
-        return deform(model, some, np.ones(1), np.array([angle]))[0][0][:, :2]
+        surface = MarkerLayout(flat, np.full((len(flat), 1), -1))
+        return deform(model, surface, np.ones(1), np.array([angle]))[0][0][:, :2]
 
     def render(path: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         centres, axes = project_discs(CAMERA, path, layout.reference[:, :2], RADIUS)
@@ -101,7 +101,7 @@ def photograph(
 
 
 def tables(result: Rendered) -> dict[str, list[dict[str, object]]]:
-    """One row per method over all angles, and one per angle."""
+    """A table by method over all angles, and a table by angle."""
     counted = result.counts
     methods: list[dict[str, object]] = [
         {

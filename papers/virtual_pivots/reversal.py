@@ -1,9 +1,9 @@
-"""The default method on virtual pivots that turn back through zero and on into macro slip.
+"""The default method on virtual pivots that turn back through zero into macro slip.
 
-Each draw is a whole recording, estimated with the noise found in it: lift to 10°, hold, reversal to
-−30°, friction, grid and seed at random. Error and answers are over the frames in which at least ten
-markers do not slip; the interval is judged on one such frame of each draw, picked at random, since
-the frames of a recording share their markers.
+Each draw is a whole recording with random friction, grid and seed: lift to 10°, hold, reversal to
+−30°. It is estimated with the noise measured in it. Errors and answers are over the frames in which
+at least ten markers do not slip. The frames of a recording share their markers, so the interval is
+judged on one such frame of each draw, picked at random.
 """
 
 from typing import NamedTuple
@@ -31,17 +31,19 @@ class Reversals(NamedTuple):
     Attributes:
         friction_ratio: μp0/2G* [-].
         error: mean absolute error over the frames that count [deg].
-        unanswered: share of those frames without an answer [-].
-        picked_error: error in the frame picked [deg].
-        inside: whether its interval holds the truth.
+        unanswered: share of the frames that count without an answer [-].
+        picked_error: error in the picked frame [deg].
+        inside: whether the picked frame's interval holds the truth.
         limit: mean absolute error at the Cramér–Rao bound of one frame, from the markers that do
             not slip, over the frames that count [deg].
-        late: frames by which macro slip was seen after it began; NaN where it was not seen.
-        dated: the same of the date that the whole recording gives.
-        dated_inside: whether the date's interval holds the truth, which lies between two frames.
-        slid_live: share of the frames from macro slip on that have an angle, asked live.
-        slid: the same, looking back.
-        withdrawn: share of the frames that count whose angle is wrongly withdrawn, looking back.
+        late: delay of the live detection after the onset of macro slip; NaN without a detection
+            [frames].
+        dated: delay of the onset estimated from the whole recording; NaN without one [frames].
+        dated_inside: whether the interval of this onset holds the truth, between two frames.
+        slid_live: share of the frames from the onset on with a live angle [-].
+        slid: share of the frames from the onset on with an angle after looking back [-].
+        withdrawn: share of the frames that count whose angle is wrongly withdrawn when looking back
+            [-].
     """
 
     friction_ratio: Float[np.ndarray, " draws"]
@@ -59,7 +61,7 @@ class Reversals(NamedTuple):
 
 
 def draw_model(rng: np.random.Generator) -> PivotModel:
-    """A pivot with friction and the place of the markers at random."""
+    """A pivot with random friction and a random place of the markers."""
     return PivotModel(
         friction_ratio=float(rng.uniform(*settings.REVERSAL_FRICTION_RATIOS)),
         offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
@@ -68,7 +70,7 @@ def draw_model(rng: np.random.Generator) -> PivotModel:
 
 
 def compute(quick: bool = False, track: Track = iter) -> Reversals:
-    """Draw and estimate."""
+    """Simulate the recordings, and estimate their angles."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["reversal"]
     rows = []
     for draw in track(range(draws)):
@@ -113,11 +115,10 @@ def _look_back(
     noise: Noise,
     firm: Int[np.ndarray, " firm"],
 ) -> tuple[float, bool, float, float, float]:
-    """Frames from the true onset to the first date, whether its interval holds the onset, the
-    shares of frames from then on with an angle, live and looking back, and of firm ones without."""
+    """Values of a draw for `dated`, `dated_inside`, `slid_live`, `slid` and `withdrawn`."""
     slips = find_slips(recording, result, noise)
-    round_one = np.full(len(recording), np.nan)
-    back = withdraw(result, slips, round_one).answered
+    no_imprint = np.full(len(recording), np.nan)
+    back = withdraw(result, slips, no_imprint).answered
     withdrawn = float(np.mean(result.answered[firm] & ~back[firm]))
     dates = [slip for slip in slips if slip.certain]
     if not truth.macro_slip.any():
@@ -132,7 +133,7 @@ def _look_back(
 
 
 def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
-    """One row: pooled error, answers, interval and macro slip."""
+    """One row: pooled error, answers, intervals and macro slip."""
     late = result.late[np.isfinite(result.late)]
     dated = result.dated[np.isfinite(result.dated)]
     return {
@@ -169,7 +170,7 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: Reversals) -> Figure:
-    """Error against friction, and when macro slip was seen."""
+    """Left: error over friction, with the bound. Right: delay of macro slip's detection."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
     left.semilogy(result.friction_ratio, result.error, ".", ms=4, label=DEFAULT_METHOD)
     left.semilogy(
@@ -191,5 +192,5 @@ def plot(result: Reversals) -> Figure:
 
 
 def _round(value: float) -> float | None:
-    """To a tenth; None where there is no number."""
+    """Round to one decimal; None for NaN."""
     return round(float(value), 1) if np.isfinite(value) else None

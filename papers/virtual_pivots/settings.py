@@ -6,13 +6,13 @@ FRICTION_RATIOS = (0.2, 0.3, 0.5)
 """μp0/2G* [-]: from early slip to firm grip."""
 
 ANGLES_DEG = tuple(range(2, 21))
-"""The range that the source paper gives its method [deg]."""
+"""Angles of the source paper's range [deg]."""
 
 NOISES_UM = (1.0, 10.0)
-"""Noise per in-plane coordinate [µm]: what Tac3D pads have, and a poor camera's."""
+"""Noise per in-plane coordinate [µm]: of Tac3D pads, and of a poor camera."""
 
 FIRM_MARKERS = 10
-"""Frames count in which at least this many markers truly stick."""
+"""Fewest truly sticking markers in a frame that counts."""
 
 DRAWS = {
     "accuracy": 80,
@@ -22,8 +22,8 @@ DRAWS = {
     "margin": 100,
     "slides": 60,
 }
-"""Draws per angle, ratio and noise (over 1000 for each ratio and noise); recordings; draws per
-angle; recordings per friction."""
+"""Number of draws by item. `accuracy`: per angle, friction ratio and noise, in total over 1000 per
+ratio and noise; `rendered`: per angle; `elongated`: per μ; others: in total."""
 
 QUICK_DRAWS = {
     "accuracy": 2,
@@ -35,25 +35,25 @@ QUICK_DRAWS = {
 }
 
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
-"""μp0/2G* of the reversals [-]: at 10° some 5 to 25 markers are left that have always stuck."""
+"""μp0/2G* of the reversals [-]: at 10° about 5 to 25 markers have always stuck."""
 
 PAPER_ERROR_DEG = 0.17
-"""Mean absolute error that the source paper reports, on hardware [deg]."""
+"""Mean absolute error of the source paper, on hardware [deg]."""
 
 RATE = 30.0
 """Frames per second of the virtual pivots."""
 
 FRICTIONS = (0.35, 0.5)
-"""μ of the elongated contacts [-]: at 10° some 7 and 26 markers do not slip."""
+"""μ of the elongated contacts [-]: at 10° about 7 and 26 markers do not slip."""
 
 
 class Resolution(NamedTuple):
-    """How finely an elongated contact is solved.
+    """Resolution of an elongated contact.
 
     Attributes:
-        cells: along each side of the grid.
-        frames: of each leg of the path, the press first.
-        steps: of the solver to a frame, by leg.
+        cells: number of cells along each side of the grid.
+        frames: number of frames of each leg of the path, the press first.
+        steps: number of solver steps per frame, by leg.
     """
 
     cells: int

@@ -1,7 +1,8 @@
-"""Angles live while few markers stick, and while the object slides on over gel at rest.
+"""Live angles while few markers stick, and while the object slides over gel at rest.
 
-Round pivots with friction and noise at random over a decade each, turned once, turned and back, or
-held in between: how often the interval holds the truth, by how many markers do not slip.
+Round pivots are turned once, turned and turned back, or held in between; friction and noise are
+random over a decade or more. The table shows how often the interval holds the truth, by the number
+of markers that have never slipped.
 """
 
 from typing import NamedTuple
@@ -20,19 +21,19 @@ FRICTION_RATIOS, NOISES_MM = (0.02, 0.3), (1e-3, 1e-2)
 GROUPS = {"20 and more": (20, 400), "10 to 19": (10, 19), "5 to 9": (5, 9), "3 and 4": (3, 4)}
 """Markers that have never slipped, by name."""
 FAR_DEG = 1.0
-"""Distance from the interval that is far."""
+"""Distance of the truth from the interval that counts as far [deg]."""
 
 
 class Pivot(NamedTuple):
-    """Frames in contact of one recording.
+    """The frames in contact of one recording.
 
     Attributes:
-        sticking: markers that have never slipped.
-        error: angle less truth [deg]; NaN without an answer.
-        middle: of the interval, less truth [deg].
-        half_width: of the interval [deg].
-        outside: how far the truth is from the interval [deg]; 0 inside.
-        slid: frames since fewer than three markers stuck.
+        sticking: number of markers that have never slipped.
+        error: angle minus truth [deg]; NaN without an answer.
+        middle: middle of the interval minus truth [deg].
+        half_width: half-width of the interval [deg].
+        outside: distance of the truth from the interval [deg]; 0 inside.
+        slid: mask of the frames from the first with fewer than three sticking markers on.
     """
 
     sticking: Int[np.ndarray, " frames"]
@@ -44,7 +45,7 @@ class Pivot(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Pivot]:
-    """Draw and follow the recordings."""
+    """Simulate the recordings, and estimate their angles."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["slides"]
     return [_follow(draw) for draw in track(range(draws))]
 
@@ -76,15 +77,15 @@ def _follow(draw: int) -> Pivot:
 
 
 def tables(result: list[Pivot]) -> dict[str, list[dict[str, object]]]:
-    """A row for each number of markers, and one for the frames in which the object slides."""
+    """A row for each range of markers, one for sliding frames; and counts of the recordings."""
     pooled = Pivot(*(np.concatenate(parts) for parts in zip(*result, strict=True)))
     chosen = {
         name: (pooled.sticking >= least) & (pooled.sticking <= most) & ~pooled.slid
         for name, (least, most) in GROUPS.items()
     } | {"fewer, or slid before": pooled.slid}
     rows = [_row(name, pooled, frames) for name, frames in chosen.items()]
-    far = sum(bool((one.outside > FAR_DEG).any()) for one in result)
-    slid = sum(bool(one.slid.any()) for one in result)
+    far = sum(bool((pivot.outside > FAR_DEG).any()) for pivot in result)
+    slid = sum(bool(pivot.slid.any()) for pivot in result)
     counts: dict[str, object] = {
         "recordings": len(result),
         "object slides": slid,
@@ -95,25 +96,25 @@ def tables(result: list[Pivot]) -> dict[str, list[dict[str, object]]]:
 
 def _row(name: str, pooled: Pivot, frames: Bool[np.ndarray, " frames"]) -> dict[str, object]:
     answered = frames & np.isfinite(pooled.error)
-    known = answered.any()
+    any_answer = answered.any()
     return {
         "markers that never slipped": name,
         "frames": int(frames.sum()),
         "answered [%]": round(100.0 * answered.sum() / max(frames.sum(), 1), 1),
         "mean absolute error [°]": round(float(np.abs(pooled.error[answered]).mean()), 3)
-        if known
+        if any_answer
         else None,
         "median half-width [°]": round(float(np.median(pooled.half_width[answered])), 3)
-        if known
+        if any_answer
         else None,
         "interval holds [%]": round(100.0 * float(np.mean(pooled.outside[answered] == 0.0)), 1)
-        if known
+        if any_answer
         else None,
     }
 
 
 def plot(result: list[Pivot]) -> Figure:
-    """Half-width against the truth's distance from the middle: below the line it is outside."""
+    """Half-width over the truth's distance from the middle; below the line the truth is outside."""
     figure, axis = plt.subplots(figsize=(5.6, 4.8), layout="constrained")
     pooled = Pivot(*(np.concatenate(parts) for parts in zip(*result, strict=True)))
     for slid, colour, label in (
