@@ -1,12 +1,13 @@
-"""Torsion solves per second: many at once, eight at a time on every device, one after the other.
+"""Torsion solves per second: all at once, eight at a time on every device, or one after the other.
 
-At once is `vmap` of all: each goes on until the last has ended, and on a processor their fields
-leave its cache. Eight at a time is `jax.lax.map` with that batch size under `jax.shard_map`; here
-every core is a device (`jax_num_cpu_devices`).
+"At once" is `vmap` over all solves: each continues until the last has converged, and on a processor
+the fields exceed the cache. "Eight at a time" is `jax.lax.map` with that batch size under
+`jax.shard_map`; every processor core is a device here (`jax_num_cpu_devices`).
 
-`python -m tests.benchmarks.batch [CASES [CELLS]]`: spheres pressed to a contact radius of 0.3 of
-the side and turned from rest to c/a from 0.9 to 0.5, in double and single precision, each with the
-error of its moment against Lubkin's. Runs on whatever JAX runs on, a GPU where there is one.
+`python -m tests.benchmarks.batch [CASES [CELLS]]`: spheres are pressed to a contact radius of 0.3
+of the side and turned from rest to c/a from 0.9 to 0.5, in double and single precision. The last
+column is the error of the moment compared with Lubkin's. Runs on JAX's default device: a GPU, if
+present.
 """
 
 import math
@@ -34,8 +35,8 @@ LAPS = 5
 def main() -> None:
     """Print the table."""
     parser = make_parser(__doc__)
-    parser.add_argument("cases", nargs="?", type=int, default=64, help="solves")
-    parser.add_argument("cells", nargs="?", type=int, default=64, help="along a side")
+    parser.add_argument("cases", nargs="?", type=int, default=64, help="number of solves")
+    parser.add_argument("cells", nargs="?", type=int, default=64, help="cells along a side")
     given = parser.parse_args()
     cases, cells = given.cases, given.cells
     jax.config.update("jax_enable_x64", True)
@@ -59,7 +60,7 @@ def main() -> None:
 
 
 def measure(cases: int, cells: int, dtype: jnp.dtype, rtol: float) -> list[str]:
-    """The cells of a row."""
+    """The texts of a row of the table."""
     grid = Grid((cells, cells), (SIDE, SIDE))
     ratio = FRICTION * 2.0 / np.pi * RADIUS / CURVATURE * 2.0  # μp0/2G, p0 = (2/π) E* a/R, E* = 4G
     friction = jnp.asarray(FRICTION, dtype)
@@ -97,7 +98,7 @@ def measure(cases: int, cells: int, dtype: jnp.dtype, rtol: float) -> list[str]:
 
 
 def _time(run: Callable[[], Array | list[Array]]) -> float:
-    """Seconds, the median of several laps."""
+    """Wall time of a call, median of several laps [s]."""
     laps = []
     for _ in range(LAPS):
         start = time.perf_counter()

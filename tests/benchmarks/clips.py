@@ -1,8 +1,8 @@
-"""Processor time of a run for each picture of a clip, stage by stage, on one core.
+"""Processor time per picture of a run over a clip, by stage, on one core.
 
-`python -m tests.benchmarks.clips CLIP…`: videos or folders of pictures, read, answered by every
-method and written as `python -m estimation run` does, after some pictures to warm up. `--scale 2`
-enlarges them first; decoding is then that of BMP files.
+`python -m tests.benchmarks.clips CLIP…`: videos or folders of pictures are read, answered by every
+method and written as by `python -m estimation run`, after some pictures to warm up. `--scale 2`
+enlarges the pictures first; the decoding time is then that of BMP files.
 """
 
 import os
@@ -61,11 +61,11 @@ STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (
     ("sinks", RecordWriter, "put"),
     ("sinks", TableWriter, "put"),
 )
-"""Functions whose time is counted, without that of others of them that they call."""
+"""Timed functions; the time of a timed function excludes that of others that it calls."""
 
 
 class Clock:
-    """Processor time by stage [s]; a stage is not charged for what it calls of others."""
+    """Processor time by stage [s], without the time of other stages called from it."""
 
     def __init__(self) -> None:
         """Start at 0."""
@@ -73,7 +73,7 @@ class Clock:
         self._inner = [0.0]
 
     def wrap(self, stage: str, call: Callable) -> Callable:
-        """The function, timed; of a generator each step is."""
+        """The function with its time counted; for a generator, the time of each step."""
 
         def timed(*args: object, **kwargs: object) -> object:
             made = self._count(stage, lambda: call(*args, **kwargs))
@@ -99,10 +99,14 @@ class Clock:
 def main() -> None:
     """Print a table for each clip."""
     parser = make_parser(__doc__)
-    parser.add_argument("clips", nargs="+", type=Path, metavar="CLIP", help="video or folder")
-    parser.add_argument("--scale", type=float, default=1.0, help="of the pictures [-]")
-    parser.add_argument("--warm-up", type=int, default=20, help="pictures before the clock starts")
-    parser.add_argument("--pictures", type=int, default=200, help="most pictures that are timed")
+    parser.add_argument(
+        "clips", nargs="+", type=Path, metavar="CLIP", help="video or folder of pictures"
+    )
+    parser.add_argument("--scale", type=float, default=1.0, help="factor of the pictures' size [-]")
+    parser.add_argument("--warm-up", type=int, default=20, help="untimed pictures at the start")
+    parser.add_argument(
+        "--pictures", type=int, default=200, help="largest number of timed pictures"
+    )
     told = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     cv2.setNumThreads(1)
@@ -115,7 +119,7 @@ def main() -> None:
 
 
 def enlarge(clip: Path, scale: float, folder: Path, most: int) -> Path:
-    """The first pictures of a clip at another size, as a folder."""
+    """Write the first pictures of a clip at another size to a folder, and return it."""
     folder.mkdir()
     for picture in islice(read_pictures(clip), most):
         if picture.image is not None:
@@ -125,7 +129,7 @@ def enlarge(clip: Path, scale: float, folder: Path, most: int) -> Path:
 
 
 def measure(clip: Path, path: Path, folder: Path, warm_up: int, most: int) -> None:
-    """Time a run over the first pictures, and print it."""
+    """Time a run over the first pictures, and print the times."""
     warm_up = min(warm_up, (count_pictures(path) or most) // 2)
     clock, settings = Clock(), Settings(noise=Noise.given(0.01, "px"))
     with ExitStack() as opened:

@@ -1,8 +1,8 @@
-"""Time of a field fit in forward solves: `python -m tests.benchmarks.fields [CELLS]`.
+"""Time of a field fit in units of forward solves: `python -m tests.benchmarks.fields [CELLS]`.
 
-Five numbers of a ball pressed on a layer and twisted, from 100 markers with 1 µm of noise in both
-states and the forces. A forward solve is the path that such a fit solves, without derivatives;
-both are timed by the processor, warm.
+A ball is pressed on a layer and twisted. Five numbers are fitted to the noisy displacements of 400
+markers in both states, and to the forces. A forward solve is the path that the fit solves, without
+derivatives. Both are processor times without compilation.
 """
 
 import time
@@ -20,7 +20,7 @@ FITS = 5
 
 
 def clock(function: Callable, *arguments: object) -> float:
-    """Time of the processor that something takes [s]."""
+    """Processor time of a call [s]."""
     start = time.process_time()
     jax.block_until_ready(function(*arguments))
     return time.process_time() - start
@@ -28,7 +28,7 @@ def clock(function: Callable, *arguments: object) -> float:
 
 if __name__ == "__main__":
     parser = make_parser(__doc__)
-    parser.add_argument("cells", nargs="?", type=int, default=64, help="along a side")
+    parser.add_argument("cells", nargs="?", type=int, default=64, help="cells along a side")
     cells = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
     model, experiment = plan(cells), EXPERIMENTS[0]

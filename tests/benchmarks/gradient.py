@@ -1,7 +1,7 @@
-"""Time of the moment's gradient over that of one solve, side by side, after compilation.
+"""Time of the moment's gradient over the time of one solve, in one run, without compilation.
 
-`python -m tests.benchmarks.gradient`: a paraboloid pressed and twisted, derivatives with respect to
-shear modulus, Poisson's ratio, friction, approach, twist and radius at once.
+`python -m tests.benchmarks.gradient`: a paraboloid is pressed and twisted. The gradient is with
+respect to shear modulus, Poisson's ratio, friction, approach, twist and radius at once.
 """
 
 import time
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def measure(cells: int) -> tuple[float, float, float]:
-    """Milliseconds of a solve, and the two gradients' time over it, medians of laps in turn."""
+    """Time of a solve [ms], and times of both gradients over it [-]; medians over the laps."""
     grid = Grid((cells, cells), (20.0, 20.0))
 
     def moment(values: Float[Array, " 6"]) -> Array:

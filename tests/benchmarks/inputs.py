@@ -1,4 +1,4 @@
-"""Long streams that benchmarks follow."""
+"""Long streams as inputs of the benchmarks."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,7 +11,7 @@ from estimation.pictures.render import Camera
 
 
 def repeat(recording: Recording, count: int) -> Iterator[Frame]:
-    """The frames of a recording again and again, on one clock."""
+    """The frames of a recording, repeated with increasing times."""
     frames = list(recording)
     period = frames[-1].time - frames[0].time + 1.0
     for number in range(count):
@@ -21,7 +21,7 @@ def repeat(recording: Recording, count: int) -> Iterator[Frame]:
 
 
 def write_loop(folder: Path, count: int) -> None:
-    """A folder of so many pictures: a pivot there and back, again and again."""
+    """Write a folder with `count` pictures: a pivot there and back, repeated."""
     from tests.benchmarks.pictures import render_dot_pictures  # sets numbers of threads
 
     folder.mkdir()

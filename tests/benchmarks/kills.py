@@ -1,9 +1,9 @@
-"""What a live run that is killed has lost.
+"""Data lost when a live run is killed.
 
-`python -m tests.benchmarks.kills --kills 20`: the virtual pivot is played again and again by `live`
-with an MCAP file and killed (SIGKILL) at a random moment. Lines on standard output are beside what
-the table, the record and the MCAP file have, read by their own tools: what is lost is the time from
-the last row of a file to the last line.
+`python -m tests.benchmarks.kills --kills 20`: `live` plays the virtual pivot repeatedly, writes an
+MCAP file too, and is killed (SIGKILL) at a random moment. The lines on standard output are compared
+with the rows of the table, the record and the MCAP file, read by independent tools. The loss of a
+file is the time from its last row to the last line.
 """
 
 import csv
@@ -31,10 +31,10 @@ FRAMES = 4000
 
 
 def main() -> None:
-    """Print a table, a row for each kill."""
+    """Print a table with a row for each kill."""
     parser = make_parser(__doc__)
-    parser.add_argument("--kills", type=int, default=20, help="runs that are killed")
-    parser.add_argument("--seed", type=int, default=0, help="of the moments")
+    parser.add_argument("--kills", type=int, default=20, help="number of killed runs")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the moments")
     told = parser.parse_args()
     rng, worst = np.random.default_rng(told.seed), np.zeros(3)
     table = Table("run [s]", "lines", "lost of table [s]", "of record [s]", "of MCAP file [s]")
@@ -56,7 +56,7 @@ def kill_after(alive: float, path: Path, out: Path) -> tuple[list[float], list[i
     """Kill a run some seconds after its first line.
 
     Returns:
-        When its lines came [s]; rows of the table, the record and the MCAP file.
+        Times of its lines [s], and the numbers of rows in the table, the record and the MCAP file.
     """
     told = [str(path), "--fast", "--noise-um", "1", "--sink", "mcap", "--out", str(out)]
     command = [sys.executable, "-m", "estimation", "live", *told]
@@ -71,7 +71,7 @@ def kill_after(alive: float, path: Path, out: Path) -> tuple[list[float], list[i
 
 
 def count_rows(folder: Path) -> list[int]:
-    """Whole rows of the table, the record and the MCAP file."""
+    """Numbers of complete rows in the table, the record and the MCAP file."""
     with (folder / "angles.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
     assert all(len(row) == len(header) for row in rows[:-1])

@@ -1,9 +1,10 @@
-"""The linear solver of derivatives and of Newton's method beside lineax's, in one run.
+"""Our linear solver for derivatives and Newton's method, compared with lineax's in one run.
 
-`python -m tests.benchmarks.krylov [CELLS …]`. First the system of `derivative` (twist of a contact
-that sticks in its middle and slides around it) to 1e-8 by our conjugate residuals, lineax's GMRES
-and BiCGStab, by CG too where it is symmetric, all with the same preconditioner. Then paths and a
-gradient solved with either in the place of ours. Times are the processor's, compilation apart.
+`python -m tests.benchmarks.krylov [CELLS …]`. First table: the system of `derivative`, for the
+twist of a contact that sticks in the middle and slides around it, is solved to 1e-8. The solvers
+are our conjugate residuals, lineax's GMRES and BiCGStab, and CG if the system is symmetric, all
+with the same preconditioner. Second table: paths and a gradient, with our solver and with lineax's
+in its place. Times are processor times; compilation is listed separately.
 """
 
 import os
@@ -64,12 +65,12 @@ SOLVERS = {
 
 
 def norm(field: Array) -> Array:
-    """The same for all: the root of the sum of squares, which bounds all by one tolerance."""
+    """Root of the sum of squares: the norm of all solvers, so that their tolerances are equal."""
     return jnp.sqrt(jnp.sum(field**2))
 
 
 def by_lineax(name: str) -> Callable[..., tuple[Array, Array]]:
-    """A linear solver of lineax's with the interface of `conjugate_residuals`."""
+    """A linear solver of lineax with the interface of `conjugate_residuals`."""
 
     def solve(
         operator: Operator,
@@ -97,7 +98,7 @@ def by_lineax(name: str) -> Callable[..., tuple[Array, Array]]:
 def main() -> None:
     """Print both tables."""
     parser = make_parser(__doc__)
-    parser.add_argument("cells", nargs="*", type=int, default=[64, 128], help="along a side")
+    parser.add_argument("cells", nargs="*", type=int, default=[64, 128], help="cells along a side")
     sizes = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
     columns = ("cells", "pad", "contact", "solver", "operator", "residual", "time [ms]")
@@ -118,7 +119,7 @@ def main() -> None:
 
 
 def compare_systems(cells: int, pad: str, contact: str) -> Iterator[tuple[str, ...]]:
-    """Applications, true residual, milliseconds and seconds of compilation of each solver."""
+    """For each solver: applications, true residual, time [ms] and compilation [s]."""
     tangent, rhs = make_system(cells, PADS[pad], *CONTACTS[contact])
     symmetric = (pad, contact) == ("uncoupled", "sticks")  # the coupling is skew
     names = ["GMRES(20)", "GMRES(12)", "BiCGStab", *(["CG"] if symmetric else [])]
@@ -138,7 +139,7 @@ def compare_systems(cells: int, pad: str, contact: str) -> Iterator[tuple[str, .
 
 
 def make_system(cells: int, pad: Any, mu: float, twist: float) -> tuple[Tangent, Array]:
-    """What `attach_derivative` solves: the change with the twist."""
+    """The system of `attach_derivative` for the derivative by the twist."""
     grid = Grid((cells, cells), (SIDE, SIDE))
     end = solve_contact(Contact(pad, Rigid(), SHAPE, grid, mu), Pose(0.9, twist=twist))
     compliance = pair_compliance(pad, Rigid(), grid)
@@ -149,7 +150,7 @@ def make_system(cells: int, pad: Any, mu: float, twist: float) -> tuple[Tangent,
 
 
 def count_applications(solver: Callable, tangent: Tangent, rhs: Array) -> int:
-    """How often the operator is applied."""
+    """Number of applications of the operator."""
     count = [0]
 
     def tick() -> None:
@@ -167,7 +168,7 @@ def count_applications(solver: Callable, tangent: Tangent, rhs: Array) -> int:
 
 
 def compare_paths(cells: int, pad: str) -> Iterator[tuple[str, ...]]:
-    """Milliseconds, compilation and difference from ours of a path and of a gradient."""
+    """For a path and a gradient: time [ms], compilation [s] and difference from our solver [-]."""
     grid = Grid((cells, cells), (SIDE, SIDE))
     path = make_path([Pose(0.9), Pose(0.9, twist=0.2), Pose(0.9, twist=0.0)], [8, 8])
 
@@ -199,7 +200,7 @@ def compare_paths(cells: int, pad: str) -> Iterator[tuple[str, ...]]:
 
 @contextmanager
 def replaced(solver: Callable) -> Iterator[None]:
-    """Another linear solver in Newton's method and in the derivative, compiled anew."""
+    """Replace the linear solver in Newton's method and in the derivative; clear compiled code."""
     jax.clear_caches()
     homes = (newton, derivative)
     for home in homes:
@@ -212,14 +213,14 @@ def replaced(solver: Callable) -> Iterator[None]:
 
 
 def compile_one(function: Callable, *arguments: Any) -> tuple[Callable, float]:
-    """A compiled program, and the processor's seconds that tracing and compiling took."""
+    """A compiled program, and the processor time of tracing and compiling [s]."""
     start = time.process_time()
     program = jax.jit(function).lower(*arguments).compile()
     return program, time.process_time() - start
 
 
 def measure(program: Callable[[], Array]) -> float:
-    """The processor's seconds of a call, the median of laps after the first."""
+    """Processor time of a call, median of the laps after the first [s]."""
     jax.block_until_ready(program())
     laps = []
     for _ in range(LAPS):

@@ -1,11 +1,11 @@
-"""Memory and time of a stream that goes on for long.
+"""Memory and time of a long stream.
 
-`python -m tests.benchmarks.long_stream --frames 1000000`: the 400 markers of the virtual pivot,
-again and again, answered by every method, with table, record and report. With `--answered` the
-answers of one pivot are taken again and again: what sinks and report take, without the methods.
-With `--chosen` only the chosen method answers, as in a tracker of one's own.
-With `--live` frames go the way of `live --fast`, through its thread and its queue, with lines to a
-reader; with `--pictures` they are pictures of 640×480 with 70 dots, followed so.
+`python -m tests.benchmarks.long_stream --frames 1000000`: the virtual pivot with 400 markers is
+repeated, and answered by every method, with table, record and report. `--answered` reuses the
+answers of one pivot, to measure sinks and report without the methods. `--chosen` runs the chosen
+method only, as a tracker of your own does. `--live` passes frames through the thread and the queue
+of `live --fast`, with lines to a reader. `--pictures` does the same with pictures of 640×480 with
+70 dots.
 """
 
 import math
@@ -41,7 +41,7 @@ PARTS = 10
 
 @dataclass
 class Watch:
-    """Time and memory whenever another part of the frames has gone by, and after a minute."""
+    """A sink that records time and memory after each part of the frames, and after a minute."""
 
     frames: int
     start_mib: float = field(default_factory=lambda: resident_mib())
@@ -51,7 +51,7 @@ class Watch:
     minute: float = field(default_factory=lambda: time.monotonic() + 60.0)
 
     def put(self, answer: Answer) -> None:
-        """Count an answer, as a sink."""
+        """Count an answer."""
         done = answer.row + 1
         early = time.monotonic() > self.minute
         if early or done % (self.frames // PARTS) == 0:
@@ -63,10 +63,10 @@ class Watch:
             self.minute = math.inf
 
     def restart(self) -> None:
-        """Go on."""
+        """Do nothing."""
 
     def table(self) -> Table:
-        """What was seen."""
+        """The recorded times and memory."""
         table = Table("frames", "processor time per frame [ms]", "memory above the start [MiB]")
         for done, spent, memory in self.rows:
             table.add_row(str(done), f"{spent:.3f}", f"{memory:.0f}")
@@ -76,11 +76,11 @@ class Watch:
 def main() -> None:
     """Print the tables."""
     parser = make_parser(__doc__)
-    parser.add_argument("--frames", type=int, default=20_000, help="frames of the stream")
-    parser.add_argument("--answered", action="store_true", help="without the methods' time")
-    parser.add_argument("--chosen", action="store_true", help="only the chosen method answers")
-    parser.add_argument("--live", action="store_true", help="through the thread of `live`")
-    parser.add_argument("--pictures", action="store_true", help="pictures, followed live")
+    parser.add_argument("--frames", type=int, default=20_000, help="number of frames")
+    parser.add_argument("--answered", action="store_true", help="measure without the methods")
+    parser.add_argument("--chosen", action="store_true", help="run the chosen method only")
+    parser.add_argument("--live", action="store_true", help="use the thread of `live`")
+    parser.add_argument("--pictures", action="store_true", help="track pictures live")
     told = parser.parse_args()
     recording, _ = simulate_pivot(seed=0)
     if told.answered:
@@ -112,7 +112,7 @@ def main() -> None:
 
 
 def answer_from(recording: Recording) -> None:
-    """Let frames be answered as those of a recording, again and again."""
+    """Replace the methods: answer frames with the repeated answers of a recording."""
     answers = list(Stream(recording, Settings()).answers())
 
     def update(self: Follower, frame: Frame) -> Answer:
@@ -129,7 +129,7 @@ def answer_from(recording: Recording) -> None:
 
 
 def resident_mib() -> float:
-    """Memory of this process that is resident now."""
+    """Resident memory of this process [MiB]."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 2**20
 

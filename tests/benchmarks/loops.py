@@ -1,9 +1,9 @@
-"""The solver's own loops beside those of JAX's libraries, in one run, after compilation.
+"""The solver's own loops compared with those of JAX's libraries, in one run, without compilation.
 
-`python -m tests.benchmarks.loops [CELLS …]`: the linear system of a half sliding contact by our
-conjugate gradients, lineax's and JAX's; the pressure by our bounded conjugate gradients and by
-optimistix's minimiser without bounds on p = q². All are given the same preconditioner where they
-take one, and stop at the same residual.
+`python -m tests.benchmarks.loops [CELLS …]`: the linear system of a half sliding contact is solved
+by our conjugate gradients, lineax's and JAX's; the pressure is solved by our bounded conjugate
+gradients and by optimistix's unbounded minimiser with p = q². All loops that accept a
+preconditioner have the same one, and all stop at the same residual.
 """
 
 import time
@@ -35,7 +35,7 @@ APPROACH, TWIST = 0.9, 0.1
 def main() -> None:
     """Print the table."""
     parser = make_parser(__doc__)
-    parser.add_argument("cells", nargs="*", type=int, default=[64, 128], help="along a side")
+    parser.add_argument("cells", nargs="*", type=int, default=[64, 128], help="cells along a side")
     chosen = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
     table = Table("cells", "problem", "loop", "steps", "residual", "time [ms]")
@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def linear_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
-    """Steps (−1: not told) and residual of each loop on a Newton system of the friction."""
+    """Steps (−1: not reported) and residual of each loop on a Newton system of the friction."""
     grid = Grid((cells, cells), (20.0, 20.0))
     pad = HalfSpace(0.2, 0.48)
     pose = Pose(APPROACH, twist=TWIST)
@@ -121,14 +121,14 @@ def pressure_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
 def measure(
     loops: dict[str, Callable[[], tuple[Array, Array]]],
 ) -> list[tuple[str, str, float, float]]:
-    """Name, steps, residual and milliseconds of each, medians of laps in turn."""
+    """Name, steps, residual and time [ms] of each loop; times are medians over the laps."""
     compiled = {name: jax.jit(loop) for name, loop in loops.items()}
     ends = {name: jax.block_until_ready(loop()) for name, loop in compiled.items()}
     laps = [[_time(loop) for loop in compiled.values()] for _ in range(LAPS)]
     rows = []
     for (name, (steps, residual)), duration in zip(ends.items(), np.median(laps, 0), strict=True):
-        told = "not told" if int(steps) < 0 else str(int(steps))
-        rows.append((name, told, float(residual), 1e3 * float(duration)))
+        shown = "not reported" if int(steps) < 0 else str(int(steps))
+        rows.append((name, shown, float(residual), 1e3 * float(duration)))
     return rows
 
 

@@ -1,9 +1,9 @@
-"""Intervals of `calibration field` where the model is wrong: withheld, or do they hold?
+"""Intervals of `calibration field` with a wrong model: how often they are withheld, or hold.
 
-`python -m tests.benchmarks.misfit [DRAWS]`. A ball on a layer, pressed and twisted, five numbers
-sought; what is measured differs from the model in one way at a time. Shown are how often χ² rejects
-the model, the share of the intervals that hold where it does not, and, where it does, how many
-intervals widened by the root of χ² would have held.
+`python -m tests.benchmarks.misfit [DRAWS]`. A ball on a layer is pressed and twisted, and five
+numbers are fitted. The measured contact differs from the model in one respect at a time. The table
+shows how often χ² rejects the model, the share of accepted intervals that hold the truth, and the
+share of rejected intervals that would hold it if widened by the root of χ².
 """
 
 from collections.abc import Callable, Mapping
@@ -40,7 +40,7 @@ Change = Callable[[Numbers, np.random.Generator], Any]
 def main() -> None:
     """Print the table."""
     parser = make_parser(__doc__)
-    parser.add_argument("draws", nargs="?", type=int, default=16, help="of each misfit")
+    parser.add_argument("draws", nargs="?", type=int, default=16, help="draws of each misfit")
     draws = parser.parse_args().draws
     jax.config.update("jax_enable_x64", True)
     seen = eqx.filter_jit(FieldModel(wide_scene, GRID, _markers(), frames=2).predict)
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def fit_one(seen: Callable, change: Change, seed: int) -> tuple[FieldFit, np.ndarray] | None:
-    """A fit of the plain model, and the truth; None where the contact leaves the grid."""
+    """A fit with the plain model, and the truth; None if the contact leaves the grid."""
     rng = np.random.default_rng(seed)
     true = draw_contact(rng)
     sought = {name: true[name] for name in BOUNDS}
@@ -81,7 +81,7 @@ def fit_one(seen: Callable, change: Change, seed: int) -> tuple[FieldFit, np.nda
 
 
 def draw_contact(rng: np.random.Generator) -> Numbers:
-    """A contact that the plain model describes."""
+    """A random contact that the plain model describes exactly."""
     radius, thickness = rng.uniform(10.0, 30.0), rng.uniform(2.5, 10.0)
     contact = rng.uniform(0.55, 1.0) * min(4.2, 2.2 * thickness)
     return {
@@ -103,7 +103,7 @@ def draw_contact(rng: np.random.Generator) -> Numbers:
 
 
 def wide_scene(n: Mapping[str, Any], grid: Grid) -> Scene:
-    """All that can differ: dome, soft object, marker depth, friction that falls with pressure."""
+    """A scene with all misfits: dome, soft object, marker depth, friction falling with pressure."""
     at = jnp.asarray(n["position"])
     axes = n["radius"] * jnp.stack([n["aspect"], 1.0 / n["aspect"], jnp.ones(())])
     shape = Domed(Placed(Ellipsoid(axes), at), n["dome_radius"])
@@ -123,7 +123,7 @@ def wide_scene(n: Mapping[str, Any], grid: Grid) -> Scene:
 
 
 def correlated(_: Numbers, rng: np.random.Generator) -> Callable:
-    """Noise of 2 to 8 times what is told, over 1 to 4 mm."""
+    """Noise correlated over 1 to 4 mm, 2 to 8 times the noise given to the fit."""
     apart = np.sum((_markers()[:, None] - _markers()) ** 2, axis=-1)
     kernel = np.exp(-apart / (2.0 * rng.uniform(1.0, 4.0) ** 2))
     root = np.linalg.cholesky(kernel + 1e-8 * np.eye(len(kernel)))
@@ -132,7 +132,7 @@ def correlated(_: Numbers, rng: np.random.Generator) -> Callable:
 
 
 def _set(name: str, draw: Callable[[np.random.Generator], Any]) -> Change:
-    """A change of one number of the truth that the fit does not know of."""
+    """A change of one number of the truth, unknown to the fit."""
     return lambda true, rng: true.update({name: draw(rng)})
 
 
@@ -141,7 +141,7 @@ def _turn(true: Numbers, rng: np.random.Generator) -> None:
 
 
 def _stretch(axes: tuple[bool, bool, bool], by: tuple[float, ...]) -> Change:
-    """Displacements measured on a wrong scale along some axes."""
+    """Displacements measured with a wrong scale along some axes."""
 
     def change(_: Numbers, rng: np.random.Generator) -> Callable:
         scale = np.where(axes, rng.choice(by), 1.0)
@@ -167,19 +167,19 @@ CHANGES: dict[str, Change] = {
 
 
 def _markers() -> np.ndarray:
-    """14 by 14, over the whole grid."""
+    """Positions of 14 by 14 markers over the whole grid [mm]."""
     at = np.linspace(GRID.x[0], GRID.x[-1], 14) * 0.99
     return np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
 
 
 def _widened(fit: FieldFit, truth: np.ndarray) -> np.ndarray:
-    """Whether the intervals by noise, widened by the root of χ², hold the truth."""
+    """Whether the intervals, widened by the root of χ², hold the truth."""
     error = np.sqrt(np.diag(fit.covariance) * fit.misfit)
     return np.abs(np.log(fit.values / truth)) <= Z95 * error
 
 
 def _share(held: list[np.ndarray]) -> str:
-    """How many of all."""
+    """The number of holding intervals, of all."""
     every = np.concatenate(held) if held else np.zeros(0)
     return f"{np.count_nonzero(every)} of {every.size}"
 

@@ -1,12 +1,12 @@
-"""A pivot in 40 steps: applications of the operator a step, and the time between them.
+"""A pivot in 40 steps: operator applications per step, and the solver's time outside them.
 
-`python -m tests.benchmarks.path [CELLS]`: a rigid ball pressed on in 4 steps, turned by 12° in 14
-and back to −8° in 22, on half-spaces that are not coupled to it, weakly and strongly coupled, and
-on a bonded layer. An application is one of the compliance or of its rough inverse: to a pressure,
-to a traction or, where they are coupled, to both; those are counted that the solver needs and the
-one of each kind that makes the fields handed out. Each kind is timed alone, in a loop inside a
-compiled program. The last column is the path's time over the sum of its applications' times. Times
-are the processor's, side by side.
+`python -m tests.benchmarks.path [CELLS]`: a rigid ball is pressed on in 4 steps, turned by 12° in
+14 and back to −8° in 22. The pads are half-spaces without, with weak and with strong coupling, and
+a bonded layer. An application is one of the compliance or of its approximate inverse: to a
+pressure, to a traction or, with coupling, to both. The counts include the solver's applications and
+one of each kind for the output fields. Each kind is timed alone, in a loop inside a compiled
+program. The last column is the path's time over the sum of its applications' times. All times are
+processor times of one run.
 """
 
 import time
@@ -50,7 +50,7 @@ REPEATS = 200  # applications in a lap
 def main() -> None:
     """Print the table."""
     parser = make_parser(__doc__)
-    parser.add_argument("cells", nargs="?", type=int, default=64, help="along a side")
+    parser.add_argument("cells", nargs="?", type=int, default=64, help="cells along a side")
     cells = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
     grid = Grid((cells, cells), (SIDE, SIDE))
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def measure(body: AbstractBody, grid: Grid) -> list[str]:
-    """The cells of a row."""
+    """The texts of a row of the table."""
     twists = np.radians(TWISTS_DEG)
     poses = [Pose(APPROACH * min(i, 1), twist=twist) for i, twist in enumerate(twists)]
     path = make_path(poses, STEPS)
@@ -92,7 +92,7 @@ def _stack(normal: Array, tangential: Array) -> Array:
 
 
 def _repeat(operator: Callable[[Array], Array], field: Array) -> Callable[[], Array]:
-    """Many applications one after the other, each to what the one before left."""
+    """Many applications in sequence, each to the result of the last."""
 
     @jax.jit
     def run(field: Array) -> Array:
@@ -102,7 +102,7 @@ def _repeat(operator: Callable[[Array], Array], field: Array) -> Callable[[], Ar
 
 
 def _time(run: Callable) -> float:
-    """Seconds of the processor."""
+    """Processor time of a call [s]."""
     start = time.process_time()
     jax.block_until_ready(run())
     return time.process_time() - start

@@ -1,17 +1,17 @@
-"""Normal contact and torsion beside other codes on the same problem, in one run.
+"""Normal contact and torsion compared with other codes on the same problem, in one run.
 
-`python -m tests.benchmarks.peers [CELLS …]`: a paraboloid, contact radius 0.3 of the side, on a
-free half-space; then the torsion from rest, c/a = 0.7, which the others do not have. Compiling is
-told apart from solving, the others' operators are made before the clock starts, and times are
-those of the processor, which other programs on the machine disturb less. The coarse grid that ours
-begins with is in its time and its steps. Where aspher or tamaas is not installed its columns are
-empty; the memory is of use in the first row only.
+`python -m tests.benchmarks.peers [CELLS …]`: a paraboloid on a free half-space, with a contact
+radius of 0.3 of the side; then torsion from rest to c/a = 0.7, which the others do not offer.
+Compilation is timed separately, and the others' operators are made before the clock starts. Times
+are processor times, which other programs on the machine disturb less. Our time and steps include
+our initial coarse grid. Columns of aspher or tamaas are empty if the code is not installed. The
+memory is valid in the first row only.
 
-Residuals differ. Ours: root mean square over the contact of gap and overlap, by the largest
-overlap at p = 0; for the traction, of the slip that friction's law forbids, by the rigid motion.
-aspher: the errors it certifies, of energy, penetration and load. tamaas: its own error estimate for
-Polonsky and Keer's iteration. The peers are given our force, we our approach. The columns of
-differences, of two pressures by the peak, tell whether they are comparable.
+Residuals differ. Ours: root mean square of gap and overlap over the contact, relative to the
+largest overlap at p = 0; for the traction, of the slip that violates the friction law, relative to
+the rigid motion. aspher: its certified errors of energy, penetration and load. tamaas: its own
+error estimate for Polonsky and Keer's iteration. The peers get our force, our solver its approach.
+The columns of differences, of two pressures over the peak, show whether the results are comparable.
 """
 
 import importlib
@@ -53,7 +53,7 @@ def main() -> None:
     """Print the table."""
     parser = make_parser(__doc__)
     sizes = [128, 256, 512, 1024]
-    parser.add_argument("cells", nargs="*", type=int, default=sizes, help="along a side")
+    parser.add_argument("cells", nargs="*", type=int, default=sizes, help="cells along a side")
     chosen = parser.parse_args().cells
     jax.config.update("jax_enable_x64", True)
     jax.block_until_ready(jnp.zeros(1) + 1.0)
@@ -68,7 +68,7 @@ def main() -> None:
 
 
 def measure(cells: int, imported: float) -> list[str]:
-    """The cells of a row."""
+    """The texts of a row of the table."""
     ratio = FRICTION * 2.0 / np.pi * RADIUS / CURVATURE * 2.0  # μp0/2G, p0 = (2/π) E* a/R, E* = 4G
     twist = float(lubkin_twist(STICK_RATIO, ratio))
     start = time.perf_counter()
@@ -97,7 +97,7 @@ def measure(cells: int, imported: float) -> list[str]:
 
 
 def solve(cells: int, twist: float, friction: float) -> ContactSolution:
-    """Ours, from rest."""
+    """Solve with our solver, from rest."""
     grid = Grid((cells, cells), (SIDE, SIDE))
     pose = Pose(RADIUS**2 / CURVATURE, twist=twist, linear=True)
     solution = solve_contact(
@@ -107,7 +107,7 @@ def solve(cells: int, twist: float, friction: float) -> ContactSolution:
 
 
 def with_aspher(gap: np.ndarray, mean: float) -> Run | None:
-    """Its solver with the exact convolution, as ours, and its FFT preconditioner."""
+    """aspher's solver with exact convolution, as ours, and its FFT preconditioner."""
     aspher = find("aspher")
     if aspher is None:
         return None
@@ -118,7 +118,7 @@ def with_aspher(gap: np.ndarray, mean: float) -> Run | None:
 
 
 def with_tamaas(gap: np.ndarray, mean: float) -> Run | None:
-    """Its solver in free space."""
+    """tamaas's solver in free space."""
     tamaas = find("tamaas")
     if tamaas is None:
         return None
@@ -137,7 +137,7 @@ def with_tamaas(gap: np.ndarray, mean: float) -> Run | None:
 
 
 def find(name: str) -> Any:
-    """A peer, if it is installed."""
+    """A peer's module; None if it is not installed."""
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError:
@@ -145,7 +145,7 @@ def find(name: str) -> Any:
 
 
 def side_by_side(runs: dict[str, Run | None]) -> tuple[dict[str, float], dict[str, Any]]:
-    """Seconds of the processor, medians of laps in turn, and what the last lap gave."""
+    """Processor times, medians over alternating laps [s], and the results of the last lap."""
     there = {name: run for name, run in runs.items() if run is not None}
     ends: dict[str, Any] = {}
     laps = []
@@ -160,23 +160,23 @@ def side_by_side(runs: dict[str, Run | None]) -> tuple[dict[str, float], dict[st
 
 
 def apart(theirs: np.ndarray, ours: ContactSolution) -> str:
-    """The largest difference of two pressures, by the peak."""
+    """The largest difference of two pressures, over the peak [-]."""
     mine = np.asarray(ours.pressure)
     return f"{np.abs(np.asarray(theirs).reshape(mine.shape) - mine).max() / mine.max():.1e}"
 
 
 def milliseconds(times: dict[str, float], name: str) -> str:
-    """Of a code, if it is installed."""
+    """The time of a code [ms]; empty if it is not installed."""
     return f"{1e3 * times[name]:.3g}" if name in times else ""
 
 
 def told(ends: dict[str, Any], name: str, tell: Callable[[Any], str]) -> str:
-    """What a code found, if it is installed."""
+    """A text about the result of a code; empty if it is not installed."""
     return tell(ends[name]) if name in ends else ""
 
 
 def memory() -> float:
-    """The most this process has held [MB]."""
+    """Peak memory of this process [MB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 

@@ -1,9 +1,10 @@
 """Time from a picture in memory to the object's angle, for each kind of markers, on one core.
 
-`python -m tests.benchmarks.pictures [KIND…]`: a rendered pivot, twisted to 8° and back, read and
-answered by `ImageTracker` after one pass to warm up. Videos and folders of pictures, and clips of
-the data set `pivot-videos` by name, such as `screw_driver_blue_gray/exp_num_1/camera_0`, are real
-ones, imprint included. `--start` measures the first answer of a new process, imports included.
+`python -m tests.benchmarks.pictures [KIND…]`: `ImageTracker` answers a rendered pivot, twisted to
+8° and back, after one pass to warm up. A KIND may also be a real clip, with imprint: a video, a
+folder of pictures, or a clip of the data set `pivot-videos` by name, such as
+`screw_driver_blue_gray/exp_num_1/camera_0`. `--start` measures the first answer of a new process,
+imports included.
 """
 
 import os
@@ -92,11 +93,11 @@ STAGES: dict[str, list[tuple[str, Owner, str]]] = {
         ("angle (`tracked`)", Tracker, "update"),
     ],
 }
-"""Functions whose time is told, none of which calls another."""
+"""Timed functions; none of them calls another."""
 
 
 class Case(NamedTuple):
-    """Pictures to read."""
+    """Pictures to measure."""
 
     name: str
     kind: str
@@ -107,9 +108,9 @@ class Case(NamedTuple):
 def main() -> None:
     """Print a table for each kind."""
     parser = make_parser(__doc__)
-    kinds = f"{', '.join(CASES)}, or paths or names of clips; all kinds if none"
+    kinds = f"{', '.join(CASES)}, or a path or name of a clip (default: all kinds)"
     parser.add_argument("kinds", nargs="*", default=list(CASES), metavar="KIND", help=kinds)
-    parser.add_argument("--start", action="store_true", help="measure the first answer instead")
+    parser.add_argument("--start", action="store_true", help="time the first answer instead")
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     cv2.setNumThreads(1)
@@ -123,7 +124,7 @@ def main() -> None:
 def render_dot_pictures(
     camera: Camera, shape: tuple[int, int], pitch_px: float, radius_px: float = 4.3
 ) -> Case:
-    """Dots in rows."""
+    """Pictures of dots in rows."""
     pitch = pitch_px * camera.mm_per_px
     y, x = np.mgrid[: shape[0], : shape[1]].reshape(2, -1)
     centres = pitch * (np.stack([x, y], axis=1) - 0.5 * (np.array(shape[::-1]) - 1))
@@ -142,7 +143,7 @@ def render_dot_pictures(
 
 
 def render_corner_pictures() -> Case:
-    """A coded checkerboard."""
+    """Pictures of a coded checkerboard."""
     rng, pattern = np.random.default_rng(0), Pattern.coded((20, 20), 23.0 * LARGE.mm_per_px)
     taken = [
         render_pattern(LARGE, lambda p, m=m: LARGE.project(m(p)[:, :2]), pattern, rng)
@@ -152,7 +153,7 @@ def render_corner_pictures() -> Case:
 
 
 def render_speckle_pictures() -> Case:
-    """Speckle."""
+    """Pictures of speckle."""
     rng, radius = np.random.default_rng(0), 2.0 * LARGE.mm_per_px
     size = (LARGE.width + 80) * LARGE.mm_per_px, (LARGE.height + 80) * LARGE.mm_per_px
     centres = scatter_speckle(size, radius, 0.45, rng)
@@ -164,7 +165,7 @@ def render_speckle_pictures() -> Case:
 
 
 def motions(camera: Camera) -> list[Motion]:
-    """What the pivot does to the surface; its contact fills a third of the picture's height."""
+    """Motions of the surface in a pivot; the contact covers a third of the picture's height."""
     model = PivotModel(friction_ratio=0.3)
     assert camera.mm_per_px == LARGE.mm_per_px
     load = np.append(0.0, np.ones(len(ANGLES_DEG) - 1))
@@ -172,7 +173,7 @@ def motions(camera: Camera) -> list[Motion]:
 
 
 def read_clip(name: str) -> Case:
-    """The first frames of a clip, or of a published one."""
+    """The first frames of a clip, given by its path or its name in `pivot-videos`."""
     path = Path(name)
     if not path.exists():
         path = datasets.fetch("pivot-videos").parents[1] / f"{name}.avi"
@@ -245,7 +246,7 @@ def measure_start(case: Case) -> None:
 
 @contextmanager
 def timed_stages(kind: str) -> Iterator[dict[str, float]]:
-    """Add up the processor time that is spent in each stage [s]."""
+    """Measure the processor time of each stage [s]."""
     spent = {stage: 0.0 for stage, _, _ in STAGES[kind]}
 
     def timed(stage: str, call: Callable) -> Callable:

@@ -1,6 +1,6 @@
-"""Processor time of the trackers on one core, and where it goes.
+"""Processor time of the trackers on one core, by method and by stage.
 
-`python -m tests.benchmarks.streaming`: the virtual pivot's 400 markers, one frame at a time.
+`python -m tests.benchmarks.streaming`: the virtual pivot with 400 markers, one frame at a time.
 """
 
 import os
@@ -69,7 +69,7 @@ def time_updates(recording: Recording, method: str, noise: Noise) -> np.ndarray:
 
 
 def stage_table(recording: Recording, noise: Noise) -> Table:
-    """Mean time of each stage and its share."""
+    """Mean time of each stage, and its share."""
     stencils = make_stencils(recording.layout)
     rigid = Rigid(stencils, noise)
     spent = dict.fromkeys(("fields", "  of it contact", "growth by Eq. 15", "robust fit"), 0.0)

@@ -1,9 +1,9 @@
 """Solves per second of the atlas with one worker and with two: `python -m tests.benchmarks.sweep`.
 
-Paths of 40 steps on 64² cells, spread over the whole table, in turn with one worker and with two,
-and the machine's load before each: what else runs there takes from both. Every worker is first
-given the same batch, and the clock starts when all have given it back: starting and compiling are
-left out, and what is counted is the same work for any number of workers.
+Paths of 40 steps on 64² cells, sampled from the whole table, are solved alternately with one worker
+and with two. The machine's load is printed before each, since other programs slow both down. Every
+worker first solves the same batch, and the clock starts when all have finished it. So starting and
+compiling are excluded, and the timed work is the same for any number of workers.
 """
 
 import os
@@ -23,7 +23,7 @@ NAME = "papers.model_error.atlas"
 
 
 def measure(workers: int) -> float:
-    """Solves per second."""
+    """Solves per second with a number of workers."""
     table = atlas.cases(quick=False)
     cases = np.random.default_rng(0).permutation(len(table["cells"]))[:CASES]
     batches = [
