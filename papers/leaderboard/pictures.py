@@ -69,16 +69,16 @@ def _carry_corners(pictures: Iterable[Grey]) -> Iterator[Complex[np.ndarray, " p
     yield points[:, 0] @ np.array([1.0, 1j])
     for before, after in pairwise([first, *steps]):
         if len(points):
-            moved, found = _flow(before, after, points)
-            back, again = _flow(after, before, moved)
-            good &= found & again & (np.linalg.norm(back - points, axis=-1)[:, 0] < 0.5)
+            moved, tracked = _flow(before, after, points)
+            back, tracked_back = _flow(after, before, moved)
+            good &= tracked & tracked_back & (np.linalg.norm(back - points, axis=-1)[:, 0] < 0.5)
             points = moved
         yield np.where(good, points[:, 0] @ np.array([1.0, 1j]), np.nan)
 
 
 def _flow(before: Grey, after: Grey, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    then, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points, points.copy())
-    return then, found.ravel() > 0
+    moved, tracked, _ = cv2.calcOpticalFlowPyrLK(before, after, points, points.copy())
+    return moved, tracked.ravel() > 0
 
 
 def _turn(places: Complex[np.ndarray, "frames points"]) -> Float[np.ndarray, " frames"]:

@@ -121,21 +121,21 @@ def _move_markers(
     return moved, surface.stick[:, nearest].sum(axis=1)
 
 
-def solve_surface(told: settings.Gel) -> Surface:
+def solve_surface(contact: settings.Gel) -> Surface:
     """Solve a contact: the object is pressed on, turned to the peak, and back.
 
     Args:
-        told: the contact.
+        contact: sizes and depth of the contact.
     """
     peak, back, presses = settings.GEL_PEAK_DEG, settings.GEL_BACK_DEG, settings.GEL_PRESSES
     turns = np.append(np.arange(1, peak + 1), np.arange(peak - 1, back - 1, -1))
-    path = [Motion(told.depth_mm * (i + 1) / presses, 0.0) for i in range(presses)]
-    path += [Motion(told.depth_mm, float(turn)) for turn in np.radians(turns)]
-    touching = np.sqrt(2.0 * told.edge_mm * told.depth_mm)
-    reach = told.flat_mm + 1.8 if told.flat_mm else 1.1 * touching + 0.8
+    path = [Motion(contact.depth_mm * (i + 1) / presses, 0.0) for i in range(presses)]
+    path += [Motion(contact.depth_mm, float(turn)) for turn in np.radians(turns)]
+    touching = np.sqrt(2.0 * contact.edge_mm * contact.depth_mm)
+    reach = contact.flat_mm + 1.8 if contact.flat_mm else 1.1 * touching + 0.8
     gel = Gel()
-    elements = cut(gel, told.cell_mm, reach, 1.3)
-    shape = Round(told.flat_mm, told.edge_mm)
+    elements = cut(gel, contact.cell_mm, reach, 1.3)
+    shape = Round(contact.flat_mm, contact.edge_mm)
     solved = press(gel, elements, shape, settings.GEL_FRICTION, path, rtol=1e-6)
     twist = np.array([motion.twist for motion in path])
     return Surface(solved.radius, solved.moved, twist, solved.stick)

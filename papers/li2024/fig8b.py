@@ -112,8 +112,8 @@ def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
 
 
 def _mean(error: np.ndarray) -> float | None:
-    known = error[np.isfinite(error)]
-    return round(float(known.mean()), 3) if len(known) else None
+    answered = error[np.isfinite(error)]
+    return round(float(answered.mean()), 3) if len(answered) else None
 
 
 def plot(result: Lifts) -> Figure:

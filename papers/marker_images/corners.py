@@ -54,7 +54,7 @@ def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
     rng = np.random.default_rng(0)
     pictures = settings.QUICK_CORNER_PICTURES if quick else settings.CORNER_PICTURES
     style = CornerStyle(settings.PITCH)
-    found = []
+    parts = []
     for noise, _ in track([(n, p) for n in settings.NOISES for p in range(pictures)]):
         camera = Camera(noise=noise, blur=settings.BLUR, contrast=settings.CONTRAST)
         pattern = Pattern((20, 20), settings.PITCH * camera.mm_per_px)
@@ -74,7 +74,7 @@ def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
             [fitted.covariance[:, 0, 0], 0.25 * fitted.covariance[:, 2:, 2:].sum(axis=(1, 2))]
         )
         nearest = KDTree(fitted.position).query(truth.position)[1]
-        found.append(
+        parts.append(
             (
                 *_errors(truth, fitted.position, fitted.angles),
                 *_errors(truth, rings.position, rings.angles),
@@ -83,7 +83,7 @@ def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
         )
     saddle, angle, ring, ring_angle, claimed = (
         np.stack(part).reshape(len(settings.NOISES), pictures * 400, *part[0].shape[1:])
-        for part in zip(*found, strict=True)
+        for part in zip(*parts, strict=True)
     )
     return CornerErrors(
         np.stack([saddle, ring], axis=1), np.stack([angle, ring_angle], axis=1), claimed
@@ -163,16 +163,16 @@ def tables(result: CornerErrors) -> dict[str, list[dict[str, object]]]:
         square, own = limits(noise)
         for m, method in enumerate(METHODS):
             off, turned = result.position[n, m], result.angle[n, m]
-            seen = np.isfinite(turned)
-            position, angle = float(np.std(off[seen])), float(np.std(turned[seen]))
-            claimed = np.sqrt(np.mean(result.claimed[n][seen] ** 2, axis=0))
+            found = np.isfinite(turned)
+            position, angle = float(np.std(off[found])), float(np.std(turned[found]))
+            claimed = np.sqrt(np.mean(result.claimed[n][found] ** 2, axis=0))
             rows.append(
                 {
                     "noise": noise,
                     "method": method,
-                    "found [%]": round(100.0 * float(seen.mean()), 2),
+                    "found [%]": round(100.0 * float(found.mean()), 2),
                     "position [px]": round(position, 4),
-                    "bias [px]": round(float(np.abs(off[seen].mean(axis=0)).max()), 5),
+                    "bias [px]": round(float(np.abs(off[found].mean(axis=0)).max()), 5),
                     "claimed [px]": round(float(claimed[0]), 4) if m == 0 else None,
                     "square's bound [px]": round(square[0], 4),
                     "own bound [px]": round(own[0], 4),

@@ -99,9 +99,9 @@ def _measure(
     for fit in FITS.values():
         dots = fit(grey, seeds, style)
         distance, nearest = KDTree(dots.centre).query(truth)
-        seen = np.where(distance < RADIUS, 1.0, np.nan)
-        errors.append(seen[:, None] * (dots.centre[nearest] - truth))
-        claimed.append(seen * np.sqrt(0.5 * np.trace(dots.covariance[nearest], axis1=1, axis2=2)))
+        found = np.where(distance < RADIUS, 1.0, np.nan)
+        errors.append(found[:, None] * (dots.centre[nearest] - truth))
+        claimed.append(found * np.sqrt(0.5 * np.trace(dots.covariance[nearest], axis1=1, axis2=2)))
     return np.array(errors), np.array(claimed)
 
 
@@ -112,16 +112,16 @@ def tables(result: DotErrors) -> dict[str, list[dict[str, object]]]:
         limit = position_limit(noise, RADIUS * SHAPES[shape], settings.CONTRAST, settings.BLUR)
         for f, fit in enumerate(FITS):
             error, claimed = result.position[n, s, f], result.claimed[n, s, f]
-            seen = np.isfinite(error[:, 0])
+            found = np.isfinite(error[:, 0])
             reported = claimed[np.isfinite(claimed)]
-            error, bias = error[seen], float(np.abs(error[seen].mean(axis=0)).max())
+            error, bias = error[found], float(np.abs(error[found].mean(axis=0)).max())
             rows.append(
                 {
                     "noise": noise,
                     "shape": shape,
                     "fit": fit,
-                    "dots": len(seen),
-                    "missed": int((~seen).sum()),
+                    "dots": len(found),
+                    "missed": int((~found).sum()),
                     "position [px]": round(float(error.std()), 5),
                     "bound [px]": round(limit, 5),
                     "over the bound": round(float(error.std()) / limit, 3),

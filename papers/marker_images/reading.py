@@ -226,17 +226,17 @@ def compare_readers(readings: Mapping[str, Reading]) -> list[dict[str, object]]:
     """Agreement of each pair of readers in each column; empty with one reader."""
     rows: list[dict[str, object]] = []
     names = sorted(readings)
-    for i, one in enumerate(names):
-        for other in names[i + 1 :]:
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
             for column in ALLOWED:
                 words = [
-                    (row[column], readings[other][place][column])
-                    for place, row in readings[one].items()
+                    (row[column], readings[second][place][column])
+                    for place, row in readings[first].items()
                 ]
                 clear = [pair for pair in words if UNCLEAR not in pair]
                 rows.append(
                     {
-                        "readers": f"{one}, {other}",
+                        "readers": f"{first}, {second}",
                         "column": column,
                         "frames": len(words),
                         "the same [%]": round(100.0 * np.mean([a == b for a, b in words]), 1),

@@ -215,9 +215,9 @@ def follow(
     """Positions of the first picture's points in the last [px]; NaN if tracking back fails."""
     if not len(points):
         return points
-    there = _flow(pictures, points, window)
-    back = np.linalg.norm(_flow(pictures[::-1], there, window) - points, axis=1)
-    return np.where((back < 0.5)[:, None], there, np.nan)
+    ends = _flow(pictures, points, window)
+    back = np.linalg.norm(_flow(pictures[::-1], ends, window) - points, axis=1)
+    return np.where((back < 0.5)[:, None], ends, np.nan)
 
 
 def _flow(

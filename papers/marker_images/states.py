@@ -86,7 +86,8 @@ class Scored:
     @property
     def on_whole_clips(self) -> "Scored":
         """Readings and answers of all frames of the whole clips, without unsure changes."""
-        return Scored({name: spread(one, sure=True) for name, one in self.whole.items()}, self.ours)
+        readings = {name: spread(spans, sure=True) for name, spans in self.whole.items()}
+        return Scored(readings, self.ours)
 
     @property
     def whole_clips(self) -> list[str]:

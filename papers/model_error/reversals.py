@@ -67,10 +67,10 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
                 [np.degrees(estimate_angles(recording, m).angle - truth.angle) for m in METHODS]
             )
             turned = np.arange(len(recording)) >= len(recording) - FRAMES[-1]
-            known = np.isfinite(error[:, turned])
-            total = np.where(known, np.abs(error[:, turned]), 0.0).sum(axis=1)
-            of_draws.append(total / np.maximum(known.sum(axis=1), 1))
-            shares.append(known.mean(axis=1))
+            has_answer = np.isfinite(error[:, turned])
+            total = np.where(has_answer, np.abs(error[:, turned]), 0.0).sum(axis=1)
+            of_draws.append(total / np.maximum(has_answer.sum(axis=1), 1))
+            shares.append(has_answer.mean(axis=1))
             if draw == 0:
                 first.append(error)
                 points = recording.layout.reference[:, :2]

@@ -65,7 +65,7 @@ def follow_points(
 
 
 def _flow(before: np.ndarray, after: np.ndarray, points: np.ndarray):
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(
+    moved, tracked, _ = cv2.calcOpticalFlowPyrLK(
         before, after, points, points.copy(), winSize=(17, 17), maxLevel=2
     )
-    return moved.reshape(-1, 1, 2), found.ravel() > 0
+    return moved.reshape(-1, 1, 2), tracked.ravel() > 0

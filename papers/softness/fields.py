@@ -119,9 +119,9 @@ def compute(quick: bool = False, track: Track = iter) -> Result:
 
 def _fit(experiment: Experiment, cells: int, fine: int, draws: int) -> list[FieldFit]:
     """Fits on a grid of `cells`² to fields from a grid of `fine`², one for each draw of noise."""
-    seen = _predict(plan(fine), experiment.truth)
+    exact = _predict(plan(fine), experiment.truth)
     return [
-        fit_fields(plan(cells), experiment.numbers, measure(seen, experiment, draw))
+        fit_fields(plan(cells), experiment.numbers, measure(exact, experiment, draw))
         for draw in range(draws)
     ]
 

@@ -157,8 +157,8 @@ def _test(first: dict, grasps: list[_Seen], noise_mm: float) -> Cell:
         error[name] = float(np.mean(deviation / size))
         within[name] = float(np.mean(deviation <= np.maximum(SHARE * size, np.radians(FLOOR_DEG))))
     ks = [
-        float("nan") if one is None else one.stiffness_ratio
-        for one in (ways["scalar"], ways["layered"])
+        float("nan") if softness is None else softness.stiffness_ratio
+        for softness in (ways["scalar"], ways["layered"])
     ]
     return Cell(
         contacts.SHAPES[first["shape"]], k, h, noise_mm, (ks[0], ks[1]), error, within, frames

@@ -66,19 +66,19 @@ def tables(result: Foretold) -> dict[str, list[dict[str, object]]]:
     """A row for each angle ahead."""
     rows = []
     for i, ahead in enumerate(AHEAD_DEG):
-        known = np.isfinite(result.error[:, i])
-        error, low, high = (column[known, i] for column in result)
+        predicted = np.isfinite(result.error[:, i])
+        error, low, high = (column[predicted, i] for column in result)
         rows.append(
             {
                 "ahead [°]": ahead,
-                "draws": len(known),
-                "foretold [%]": round(100 * float(known.mean()), 1),
-                "bias [°]": round(float(error.mean()), 2) if known.any() else None,
+                "draws": len(predicted),
+                "foretold [%]": round(100 * float(predicted.mean()), 1),
+                "bias [°]": round(float(error.mean()), 2) if predicted.any() else None,
                 "mean absolute error [°]": round(float(np.abs(error).mean()), 2)
-                if known.any()
+                if predicted.any()
                 else None,
                 "interval holds [%]": round(100 * float(np.mean((low <= 0) & (high >= 0))), 1)
-                if known.any()
+                if predicted.any()
                 else None,
             }
         )
