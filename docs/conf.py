@@ -77,9 +77,12 @@ templates_path, html_static_path, html_css_files = ["templates"], ["static"], ["
 
 
 def add_contents(app: Sphinx, page: str, source: list[str]) -> None:
-    """The list of all pages follows the README, where the site's side bar reads it."""
+    """The list of all pages follows the README; the scripts follow the README of the examples."""
     if page == root_doc:
         source[0] += Path(app.confdir, "contents.md").read_text(encoding="utf-8")
+    if page == "examples/README":
+        for script in sorted(Path(app.srcdir, "examples").glob("*.py")):
+            source[0] += f"\n## {script.name}\n\n```{{literalinclude}} {script.name}\n```\n"
 
 
 def link_tutorials(app: Sphinx, tree: docutils.nodes.document) -> None:
