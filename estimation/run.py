@@ -12,6 +12,7 @@ import numpy as np
 from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
+from estimation.frames.inspection import list_flaws
 from estimation.frames.noise import expect_unit
 from estimation.output.answer import describe_run
 from estimation.output.found import Run, find_in_record
@@ -229,7 +230,7 @@ class _Job:
         """Write the facts about the run so far, and the checkpoint for resuming it."""
         follower, source, settings = stream.follower, stream.source, self.settings
         noise, row = follower.noise, stream.done
-        notes = [*follower.notes, *(f"{n} frames: {flaw}" for flaw, n in follower.flaws.items())]
+        notes = [*follower.notes, *list_flaws(follower.flaws)]
         writer.tell(
             complete=complete,
             total=len(source) if isinstance(source, Sized) else 0,

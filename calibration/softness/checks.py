@@ -1,7 +1,7 @@
 """What speaks against a fit of softness, or for care with it, with what to measure instead."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy
@@ -11,6 +11,7 @@ from calibration.softness.readings import Layer, Series, gather_points
 from calibration.softness.regression import Line
 from calibration.softness.scatter import Slope
 from calibration.softness.trials import FEWEST_POINTS, FEWEST_ZEROED, Trial
+from estimation.frames.names import counted
 
 LEAST_TURN = np.radians(1.0)
 MOST_OUTLIERS = 0.35
@@ -51,8 +52,8 @@ def check_frames(trials: Sequence[Trial]) -> None:
     for trial in trials:
         if len(trial.time) < 2:
             raise ValueError(
-                f"{trial.name}: {len(trial.time)} frames with a rotation of the elastomer"
-                f"{_left_out(trial)}: record more frames before macro slip"
+                f"{trial.name}: {counted(len(trial.time), 'frame', 'frames')} with a rotation of "
+                f"the elastomer{_left_out(trial)}: record more frames before macro slip"
             )
 
 
@@ -85,15 +86,15 @@ def check_points(
         error = float(np.median(points.rotation_error))
         if turned < max(LEAST_TURN, 8.0 * error):
             away = float(np.abs(np.median(points.rotation)))
-            state = (
-                f"all its readings are at one angle (the elastomer at {np.degrees(away):.1f}°)"
-                if away >= LEAST_TURN
-                else "the object does not turn"
-            )
+            state = "the object does not turn"
+            if turned >= LEAST_TURN:
+                state = "the rotation of the elastomer is too uncertain to fit k"
+            elif away >= LEAST_TURN:
+                state = f"all its readings are at one angle, {np.degrees(away):.1f}°"
             raise ValueError(
-                f"{trial.name}: {state}; the elastomer turns by {np.degrees(turned):.2f}°, known "
-                f"to {np.degrees(error):.2f}°. Turn the object by 5° or more without slip, better "
-                "both ways, and read the angle along the way"
+                f"{trial.name}: {state}: the elastomer turned by {np.degrees(turned):.2g}°, with a "
+                f"standard error of {np.degrees(error):.2g}°. Turn the object one way by 10° or "
+                "more without slip, and read the angle along the way"
             )
         if one.search > 0.0 and abs(offset) > 0.97 * one.search:
             raise ValueError(
@@ -114,11 +115,12 @@ def _too_few(trial: Trial, one: Series, found: int, fewest: int) -> str:
         return (
             f"{trial.name}: the reference runs from {one.time[known][0]:.2f} to "
             f"{one.time[known][-1]:.2f} s, the frames that can be used from {first:.2f} to "
-            f"{last:.2f} s: {found} readings fall between them. Record the reference over the "
-            "whole recording, and give --same-clock where both share one"
+            f"{last:.2f} s: {counted(found, 'reading falls', 'readings fall')} between them. "
+            "Record the reference over the whole recording, and give --same-clock if both share a "
+            "clock"
         )
     return (
-        f"{trial.name}: {found} readings with a rotation of the elastomer, "
+        f"{trial.name}: {counted(found, 'reading', 'readings')} with a rotation of the elastomer, "
         f"{fewest} are needed{_left_out(trial)}: record more frames before macro slip, or "
         "read the reference more often"
     )
@@ -126,8 +128,12 @@ def _too_few(trial: Trial, one: Series, found: int, fewest: int) -> str:
 
 def _left_out(trial: Trial) -> str:
     """The frames that are not used, in brackets."""
-    excluded = ", ".join(f"{count} frames {reason}" for reason, count in trial.excluded.items())
+    excluded = ", ".join(_count_excluded(trial.excluded))
     return f" (left out: {excluded})" if excluded else ""
+
+
+def _count_excluded(excluded: Mapping[str, int]) -> list[str]:
+    return [f"{counted(n, 'frame', 'frames')} {reason}" for reason, n in excluded.items()]
 
 
 def check_line(trial: Trial, one: Series, line: Line) -> None:
@@ -260,7 +266,7 @@ def _tell_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
                 f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames that "
                 "stick: record it over the whole recording"
             )
-    yield from (f"left out: {count} frames {reason}" for reason, count in excluded.items())
+    yield from (f"left out: {one}" for one in _count_excluded(excluded))
 
 
 def _tell_readings(line: Line) -> Iterator[str]:

@@ -17,6 +17,7 @@ from calibration.softness.trials import (
     Trial,
     make_trials,
 )
+from estimation.frames.names import counted
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness
@@ -103,7 +104,11 @@ def _fit(trials: Sequence[Trial], layer: Layer, clock_search: float) -> Softness
     ]
     fit = fit_softness(kept or trials, clock_search=clock_search, layer=layer)
     used = {id(one) for one in kept}
-    lost = [f"{t.name}: left out, {len(t.time)} readings" for t in trials if id(t) not in used]
+    lost = [
+        f"{t.name}: left out, {counted(len(t.time), 'reading', 'readings')}"
+        for t in trials
+        if id(t) not in used
+    ]
     return replace(fit, notes=(*fit.notes, *lost)) if kept else fit
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from contactmodel.common.inputs import cell_number, read_rows
 from estimation.fields.outline import follow_outline
+from estimation.frames.names import counted
 from estimation.frames.recording import Recording
 
 NO_REFERENCE = (
@@ -80,8 +81,8 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     names = set(rows[0][1]) if rows else set()
     if len(rows) < FEWEST_READINGS or "time_s" not in names:
         raise ValueError(
-            f"{path}: {len(rows)} readings with columns {sorted(names)}; a reference has the "
-            "columns time_s and angle_deg (or angle_rad)"
+            f"{path}: {counted(len(rows), 'reading', 'readings')} with columns {sorted(names)}; "
+            "a reference has the columns time_s and angle_deg (or angle_rad)"
         )
     time = _column(rows, "time_s")
     if not (np.diff(time) > 0).all():

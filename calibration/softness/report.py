@@ -23,6 +23,7 @@ from calibration.softness.references import (
 from calibration.softness.trials import make_trials
 from calibration.softness.two_fingers import fit_two_fingers
 from estimation.frames.files import write_whole
+from estimation.frames.names import counted
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness, write_softness
@@ -240,7 +241,7 @@ def _state(fit: SoftnessFit) -> str:
         more = f", L = {made.load_term:.4f} ± {1.96 * error:.4f} {unit} ({fit.model})"
     return (
         f"k = {fit.stiffness_ratio:.4f} (95 %: {fit.low:.4f} to {fit.high:.4f}){more} from "
-        f"{len(fit.grasps)} grasps"
+        f"{counted(len(fit.grasps), 'grasp', 'grasps')}"
     )
 
 

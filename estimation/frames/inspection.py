@@ -5,12 +5,15 @@ marker that cannot be used is marked (`valid`), and what was found is counted in
 """
 
 from bisect import bisect_left
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
+from estimation.frames.names import counted
 from estimation.frames.recording import (
     LARGEST,
     ONSET_MM,
@@ -74,7 +77,7 @@ def inspect_recording(recording: Recording) -> Recording:
         *_index_notes(recording),
         *_count("a marker was not seen", ~seen),
         *_count("a marker was frozen while the others moved", frozen),
-        *_flaw_notes(flaws),
+        *list_flaws(Counter(flaw for flaw in flaws if flaw)),
         *_length_notes(recording, valid & ~blank[:, None]),
     ]
     notes = recording.notes + tuple(note for note in found if note not in recording.notes)
@@ -122,7 +125,7 @@ class LiveInspector:
     def notes(self) -> tuple[str, ...]:
         """In how many frames and for how many markers something was wrong."""
         return tuple(
-            f"{what}: {which.sum()} markers, in {frames} frames"
+            _say_count(what, int(which.sum()), frames)
             for what, (frames, which) in self._found.items()
         )
 
@@ -214,8 +217,8 @@ def _index_notes(recording: Recording) -> list[str]:
     if (steps > 1).any():
         missing, gaps = int((steps[steps > 1] - 1).sum()), int((steps > 1).sum())
         notes.append(
-            f"{missing} frames were dropped at the source ({gaps} gaps in the frame numbers, the "
-            f"largest step {steps.max()})"
+            f"{counted(missing, 'frame was', 'frames were')} dropped at the source "
+            f"({counted(gaps, 'gap', 'gaps')} in the frame numbers, the largest step {steps.max()})"
         )
     if (steps < 1).any():
         notes.append(f"the frame numbers do not increase in {int((steps < 1).sum())} places")
@@ -246,9 +249,14 @@ def _count(what: str, where: Bool[np.ndarray, "frames n"]) -> list[str]:
     if not where.any():
         return []
     frames, markers = int(where.any(axis=1).sum()), int(where.any(axis=0).sum())
-    return [f"{what}: {markers} markers, in {frames} frames"]
+    return [_say_count(what, markers, frames)]
 
 
-def _flaw_notes(flaws: list[str]) -> list[str]:
-    """How many frames have each flaw."""
-    return [f"{flaws.count(flaw)} frames: {flaw}" for flaw in dict.fromkeys(flaws) if flaw]
+def _say_count(what: str, markers: int, frames: int) -> str:
+    seen = counted(markers, "marker", "markers")
+    return f"{what}: {seen}, in {counted(frames, 'frame', 'frames')}"
+
+
+def list_flaws(counts: Mapping[str, int]) -> list[str]:
+    """The number of frames with each flaw, in words."""
+    return [f"{counted(n, 'frame', 'frames')}: {flaw}" for flaw, n in counts.items()]

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Int
 
+from estimation.frames.names import counted
 from estimation.frames.recording import Recording
 from estimation.frames.source import Source
 
@@ -112,9 +113,9 @@ def estimate_noise(recording: Recording) -> Noise:
             break
     else:
         raise ValueError(
-            f"the noise cannot be estimated from {len(recording)} frames: it takes frames "
-            f"i, i + {white_lags.start} and i + {2 * white_lags.start} of the source that show "
-            f"{FEWEST_SAMPLES} markers; give the noise, or record longer"
+            f"the noise cannot be estimated from {counted(len(recording), 'frame', 'frames')}: it "
+            f"takes frames i, i + {white_lags.start} and i + {2 * white_lags.start} of the "
+            f"source that show {FEWEST_SAMPLES} markers; give the noise, or record longer"
         )
     if not (white[:2] > 0).all():
         raise ValueError(

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from estimation.choices import LiveChoices
+from estimation.frames.names import counted
 from estimation.tracking.stream import AHEAD_LIVE
 
 Item = TypeVar("Item")
@@ -85,8 +86,8 @@ class Feed:
         notes = []
         if self.lost:
             notes.append(
-                f"{self.lost} frames were lost between source and answer: they came faster than "
-                f"they were answered, and at most {self._choices.queue} can wait (--queue)."
+                f"{counted(self.lost, 'frame was', 'frames were')} lost between source and answer: "
+                f"frames came faster than they were answered, and at most {self._choices.queue} can wait (--queue)."
             )
         if self.silences:
             notes.append(

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.estimators.result import RESTS_OR_SLIDES, State
+from estimation.frames.names import counted
 from estimation.output.found import Run
 from estimation.output.missing import count_missing
 
@@ -43,8 +44,8 @@ def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> s
         return f"no clear turn (at most {show(int(np.abs(angles).argmax()))})"
     if len(turns) > most:
         ends = (int(angles.argmin()), int(angles.argmax()))
-        swings = f"turned to and fro {len(turns) - 1} times, from {show(ends[0])}"
-        return f"{swings} to {show(ends[1])}; last {show(len(angles) - 1)}"
+        swings = f"turned back and forth between {show(ends[0])} and {show(ends[1])}"
+        return f"{swings}; last {show(len(angles) - 1)}"
     first, *others = map(show, turns)
     back = [f"{'then' if number else 'back'} to {one}" for number, one in enumerate(others)]
     return ", ".join([f"turned to {first}", *back])
@@ -127,14 +128,15 @@ def _describe_turns_of(run: Run) -> str:
     """The turns of the chosen method's angle, in each stretch that is counted from its own zero."""
     track = run.main
     if not track.answered.any():
-        missing = ", ".join(f"{n} frames {why}" for why, n in count_missing(track).items())
-        return f"No angle in any of {len(track.time)} frames ({missing})"
+        counts = count_missing(track).items()
+        missing = ", ".join(f"{counted(n, 'frame', 'frames')} {why}" for why, n in counts)
+        return f"No angle in any of {counted(len(track.time), 'frame', 'frames')} ({missing})"
     words = []
     for anew in np.unique(track.anew[track.answered]):
         rows = track.anew == anew
         turns = describe_turns(track.angle[rows], track.low[rows], track.high[rows])
         since = track.since[rows & track.answered][0] - track.time[0]
-        words.append(f"counted anew from {since:.2f} s: {turns}" if words else turns)
+        words.append(f"angle restarted at {since:.2f} s: {turns}" if words else turns)
     text = "; ".join(words[:3]) + ("; …" if len(words) > 3 else "")
     return text[0].upper() + text[1:]
 

@@ -195,8 +195,8 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
         first = next(i for i, state in enumerate(track.state) if state != State.UNKNOWN)
         if track.anew[first]:
             return (
-                start + ", and how far the object had turned before is unknown: all angles are "
-                "relative to that frame.",
+                start + ", and how far the object had turned before is unknown: all angles count "
+                "from that frame.",
             )
         return (
             start + ": angles are relative to the unloaded reference shape that came with the "

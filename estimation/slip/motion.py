@@ -179,6 +179,6 @@ def describe_counts(track: Track) -> tuple[str, ...]:
     shown = ", ".join(f"{time:.2f}" for time in sorted(times)[:5])
     more = ", …" if len(times) > 5 else ""
     return (
-        f"The angle was unknown and is counted anew from {shown}{more} s (columns since_s and "
-        "counted_anew): earlier rotation is not included.",
+        f"The angle was lost and restarted at {shown}{more} s (columns since_s and counted_anew): "
+        "earlier rotation is not included.",
     )

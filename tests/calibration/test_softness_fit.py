@@ -217,11 +217,14 @@ def _broken():
     lost = np.where(rng.random(60) < 0.5, rng.normal(size=60), angle)
     few = np.where(np.arange(60) % 15 == 0, angle, np.nan)
     return {
-        "1 frames with a rotation": [
+        "1 frame with a rotation": [
             replace(good, **{n: getattr(good, n)[:1] for n in _PER_FRAME}),
         ],
         "4 readings with a rotation": [_with(good, angle=few)],
         "all its readings are at one angle": [replace(good, rotation=good.error + 0.1)],
+        "too uncertain to fit k: the elastomer turned by": [
+            replace(good, error=np.full_like(good.error, np.ptp(good.rotation))),
+        ],
         "does not turn": [trial(rng, span=0.0)],
         "turns the other way": [_with(good, angle=-angle)],
         "seems to be in degrees": [_with(good, angle=np.degrees(angle))],
@@ -287,7 +290,7 @@ def test_a_gel_that_stands_still_under_a_turning_object_slips():
     [
         ("time_s,angle\n0,1\n1,2\n", "must be called angle_deg or angle_rad"),
         ("t,angle_deg\n0,1\n1,2\n", "time_s and angle_deg"),
-        ("time_s,angle_deg\n0,1\n", "1 readings"),
+        ("time_s,angle_deg\n0,1\n", "1 reading with"),
         ("time_s,angle_deg\n0,1\n0,2\n", "must increase"),
         ("time_s,angle_deg\n0,1\n1,x\n", "line 3: angle_deg is 'x'"),
     ],

@@ -152,15 +152,15 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
         (
             [0, 9, 0, 9, 0, 9, -1],
             {},
-            "Turned to and fro 5 times, from −1.0° ± 0.1° to +9.0° ± 0.1°; last −1.0° ± 0.1°; held "
+            "Turned back and forth between −1.0° ± 0.1° and +9.0° ± 0.1°; last −1.0° ± 0.1°; held "
             "to the end",
         ),
         ([0, 0.1, -0.3], {"half": 0.5}, "No clear turn (at most −0.3° ± 0.5°); held to the end"),
         (
             [0, 5, np.nan, 0, -7],
             {"anew": [0, 0, 0, 1, 1]},
-            "Turned to +5.0° ± 0.1°; counted anew from 0.00 s: turned to −7.0° ± 0.1°; held to the "
-            "end",
+            "Turned to +5.0° ± 0.1°; angle restarted at 0.00 s: turned to −7.0° ± 0.1°; held to "
+            "the end",
         ),
         (
             [np.nan] * 3,

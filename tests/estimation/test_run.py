@@ -256,7 +256,7 @@ def test_a_file_where_the_folder_should_be(tmp_path, progress):
     [
         (lift(ANGLES, unloaded=0), "contact from the first usable frame on"),
         (lift(ANGLES[:0], unloaded=12), "no contact in the 12 usable frames of 12"),
-        (lift(ANGLES).head(1), "cannot be estimated from 1 frames"),
+        (lift(ANGLES).head(1), "cannot be estimated from 1 frame:"),
         (lift(ANGLES[-1:], unloaded=0), "misfit within each frame"),
         (lift(ANGLES, layout=domed_pad((3, 4))), "cannot be estimated from 12 markers"),
     ],

@@ -61,7 +61,7 @@ class CornerReader(MarkerReader):
         return (
             self.tracker.describe(),
             self.reference.note,
-            "The contact region is estimated from the dispersion of the translation field.",
+            "The contact region is estimated from how far neighbouring markers have moved.",
         )
 
 

@@ -124,7 +124,7 @@ class DotReader(MarkerReader):
 
     def notes(self) -> tuple[str, ...]:
         """Remarks on the dots, the reference and the estimate of the contact region."""
-        source = "the dispersion of the translation field"
+        source = "how far neighbouring dots have moved"
         if self.prints:
             source = f"the object's print where there is one, else from {source}"
         source = "the change of light" if self.light else source

@@ -83,7 +83,7 @@ class SpeckleReader(MarkerReader):
             f"{2 * style.size:.1f} px. The points are {style.pitch} px apart, each tracked by the "
             f"{2 * style.radius + 1} px square around it.{masked}{seeds}",
             self.reference.note,
-            "The contact region is estimated from the dispersion of the translation field.",
+            "The contact region is estimated from how far neighbouring markers have moved.",
         )
 
     def _straighten(self, match: Match) -> Match:

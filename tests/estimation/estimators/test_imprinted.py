@@ -85,7 +85,7 @@ def test_an_angle_that_is_counted_anew_says_since_when_and_is_never_exact():
     assert (result.since[anew] >= recording.time[0]).all()
     assert (result.high - result.low)[result.answered].min() > 0.0
     later = replace(result, time=result.time - 1.0)
-    assert "counted anew" in " ".join(describe_counts(later))
+    assert "restarted" in " ".join(describe_counts(later))
 
 
 def test_a_shadow_that_stays_while_the_gel_turns_is_no_imprint():

@@ -187,7 +187,7 @@ def test_what_is_read_by_path_is_inspected(recording, tmp_path):
     write_archive(recording, tmp_path / "one.npz")
     read = read_recording(tmp_path / "one.npz")
     assert read.flaws == ("",) * 5
-    assert "1 frames were dropped" in read.notes[0]
+    assert "1 frame was dropped" in read.notes[0]
 
 
 def test_opens_without_us_and_without_pickles(recording, tmp_path):

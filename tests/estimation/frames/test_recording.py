@@ -184,7 +184,7 @@ def test_a_marker_that_is_not_seen_is_not_valid():
     inspected = inspect_recording(replace(recording, positions=positions, valid=valid))
     assert np.argwhere(~inspected.valid).tolist() == [[3, 7]]
     assert inspected.flaws == ("",) * 12
-    assert inspected.notes == ("a marker was not seen: 1 markers, in 1 frames",)
+    assert inspected.notes == ("a marker was not seen: 1 marker, in 1 frame",)
 
 
 def test_a_frozen_marker_is_marked_from_where_it_stops():
@@ -224,7 +224,7 @@ def test_frames_of_zeros_and_without_markers_are_flawed():
     assert inspected.flaws[8] == "no marker can be used"
     assert sum(flaw != "" for flaw in inspected.flaws) == 3
     assert not inspected.valid[[4, 6, 8]].any()
-    assert "1 frames: all marker positions are zero" in inspected.notes
+    assert "1 frame: all marker positions are zero" in inspected.notes
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_the_way_is_chosen_and_told(tmp_path):
         for unloaded in (0, None)
     }
     assert "estimated from the change of light" in told[0]
-    assert "estimated from the dispersion" in told[None]
+    assert "estimated from how far" in told[None]
 
 
 def test_a_contact_whose_middle_is_not_seen_is_not_judged():
