@@ -32,6 +32,11 @@ from estimation.frames.noise import Noise
 
 CORE_MARKERS = 9
 """Number of markers about the stick centre from which a fit starts: three rows of three."""
+CORE_SIZES = (CORE_MARKERS, 7, 5, 4)
+"""Numbers of markers of the cores that are tried, largest first."""
+INNER_LIKELY, INNER_CERTAIN = 1.645, 1.96
+"""Standard errors by which the inner half of a small stick region may turn beyond the whole: the
+interval covers the first (95 %, one-sided); beyond the second, the outer half slips."""
 BIWEIGHT_CUT = 5.0
 # Standard error over that of an unweighted fit, times the square root of the mean weight: two
 # normal coordinates and a cut at 5 standard deviations (quadrature; tested).
@@ -220,6 +225,10 @@ def fit_rigid_rotation(
     reweighted least squares ([Kabsch1976], [Beaton1974]), started from the markers nearest the
     stick centre, then fit the in-plane motion, which is rigid up to an even stretch.
 
+    If most of the markers lie at the region's rim, slip may hide in the noise of all of them. The
+    inner half, which slips last, is then fitted on its own: if it turns clearly further than the
+    whole, it alone sticks; if not, the interval covers how much further it may turn.
+
     Args:
         stencils: stencils of the layout.
         fields: fields of the frame.
@@ -230,32 +239,85 @@ def fit_rigid_rotation(
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     x, y = before[segment], after[segment]
-    distance = np.abs(x - before[fields.centre])
-    weights = (distance <= np.sort(distance)[:CORE_MARKERS][-1]).astype(float)
-    motion = fit_motion(x, y, weights)
-    scale = _scale(motion.residual(x, y)[weights > 0], noise_mm)
+    body, scale = _fit_core(x, y, np.abs(x - before[fields.centre]), noise_mm)
     for _ in range(50):  # two to ten suffice
-        previous = weights
-        residual = motion.residual(x, y)
+        residual = body.motion.residual(x, y)
         weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
-        motion = fit_motion(x, y, weights)
-        if np.abs(weights - previous).max() < 1e-6:
+        previous, body = body, _Body(weights, fit_motion(x, y, weights))
+        if np.abs(weights - previous.weights).max() < 1e-6:
             break
-    stick = np.zeros_like(segment)
-    stick[segment] = weights > 0
-    if stick.sum() < MIN_STICK_MARKERS:
-        return RigidFit(np.nan, np.nan, np.nan, stick, scale, np.inf)
-    lever = np.zeros(len(stick))
-    lever[segment] = weights * np.abs(x - motion.origin)
-    information = float(lever[segment] @ np.abs(x - motion.origin))
+    while True:
+        stick = np.zeros_like(segment)
+        stick[segment] = body.weights > 0
+        if stick.sum() < MIN_STICK_MARKERS:
+            return RigidFit(np.nan, np.nan, np.nan, stick, scale, np.inf)
+        influence = np.zeros(len(stick))
+        information = body.information(x)
+        influence[segment] = body.weights * np.abs(x - body.motion.origin) / information
+        lag = _undetected_slip(stencils, body.motion, before, after, stick, influence, scale)
+        if not lag or stick.sum() < CORE_MARKERS or not _is_mostly_rim(stencils, stick):
+            break
+        inner = body.take_inner_half(x, y)
+        ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
+        error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
+        if ahead <= INNER_CERTAIN * error:
+            lag = np.sign(lag) * max(abs(lag), ahead + INNER_LIKELY * error)
+            break
+        body = inner
     return RigidFit(
-        angle=float(np.angle(motion.turn)),
+        angle=float(np.angle(body.motion.turn)),
         standard_error=BIWEIGHT_ERROR * scale / np.sqrt(information),
-        lag=_undetected_slip(stencils, motion, before, after, stick, lever / information, scale),
+        lag=lag,
         stick=stick,
         scale=scale,
-        strain=float(np.sqrt(max(scale**2 - noise_mm**2, 0.0) * weights.sum() / information)),
+        strain=float(np.sqrt(max(scale**2 - noise_mm**2, 0.0) * body.weights.sum() / information)),
     )
+
+
+class _Body(NamedTuple):
+    """Markers that move as one body: their weights, 0 for all others, and their motion."""
+
+    weights: Float[np.ndarray, " m"]
+    motion: Motion
+
+    def information(self, x: Complex[np.ndarray, " m"]) -> float:
+        """Weighted sum of the squared distances from their centre [mm²]."""
+        return float(self.weights @ np.abs(x - self.motion.origin) ** 2)
+
+    def take_inner_half(
+        self, x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"]
+    ) -> "_Body":
+        """The half of the markers nearest to their centre, with a motion of its own."""
+        distance = np.abs(x - self.motion.origin)
+        weights = self.weights * (distance <= np.median(distance[self.weights > 0]))
+        return _Body(weights, fit_motion(x, y, weights))
+
+
+def _fit_core(
+    x: Complex[np.ndarray, " m"],
+    y: Complex[np.ndarray, " m"],
+    distance: Float[np.ndarray, " m"],
+    noise_mm: float,
+) -> tuple[_Body, float]:
+    """The body of the markers nearest the stick centre, and its noise or misfit [mm].
+
+    It is the largest of several cores whose misfit the noise explains, since the stick region may
+    be smaller than nine markers. Where the noise explains none, the nine nearest give the misfit.
+
+    Args:
+        x: positions before [mm].
+        y: positions now [mm].
+        distance: distance of each marker from the stick centre [mm].
+        noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
+    """
+    ranked, cores = np.sort(distance), list[tuple[_Body, float]]()
+    for size in CORE_SIZES:
+        weights = (distance <= ranked[:size][-1]).astype(float)
+        body = _Body(weights, fit_motion(x, y, weights))
+        cores.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
+        if cores[-1][1] <= noise_mm:
+            return cores[-1]
+    return cores[0]
 
 
 def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
@@ -266,6 +328,13 @@ def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
     limit = freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3  # 99 % of χ²: Wilson, Hilferty
     scale = noise_mm if misfit <= limit * noise_mm**2 else float(np.sqrt(misfit / freedom))
     return max(scale, 1e-9)
+
+
+def _is_mostly_rim(stencils: Stencils, stick: Bool[np.ndarray, " n"]) -> bool:
+    """Whether most of the sticking markers have a neighbour that does not stick."""
+    neighbours = stencils.neighbours[stick]
+    inside = np.all(stick[neighbours] | (neighbours < 0), axis=1)
+    return bool(np.mean(inside) < 0.5)
 
 
 def _undetected_slip(
