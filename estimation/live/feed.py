@@ -87,7 +87,8 @@ class Feed:
         if self.lost:
             notes.append(
                 f"{counted(self.lost, 'frame was', 'frames were')} lost between source and answer: "
-                f"frames came faster than they were answered, and at most {self._choices.queue} can wait (--queue)."
+                "frames came faster than they were answered, and at most "
+                f"{self._choices.queue} can wait (--queue)."
             )
         if self.silences:
             notes.append(
