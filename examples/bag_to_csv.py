@@ -1,4 +1,4 @@
-"""A topic of a bag to a table: `python examples/bag_to_csv.py grasp.mcap/left/frame angles.csv`."""
+"""Bag's topic to a table: `python examples/bag_to_csv.py grasp.mcap/left/frame angles.csv`."""
 
 import sys
 from contextlib import closing
@@ -8,7 +8,7 @@ from estimation import BagSource, Settings, Stream, TableWriter
 
 
 def main(place: str, table: str) -> None:
-    """Write a row for each frame, as `python -m estimation run` does."""
+    """Write a row for each frame, like `python -m estimation run`."""
     source, settings = BagSource(Path(place)), Settings()
     stream = Stream(source, settings)
     with closing(TableWriter(Path(table), settings.method, source.unit)) as writer:

@@ -1,4 +1,4 @@
-"""The angle from a camera's pictures, in your own loop: `python examples/opencv_camera.py 0`."""
+"""Angle from a camera's pictures, in your own loop: `python examples/opencv_camera.py 0`."""
 
 import sys
 import time

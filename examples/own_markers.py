@@ -1,4 +1,4 @@
-"""Marker positions of your own: here a pad of 400 markers that is pressed and turned by 5°."""
+"""Angle from your own marker positions: here a pad of 400 markers, rotated by up to 5°."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from estimation import Noise, Tracker, layout_markers
 
 
 def main() -> None:
-    """Print the angle of each frame; the object's truth is beside it."""
+    """Print the true and the estimated angle of each frame."""
     x, y = np.meshgrid(np.arange(20.0), np.arange(20.0))
     rest = np.stack([x.ravel(), y.ravel()], axis=1) - 9.5  # mm, unloaded
-    inside = np.exp(-((np.hypot(*rest.T) / 6.0) ** 8))  # of the contact
+    inside = np.exp(-((np.hypot(*rest.T) / 6.0) ** 8))  # 1 inside the contact, 0 outside
     tracker = Tracker(layout_markers(rest), noise=Noise.given(1e-3))
     rng = np.random.default_rng(0)
     for frame, degrees in enumerate(np.linspace(0.0, 5.0, 11)):

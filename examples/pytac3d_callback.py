@@ -1,4 +1,4 @@
-"""The angle in the callback of PyTac3D, the SDK of the Tac3D sensor (`pip install pytac3d`)."""
+"""Angle in the callback of PyTac3D, the SDK of the Tac3D sensor (`pip install pytac3d`)."""
 
 import time
 from typing import Any
@@ -11,7 +11,7 @@ trackers: dict[str, Tracker] = {}
 
 
 def receive(frame: dict[str, Any], param: object) -> None:
-    """Answer a frame; the first with a load has the sensor's unloaded shape in it."""
+    """Print the angle of a frame; the first loaded frame contains the sensor's unloaded shape."""
     positions, moved = frame["3D_Positions"], frame["3D_Displacements"]
     name = frame["SN"]
     if name not in trackers:

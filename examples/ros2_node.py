@@ -1,4 +1,4 @@
-"""A ROS 2 node: clouds of markers in (`markers`), the object's angle out (`angle`, rad)."""
+"""ROS 2 node that receives clouds of markers (`markers`) and publishes the angle (`angle`, rad)."""
 
 import rclpy
 from rclpy.node import Node
@@ -9,7 +9,7 @@ from estimation import Tracker, layout_markers, read_points, stamp_message
 
 
 class AngleNode(Node):
-    """Answers every cloud; the first one must be of the unloaded pad."""
+    """Publishes an angle for every cloud; the first cloud must show the unloaded pad."""
 
     def __init__(self) -> None:
         super().__init__("contactmodel")

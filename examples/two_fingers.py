@@ -1,4 +1,4 @@
-"""Two fingers that hold one object: their joint angle, live. Here both are simulated."""
+"""Joint angle of two fingers that hold one object, live; here both fingers are simulated."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from estimation import Estimate, Noise, Tracker, layout_markers, simulate_pivot
 
 
 def join(first: Estimate, second: Estimate) -> tuple[float, float]:
-    """The mean by the intervals, and half of its own [rad]; the fingers face each other."""
+    """Mean weighted by the intervals, and half its own [rad]; the fingers face each other."""
     angles = np.array([first.angle, -second.angle])
     halves = np.array([first.high - first.low, second.high - second.low]) / 2.0
     weights = np.where(np.isfinite(angles) & (halves > 0.0), halves**-2.0, 0.0)
@@ -16,14 +16,14 @@ def join(first: Estimate, second: Estimate) -> tuple[float, float]:
 
 def main() -> None:
     """Print the joint angle of every tenth frame."""
-    recording, other = simulate_pivot(frames=(20, 5, 60))[0], np.array([-1.0, 1.0, 1.0])
-    layouts = [layout_markers(side * recording.layout.reference) for side in (1.0, other)]
+    recording, mirror = simulate_pivot(frames=(20, 5, 60))[0], np.array([-1.0, 1.0, 1.0])
+    layouts = [layout_markers(side * recording.layout.reference) for side in (1.0, mirror)]
     trackers = [Tracker(layout, noise=Noise.given(3e-3)) for layout in layouts]
     for row, frame in enumerate(recording):
-        seen = (frame.positions, other * frame.positions)
-        both = [t.update_positions(p, frame.time) for t, p in zip(trackers, seen)]
+        sides = (frame.positions, mirror * frame.positions)
+        answers = [t.update_positions(p, frame.time) for t, p in zip(trackers, sides)]
         if row % 10 == 0:
-            print("{:7.2f}° ± {:.2f}°".format(*np.degrees(join(*both))))
+            print("{:7.2f}° ± {:.2f}°".format(*np.degrees(join(*answers))))
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""Recordings: what they are, their formats, their noise, and what is wrong with them."""
+"""Recordings: their data, formats, inspection and noise."""

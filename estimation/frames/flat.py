@@ -1,7 +1,7 @@
-"""Frames and layouts as plain arrays by name, as files of other formats keep them.
+"""Frames and layouts as plain arrays by name, for files of other formats.
 
-What a frame lacks is NaN (−1 in `contact`), so that every frame of a recording has the same names
-and shapes.
+Missing values of a frame are NaN (−1 in `contact`), so that all frames of a recording have the same
+names and shapes.
 """
 
 from collections.abc import Mapping
@@ -25,15 +25,15 @@ FRAME_FIELDS = {
     "rotation": "f8",
     "hold": "f8",
 }
-"""What a flat frame has, and the kind of its values."""
+"""Fields of a flat frame, with the types of their values."""
 PLAIN_FIELDS = ("time", "source_index", "flaw")
-"""Those that are one value, and no array."""
+"""Fields of a flat frame that are single values, not arrays."""
 LAYOUT_FIELDS = {"reference": "f8", "neighbours": "i4", "grid_shape": "i4"}
-"""What a flat layout has."""
+"""Fields of a flat layout, with the types of their values."""
 
 
 def flatten_frame(frame: Frame) -> dict[str, Any]:
-    """All that a frame holds: arrays, but for its time, number and flaw."""
+    """Convert a frame to values by name: all are arrays except time, number and flaw."""
     unknown = np.full(frame.positions.shape, np.nan)
     contact = np.full(len(unknown), -1) if frame.contact is None else frame.contact
     values = {name: getattr(frame, name) for name in FRAME_FIELDS}
@@ -49,9 +49,9 @@ def flatten_frame(frame: Frame) -> dict[str, Any]:
 
 
 def restore_frame(flat: Mapping[str, Any]) -> Frame:
-    """The frame that was flattened.
+    """Convert the values of `flatten_frame` back to a frame.
 
-    Arrays may come in any shape of as many numbers; forces and rotation also as empty ones.
+    Arrays may have any shape with the right number of values; forces and rotation may be empty.
 
     Raises:
         ValueError: the arrays do not fit each other.
@@ -82,7 +82,7 @@ def restore_frame(flat: Mapping[str, Any]) -> Frame:
 
 
 def flatten_layout(layout: MarkerLayout) -> dict[str, np.ndarray]:
-    """All that a layout holds; the shape of a grid is empty where there is none."""
+    """Convert a layout to arrays by name; `grid_shape` is empty if there is no grid."""
     values = {name: getattr(layout, name) for name in LAYOUT_FIELDS}
     return {
         name: np.array([] if value is None else value, LAYOUT_FIELDS[name])
@@ -91,7 +91,11 @@ def flatten_layout(layout: MarkerLayout) -> dict[str, np.ndarray]:
 
 
 def restore_layout(flat: Mapping[str, Any], dimensions: int) -> MarkerLayout:
-    """The layout that was flattened; arrays may come in any shape of as many numbers.
+    """Convert the arrays of `flatten_layout` back to a layout.
+
+    Args:
+        flat: arrays of any shape with the right number of values.
+        dimensions: coordinates of each marker, 2 or 3.
 
     Raises:
         ValueError: the arrays do not fit each other.

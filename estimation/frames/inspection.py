@@ -1,7 +1,7 @@
-"""What is wrong with a recording, told frame by frame and marker by marker.
+"""Inspection of recordings: unusable frames and markers are flagged.
 
-Nothing is dropped: a frame that cannot be used keeps its row and gets a reason (`flaws`), a
-marker that cannot be used is marked (`valid`), and what was found is counted in `notes`.
+Nothing is dropped. A frame that cannot be used keeps its row and gets a reason in `flaws`. A marker
+that cannot be used is not `valid`. The `notes` count both.
 """
 
 from bisect import bisect_left
@@ -24,28 +24,27 @@ from estimation.frames.recording import (
 )
 
 FROZEN_STEPS = 5
-"""Steps in a row without any change after which a marker counts as frozen.
+"""Number of consecutive steps without motion after which a marker counts as frozen.
 
-One or two do happen to good markers whose coordinates are rounded."""
+Good markers with rounded coordinates have one or two such steps."""
 
 
 def inspect_recording(recording: Recording) -> Recording:
-    """The recording with its flaws found: `flaws`, `valid` and `notes` filled in.
+    """Inspect a recording, and fill in its `flaws`, `valid` and `notes`.
 
-    A frame is flawed when its time stamp is missing or out of order, when it shows no marker, when
-    all its positions are exactly zero, or when they are exactly those of the frame before, as from
-    a sensor that hangs (but for the reference itself, which some sensors report while unloaded). A
-    marker is not valid where it has no position and where it is frozen (`frozen_markers`). Frames
-    missing at the source are counted in the notes. Values that are infinite, or too large to be
-    measurements, become NaN, as if they were missing. Lengths that suggest another unit, or a z
-    axis the other way round, get a note. Inspecting twice changes nothing, and flaws that a reader
-    has set stay.
+    A frame is flagged if its time stamp is missing or out of order, if it shows no marker, if all
+    its positions are exactly zero, or if they equal the previous frame's exactly, as from a sensor
+    that hangs. Repetitions of the reference are not flagged, since some sensors report it while
+    unloaded. A marker is not valid where it has no position or is frozen (`frozen_markers`). Notes
+    count the frames that are missing at the source, and point out lengths that suggest another unit
+    or a reversed z axis. Infinite values, and values too large to be measurements, become NaN. A
+    second inspection changes nothing, and flaws that a reader has set stay.
 
     Raises:
-        ValueError: there are many time stamps, and no two are in order, or a marker at rest is
-            where none can be.
+        ValueError: the recording has many time stamps and no two are in order, or a position at
+            rest is not finite or too large.
     """
-    # time stamps from which on, none after another, it is the clock: by chance 1 in 10!
+    # number of disordered time stamps that prove a fault of the clock: by chance 1 in 10!
     many_stamps = 10
     expect_places(recording.layout.reference)
     recording, absurd = _take_out_absurd(recording)
@@ -58,7 +57,7 @@ def inspect_recording(recording: Recording) -> Recording:
     if timed.sum() >= many_stamps and (timed & ~disordered).sum() == 1:
         raise ValueError(
             f"{recording.name}: the clock stands still or runs backwards, none of {timed.sum()} "
-            "time stamps is after another: give the frames in order, with their times in seconds"
+            "time stamps is later than another: give the frames in order, with times in seconds"
         )
     reasons = {
         "no time stamp": ~timed,
@@ -72,7 +71,7 @@ def inspect_recording(recording: Recording) -> Recording:
     for reason, where in reasons.items():
         for frame in np.flatnonzero(where):
             flaws[frame] = flaws[frame] or reason
-    found = [
+    remarks = [
         *absurd,
         *_index_notes(recording),
         *_count("a marker was not seen", ~seen),
@@ -80,29 +79,29 @@ def inspect_recording(recording: Recording) -> Recording:
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
         *_length_notes(recording, valid & ~blank[:, None]),
     ]
-    notes = recording.notes + tuple(note for note in found if note not in recording.notes)
+    notes = recording.notes + tuple(note for note in remarks if note not in recording.notes)
     return replace(recording, valid=valid & ~blank[:, None], flaws=tuple(flaws), notes=notes)
 
 
 class LiveInspector:
-    """Inspects frames as they come, knowing only the past.
+    """Inspects frames as they arrive, by earlier frames only.
 
-    A frame is flawed that shows every marker exactly where the one before did, but for the
-    reference; a marker is not valid once it is frozen (`frozen_markers`), which takes
-    `FROZEN_STEPS` steps to be seen.
+    A frame is flagged if every marker is exactly where it was in the previous frame, unless that is
+    the reference. A marker is not valid once it is frozen (`frozen_markers`), which is detected
+    after `FROZEN_STEPS` steps.
     """
 
     def __init__(self) -> None:
-        """Begin with no frame."""
+        """Start without a frame."""
         self._before: Float[np.ndarray, "n d"] | None = None
         self._still = np.zeros(0, dtype=int)
         self._found: dict[str, tuple[int, Bool[np.ndarray, " n"]]] = {}
 
     def inspect(self, frame: Frame, reference: Float[np.ndarray, "n d"]) -> Frame:
-        """The next frame, with what is found wrong with it.
+        """Inspect the next frame, and set its `flaw` and `valid`.
 
         Args:
-            frame: as it came.
+            frame: the frame as it arrived.
             reference: positions of its markers at rest.
         """
         seen = np.asarray(np.isfinite(frame.positions).all(axis=-1))
@@ -110,12 +109,12 @@ class LiveInspector:
         if before is None or frame.flaw or before.shape != frame.positions.shape:
             self._still = np.zeros(len(seen), dtype=int)
             return frame
-        both = seen & np.isfinite(before).all(axis=-1)
-        same = both & (frame.positions == before).all(axis=-1)
+        shared = seen & np.isfinite(before).all(axis=-1)
+        same = shared & (frame.positions == before).all(axis=-1)
         rests = ((frame.positions == reference).all(axis=-1) | ~seen).all()
         if seen.any() and np.array_equal(same, seen) and not rests:
             return replace(frame, flaw="repeats the frame before")
-        if 2 * (both & ~same).sum() > both.sum():
+        if 2 * (shared & ~same).sum() > shared.sum():
             self._still = np.where(same, self._still + 1, 0)
         frozen = np.logical_and(seen, self._still >= FROZEN_STEPS)
         self._count("a marker was not seen", ~seen)
@@ -123,7 +122,7 @@ class LiveInspector:
         return replace(frame, valid=frame.valid & ~frozen) if frozen.any() else frame
 
     def notes(self) -> tuple[str, ...]:
-        """In how many frames and for how many markers something was wrong."""
+        """Number of frames and markers with each problem, in sentences."""
         return tuple(
             _say_count(what, int(which.sum()), frames)
             for what, (frames, which) in self._found.items()
@@ -136,7 +135,7 @@ class LiveInspector:
 
 
 def _take_out_absurd(recording: Recording) -> tuple[Recording, list[str]]:
-    """The recording with NaN in place of what cannot have been measured, and notes about that."""
+    """The recording with NaN in place of values too large to be measurements, and notes."""
     changed, notes = {}, []
     for name, kind in declared_arrays(Recording).items():
         values = getattr(recording, name)
@@ -154,20 +153,20 @@ def _take_out_absurd(recording: Recording) -> tuple[Recording, list[str]]:
 def frozen_markers(
     positions: Float[np.ndarray, "frames n d"], seen: Bool[np.ndarray, "frames n"]
 ) -> Bool[np.ndarray, "frames n"]:
-    """Markers that stay exactly where they are while more than half of the others move.
+    """Find markers that stay exactly in place while more than half of the others move.
 
-    Only steps in which the others move count, and only `FROZEN_STEPS` of them in a row. All frames
-    of such a run are marked, its first included: the last frame in which the tracker was right
-    cannot be told from the first in which it was not.
+    Only steps in which the others move count, and at least `FROZEN_STEPS` of them in a row are
+    required. All frames of such a run are marked, including its first: the last frame with a
+    correct position cannot be distinguished from the first wrong one.
 
     Args:
         positions: marker positions [mm].
-        seen: which of them are known.
+        seen: which markers of each frame are visible.
     """
     frozen = np.zeros(seen.shape, dtype=bool)
-    both = seen[1:] & seen[:-1]
-    still = both & (positions[1:] == positions[:-1]).all(axis=-1)
-    moving = np.flatnonzero(2 * (both & ~still).sum(axis=1) > both.sum(axis=1))
+    shared = seen[1:] & seen[:-1]
+    still = shared & (positions[1:] == positions[:-1]).all(axis=-1)
+    moving = np.flatnonzero(2 * (shared & ~still).sum(axis=1) > shared.sum(axis=1))
     for marker in np.flatnonzero(still[moving].sum(axis=0) >= FROZEN_STEPS):
         edges = np.diff(still[moving, marker].astype(int), prepend=0, append=0)
         for start, stop in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
@@ -179,7 +178,7 @@ def frozen_markers(
 def repeated_frames(
     recording: Recording, seen: Bool[np.ndarray, "frames n"]
 ) -> Bool[np.ndarray, " frames"]:
-    """Frames that show every marker exactly where the frame before does, and not at rest."""
+    """Find frames in which every marker is exactly where it was before, and not at rest."""
     positions = recording.positions
     changed = (positions[1:] != positions[:-1]).any(axis=-1) & (seen[1:] | seen[:-1])
     at_rest = ((positions == recording.layout.reference).all(axis=-1) | ~seen).all(axis=1)
@@ -188,22 +187,22 @@ def repeated_frames(
 
 
 def disordered_times(time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:
-    """Frames whose time stamp is out of order: as few as possible, so that the others increase.
+    """Find the fewest frames without which the time stamps increase.
 
-    One stamp far in the future therefore spoils one frame, not all that follow. Where it is all
-    the same, the earlier frame is kept. Missing stamps (NaN) are not out of order.
+    A single stamp far in the future therefore spoils one frame, not all later ones. Among equal
+    choices, earlier frames are kept. Missing stamps (NaN) are not out of order.
     """
-    known = np.flatnonzero(np.isfinite(time))
-    run = np.zeros(len(time), dtype=int)  # frames of the longest increasing run from here on
+    stamped = np.flatnonzero(np.isfinite(time))
+    run = np.zeros(len(time), dtype=int)  # length of the longest increasing run from each frame on
     starts: list[float] = []  # starts[k] is minus the latest start of a run of k + 1 frames
-    for frame in known[::-1]:
+    for frame in stamped[::-1]:
         start = -float(time[frame])
         place = bisect_left(starts, start)
         starts[place : place + 1] = [start]
         run[frame] = place + 1
     disordered = np.isfinite(time)
     remaining, latest = len(starts), -np.inf
-    for frame in known:
+    for frame in stamped:
         if run[frame] == remaining and time[frame] > latest:
             disordered[frame] = False
             remaining, latest = remaining - 1, time[frame]
@@ -211,7 +210,7 @@ def disordered_times(time: Float[np.ndarray, " frames"]) -> Bool[np.ndarray, " f
 
 
 def _index_notes(recording: Recording) -> list[str]:
-    """What the source's frame numbers say."""
+    """Notes on gaps and disorder in the source's frame numbers."""
     steps = np.diff(recording.source_index)
     notes = []
     if (steps > 1).any():
@@ -226,8 +225,8 @@ def _index_notes(recording: Recording) -> list[str]:
 
 
 def _length_notes(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> list[str]:
-    """Hints at a wrong unit of length, and at a z axis that points into the pad."""
-    pitches = (0.05, 20.0)  # distances between markers that a tactile sensor may have [mm]
+    """Notes on lengths that suggest a wrong unit, or a z axis that points into the pad."""
+    pitches = (0.05, 20.0)  # range of distances between a tactile sensor's markers [mm]
     if recording.unit != "mm":
         return []
     reference, notes = recording.layout.reference, []
@@ -245,7 +244,7 @@ def _length_notes(recording: Recording, valid: Bool[np.ndarray, "frames n"]) -> 
 
 
 def _count(what: str, where: Bool[np.ndarray, "frames n"]) -> list[str]:
-    """In how many frames and for how many markers something holds."""
+    """A note on the number of frames and markers with a problem."""
     if not where.any():
         return []
     frames, markers = int(where.any(axis=1).sum()), int(where.any(axis=0).sum())

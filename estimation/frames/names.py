@@ -1,7 +1,4 @@
-"""What the names of files tell: their order, the frame numbers of pictures, names of recordings.
-
-No library is needed for the order: the numbers in the names must be read anyway, as frame numbers.
-"""
+"""Names of files: their natural order, frame numbers of pictures, and names of recordings."""
 
 import os
 import re
@@ -12,15 +9,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 DUPLICATE = "the picture has the same number as the one before"
-"""Why a picture is left out whose number another one has."""
+"""Flaw of a picture that has the same number as the previous one."""
 
 
 class Numbering(NamedTuple):
     """Frame numbers of pictures.
 
     Attributes:
-        numbers: of each picture.
-        warnings: what is wrong with the numbers in the names, in sentences.
+        numbers: frame number of each picture.
+        warnings: problems of the numbers in the names, in sentences.
     """
 
     numbers: tuple[int, ...]
@@ -28,25 +25,25 @@ class Numbering(NamedTuple):
 
 
 def counted(number: int, singular: str, plural: str) -> str:
-    """A number with the words that follow it: `1 frame`, `2 frames`."""
+    """A number with its noun: `1 frame`, `2 frames`."""
     return f"{number} {singular if number == 1 else plural}"
 
 
 def natural_key(path: Path) -> tuple[list[str | int], str]:
-    """Sort key for files by name, numbers by their value: `frame2` comes before `frame10`."""
+    """Sort key of a file's name that orders numbers by value: `frame2` before `frame10`."""
     return _split(path.name), path.name
 
 
 def name_recordings(paths: Sequence[Path]) -> list[str]:
-    """Names for recordings: that of the file or folder, and what else it takes to tell them apart.
+    """Unique names for recordings, from the names of their files or folders.
 
-    Where the same name comes from several places, the file's suffix or the folders above are added:
-    `lemon-exp_num_1-camera_0`. What is the same even then is numbered.
+    Equal names from different places are extended by the file's suffix or the folders above:
+    `lemon-exp_num_1-camera_0`. Names that are still equal are numbered.
     """
     own = [_tail(path, 1) for path in paths]
     names = list(own)
     for name in {name for name in own if own.count(name) > 1}:
-        alike = [i for i, other in enumerate(own) if other == name]
+        alike = [i for i, candidate in enumerate(own) if candidate == name]
         longest = max(len(Path(os.path.abspath(paths[i])).parts) for i in alike)
         forms = ((length, suffix) for length in range(1, longest) for suffix in (False, True))
         for length, suffix in forms:
@@ -59,7 +56,7 @@ def name_recordings(paths: Sequence[Path]) -> list[str]:
 
 
 def number_alike(names: Sequence[str]) -> list[str]:
-    """The names, numbered where two are the same."""
+    """Number the names that occur more than once."""
     return [
         name if names.count(name) == 1 else f"{name}-{names[: i + 1].count(name)}"
         for i, name in enumerate(names)
@@ -67,7 +64,7 @@ def number_alike(names: Sequence[str]) -> list[str]:
 
 
 def _tail(path: Path, length: int, *, suffix: bool = False) -> str:
-    """The last parts of a path, joined to a name that a folder can have."""
+    """The last parts of a path, joined to a valid name for a folder."""
     whole = Path(os.path.abspath(path))
     last = whole.name if suffix or whole.is_dir() else whole.stem
     above = whole.parts[max(1, len(whole.parts) - length) : -1]
@@ -75,10 +72,10 @@ def _tail(path: Path, length: int, *, suffix: bool = False) -> str:
 
 
 def number_pictures(files: Sequence[Path]) -> Numbering:
-    """The frame numbers in the names of pictures.
+    """Read the frame numbers in the names of pictures.
 
-    The names must be alike but for one number, and most of these numbers must follow one another.
-    If not, the pictures are counted from 0.
+    The names may differ in one number only, and most of these numbers must be consecutive.
+    Otherwise the pictures are counted from 0.
 
     Args:
         files: the pictures, in natural order.
@@ -94,7 +91,7 @@ def number_pictures(files: Sequence[Path]) -> Numbering:
 
 
 def _split(name: str) -> list[str | int]:
-    """Texts and numbers in turn; first and last there is a text, which may be empty."""
+    """Texts and numbers in turn, with a text, perhaps empty, at both ends."""
     parts = re.split(r"([0-9]+)", name)
     return [int(part) if i % 2 else part for i, part in enumerate(parts)]
 
@@ -102,11 +99,11 @@ def _split(name: str) -> list[str | int]:
 def _find_numbers(files: Sequence[Path]) -> tuple[list[int], str]:
     """The number in each name, or why the names do not number the pictures."""
     names = [_split(file.stem) for file in files]
-    others = [
+    unlike = [
         file.name for file, name in zip(files, names, strict=True) if name[::2] != names[0][::2]
     ]
-    if others:
-        return [], f"{files[0].name} and {others[0]} differ in more than a number"
+    if unlike:
+        return [], f"{files[0].name} and {unlike[0]} differ in more than a number"
     columns = [i for i in range(1, len(names[0]), 2) if len({name[i] for name in names}) > 1]
     if len(columns) > 1:
         return [], f"{files[0].name} and {files[-1].name} differ in more than one number"
@@ -114,7 +111,7 @@ def _find_numbers(files: Sequence[Path]) -> tuple[list[int], str]:
         return [], f"there is no number in {files[0].name}"
     column = columns[0] if columns else -2
     numbers = [int(name[column]) for name in names]
-    if numbers[-1] >= 2**53:  # beyond, times as floating-point numbers would not tell them apart
+    if numbers[-1] >= 2**53:  # floating-point times could not distinguish larger numbers
         return [], f"the number of {files[-1].name} is too large"
     steps = Counter(after - before for before, after in _gaps(numbers))
     if steps and 2 * steps[1] < steps.total():

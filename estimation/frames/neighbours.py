@@ -1,4 +1,4 @@
-"""Neighbours of markers that lie on a regular grid, or anywhere in the plane."""
+"""Neighbours of markers on a regular grid or anywhere in the plane."""
 
 import numpy as np
 import scipy
@@ -12,8 +12,8 @@ def grid_neighbours(shape: tuple[int, int]) -> Int[np.ndarray, "n 4"]:
         shape: rows and columns.
 
     Returns:
-        For marker `row * columns + column` the ones in the row before, the row after, the column
-        before and the column after; −1 beyond the rim.
+        For marker `row * columns + column` the markers in the previous row, the next row, the
+        previous column and the next column; −1 beyond the rim.
     """
     rows, columns = shape
     index = np.pad(np.arange(rows * columns).reshape(shape), 1, constant_values=-1)
@@ -28,14 +28,14 @@ def delaunay_neighbours(
 
     Args:
         reference: unloaded positions [mm].
-        longest: edges longer than this multiple of the median edge are left out: they span gaps
-            and the hollows of the hull. The diagonal of a square cell, √2, stays.
+        longest: edges longer than this multiple of the median edge are dropped, since they span
+            gaps and hollows of the hull. The diagonal of a square cell, √2, stays by default.
 
     Returns:
-        Indices in ascending order, filled up with −1.
+        Indices in ascending order, padded with −1.
 
     Raises:
-        ValueError: fewer than three markers, or all on one line.
+        ValueError: there are fewer than three markers, or all are on one line.
     """
     try:
         simplices = scipy.spatial.Delaunay(reference[:, :2]).simplices
@@ -58,11 +58,11 @@ def delaunay_neighbours(
 
 
 def find_grid(reference: Float[np.ndarray, "n d"]) -> tuple[int, int] | None:
-    """Rows and columns of markers that lie row by row on a regular grid, else None.
+    """Rows and columns of markers that lie row by row on a regular grid; None if they do not.
 
-    The grid may be turned, mirrored and distorted: every step along a row, and every step along a
-    column, must be within 0.35 of the mean step (published pads reach 0.08), and the two mean steps
-    must be neither nearly parallel nor of very different length.
+    The grid may be rotated, mirrored and distorted. Every step along a row, and every step along a
+    column, must differ by less than 0.35 of the mean step's length from it (published pads reach
+    0.08). The two mean steps must be neither nearly parallel nor very different in length.
     """
     points = reference[:, :2]
     for rows in range(2, len(points) // 2 + 1):

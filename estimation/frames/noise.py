@@ -1,12 +1,12 @@
-"""Marker noise, told from the recording itself.
+"""Marker noise, estimated from the recording itself.
 
-Markers move while they are measured, and their errors are correlated over about three frames:
-trackers of this kind smooth over that many. Motion is smooth in space and slow; noise is neither.
-So the noise is what is left of second differences in time, three frames apart, when a smooth
-surface through each marker's surroundings is taken off.
+Markers move while they are measured, and their errors are correlated over about three frames,
+because such trackers smooth over three frames. Motion is smooth in space and slow; noise is
+neither. A smooth surface through each marker's surroundings is therefore subtracted. The noise
+follows from second differences in time, three frames apart, of the residual.
 
-Errors that change more slowly than over three frames, such as a bias that depends on where a dot
-lies between the camera's pixels, cannot be told from motion this way and are not in the figure.
+Errors that change over more than three frames, such as a bias that depends on a dot's position
+between the camera's pixels, cannot be distinguished from motion and are not included.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ from estimation.frames.recording import Recording
 from estimation.frames.source import Source
 
 SURROUNDINGS = 12
-"""Nearest markers that a quadratic surface is fitted to: two rings of a square grid."""
+"""Number of nearest markers to which a quadratic surface is fitted: two rings of a square grid."""
 
 
 FEWEST_SAMPLES = 300
-"""Residuals per coordinate needed: their median is then good to about 7 %."""
+"""Least number of residuals per coordinate, for which their median is accurate to about 7 %."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Noise:
         in_plane: standard deviation of x and of y.
         normal: standard deviation of z; NaN in two dimensions.
         correlation: correlation in time of a marker's errors, one and two frames of the source
-            apart; NaN where the recording has too few such frames. Beyond two it counts as zero.
+            apart; NaN if the recording has too few such frames. It counts as zero beyond two.
         frames: number of frames that the estimate uses.
-        unit: of lengths, mm, or px for pictures without a scale.
+        unit: of lengths: mm, or px for pictures without a scale.
 
     Examples:
         >>> import numpy as np
@@ -59,10 +59,14 @@ class Noise:
 
     @classmethod
     def given(cls, in_plane: float, unit: str = "mm") -> "Noise":
-        """Noise of which only the standard deviation in the plane is known.
+        """Make a noise of which only the standard deviation in the plane is known.
+
+        Args:
+            in_plane: standard deviation of x and of y.
+            unit: of it, mm or px.
 
         Raises:
-            ValueError: it is not above 0.
+            ValueError: the standard deviation is not above 0.
         """
         if not 0.0 < in_plane < float("inf"):
             raise ValueError(f"the noise is {in_plane} {unit}; it must be a number above 0")
@@ -71,7 +75,7 @@ class Noise:
 
 
 def find_noise(recording: Recording) -> tuple[Noise | None, tuple[str, ...]]:
-    """The noise of a recording, or notes of why it is unknown and what follows from that."""
+    """Estimate the noise of a recording; if that fails, return None and a note with the reason."""
     try:
         return estimate_noise(recording), ()
     except ValueError as error:
@@ -82,11 +86,12 @@ def estimate_noise(recording: Recording) -> Noise:
     """Estimate the noise of a recording in which the markers may move.
 
     Distances between frames are counted in the source's frame numbers, so dropped frames do no
-    harm. Frames that repeat the reference exactly (some sensors send those while unloaded) and
-    invalid markers are left out. The medians tolerate a minority of markers and frames that jump.
+    harm. Frames that repeat the reference exactly (some sensors send them while unloaded) and
+    invalid markers are ignored. The medians tolerate a minority of jumping markers and frames.
 
     Raises:
-        ValueError: too few markers, too few frames of the right distance, or no scatter.
+        ValueError: there are too few markers or too few frames of the right distance, or the
+            positions do not scatter.
 
     Examples:
         >>> from estimation import PivotModel, estimate_noise, simulate_pivot
@@ -94,8 +99,8 @@ def estimate_noise(recording: Recording) -> Noise:
         >>> print(f"{1e3 * estimate_noise(recording).in_plane:.1f} µm")  # 2 µm are true
         2.0 µm
     """
-    # frames apart at which errors count as independent, the first that the recording offers: the
-    # trackers' running mean is three frames long
+    # distances in frames at which errors count as independent, of which the first available one is
+    # used; the trackers' running mean is three frames long
     white_lags = range(3, 9)
     layout = recording.layout
     displacement = recording.positions - layout.reference
@@ -114,8 +119,8 @@ def estimate_noise(recording: Recording) -> Noise:
     else:
         raise ValueError(
             f"the noise cannot be estimated from {counted(len(recording), 'frame', 'frames')}: it "
-            f"takes frames i, i + {white_lags.start} and i + {2 * white_lags.start} of the "
-            f"source that show {FEWEST_SAMPLES} markers; give the noise, or record longer"
+            f"requires frames i, i + {white_lags.start} and i + {2 * white_lags.start} of the "
+            f"source with {FEWEST_SAMPLES} markers in all; give the noise, or record longer"
         )
     if not (white[:2] > 0).all():
         raise ValueError(
@@ -143,10 +148,10 @@ def estimate_noise(recording: Recording) -> Noise:
 def _surroundings(
     reference: Float[np.ndarray, "n d"],
 ) -> tuple[Float[np.ndarray, "m k"], Int[np.ndarray, "m k"]]:
-    """Values and columns of what takes each marker's own quadratic surroundings off, gain one.
+    """Values and columns of the operator that subtracts a quadratic through the surroundings.
 
-    Row i is (x_i − Σ w_j x_j) / √(1 + Σ w_j²) with weights that reproduce quadratics. Markers
-    whose value would have to be extrapolated (corners) have no row.
+    Row i is (x_i − Σ w_j x_j) / √(1 + Σ w_j²), of gain one, with weights that reproduce quadratics.
+    Markers whose value would be extrapolated (corners) have no row.
     """
     plane = reference[:, :2]
     if len(plane) <= SURROUNDINGS:
@@ -171,7 +176,7 @@ def _take_off_smooth(
     values: Float[np.ndarray, "m k"],
     columns: Int[np.ndarray, "m k"],
 ) -> Float[np.ndarray, "frames m d"]:
-    """The sparse rows applied in every frame; NaN where one of the surroundings is NaN."""
+    """Apply the operator in every frame; NaN where a marker of the surroundings is NaN."""
     frames, markers, dimensions = displacement.shape
     starts = np.arange(0, columns.size + 1, SURROUNDINGS + 1)
     operator = scipy.sparse.csr_array(
@@ -183,12 +188,12 @@ def _take_off_smooth(
 
 def _triples(row: dict[int, int], lag: int) -> Int[np.ndarray, "triples 3"]:
     """Rows of frames whose numbers at the source are `lag` and twice `lag` apart."""
-    found = [
+    rows = [
         (i, row[number + lag], row[number + 2 * lag])
         for number, i in row.items()
         if number + lag in row and number + 2 * lag in row
     ]
-    return np.array(found, dtype=int).reshape(-1, 3)
+    return np.array(rows, dtype=int).reshape(-1, 3)
 
 
 def _second_difference_variance(
@@ -204,15 +209,15 @@ def _second_difference_variance(
 
 
 def _ratio(variance: float, white: float) -> float:
-    """Their ratio; that of independent errors where there is no noise at all."""
+    """Ratio of two variances; 6, as for independent errors, without any noise."""
     return variance / white if white > 0 else 6.0
 
 
 def expect_unit(noise: Noise | None, source: Source) -> None:
-    """Check that a noise that is given is in the unit of a source's lengths.
+    """Check that a given noise has the unit of a source's lengths.
 
     Raises:
-        ValueError: it is not.
+        ValueError: the units differ.
     """
     if noise is not None and noise.unit != source.unit:
         raise ValueError(

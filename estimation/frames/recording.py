@@ -1,4 +1,4 @@
-"""What a sensor has seen: marker positions over time, and how the markers are laid out."""
+"""Recordings of a sensor: marker positions over time, and the layout of the markers."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,40 +12,40 @@ from estimation.frames.neighbours import delaunay_neighbours, find_grid, grid_ne
 
 
 def _expect_shape(name: str, array: np.ndarray, *shape: int) -> None:
-    """Raise a ValueError unless `array` is as large as the rest of its object says it must be."""
+    """Raise a ValueError unless `array` has the shape that its object requires."""
     if array.shape != shape:
         raise ValueError(f"`{name}` has shape {array.shape}; it must be {shape} to fit the rest")
 
 
 def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
-    """Raise a ValueError unless every valid marker is somewhere."""
+    """Raise a ValueError unless every valid marker has a finite position."""
     if not np.isfinite(positions[valid]).all():
         raise ValueError("a marker marked `valid` has no finite position: mark it invalid")
 
 
 ONSET_MM = 0.1
-"""Displacement from which a marker has been moved by an object [mm]."""
+"""Displacement from which a marker counts as moved by an object [mm]."""
 LARGEST = 1e9
-"""Length, force, moment or angle from which on a value is no measurement [mm, N, N·mm, rad]."""
+"""Length, force, moment or angle from which a value is no measurement [mm, N, N·mm, rad]."""
 
 
 def expect_places(reference: Float[np.ndarray, "n d"]) -> None:
-    """Check that every marker at rest is where one can be.
+    """Check that all positions at rest are finite and below `LARGEST`.
 
     Raises:
-        ValueError: one is not.
+        ValueError: a position is not.
     """
     if not (np.abs(reference) < LARGEST).all():
-        why = "that are not finite, or too far away: leave those markers out"
+        why = "that are not finite, or too far away: leave out these markers"
         raise ValueError(f"`reference` has positions {why}")
 
 
 @cache
 def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
-    """The arrays that a class declares, by name, each with its declared type and shape.
+    """The array fields of a class by name, each with its declared type and shape.
 
     Args:
-        owner: a dataclass whose arrays are annotated with jaxtyping; they may be optional.
+        owner: a dataclass whose arrays, optional ones too, are annotated with jaxtyping.
     """
     return {
         name: kind
@@ -61,8 +61,8 @@ class MarkerLayout:
 
     Attributes:
         reference: unloaded positions [mm].
-        neighbours: indices of each marker's neighbours, −1 where there is none.
-        grid_shape: rows and columns where the markers form a regular grid (marker
+        neighbours: indices of each marker's neighbours; −1 for none.
+        grid_shape: rows and columns if the markers form a regular grid (marker
             `row * columns + column`), else None.
 
     Raises:
@@ -92,7 +92,9 @@ class MarkerLayout:
                 "(markers, 3)"
             )
         if not np.isfinite(self.reference).all():
-            raise ValueError("`reference` has positions that are not finite: leave them out")
+            raise ValueError(
+                "`reference` has positions that are not finite: leave out these markers"
+            )
         markers = len(self.reference)
         if self.neighbours.ndim != 2 or len(self.neighbours) != markers:
             raise ValueError(
@@ -109,10 +111,13 @@ class MarkerLayout:
 
 
 def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
-    """The layout of markers at `reference` [mm]: a regular grid where there is one, else Delaunay.
+    """Make the layout of markers: neighbours on a regular grid if there is one, else Delaunay's.
+
+    Args:
+        reference: unloaded positions [mm].
 
     Raises:
-        ValueError: a position is not finite or too far away, or the markers span no plane.
+        ValueError: a position is not finite or too far away, or all markers are on one line.
 
     Examples:
         >>> import numpy as np
@@ -130,29 +135,30 @@ def layout_markers(reference: Float[np.ndarray, "n d"]) -> MarkerLayout:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a recording, as a camera delivers it.
+    """One frame of a recording.
 
     Attributes:
-        positions: marker positions [mm, or px without a scale]; NaN where a marker was not seen.
+        positions: marker positions [mm, or px without a scale]; NaN where a marker is not visible.
         time: time stamp [s].
-        source_index: number the source gave the frame; gaps are lost frames.
-        valid: which markers can be used; by default those with a position.
+        source_index: the source's frame number; gaps are lost frames.
+        valid: which markers can be used; by default all with a position.
         wrench: resultant force and moment on the sensor about its origin, (Fx, Fy, Fz, Mx, My, Mz)
             [N, N·mm]; NaN where unknown. z points out of the pad, so pressing makes Fz negative.
-        forces: force at each marker [N], if the source has it.
-        flaw: why the frame cannot be used, empty where it can.
-        contact: which markers are in contact, where the source knows it. Otherwise the contact
-            follows from the displacements: in three dimensions from how deep the markers are
-            pressed, in two dimensions all markers count.
-        imprint: rotation of what the object prints through the gel, and its standard error [rad];
-            NaN where unknown.
-        print_point: x and y of a point of that print in the frame that its rotation counts from,
-            and now [mm], the variances of the latter and their covariance [mm²]; NaN if unknown.
-        rotation: of the line features at each marker [rad], where the source measures it and the
-            markers' neighbours need not tell; NaN where unknown.
-        hold: correlation of what the object prints on the gel with what it printed there half a
-            second or a second before, some frames before, and then where it agrees least; NaN if
-            unknown [-].
+        forces: force at each marker [N], if the source measures it.
+        flaw: why the frame cannot be used; empty if it can.
+        contact: which markers are in contact, if the source measures it. Otherwise the contact
+            follows from the displacements: in three dimensions from the markers' depth; in two
+            dimensions all markers count as in contact.
+        imprint: rotation of the object's print through the gel, and its standard error [rad]; NaN
+            where unknown.
+        print_point: x and y of a point of the print, in the frame from which its rotation counts
+            and now [mm], then the variances of the current x and y and their covariance [mm²]; NaN
+            if unknown.
+        rotation: of the line features at each marker [rad], if the source measures it directly
+            instead of from the markers' neighbours; NaN where unknown.
+        hold: correlation of the object's print on the gel with the print half a second to a second
+            before, with the print a few frames before, and the tenth percentile of the latter; NaN
+            if unknown [-].
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -191,12 +197,12 @@ class Frame:
 
     @property
     def normal_force(self) -> float:
-        """The pressing force [N], NaN where unknown."""
+        """The pressing force [N]; NaN where unknown."""
         return -self.wrench[2]
 
     @property
     def moment(self) -> float:
-        """The moment about the contact normal [N·mm], NaN where unknown."""
+        """The moment about the contact normal [N·mm]; NaN where unknown."""
         return self.wrench[5]
 
 
@@ -205,30 +211,29 @@ class Recording:
     """Marker positions over time.
 
     The sensor frame has x and y in the contact plane and z out of the elastomer towards the
-    object. In two dimensions the positions are those of x and y.
+    object. In two dimensions the positions are x and y.
 
     Attributes:
         layout: the markers' reference positions and neighbours.
-        positions: marker positions [mm]; NaN where a marker was not seen.
-        valid: which marker of which frame can be used.
+        positions: marker positions [mm]; NaN where a marker is not visible.
+        valid: which markers of each frame can be used.
         time: time stamps [s].
-        source_index: number the source gave each frame; gaps are dropped frames.
-        force: resultant force on the sensor [N], if the source has it.
-        moment: resultant moment on the sensor [N·mm], if the source has it.
-        forces: force at each marker [N], if the source has it.
-        flaws: per frame, why it cannot be used; empty where it can.
-        contact: the contact region in each frame, if the source knows it.
-        imprint: as in `Frame`, in each frame, if the source has it [rad].
-        print_point: as in `Frame`, in each frame, if the source has it.
+        source_index: the source's frame numbers; gaps are dropped frames.
+        force: resultant force on the sensor [N], if the source measures it.
+        moment: resultant moment on the sensor [N·mm], if the source measures it.
+        forces: force at each marker [N], if the source measures it.
+        flaws: why each frame cannot be used; empty if it can.
+        contact: the contact region in each frame, if the source measures it.
+        imprint: as in `Frame`, in each frame, if the source measures it [rad].
+        print_point: as in `Frame`, in each frame, if the source measures it.
         rotation: of the line features at each marker [rad], if the source measures it.
-        hold: as in `Frame`, in each frame, if the source has it [-].
-        unit: of lengths, mm, or px where the source has no scale.
+        hold: as in `Frame`, in each frame, if the source measures it [-].
+        unit: of lengths: mm, or px if the source has no scale.
         name: short name, used for folders and titles.
-        source: where the recording came from.
-        convention: how the source's axes lie, and what was turned to get to the sensor frame.
-        notes: remarks for readers and users of the recording, in sentences.
-        warnings: assumptions about the recording and doubts about it, in sentences; commands
-            print them as well.
+        source: origin of the recording, such as a path.
+        convention: directions of the source's axes, and their conversion to the sensor frame.
+        notes: remarks for readers of the recording, in sentences.
+        warnings: assumptions and doubts about the recording, in sentences; commands print them.
 
     Raises:
         ValueError: the arrays do not fit each other, or a valid marker has no position.
@@ -277,7 +282,7 @@ class Recording:
         size = dict(zip(("n", "d"), self.layout.reference.shape, strict=True)) | {"frames": frames}
         for name, kind in declared_arrays(Recording).items():
             if (array := getattr(self, name)) is not None:
-                shape = (size[one] if one in size else int(one) for one in kind.dim_str.split())
+                shape = (size[axis] if axis in size else int(axis) for axis in kind.dim_str.split())
                 _expect_shape(name, array, *shape)
         if self.unit not in ("mm", "px"):
             raise ValueError(f"`unit` is {self.unit!r}; it must be mm or px")
@@ -291,12 +296,12 @@ class Recording:
 
     @property
     def live(self) -> bool:
-        """No: all frames are there."""
+        """False: a recording is complete."""
         return False
 
     @property
     def provisional(self) -> bool:
-        """No: the reference is known."""
+        """False: the reference of a recording is final."""
         return False
 
     def head(self, frames: int) -> "Recording":
@@ -304,21 +309,21 @@ class Recording:
         return self.take(slice(frames))
 
     def take(self, rows: slice | Int[np.ndarray, " rows"]) -> "Recording":
-        """Some of the recording's frames.
+        """Select frames of the recording.
 
         Args:
-            rows: of the frames.
+            rows: of the selected frames.
         """
         arrays = declared_arrays(Recording).items()
         per_frame = [name for name, kind in arrays if kind.dim_str.split()[0] == "frames"]
-        known = {name: value for name in per_frame if (value := getattr(self, name)) is not None}
+        present = {name: value for name in per_frame if (value := getattr(self, name)) is not None}
         flaws = tuple(np.array(self.flaws, dtype=object)[rows]) if self.flaws else ()
-        return replace(self, flaws=flaws, **{name: value[rows] for name, value in known.items()})
+        return replace(self, flaws=flaws, **{name: value[rows] for name, value in present.items()})
 
     def __iter__(self) -> Iterator[Frame]:
         """The frames in order, as `Tracker.update` takes them."""
         at_markers = ("forces", "contact", "rotation")
-        known = {name: of for name in at_markers if (of := getattr(self, name)) is not None}
+        present = {name: of for name in at_markers if (of := getattr(self, name)) is not None}
         sizes = {"imprint": 2, "print_point": 7, "hold": 3}
         for i in range(len(self)):
             yield Frame(
@@ -329,31 +334,31 @@ class Recording:
                 wrench=(*_numbers(self.force, i, 3), *_numbers(self.moment, i, 3)),
                 flaw=self.flaws[i] if self.flaws else "",
                 **{name: _numbers(getattr(self, name), i, size) for name, size in sizes.items()},
-                **{name: of[i] for name, of in known.items()},
+                **{name: of[i] for name, of in present.items()},
             )
 
 
 def _numbers(values: Float[np.ndarray, "frames some"] | None, frame: int, count: int) -> Any:
-    """So many numbers of a frame; NaN where there are none."""
+    """The numbers of a frame; `count` times NaN if there are none."""
     return (np.nan,) * count if values is None else tuple(values[frame].tolist())
 
 
 def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
-    """A recording of frames, at least one.
+    """Make a recording of frames.
 
     Args:
-        layout: of their markers.
-        frames: in order.
-        **about: what else the recording is told: `unit`, `name`, `source` …
+        layout: of the markers.
+        frames: at least one frame, in order.
+        **about: further fields of the recording: `unit`, `name`, `source` …
     """
     contact = [frame.contact for frame in frames if frame.contact is not None]
-    given = ("positions", "valid", "time", "source_index", "wrench")
-    all_of = {name: np.array([getattr(frame, name) for frame in frames]) for name in given}
+    required = ("positions", "valid", "time", "source_index", "wrench")
+    all_of = {name: np.array([getattr(frame, name) for frame in frames]) for name in required}
     force, moment = np.split(all_of.pop("wrench"), 2, axis=1)
 
     def if_known(name: str, shape: tuple[int, ...] = ()) -> np.ndarray | None:
-        unknown, found = np.full(shape, np.nan), (getattr(frame, name) for frame in frames)
-        values = np.array([unknown if one is None else one for one in found])
+        unknown, fields = np.full(shape, np.nan), (getattr(frame, name) for frame in frames)
+        values = np.array([unknown if value is None else value for value in fields])
         return values if np.isfinite(values).any() else None
 
     return Recording(

@@ -1,4 +1,4 @@
-"""Sources of frames: whatever gives them one after the other."""
+"""Sources of frames: objects that yield frames one after the other."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ from typing import Protocol, runtime_checkable
 from estimation.frames.recording import Frame, MarkerLayout, Recording, record_frames
 
 SOURCE_FACTS = ("name", "source", "convention", "unit", "notes", "warnings")
-"""What a source tells beside its frames."""
+"""Attributes that describe a source, beside its frames."""
 
 
 @runtime_checkable
 class Source(Protocol):
-    """Whatever gives frames one after the other; a `Recording` is one.
+    """An object that yields frames one after the other, such as a `Recording`.
 
     Examples:
         >>> from estimation import Source, simulate_pivot
@@ -31,21 +31,21 @@ class Source(Protocol):
 
     @property
     def live(self) -> bool:
-        """Whether the frames come as they are taken.
+        """Whether frames arrive as they are taken.
 
-        Then fewer are waited for before the first answer, Ctrl-C ends the run as if they had ended,
-        and a resumed run begins with the next frame that it takes.
+        If so, the first answer waits for fewer frames, Ctrl-C ends the run like the end of a
+        recording, and a resumed run continues with the next frame that arrives.
         """
         ...
 
     @property
     def provisional(self) -> bool:
-        """Whether a better reference may still be detected; `layout` changes then."""
+        """Whether a better reference may still be found, which then replaces `layout`."""
         ...
 
     @property
     def layout(self) -> MarkerLayout:
-        """Markers and reference of the last frame it gave; they may change while frames come."""
+        """Markers and reference of the last frame; they may change between frames."""
         ...
 
     @property
@@ -55,17 +55,17 @@ class Source(Protocol):
 
     @property
     def source(self) -> str:
-        """Where the frames come from."""
+        """Origin of the frames, such as a path."""
         ...
 
     @property
     def convention(self) -> str:
-        """How the axes lie."""
+        """Directions of the axes."""
         ...
 
     @property
     def unit(self) -> str:
-        """Of lengths, mm or px."""
+        """Unit of lengths, mm or px."""
         ...
 
     @property
@@ -85,19 +85,19 @@ class Source(Protocol):
 
 @dataclass
 class FrameStream:
-    """A source made of any frames, as from a socket or a simulator.
+    """A source made from any frames, such as those from a socket or a simulator.
 
     Attributes:
-        layout: markers and reference; it may be given anew while the frames come.
+        layout: markers and reference; it may be replaced while frames arrive.
         frames: in order of time.
         name: short name.
-        source: where the frames come from.
-        convention: how the axes lie.
+        source: origin of the frames, such as a path.
+        convention: directions of the axes.
         unit: of lengths, mm or px.
         notes: remarks for readers, in sentences.
         warnings: assumptions and doubts, in sentences.
-        live: whether the frames come as they are taken, as from a socket; see `Source`.
-        provisional: whether a better reference may still be detected.
+        live: whether frames arrive as they are taken, as from a socket; see `Source`.
+        provisional: whether a better reference may still be found.
 
     Examples:
         >>> from estimation import FrameStream, Settings, Stream, simulate_pivot
@@ -130,11 +130,11 @@ class FrameStream:
 
 
 def record_source(source: Source, frames: Sequence[Frame]) -> Recording:
-    """The recording of a source's frames, at least one.
+    """Make a recording of a source's frames.
 
     Args:
-        source: that has given the frames.
-        frames: in order.
+        source: the source of the frames.
+        frames: at least one frame, in order.
 
     Examples:
         >>> from estimation import FrameStream, record_source, simulate_pivot

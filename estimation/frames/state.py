@@ -1,7 +1,7 @@
-"""The state of a run as bytes, to go on from: pickled, and read without trust.
+"""The state of a run as bytes, from which a run resumes: pickled, and read without trust.
 
-Python's pickle can be made to run anything that it can import. What is read here may be of classes
-of this project and of NumPy's arrays only, and those only hold values.
+A pickle can run any code that Python can import. Only classes of this project and NumPy arrays are
+therefore read, which hold nothing but values.
 """
 
 import io
@@ -27,32 +27,32 @@ OTHERS = {
 
 
 class _Reader(pickle.Unpickler):
-    """Refuses whatever is not a value of ours."""
+    """Rejects all classes but value classes of this project."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """A class by name."""
+        """Return a class by name, if it may be read."""
         packages = ("contactmodel.", "estimation.")
         writers = "estimation.output."
         if (module, name) in OTHERS:
             return super().find_class(module, name)
         ours = module.startswith(packages) and not module.startswith(writers)
         if ours and "." not in name:
-            found = super().find_class(module, name)
-            if isinstance(found, type) and found.__module__ == module:
-                return found
+            value_class = super().find_class(module, name)
+            if isinstance(value_class, type) and value_class.__module__ == module:
+                return value_class
         raise pickle.UnpicklingError(f"{module}.{name} is not read")
 
 
 def save_state(state: Any) -> bytes:
-    """The state as bytes, with the version that wrote it."""
+    """Convert a state to bytes, together with the version that wrote it."""
     return pickle.dumps((__version__, state), protocol=5)
 
 
 def load_state(data: bytes) -> Any:
-    """What `save_state` was given.
+    """Read the state that `save_state` has converted to bytes.
 
     Raises:
-        ValueError: it is damaged, of another version, or holds what it may not.
+        ValueError: the bytes are damaged, of another version, or contain a class that is not read.
     """
     try:
         version, state = _Reader(io.BytesIO(data)).load()

@@ -1,30 +1,30 @@
 """Tac3D recordings: a folder of `.npy` files for each sensor.
 
-What is in the folder (mm, N, N·mm, s):
+Files of the folder (mm, N, N·mm, s):
 
 | file | shape | use |
 |---|---|---|
 | `3D_Positions`, `3D_Displacements` | (frames, markers, 3) | needed |
 | `sendTimestamp` | (frames,) | needed: the sensor's own clock |
-| `index` | (frames,) | frame number; counted up where it is missing |
+| `index` | (frames,) | frame number; counted from 0 if missing |
 | `3D_Forces` | (frames, markers, 3) | optional |
 | `3D_ResultantForce`, `3D_ResultantMoment` | (frames, 1, 3) or (frames, 3) | optional |
 
-Anything else (`3D_Normals`, `recvTimestamp`, `overview.csv`) is left alone.
+Other files (`3D_Normals`, `recvTimestamp`, `overview.csv`) are ignored.
 
-**Axes.** Positions are right-handed, z out of the pad: nothing is turned. Rows of the marker grid
-run along −y and columns along −x, so that (row, column) is left-handed: differentiate with respect
-to positions, not indices. Pressing gives u_z < 0 and F_z < 0. The resultants are the sensor's
-own: in the published recordings the moment is about the sensor's origin, and its z component is
-about 1.4 times the one that the markers' forces add up to.
+**Axes.** Positions are right-handed with z out of the pad, so no axis is changed. Rows of the
+marker grid run along −y and columns along −x, so that (row, column) is left-handed: differentiate
+with respect to positions, not indices. Pressing gives u_z < 0 and F_z < 0. The resultants are the
+sensor's own: in the published recordings the moment is about the sensor's origin, and its z
+component is about 1.4 times the sum over the markers' forces.
 
-**Reference.** In loaded frames position minus displacement is one and the same shape to rounding:
-the zero that the sensor was given (in the published `example_1` it settles by 0.7 µm after the
-first loaded frame). In frames that the sensor takes for unloaded the displacements are exactly
-zero, but the positions are still measured: they carry noise and, after a press, what the gel has
-yet to recover (up to 0.08 mm in `example_1`). Such frames therefore do not count: the reference is
-that of the loaded frames, and displacements are taken from it throughout. Where no frame is loaded
-it is the median of the measured positions.
+**Reference.** In loaded frames, position minus displacement is a constant shape to rounding: the
+sensor's zero (in the published `example_1` it settles by 0.7 µm after the first loaded frame). In
+frames that the sensor takes for unloaded, the displacements are exactly zero, but the positions are
+still measured: they carry noise and, after a press, the deformation from which the gel has yet to
+recover (up to 0.08 mm in `example_1`). The reference is therefore computed from loaded frames only,
+and displacements are taken from it throughout. If no frame is loaded, the reference is the median
+of the measured positions.
 """
 
 from pathlib import Path
@@ -42,7 +42,7 @@ NEEDED = (POSITIONS, DISPLACEMENTS, TIME)
 
 
 def is_tac3d(folder: Path) -> bool:
-    """Whether the folder looks like a Tac3D recording, complete or not."""
+    """Whether the folder looks like a Tac3D recording, even if it is incomplete."""
     return any((folder / f"{name}.npy").exists() for name in (POSITIONS, DISPLACEMENTS))
 
 
@@ -58,7 +58,7 @@ def read_tac3d(folder: str | Path) -> Recording:
     missing = [f"{name}.npy" for name in NEEDED if not (folder / f"{name}.npy").exists()]
     if missing:
         raise FileNotFoundError(
-            f"{folder} lacks {', '.join(missing)}: copy the whole folder of the recording"
+            f"{folder} lacks {', '.join(missing)}: copy the complete folder of the recording"
         )
     positions = _read_array(folder, POSITIONS)
     if positions.ndim != 3 or positions.shape[2] != 3 or len(positions) == 0:
@@ -70,23 +70,23 @@ def read_tac3d(folder: str | Path) -> Recording:
     displacements = _read_array(folder, DISPLACEMENTS, positions.shape)
     forces = _read_optional(folder, "3D_Forces", positions.shape)
     reference, notes = find_reference(positions, displacements)
-    known = np.isfinite(reference).all(axis=-1)
-    if not known.any():
+    seen = np.isfinite(reference).all(axis=-1)
+    if not seen.any():
         raise ValueError(f"{folder}: no marker is ever seen, all positions are zero or missing")
-    if not known.all():
-        notes += (f"{(~known).sum()} markers were never seen and are left out",)
+    if not seen.all():
+        notes += (f"{(~seen).sum()} markers were never seen and are left out",)
     return Recording(
-        layout=layout_markers(reference[known]),
-        positions=positions[:, known],
-        valid=np.all(np.isfinite(positions[:, known]), axis=-1),
+        layout=layout_markers(reference[seen]),
+        positions=positions[:, seen],
+        valid=np.all(np.isfinite(positions[:, seen]), axis=-1),
         time=_read_array(folder, TIME, (frames,)),
         source_index=_read_index(folder, frames),
         force=_read_optional(folder, "3D_ResultantForce", (frames, 3)),
         moment=_read_optional(folder, "3D_ResultantMoment", (frames, 3)),
-        forces=None if forces is None else forces[:, known],
+        forces=None if forces is None else forces[:, seen],
         name=folder.resolve().name,
         source=f"Tac3D folder {folder}",
-        convention="z out of the elastomer towards the object, as the sensor gives it; "
+        convention="z out of the elastomer towards the object, as in the sensor's data; "
         "grid rows along −y, columns along −x",
         notes=notes,
     )
@@ -95,12 +95,16 @@ def read_tac3d(folder: str | Path) -> Recording:
 def find_reference(
     positions: Float[np.ndarray, "frames n 3"], displacements: Float[np.ndarray, "frames n 3"]
 ) -> tuple[Float[np.ndarray, "n 3"], tuple[str, ...]]:
-    """The unloaded shape [mm], and what there is to say about it.
+    """Compute the unloaded shape.
+
+    Args:
+        positions: of the markers [mm]; NaN or zero where not visible.
+        displacements: of the markers [mm].
 
     Returns:
-        Reference positions, NaN for markers that no frame shows, and notes.
+        Reference positions [mm], NaN for markers that no frame shows; and notes on the reference.
     """
-    # change of the sensor's zero [mm] worth a note: the size of the markers' noise
+    # change of the sensor's zero that gets a note, of the size of the markers' noise [mm]
     zero_drift = 1e-3
     loaded = np.nan_to_num(displacements).any(axis=(1, 2))
     if not loaded.any():
@@ -120,17 +124,17 @@ def find_reference(
 
 
 def _median(shapes: Float[np.ndarray, "frames n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Median over frames of what is known; NaN where nothing is."""
+    """Median over frames, without missing values; NaN where all are missing."""
     median = np.full(shapes.shape[1:], np.nan)
-    known = np.isfinite(shapes).any(axis=0)
-    median[known] = np.nanmedian(shapes[:, known], axis=0)
+    present = np.isfinite(shapes).any(axis=0)
+    median[present] = np.nanmedian(shapes[:, present], axis=0)
     return median
 
 
 def _read_array(
     folder: Path, name: str, shape: tuple[int, ...] | None = None
 ) -> Float[np.ndarray, "..."]:
-    """One array in double precision, of the given shape but for axes of length one."""
+    """One array in double precision, of the given shape except for axes of length one."""
     path = folder / f"{name}.npy"
     stored = read_array(path)
     if stored.dtype.kind not in "iuf":
@@ -139,7 +143,7 @@ def _read_array(
         return np.array(stored, dtype=float)
     if [n for n in stored.shape if n != 1] != [n for n in shape if n != 1]:
         raise ValueError(
-            f"{path} has shape {stored.shape}; {POSITIONS}.npy asks for {shape}: the files are "
+            f"{path} has shape {stored.shape}; {POSITIONS}.npy requires {shape}: the files are "
             "not of one recording"
         )
     return np.array(stored, dtype=float).reshape(shape)
@@ -148,12 +152,12 @@ def _read_array(
 def _read_optional(
     folder: Path, name: str, shape: tuple[int, ...]
 ) -> Float[np.ndarray, "..."] | None:
-    """The array, or None where the sensor did not write it."""
+    """The array, or None if the sensor did not write it."""
     return _read_array(folder, name, shape) if (folder / f"{name}.npy").exists() else None
 
 
 def _read_index(folder: Path, frames: int) -> Int[np.ndarray, " frames"]:
-    """Frame numbers of the source."""
+    """Frame numbers of the source, counted from 0 if there are none."""
     index = _read_optional(folder, "index", (frames,))
     if index is None:
         return np.arange(frames)

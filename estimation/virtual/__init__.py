@@ -1,1 +1,1 @@
-"""Virtual recordings with exact truth."""
+"""Virtual recordings with known truth."""

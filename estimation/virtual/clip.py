@@ -1,8 +1,8 @@
-"""Clips of a pad that never was: an object that prints through a gel with dots, with exact truth.
+"""Virtual clips with known truth: an object that prints through a gel with dots.
 
-The contact model moves the gel (a core that sticks, a ring that slips, macro slip); the object goes
-its own way over it. Dots go with the gel. What the object prints goes with the object: its relief
-bends the gel where it is pressed on, and three lamps of different colours show the slopes.
+The contact model moves the gel (a sticking core, a slipping ring, macro slip), and the object moves
+over it. The dots move with the gel, and the print with the object: the object's relief bends the
+gel where it presses, and three lamps of different colours show the slopes.
 """
 
 from collections.abc import Iterator
@@ -31,30 +31,31 @@ from estimation.virtual.relief import Lamps, make_relief
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Content of a virtual clip; everything random comes from the seed.
+    """Content of a virtual clip; all random numbers come from the seed.
 
     Attributes:
-        contact: pad, object, its shape, friction, and a grid that covers the view; its origin is
-            where the object touches.
-        path: poses of the object, one a frame. There is no contact where the approach is not above
-            0; turns and shifts count from the last frame before it touches.
-        relief: what the object prints, one of `RELIEFS`.
-        slope: root mean square of the relief's slope, of edges where they are [-].
-        centre: where the object touches, from the middle of the view [mm].
-        first: poses before the clip begins: it starts loaded where they touch.
-        kinetic: friction once all has slid for long, as a share of that before [-]. It holds while
-            all slides one way.
-        weakening: distance slid over which friction falls there [mm].
+        contact: pad, object, its shape, friction, and a grid that covers the view, with its origin
+            at the point of first contact.
+        path: poses of the object, one for each frame. The object touches where the approach is
+            above 0; rotation and shift count from the last frame before first contact.
+        relief: the object's print, one of `RELIEFS`.
+        slope: root mean square of the relief's slope where it is steep [-].
+        centre: point of first contact, from the middle of the view [mm].
+        first: number of poses before the clip; the clip starts loaded if the object touches then.
+        kinetic: friction after long macro slip, as a share of static friction [-]. It is valid
+            while everything slides in one direction.
+        weakening: sliding distance over which friction falls to it [mm].
         pitch: distance between dots [mm].
         dot_radius: of the dots [mm].
-        dot_angle: by which their rows are turned [rad].
-        camera: size, scale, blur, noise, level of the light, and how much a dot takes of it.
+        dot_angle: rotation of the dots' rows [rad].
+        camera: size, scale, blur, noise, level of the light, and contrast of the dots.
         lamps: around the view.
         rate: pictures per second [1/s].
-        seed: of relief, noise, and where the dots lie.
+        seed: of relief, noise and positions of the dots.
 
     Raises:
-        ValueError: fewer than two poses that are left, or a share or length out of range.
+        ValueError: fewer than two poses remain after the first, or a share or length is out of
+            range.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, make_path
@@ -92,8 +93,8 @@ class Scene:
         """Check the numbers."""
         if self.path.approach.ndim != 1 or not 0 <= self.first < len(self.path.approach) - 1:
             raise ValueError(
-                f"a clip needs a path of two poses or more after the first {self.first}: make one "
-                "with contactmodel.make_path"
+                f"a clip requires a path of two poses or more after the first {self.first}: make "
+                "one with contactmodel.make_path"
             )
         if not (0.0 <= self.kinetic <= 1.0 and self.weakening > 0.0):
             raise ValueError(
@@ -106,16 +107,16 @@ class ClipTruth(NamedTuple):
     """Truth of a virtual clip, by frame.
 
     Attributes:
-        state: of the contact: `macro_slip` where no more than a fiftieth of it sticks, else by the
-            share of the dots under the object that stick.
-        holding: how many dots that are.
-        angle: of the object since it touched [rad, from x to y of the picture]; NaN before.
-        shift: of the object's axis since it touched [mm]; NaN before.
-        gel_angle: of the gel, the tenth of that under the object that has slipped least [rad]; NaN
-            before.
-        gel_shift: of the same, where the object's axis was [mm]; NaN before.
-        slip: of the object over the gel where it has slipped least [mm]: 0 while something has
-            stuck since it touched, and about the middle of a turn; NaN before.
+        state: of the contact: `macro_slip` if at most 2 % of it stick, else by the share of
+            sticking dots under the object.
+        holding: number of sticking dots under the object.
+        angle: of the object since first contact [rad, from x to y of the picture]; NaN before.
+        shift: of the object's axis since first contact [mm]; NaN before.
+        gel_angle: rotation of the gel under the object, from the tenth of it that has slipped least
+            [rad]; NaN before.
+        gel_shift: displacement of the same gel at the object's first axis [mm]; NaN before.
+        slip: of the object over the gel where it has slipped least [mm]: 0 while a cell has stuck
+            since first contact, and near the centre of a rotation; NaN before.
         stick_ratio: share of the contact that sticks [-].
         force: on the gel [N].
         moment: on the gel about the object's axis [N·mm].
@@ -144,7 +145,7 @@ class ClipTruth(NamedTuple):
 
     @property
     def slip_angle(self) -> Float[np.ndarray, " frames"]:
-        """How far the object has turned over the gel that has slipped least [rad]."""
+        """Rotation of the object against the gel that has slipped least [rad]."""
         return self.angle - self.gel_angle
 
     @property
@@ -154,12 +155,12 @@ class ClipTruth(NamedTuple):
 
 
 class VirtualClip:
-    """A clip: its truth, and its pictures, which are drawn as they are asked for.
+    """A virtual clip: its truth, and its pictures, which are drawn on demand.
 
     Attributes:
-        scene: what it shows.
-        dots: where they are in the undeformed gel, from the middle of the view [mm].
-        gel: in each frame.
+        scene: content of the clip.
+        dots: positions in the undeformed gel, from the middle of the view [mm].
+        gel: the gel in each frame.
         truth: of each frame.
 
     Examples:
@@ -177,11 +178,11 @@ class VirtualClip:
         """Solve the contact along the path.
 
         Args:
-            scene: what the clip shows.
+            scene: content of the clip.
 
         Raises:
-            ValueError: a relief that there is not.
-            RuntimeError: a contact that is not solved.
+            ValueError: there is no such relief.
+            RuntimeError: the contact solver does not converge.
         """
         fine = 0.25  # cell of the relief [px]
         self.scene = scene
@@ -190,23 +191,23 @@ class VirtualClip:
         camera = scene.camera
         reach = np.hypot(camera.width, camera.height) * camera.mm_per_px
         self._relief = make_relief(scene.relief, scene.slope, reach, fine * camera.mm_per_px, rng)
-        kept = slice(scene.first, None)
-        self.gel = move_gel(scene.contact, scene.path, scene.kinetic, scene.weakening).take(kept)
-        self._place = np.asarray(scene.path.shift)[kept]
-        self._turned = np.asarray(scene.path.twist)[kept]
+        rows = slice(scene.first, None)
+        self.gel = move_gel(scene.contact, scene.path, scene.kinetic, scene.weakening).take(rows)
+        self._place = np.asarray(scene.path.shift)[rows]
+        self._turned = np.asarray(scene.path.twist)[rows]
         poses = np.column_stack([self._place, self._turned])
         moves = np.append(False, (np.diff(poses, axis=0) != 0.0).any(axis=1))
         self._moved = np.maximum.accumulate(np.where(moves, np.arange(len(moves)), 0))
         poses = count_from_touch(scene.path)
         self.truth = _find_truth(
             self.gel,
-            np.asarray(poses.twist)[kept],
-            np.asarray(poses.shift)[kept],
+            np.asarray(poses.twist)[rows],
+            np.asarray(poses.shift)[rows],
             self.dots - np.array(scene.centre),
         )
 
     def __len__(self) -> int:
-        """How many pictures there are."""
+        """Number of pictures."""
         return len(self.truth.angle)
 
     def __iter__(self) -> Iterator[Picture]:
@@ -215,10 +216,10 @@ class VirtualClip:
             yield Picture(self.draw(frame), frame / self.scene.rate, frame)
 
     def draw(self, frame: int) -> UInt8[np.ndarray, "height width 3"]:
-        """The picture of a frame, BGR.
+        """Draw the picture of a frame, in BGR.
 
         Args:
-            frame: counted from 0, of the clip.
+            frame: of the clip, counted from 0.
         """
         scene, camera = self.scene, self.scene.camera
         rng = np.random.default_rng((scene.seed, frame))
@@ -234,12 +235,12 @@ class VirtualClip:
         return digitise(camera, level * (1.0 - camera.contrast / camera.background * cover), rng)
 
     def height(self, frame: int) -> Float[np.ndarray, "height width"]:
-        """Depth of the gel's surface at each pixel, the object's relief included [mm].
+        """Depth of the gel's surface at each pixel, including the object's relief [mm].
 
         Args:
             frame: of the clip.
         """
-        # share of the largest pressure from which the object's relief prints in full [-]
+        # share of the largest pressure from which the object's relief prints completely [-]
         full_print = 0.3
         scene, pressure = self.scene, self.gel.pressure[frame]
         if not pressure.any():
@@ -249,7 +250,7 @@ class VirtualClip:
         return depth + np.clip(seen, 0.0, 1.0) * self.relief_at(frame)
 
     def relief_at(self, frame: int) -> Float32[np.ndarray, "height width"]:
-        """Height of the object's relief at each pixel, wherever it touches [mm].
+        """Height of the object's relief at each pixel, even without contact [mm].
 
         Args:
             frame: of the clip.
@@ -258,12 +259,12 @@ class VirtualClip:
         return self._relief.at(self.scene.camera, axis, float(self._turned[frame]))
 
     def _show(self, frame: int, fields: list[np.ndarray]) -> list[np.ndarray]:
-        """Fields of the undeformed gel at each pixel, without the steps of cells at steep rims.
+        """Fields of the undeformed gel at each pixel, without steps of cells at steep rims.
 
-        They lie around the middle of the pressure, and are shown around the object's axis: the
-        contact was solved with the shape where it was a step before.
+        They lie around the middle of the pressure and are shown around the object's axis, because
+        the contact was solved with the shape at its position one step before.
         """
-        step = 4  # distance of the points at which the contact's shape is looked up [px]
+        step = 4  # spacing of the points at which the fields are looked up [px]
         camera, truth = self.scene.camera, self.truth
         y, x = (step * np.arange(-(-size // step) + 1.0) for size in (camera.height, camera.width))
         middle = 0.5 * (np.array([camera.width, camera.height]) - 1)
@@ -272,9 +273,9 @@ class VirtualClip:
         slid = truth.slip_angle[max(self._moved[frame] - 1, 0)]
         rest = arm @ _rotation(truth.angle[frame] - np.nan_to_num(slid)) + self._middle(frame)
         pixels = np.arange(camera.height), np.arange(camera.width)
-        coarse = [_look_up(self.gel.grid, gaussian_filter(one, 1.0), rest) for one in fields]
-        # a spline, whose slopes are smooth: others would print a lattice into the picture
-        return [RectBivariateSpline(y, x, one.reshape(len(y), -1))(*pixels) for one in coarse]
+        coarse = [_look_up(self.gel.grid, gaussian_filter(values, 1.0), rest) for values in fields]
+        # a spline has smooth slopes; other interpolations would print a lattice into the picture
+        return [RectBivariateSpline(y, x, values.reshape(len(y), -1))(*pixels) for values in coarse]
 
     def _middle(self, frame: int) -> Float[np.ndarray, "2"]:
         """Middle of the pressure, in the undeformed gel [mm]."""
@@ -286,7 +287,7 @@ class VirtualClip:
 
         Args:
             frame: of the clip.
-            points: where they are in the undeformed gel, from the middle of the view [mm].
+            points: positions in the undeformed gel, from the middle of the view [mm].
         """
         own = points - np.array(self.scene.centre)
         fields = self.gel.displacement[frame]
@@ -294,14 +295,14 @@ class VirtualClip:
 
 
 def write_pictures(clip: VirtualClip, folder: Path) -> None:
-    """Write a clip as the folder of pictures and `times.csv` that `estimation run` reads.
+    """Write a clip as a folder of pictures with `times.csv`, which `estimation run` reads.
 
     Args:
-        clip: to draw.
-        folder: made if it is not there.
+        clip: the clip.
+        folder: of the pictures; created if it does not exist.
 
     Raises:
-        OSError: it cannot be written to.
+        OSError: the folder cannot be written to.
 
     Examples:
         >>> from pathlib import Path
@@ -325,7 +326,7 @@ def write_pictures(clip: VirtualClip, folder: Path) -> None:
 
 
 def _look_up(grid: Grid, field: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """A field of the grid at points [mm]; beyond the grid as at its rim."""
+    """A field of the grid at points [mm]; outside the grid, its value at the rim."""
     place = points / np.array(grid.spacing) + 0.5 * (np.array(grid.shape) - 1)
     return map_coordinates(field, place.T, order=3, mode="nearest")
 
@@ -342,8 +343,8 @@ def _lay_dots(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
 
 def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray) -> ClipTruth:
-    # share of the contact, that which has slipped least, whose motion is the gel's [-], and its
-    # least number of cells
+    # the gel's motion is that of the cells that have slipped least: their share of the contact
+    # [-], and their least number
     followers, fewest = 0.1, 4
     contact = gel.contact
     touching = np.asarray(contact.any(axis=(1, 2)))
@@ -376,8 +377,8 @@ def _find_truth(gel: Gel, twist: np.ndarray, shift: np.ndarray, dots: np.ndarray
 
 
 def _move_rigidly(points: np.ndarray, moved: np.ndarray) -> tuple[float, np.ndarray]:
-    """Rotation of points that have moved as one body [rad], and where it takes the origin [mm]."""
-    x, y = (one[0] + 1j * one[1] for one in (points, points + moved))
+    """Rotation of points that have moved as a rigid body [rad], and motion of the origin [mm]."""
+    x, y = (place[0] + 1j * place[1] for place in (points, points + moved))
     motion = fit_motion(x, y, np.ones(len(x)))
     turn = float(np.angle(motion.turn))
     to = motion.image - np.exp(1j * turn) * motion.origin
@@ -390,10 +391,10 @@ def _rotation(angle: float) -> np.ndarray:
 
 
 def _judge(under: int, holding: int, ratio: float, touching: bool) -> State:
-    """The state of a contact: the dots under the object, those and the share of it that stick."""
+    """The state, by the dots under the object, the sticking dots and the sticking area's ratio."""
     if not touching:
         return State.NO_CONTACT
-    if ratio < 0.02:  # the middle of a turn on the spot rests
+    if ratio < 0.02:  # not 0, because the centre of a rotation on the spot rests
         return State.MACRO_SLIP
     enough = holding >= DEFAULT_CONTACT.stick_share * under
     return State.STICK if enough else State.INCIPIENT

@@ -1,4 +1,4 @@
-"""Virtual recordings of any contact the model can solve: every shape, path and pair of bodies."""
+"""Virtual recordings of any contact that the contact model solves."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,36 +20,40 @@ def simulate_recording(
     depth: float = 0.0,
     unloaded: int = 10,
 ) -> tuple[Recording, Truth]:
-    """What a sensor sees of a contact along a path, and the truth of it.
+    """Simulate a sensor's recording of a contact along a path.
 
-    The markers move with the elastomer, on its surface or below; what the pad's dome does to the
-    contact belongs into the shape that the path was solved with (`Domed`). A marker is in contact
-    and sticks as the cell above it in the undeformed state does. It shows the displacement of
-    where it lay unloaded, as linear elasticity has it; a real turn takes it round from where
-    pressing has put it. On thin pads pressed by a tenth of their thickness or more, which spread by
-    1 to 2 %, recordings therefore turn that much too little (`papers.softness.contacts` takes the
-    markers round).
+    The markers move with the elastomer, on its surface or below. The effect of a domed pad is part
+    of the shape with which the path was solved (`Domed`). A marker is in contact, and sticks, if
+    the cell above it in the undeformed state does. Its displacement is that of its unloaded
+    position, as in linear elasticity, whereas a real rotation starts at the position after
+    pressing. On thin pads, which spread by 1 to 2 % when pressed by a tenth of their thickness or
+    more, the markers of a recording therefore rotate by that much too little
+    (`papers.softness.contacts` corrects this).
 
     Args:
-        path: contacts of `contactmodel.solve_path`, one a frame.
-        sensor: the unloaded markers, in the frame of the path's grid, in three dimensions.
-        camera: noise, clock and lost frames; the default is a Tac3D sensor's.
-        depth: of the markers below the elastomer's surface; they turn less there [mm].
-        unloaded: frames before the path begins.
+        path: contacts of `contactmodel.solve_path`, one for each frame.
+        sensor: the unloaded markers in three dimensions, in the frame of the path's grid.
+        camera: noise, clock and lost frames; those of a Tac3D sensor by default.
+        depth: of the markers below the elastomer's surface, where they rotate less [mm].
+        unloaded: number of frames before the path begins.
 
     Returns:
-        The recording, and the truth of its frames. Its `stick` means: ever since the marker came
-        under the object; its `stick_radius` is that of a disc as large as the cells that stick.
+        The recording, and the truth of its frames. In this truth, `stick` marks markers that have
+        stuck ever since they came under the object, and `stick_radius` is the radius of a disc with
+        the area of the sticking cells.
 
     Raises:
-        ValueError: a single contact in place of a path, markers without a third dimension, or a
-            depth below 0.
-        RuntimeError: a depth beyond a layer's base.
+        ValueError: the path is a single contact, the markers have only two dimensions, or the depth
+            is below 0.
+        RuntimeError: the depth is beyond a layer's base.
     """
     if path.pressure.ndim != 3:
-        raise ValueError("simulate_recording takes a path of contacts; see contactmodel.solve_path")
+        raise ValueError(
+            "simulate_recording got a single contact; it requires a path of contacts: see "
+            "contactmodel.solve_path"
+        )
     if sensor.reference.shape[1] != 3:
-        raise ValueError("simulate_recording needs markers with x, y and z")
+        raise ValueError("simulate_recording requires markers with x, y and z; these have x and y")
     camera = camera or Camera()
     points = sensor.reference[:, :2]
     moved = np.asarray(path.elastomer_displacement_at(points, depth))
@@ -71,7 +75,7 @@ def simulate_recording(
 
 
 def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
-    """The truth of every frame, the unloaded ones first."""
+    """The truth of all frames, starting with the unloaded ones."""
     contact, sticking = (
         np.pad(values_at(path.grid, np.asarray(mask), points), ((unloaded, 0), (0, 0)))
         for mask in (path.contact, path.stick)
@@ -99,12 +103,12 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
 def values_at(
     grid: Grid, mask: Bool[np.ndarray, "frames nx ny"], points: Float[np.ndarray, "n 2"]
 ) -> Bool[np.ndarray, "frames n"]:
-    """Value of a mask of the grid in the cell of each point; False beyond the grid.
+    """Look up a mask in the cell of each point; False outside the grid.
 
     Args:
         grid: of the mask.
         mask: of each frame.
-        points: of the undeformed elastomer [mm].
+        points: in the undeformed elastomer [mm].
     """
     index = np.floor(points / grid.spacing + 0.5 * np.asarray(grid.shape)).astype(int)
     inside = ((index >= 0) & (index < grid.shape)).all(axis=1)

@@ -1,4 +1,4 @@
-"""The gel under an object along a path, by the contact model: what moves, sticks and slips."""
+"""The gel under an object along a path: its displacement, stick and slip, by the contact model."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -15,15 +15,15 @@ from contactmodel.solve import solve_path
 
 
 class Gel(NamedTuple):
-    """The gel's surface by frame, on a grid in its undeformed state; zero without contact.
+    """The gel's surface in each frame, on a grid in its undeformed state; zero without contact.
 
     Attributes:
-        grid: of the fields, the origin where the object touches.
+        grid: of the fields, with its origin at the point of first contact.
         displacement: in the plane [mm].
         depth: into the gel [mm].
-        slip: of the object over the gel since it touched [mm].
+        slip: of the object over the gel since first contact [mm].
         pressure: of the object [MPa].
-        stick: cells in contact that do not slide; all of them while the object rests.
+        stick: cells in contact that do not slide; all cells in contact while the object rests.
         force: on the gel [N].
         moment: on the gel about the object's axis [N·mm].
     """
@@ -43,22 +43,22 @@ class Gel(NamedTuple):
         return self.pressure > 0.0
 
     def take(self, rows: slice) -> "Gel":
-        """Some of the frames."""
+        """Select frames."""
         return Gel(self.grid, *(field[rows] for field in self[1:]))
 
 
 def find_touches(approach: Float[np.ndarray, " frames"]) -> Iterator[tuple[int, int]]:
-    """First frame of each contact, and the first after it.
+    """Find the first frame of each contact, and the first frame after it.
 
     Args:
-        approach: of the object [mm]; above 0 it touches.
+        approach: of the object [mm]; it touches where this is above 0.
     """
     edges = np.flatnonzero(np.diff(np.pad(np.asarray(approach) > 0.0, 1).astype(int)))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def count_from_touch(path: Pose) -> Pose:
-    """The poses of a path, turn and shift counted from the last one before each contact."""
+    """Count twist and shift of a path from the last pose before each contact."""
     twist, shift = np.array(path.twist), np.array(path.shift)
     for begin, end in find_touches(np.asarray(path.approach)):
         twist[begin:end] -= np.asarray(path.twist)[begin - 1] if begin else 0.0
@@ -67,18 +67,18 @@ def count_from_touch(path: Pose) -> Pose:
 
 
 def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: float = 0.3) -> Gel:
-    """The gel along a path.
+    """Compute the gel along a path.
 
-    Friction that falls once all slides is put on afterwards: as long as everything slides one way,
-    tractions and what they move are in proportion to it.
+    Friction that weakens in macro slip is applied afterwards: as long as everything slides in one
+    direction, tractions and displacements are proportional to it.
 
     Args:
         contact: pad, object, shape, friction and grid.
-        path: poses of the object, one a frame.
-        kinetic: friction once all has slid for long, as a share of that before [-].
-        weakening: distance slid over which it falls there [mm].
+        path: poses of the object, one for each frame.
+        kinetic: friction after long macro slip, as a share of static friction [-].
+        weakening: sliding distance over which friction falls to it [mm].
     """
-    # of the contact's residuals [-]: 1e-5 of a displacement is far below what a picture shows
+    # tolerance of the contact's residuals [-]: 1e-5 of a displacement is invisible in a picture
     rtol = 1e-5
     poses = count_from_touch(path)
     frames, shape = len(np.asarray(path.approach)), contact.grid.shape
@@ -91,8 +91,8 @@ def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: floa
         solved = solve_path(
             contact, jax.tree.map(lambda leaf, m=moved: leaf[m], own), sliding=True, rtol=rtol
         )
-        found = _weaken(_gather(solved), kinetic, weakening)
-        for field, values in zip(gel[1:], found[1:], strict=True):
+        own_gel = _weaken(_gather(solved), kinetic, weakening)
+        for field, values in zip(gel[1:], own_gel[1:], strict=True):
             field[begin:end] = values[index]
         rests = begin + np.setdiff1d(np.arange(end - begin), moved)
         gel.stick[rests] = gel.contact[rests]
@@ -100,7 +100,7 @@ def move_gel(contact: Contact, path: Pose, kinetic: float = 1.0, weakening: floa
 
 
 def _find_moves(path: Pose) -> tuple[Int[np.ndarray, " moves"], Int[np.ndarray, " frames"]]:
-    """Frames in which the object moves, and which of these each frame is like."""
+    """Frames in which the object moves, and for each frame the number of the last of these."""
     numbers = np.column_stack([np.asarray(path.approach), np.asarray(path.shift), path.twist])
     moves = np.append(True, (np.diff(numbers, axis=0) != 0.0).any(axis=1))
     return np.flatnonzero(moves), np.cumsum(moves) - 1
@@ -121,7 +121,7 @@ def _gather(path: ContactSolution) -> Gel:
 
 
 def _weaken(gel: Gel, kinetic: float, weakening: float) -> Gel:
-    """The gel with the friction that is left after what has slid so far."""
+    """Weaken the friction of a gel by the distance slid so far."""
     touching = gel.contact.sum(axis=(1, 2))
     increment = np.linalg.norm(np.diff(gel.slip, axis=0, prepend=gel.slip[:1]), axis=1)
     mean = np.sum(increment * gel.contact, axis=(1, 2)) / np.maximum(touching, 1)

@@ -1,10 +1,10 @@
-"""The virtual pivot: recordings of a sensor that never was, with exact truth.
+"""The virtual pivot: simulated recordings with known truth.
 
-A sphere is pressed into a flat elastomer and twisted: pressed by Hertz, twisted by the torsion of a
-Hertz contact with slip, turned back by Masing's rule (`contactmodel.analytic`). The closed forms
-hold for pressing without friction and for bodies that do not couple pressure to shear. Finite
-rotation is added to them by turning every point on its circle, at radius r by u_θ(r)/r, so that
-points that stick go exactly where the object takes them.
+A sphere is pressed into a flat elastomer and twisted. Pressing follows Hertz, twisting the torsion
+of a Hertz contact with slip, and reversals Masing's rule (`contactmodel.analytic`). The closed
+forms hold for pressing without friction, and for bodies that do not couple pressure to shear. They
+are extended to finite rotations: every point at radius r moves on its circle by the angle u_θ(r)/r,
+so that sticking points move exactly with the object.
 """
 
 from collections.abc import Sequence
@@ -24,22 +24,22 @@ from estimation.frames.recording import Frame, MarkerLayout, Recording
 class PivotModel(NamedTuple):
     """Sphere, elastomer and markers of a virtual pivot.
 
-    Both bodies twist like half-spaces, also the sphere. So do not fit its data with a ball's radius
-    (`calibration softness --radius-mm`).
+    Both bodies, the sphere included, twist like half-spaces. Therefore do not fit this data with
+    the radius of a ball (`calibration softness --radius-mm`).
 
     Attributes:
         contact_radius: a under full load [mm].
         approach: the elastomer's share of δ under full load [mm].
-        friction_ratio: μp0/2G* [-]; with it the twist decides how far slip has come in.
+        friction_ratio: μp0/2G* [-]; together with the twist it determines the extent of slip.
         shear_modulus: of the elastomer [MPa].
         poisson_ratio: of the elastomer [-].
         stiffness_ratio: k = G_S/G_B [-].
         grid_shape: rows and columns of the markers.
         pitch: distance between markers [mm].
         offset: of the object's axis from the middle of the markers [mm].
-        grid_angle: by which the markers' rows are turned [rad].
-        noise: of each marker's x and y [mm].
-        normal_noise: of z [mm].
+        grid_angle: rotation of the markers' rows [rad].
+        noise: standard deviation of each marker's x and y [mm].
+        normal_noise: standard deviation of each marker's z [mm].
 
     Examples:
         >>> from estimation import PivotModel, simulate_pivot
@@ -67,16 +67,16 @@ class Truth(NamedTuple):
     """Truth of a virtual recording.
 
     Attributes:
-        angle: the object's rotation since it touched [rad, counter-clockwise]; NaN before.
+        angle: the object's rotation since first contact [rad, counter-clockwise]; NaN before.
         contact: markers under the object.
-        stick: markers that have stuck ever since they were under full load.
-        sticking: markers that do not slip now, whatever they did before the last reversal.
+        stick: markers that have stuck ever since full load.
+        sticking: markers that do not slip now, even if they slipped before the last reversal.
         slip: of the object against the elastomer at each marker in contact, along x and y [mm].
-        stick_radius: radius within which they do not slip now [mm]; 0 without contact.
+        stick_radius: radius within which markers do not slip now [mm]; 0 without contact.
         moment: of the object on the sensor about z [N·mm].
         macro_slip: frames with contact in which fewer than three markers do not slip.
         stiffness_ratio: k [-].
-        load_term: L = L_xy − L_yx [rad]; half-spaces have none.
+        load_term: L = L_xy − L_yx [rad]; 0 for half-spaces.
 
     Examples:
         >>> import numpy as np
@@ -99,7 +99,7 @@ class Truth(NamedTuple):
     load_term: float = 0.0
 
     def take(self, rows: Int[np.ndarray, " rows"] | slice) -> "Truth":
-        """The truth of some of the frames."""
+        """Select frames of the truth."""
         arrays = {
             name: value[rows]
             for name, value in self._asdict().items()
@@ -109,12 +109,12 @@ class Truth(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """When a camera takes its frames.
+    """Timing of a camera's frames.
 
     Attributes:
-        rate: frames per second.
-        dropped: share of frames that are lost.
-        jitter: standard deviation of the clock [s].
+        rate: frames per second [1/s].
+        dropped: share of lost frames [-].
+        jitter: standard deviation of the time stamps [s].
 
     Examples:
         >>> import numpy as np
@@ -131,13 +131,13 @@ class Timing(NamedTuple):
 
 
 class Camera(NamedTuple):
-    """What stands between the markers and the recording.
+    """Imperfections of a sensor: noise, lost frames and an uneven clock.
 
     Attributes:
-        noise: of each marker's x and y, and of z [mm].
-        timing: when the frames are taken.
-        noise_window: frames that the tracker's running mean runs over; 1 for white noise.
-        seed: of everything random.
+        noise: standard deviation of each marker's x and y, and of its z [mm].
+        timing: timing of the frames.
+        noise_window: length of the tracker's running mean [frames]; 1 for white noise.
+        seed: of the random numbers.
     """
 
     noise: tuple[float, float] = (1e-3, 3.5e-3)
@@ -157,25 +157,25 @@ def simulate_pivot(
     noise_window: int = 3,
     seed: int = 0,
 ) -> tuple[Recording, Truth]:
-    """A recording of a pivot: unloaded, pressed, then twisted from angle to angle.
+    """Simulate a pivot: unloaded, pressed, then twisted from angle to angle.
 
-    By default a lift, a hold, and a reversal through zero on to macro slip.
+    The default path is a lift, a hold, and a reversal through zero up to macro slip.
 
     Args:
         model: sphere, elastomer and markers.
         angles_deg: the object's angle at the ends of the path's legs [deg].
-        frames: frames of each leg.
-        unloaded: frames before the object touches.
-        pressing: frames of the approach, without twist.
-        timing: when the frames are taken; 30 a second, one in twenty lost, unless given.
-        noise_window: frames that the tracker's running mean runs over; 1 for white noise.
-        seed: of everything random.
+        frames: number of frames of each leg.
+        unloaded: number of frames before the object touches.
+        pressing: number of frames of the approach, without twist.
+        timing: timing of the frames; by default 30 a second, of which one in twenty is lost.
+        noise_window: length of the tracker's running mean [frames]; 1 for white noise.
+        seed: of the random numbers.
 
     Returns:
         The recording, and the truth of its frames.
 
     Raises:
-        ValueError: a leg without frames.
+        ValueError: a leg has no frames.
 
     Examples:
         >>> from estimation import simulate_pivot
@@ -185,7 +185,7 @@ def simulate_pivot(
     """
     model, timing = model or PivotModel(), timing or Timing()
     if min(frames) < 1:
-        raise ValueError(f"frames is {tuple(frames)}; every leg takes at least 1")
+        raise ValueError(f"frames is {tuple(frames)}; every leg must have at least 1 frame")
     legs = zip(angles_deg[:-1], angles_deg[1:], frames, strict=True)
     twist = np.radians(np.concatenate([np.linspace(a, b, count + 1)[1:] for a, b, count in legs]))
     load = np.r_[np.zeros(unloaded), np.arange(1, pressing + 1) / pressing, np.ones(len(twist))]
@@ -209,7 +209,7 @@ def simulate_pivot(
 
 
 def record(perfect: Recording, truth: Truth, camera: Camera) -> tuple[Recording, Truth]:
-    """What a camera makes of a perfect recording: noise, lost frames, an uneven clock.
+    """Add a camera's noise, lost frames and uneven clock to a perfect recording.
 
     Returns:
         The recording, and the truth of its frames.
@@ -222,24 +222,24 @@ def record(perfect: Recording, truth: Truth, camera: Camera) -> tuple[Recording,
     noise = (running[window:] - running[:-window]) / np.sqrt(window)
     lateral, normal = camera.noise
     positions = perfect.positions + noise * np.array([lateral, lateral, normal])
-    kept = np.nonzero(rng.random(count) >= timing.dropped)[0]
+    rows = np.nonzero(rng.random(count) >= timing.dropped)[0]
     ticks = np.arange(count) / timing.rate + rng.normal(size=count) * timing.jitter
     recording = replace(
         perfect,
-        positions=positions[kept],
-        valid=perfect.valid[kept],
-        time=np.maximum.accumulate(ticks)[kept] + 1e-6 * np.arange(len(kept)),
-        source_index=perfect.source_index[kept],
-        force=None if perfect.force is None else perfect.force[kept],
-        moment=None if perfect.moment is None else perfect.moment[kept],
+        positions=positions[rows],
+        valid=perfect.valid[rows],
+        time=np.maximum.accumulate(ticks)[rows] + 1e-6 * np.arange(len(rows)),
+        source_index=perfect.source_index[rows],
+        force=None if perfect.force is None else perfect.force[rows],
+        moment=None if perfect.moment is None else perfect.moment[rows],
     )
-    return recording, truth.take(kept)
+    return recording, truth.take(rows)
 
 
 def simulate_frame(
     model: PivotModel, angle: float, rng: np.random.Generator
 ) -> tuple[MarkerLayout, Frame, Bool[np.ndarray, " n"]]:
-    """One frame under full load, pressed and then twisted by an angle [rad].
+    """Simulate one frame under full load, pressed and then twisted by an angle [rad].
 
     Returns:
         The markers, the frame, and the markers that stick.
@@ -257,7 +257,7 @@ def simulate_frame(
 
 
 def lay_out_markers(model: PivotModel) -> MarkerLayout:
-    """The markers of the unloaded, flat elastomer, the object's axis at the origin."""
+    """Lay out the markers of the unloaded, flat elastomer, with the object's axis at the origin."""
     rows, columns = model.grid_shape
     y, x = np.meshgrid(
         np.arange(rows) - (rows - 1) / 2, np.arange(columns) - (columns - 1) / 2, indexing="ij"
@@ -277,15 +277,18 @@ def deform(
     load: Float[np.ndarray, " frames"],
     twist: Float[np.ndarray, " frames"],
 ) -> tuple[Float[np.ndarray, "frames n 3"], Truth]:
-    """Positions without noise, and the truth, for loads (share of the approach) and twists."""
+    """Compute positions without noise, and the truth, for loads and twists.
+
+    Loads are shares of the full approach [-]. Twists [rad] are NaN without contact.
+    """
     points = layout.reference[:, :2]
     r = np.hypot(points[:, 0], points[:, 1])
     turned, stick_radius, moment = twist_rotation(model, r, np.nan_to_num(twist))
     radius = model.contact_radius * np.sqrt(load)[:, None]
     depth, stretch = press_depth(model, r, load)
     surface = stretch[..., None] * _turn(points, turned)
-    held = (1.0 + model.stiffness_ratio) * turned  # of the object, had it stuck
-    slip = _turn(points, np.nan_to_num(twist)[:, None]) - _turn(points, held)
+    sticking_turn = (1.0 + model.stiffness_ratio) * turned  # of the object if it had stuck
+    slip = _turn(points, np.nan_to_num(twist)[:, None]) - _turn(points, sticking_turn)
     touching = load > 0
     contact = r < radius
     stick_radius = np.where(touching, stick_radius, 0.0)
@@ -309,7 +312,7 @@ def deform(
 def _turn(
     points: Float[np.ndarray, "n 2"], angle: Float[np.ndarray, "frames k"]
 ) -> Float[np.ndarray, "frames n 2"]:
-    """Points turned about the origin [mm]."""
+    """Rotate points about the origin [mm]."""
     (x, y), c, s = points.T, np.cos(angle), np.sin(angle)
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
@@ -317,7 +320,7 @@ def _turn(
 def twist_rotation(
     model: PivotModel, r: Float[np.ndarray, " n"], twist: Float[np.ndarray, " frames"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotation of the elastomer at each radius, stick radius and moment, along a path of twists."""
+    """Rotation of the elastomer at each radius, stick radius and moment along a path of twists."""
     turns = analytic.open_turns(twist.tolist())
     branches = [
         (0.5 * (end - opened[-1]) if opened else end)
@@ -350,7 +353,7 @@ def twist_rotation(
 def press_depth(
     model: PivotModel, r: Float[np.ndarray, " n"], load: Float[np.ndarray, " frames"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth of each point [mm], and the factor by which its radius has changed [-]."""
+    """Depth of each point under each load [mm], and the factor by which its radius changes [-]."""
     scale = np.sqrt(np.maximum(load, 1e-18))
     radius = (model.contact_radius * scale)[:, None]
     peak = (_peak_pressure(model) * scale)[:, None]
@@ -363,7 +366,7 @@ def press_depth(
 def _virgin(
     r: Float[np.ndarray, " n"], twist: Float[np.ndarray, " m"], radius: float, friction_ratio: float
 ) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """On first loading: u_θ/r of the pair at each radius, κ, and the moment over G*."""
+    """First loading: u_θ/r of the pair at each radius, κ, and the moment over G*."""
     density = analytic.hertz_density(radius, friction_ratio)
     ratio = np.asarray(analytic.lubkin_stick_ratio(twist, friction_ratio))
     displacement = analytic.torsion_displacement(r, density, ratio[:, None] * radius, radius)

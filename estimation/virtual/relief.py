@@ -1,4 +1,4 @@
-"""What an object prints through the gel: its relief, and how three coloured lamps show it."""
+"""The object's print through the gel: its relief, and its light under three coloured lamps."""
 
 from typing import NamedTuple
 
@@ -9,15 +9,15 @@ from jaxtyping import Float, Float32
 from estimation.pictures.render import Camera
 
 RELIEFS = ("texture", "edges", "stripes", "smooth")
-"""Random roughness; straight ridges; ridges that are repeated across one direction; none."""
+"""Kinds of relief: random roughness, straight ridges, parallel repeated ridges, and none."""
 
 
 class Relief(NamedTuple):
-    """Small heights of the object's face, beside its shape.
+    """Small heights of the object's face, in addition to its shape.
 
     Attributes:
         height: towards the elastomer, on a square grid with the object's axis in its middle [mm].
-        step: side of its cells [mm].
+        step: side of a cell [mm].
     """
 
     height: Float32[np.ndarray, "n n"]
@@ -26,12 +26,12 @@ class Relief(NamedTuple):
     def at(
         self, camera: Camera, centre: Float[np.ndarray, "2"], angle: float
     ) -> Float32[np.ndarray, "height width"]:
-        """Its height at each pixel of a picture, once it has moved [mm].
+        """Height of the moved relief at each pixel of a picture [mm].
 
         Args:
             camera: the camera, without distortion.
-            centre: where the object's axis is in the view [mm].
-            angle: by which the object has turned [rad, from x to y of the picture].
+            centre: position of the object's axis in the view [mm].
+            angle: rotation of the object [rad, from x to y of the picture].
         """
         y, x = np.mgrid[: camera.height, : camera.width].astype(float)
         x = (x - 0.5 * (camera.width - 1)) * camera.mm_per_px - centre[0]
@@ -39,26 +39,26 @@ class Relief(NamedTuple):
         c, s, middle = np.cos(angle), np.sin(angle), 0.5 * (len(self.height) - 1)
         own_x = ((c * x + s * y) / self.step + middle).astype(np.float32)
         own_y = ((c * y - s * x) / self.step + middle).astype(np.float32)
-        # fractions of a cell are rounded to 1/32: a cell is a quarter of a pixel
+        # OpenCV rounds fractions of a cell to 1/32, and a cell is a quarter of a pixel
         return cv2.remap(self.height, own_x, own_y, cv2.INTER_CUBIC)
 
 
 def make_relief(
     kind: str, slope: float, size: float, step: float, rng: np.random.Generator
 ) -> Relief:
-    """A relief drawn at random.
+    """Draw a random relief.
 
     Args:
         kind: one of `RELIEFS`.
-        slope: root mean square of its slope, of edges where they are [-].
-        size: side of the square that it covers [mm].
-        step: side of its cells [mm].
-        rng: of what it looks like.
+        slope: root mean square of the slope where the relief is steep [-].
+        size: side of the square that the relief covers [mm].
+        step: side of a cell [mm].
+        rng: random generator for the relief.
 
     Raises:
         ValueError: there is no such kind.
     """
-    coarse_step = 0.1  # step in which reliefs are drawn at random, before they are refined [mm]
+    coarse_step = 0.1  # step in which reliefs are drawn before they are refined [mm]
     if kind not in RELIEFS:
         raise ValueError(f"unknown relief {kind!r}; choose from {', '.join(RELIEFS)}")
     count = round(size / step)
@@ -75,7 +75,7 @@ def make_relief(
 
 
 def _roughen(place: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Roughness with wavelengths from 0.5 to 3 mm: what is finer the gel does not show."""
+    """Roughness with wavelengths from 0.5 to 3 mm; the gel does not show finer ones."""
     count = len(place) + len(place) % 2
     frequency = np.fft.fftfreq(count, place[1] - place[0])
     wave = np.hypot(frequency[:, None], frequency[None, : count // 2 + 1])  # [1/mm]
@@ -108,10 +108,10 @@ class Lamps(NamedTuple):
     """Three lamps around the view, blue, green and red.
 
     Attributes:
-        azimuth: where the first one is; the others follow by a third of a turn [rad].
+        azimuth: direction of the first lamp; the others follow at thirds of a turn [rad].
         elevation: of the light above the pad [rad].
         tint: brightness of each colour [-].
-        fall: share by which each lamp's light falls from its side of the view to the middle [-].
+        fall: share of its light that each lamp loses from its side of the view to the middle [-].
     """
 
     azimuth: float = 0.5 * np.pi
@@ -125,8 +125,8 @@ class Lamps(NamedTuple):
         """Grey levels of a matt surface without dots.
 
         Args:
-            camera: its background is the level of a flat surface in the middle of the view.
-            height: of the surface above the pad's plane, towards the camera or away alike [mm].
+            camera: the camera; its background is the level of a flat surface in mid-view.
+            height: of the surface above the pad's plane, either towards the camera or away [mm].
         """
         down, right = np.gradient(height, camera.mm_per_px)
         facing = 1.0 / np.sqrt(1.0 + right**2 + down**2)

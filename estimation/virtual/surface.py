@@ -1,4 +1,4 @@
-"""The surface of a virtual pivot as a whole, for pictures of what is printed on it."""
+"""The whole surface of a virtual pivot, for pictures of the patterns printed on it."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -16,14 +16,14 @@ from estimation.virtual.recording import (
 )
 
 Motion = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 3"]]
-"""Takes points of the unloaded, flat surface to where they are [mm]."""
+"""Maps points of the unloaded, flat surface to their current positions [mm]."""
 
 
 class VirtualSurface(NamedTuple):
-    """A surface that an object pivots on.
+    """A surface on which an object pivots.
 
     Attributes:
-        motions: of its points, one for each frame; the middle of the markers is the origin.
+        motions: motion of its points in each frame, with the middle of the markers as origin.
         truth: of the markers of `lay_out_markers`.
     """
 
@@ -34,14 +34,14 @@ class VirtualSurface(NamedTuple):
 def simulate_surface(
     model: PivotModel, load: Float[np.ndarray, " frames"], twist: Float[np.ndarray, " frames"]
 ) -> VirtualSurface:
-    """The surface along a path.
+    """Simulate the surface along a path.
 
     Args:
-        model: what is pressed into what; its noise plays no part.
-        load: share of the approach, 0 where the object does not touch.
-        twist: the object's angle [rad].
+        model: sphere, elastomer and markers; its noise is not used.
+        load: in each frame, as a share of the full approach [-]; 0 without contact.
+        twist: the object's angle in each frame [rad].
     """
-    # radius of the table of displacements, and its step [mm]: linear in between, good to 1e-5 mm
+    # radius and step of the table of displacements [mm]; linear interpolation errs by 1e-5 mm
     reach, step = 40.0, 0.02
     radius = np.arange(0.0, reach, step)
     turned, _, _ = twist_rotation(model, radius, twist)

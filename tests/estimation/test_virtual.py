@@ -142,5 +142,5 @@ def test_an_object_that_hardly_rubs_slips_at_once_and_turns_on(ratio):
 
 
 def test_a_leg_without_frames_is_refused():
-    with pytest.raises(ValueError, match="every leg takes at least 1"):
+    with pytest.raises(ValueError, match="every leg must have at least 1"):
         simulate_pivot(frames=(-1, 5, 5))

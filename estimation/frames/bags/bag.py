@@ -1,8 +1,8 @@
-"""Bags opened: the topics of one, and the messages of a topic, one after the other.
+"""Reading bags: their topics, and the messages of a topic one after the other.
 
-A bag is like a folder, in which each topic is a recording: `grasp.mcap/left/frame` is the topic
-`/left/frame` of `grasp.mcap`. MCAP files are read by `mcap`, which reads them without their end,
-too; ROS 1 bags and ROS 2 folders are read by `rosbags`. No ROS is needed.
+A bag is like a folder in which each topic is a recording: `grasp.mcap/left/frame` is the topic
+`/left/frame` of `grasp.mcap`. MCAP files are read by `mcap`, which also reads files whose end is
+missing. ROS 1 bags and ROS 2 folders are read by `rosbags`. No ROS is needed.
 """
 
 import struct
@@ -18,17 +18,17 @@ from estimation.frames.bags.types import ros_types, to_ros2_name
 from estimation.frames.extras import require_extra
 
 SUFFIXES = {".mcap", ".bag", ".db3"}
-"""Of bags that are files; a ROS 2 folder has a `metadata.yaml`."""
+"""Suffixes of bags that are files; a ROS 2 folder has a `metadata.yaml`."""
 
 
 class Channel(NamedTuple):
     """The messages of one topic.
 
     Attributes:
-        topic: its name.
-        type: of the messages, as ROS 2 names it: `sensor_msgs/msg/Image`.
-        messages: how many there are, as far as it is known.
-        definition: of the type; empty where the bag does not have it.
+        topic: name of the topic.
+        type: of the messages, in ROS 2's notation: `sensor_msgs/msg/Image`.
+        messages: number of messages, as far as the bag lists it.
+        definition: of the type; empty if the bag lacks it.
     """
 
     topic: str
@@ -38,12 +38,13 @@ class Channel(NamedTuple):
 
 
 class Message(NamedTuple):
-    """A message as it was recorded.
+    """A recorded message.
 
     Attributes:
-        stamp: when it was recorded [ns].
-        content: its fields are attributes; None where the bag is damaged from here on.
-        damage: what is wrong then.
+        stamp: time of its recording [ns].
+        content: the message, with its fields as attributes; None if the bag is damaged from here
+            on.
+        damage: description of the damage; empty if there is none.
     """
 
     stamp: int
@@ -52,7 +53,7 @@ class Message(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What a bag holds: its channels, and when its first message was recorded [ns]."""
+    """Contents of a bag: its channels, and the time of its first message [ns]."""
 
     channels: tuple[Channel, ...]
     start: int
@@ -61,12 +62,12 @@ class Contents(NamedTuple):
 def is_bag(path: Path) -> bool:
     """Whether there is a bag at the path."""
     if (path / "metadata.yaml").is_file():
-        return any(SUFFIXES & set(one.suffixes) for one in path.iterdir())
+        return any(SUFFIXES & set(file.suffixes) for file in path.iterdir())
     return path.suffix in SUFFIXES and path.is_file()
 
 
 def split_place(path: Path) -> tuple[Path, str] | None:
-    """The bag that a path is of or in, and the topic's name there; None where there is no bag."""
+    """Split a path into a bag and the name of a topic in it, perhaps empty; None without a bag."""
     if path.exists():
         return (path, "") if is_bag(path) else None
     place = next((above for above in path.parents if above.exists()), path)
@@ -74,28 +75,28 @@ def split_place(path: Path) -> tuple[Path, str] | None:
 
 
 def describe_bag(path: Path) -> Contents:
-    """What a bag holds.
+    """List the contents of a bag.
 
     Raises:
         ImportError: the extra `bags` is not installed.
-        ValueError: it is not a bag, or is damaged.
-        OSError: it cannot be read.
+        ValueError: the path is not a bag, or the bag is damaged.
+        OSError: the bag cannot be read.
     """
     require_extra("bags", f"reading the bag {path}")
-    newest = max(one.stat().st_mtime_ns for one in (path, *_files(path)))
-    return _describe(path, sum(one.stat().st_size for one in _files(path)), newest)
+    newest = max(file.stat().st_mtime_ns for file in (path, *_files(path)))
+    return _describe(path, sum(file.stat().st_size for file in _files(path)), newest)
 
 
 def read_messages(path: Path, channel: Channel) -> Generator[Message, None, None]:
-    """The messages of a channel, as they come in the bag, one at a time in memory.
+    """Read the messages of a channel in the bag's order, with one message in memory at a time.
 
-    Where the bag is damaged they end, and the last one says so.
+    If the bag is damaged, the messages end there, and the last one describes the damage.
     """
-    found = (_read_mcap if path.suffix == ".mcap" else _read_ros)(path, channel.topic)
+    messages = (_read_mcap if path.suffix == ".mcap" else _read_ros)(path, channel.topic)
     try:
         while True:
             try:
-                yield next(found)
+                yield next(messages)
             except StopIteration:
                 return
             except _damage() as error:
@@ -103,7 +104,7 @@ def read_messages(path: Path, channel: Channel) -> Generator[Message, None, None
                 yield Message(0, None, f"the bag is damaged from here on ({why})")
                 return
     finally:
-        found.close()
+        messages.close()
 
 
 def _files(path: Path) -> list[Path]:
@@ -112,7 +113,7 @@ def _files(path: Path) -> list[Path]:
 
 @lru_cache(maxsize=16)
 def _describe(path: Path, size: int, newest: int) -> Contents:
-    """What a bag of that size and time holds."""
+    """Contents of a bag; size and time of its files make the cache notice changes."""
     try:
         contents = (_describe_mcap if path.suffix == ".mcap" else _describe_ros)(path)
     except PermissionError:
@@ -127,7 +128,7 @@ def _describe(path: Path, size: int, newest: int) -> Contents:
 
 @lru_cache(maxsize=1)
 def _damage() -> tuple[type[Exception], ...]:
-    """What the libraries raise where a bag is damaged; NumPy's and Python's own errors with it."""
+    """Errors that the libraries, NumPy and Python raise on a damaged bag."""
     from mcap.exceptions import McapError
     from rosbags.highlevel import AnyReaderError
     from rosbags.rosbag1 import ReaderError as Error1
@@ -135,8 +136,8 @@ def _damage() -> tuple[type[Exception], ...]:
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
 
-    theirs = (McapError, AnyReaderError, Error1, Error2, SerdeError, TypesysError)
-    packed = (  # of what these libraries unpack with
+    readers = (McapError, AnyReaderError, Error1, Error2, SerdeError, TypesysError)
+    packed = (  # errors of their decompressors
         import_module("mcap.stream_reader").zstandard.ZstdError,
         import_module("rosbags.rosbag2.storage_mcap").zstd.ZstdError,
         import_module("rosbags.rosbag2.storage_sqlite3").apsw.Error,
@@ -145,11 +146,11 @@ def _damage() -> tuple[type[Exception], ...]:
         EOFError,
     )
     nonsense = (ValueError, LookupError, TypeError, AttributeError, AssertionError)
-    return (*theirs, *packed, *nonsense, ArithmeticError, MemoryError, RuntimeError, OSError)
+    return (*readers, *packed, *nonsense, ArithmeticError, MemoryError, RuntimeError, OSError)
 
 
 def _open_mcap(file: IO[bytes], size: int) -> tuple[Any, Any]:
-    """A reader of an MCAP file, and its summary; None where its end is missing or damaged."""
+    """A reader of an MCAP file, and its summary; None if the file's end is missing or damaged."""
     from mcap.reader import NonSeekingReader, SeekingReader
 
     reader = SeekingReader(file, validate_crcs=True, record_size_limit=size)
@@ -175,22 +176,22 @@ def _describe_mcap(path: Path) -> Contents:
             start = summary.statistics.message_start_time
         else:
             counts, start, schemas, channels = _scan_mcap(reader)
-    found: dict[str, Channel] = {}
+    topics: dict[str, Channel] = {}
     for channel in channels:
         schema = schemas.get(channel.schema_id)
         count = counts.get(channel.id, 0)
-        if earlier := found.get(channel.topic):
-            found[channel.topic] = earlier._replace(messages=earlier.messages + count)
+        if earlier := topics.get(channel.topic):
+            topics[channel.topic] = earlier._replace(messages=earlier.messages + count)
         elif schema is not None:
             text = schema.data.decode("utf-8", "replace")
-            found[channel.topic] = Channel(channel.topic, to_ros2_name(schema.name), count, text)
+            topics[channel.topic] = Channel(channel.topic, to_ros2_name(schema.name), count, text)
         else:
-            found[channel.topic] = Channel(channel.topic, "no schema", count, "")
-    return Contents(tuple(found.values()), start)
+            topics[channel.topic] = Channel(channel.topic, "no schema", count, "")
+    return Contents(tuple(topics.values()), start)
 
 
 def _scan_mcap(reader: Any) -> tuple[dict[int, int], int, dict[int, Any], list[Any]]:
-    """What an MCAP file holds that is not listed at its end, up to where it is damaged."""
+    """Contents of an MCAP file without a summary, up to the place where it is damaged."""
     counts: dict[int, int] = {}
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
@@ -219,14 +220,14 @@ def _read_mcap(path: Path, topic: str) -> Generator[Message, None, None]:
 
 
 def _make_decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:
-    """What turns the bytes of an MCAP channel's messages into objects."""
+    """A function that decodes the messages of an MCAP channel."""
     if schema is None or (channel.message_encoding, schema.encoding) not in (
         ("cdr", "ros2msg"),
         ("cdr", "ros2idl"),
         ("ros1", "ros1msg"),
     ):
         kind = f"{channel.message_encoding}/{schema.encoding if schema else 'no schema'}"
-        raise ValueError(f"{channel.topic} is encoded as {kind}: only messages of ROS are read")
+        raise ValueError(f"{channel.topic} is encoded as {kind}: only ROS messages are read")
     store = ros_types(schema.name, schema.data.decode(), idl=schema.encoding == "ros2idl")
     name = to_ros2_name(schema.name)
     decode = store.deserialize_cdr if schema.encoding != "ros1msg" else store.deserialize_ros1
@@ -252,6 +253,6 @@ def _describe_ros(path: Path) -> Contents:
 
 def _read_ros(path: Path, topic: str) -> Generator[Message, None, None]:
     with _open_ros(path) as reader:
-        connections = [one for one in reader.connections if one.topic == topic]
-        for connection, stamp, data in reader.messages(connections):
+        wanted = [connection for connection in reader.connections if connection.topic == topic]
+        for connection, stamp, data in reader.messages(wanted):
             yield Message(stamp, reader.deserialize(data, connection.msgtype))

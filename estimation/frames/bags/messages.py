@@ -1,7 +1,7 @@
-"""Messages of markers, turned into frames.
+"""Conversion of messages of markers to frames.
 
-A reader of each kind of topic is made from its first messages, in which it finds the markers at
-rest, and then turns each message into a frame.
+The reader of a topic is made from its first messages, in which it finds the markers at rest. It
+then converts each message to a frame.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -20,14 +20,14 @@ Vectors = Float[np.ndarray, "n 3"]
 
 
 class Seen(NamedTuple):
-    """What a message says of the markers.
+    """The markers in a message.
 
     Attributes:
         positions: of the markers [mm].
         time: time stamp [s].
         number: of the frame.
-        displacements: of the markers, if it has them [mm].
-        forces: at each marker, if it has them [N].
+        displacements: of the markers, if the message has them [mm].
+        forces: at each marker, if the message has them [N].
         wrench: as in `Frame`.
     """
 
@@ -40,7 +40,11 @@ class Seen(NamedTuple):
 
 
 def stamp_message(content: Any, number: int = 0) -> Stamped:
-    """A message that has just come, as from a subscription; its time is that of its header.
+    """Stamp a message that has just arrived, as from a subscription, with its header's time.
+
+    Args:
+        content: the message.
+        number: of the message.
 
     Examples:
         >>> from types import SimpleNamespace as Message  # stands for ROS's own classes
@@ -54,32 +58,32 @@ def stamp_message(content: Any, number: int = 0) -> Stamped:
 
 
 def read_tac3d(message: Stamped) -> Seen:
-    """What a `Frame` of the Tac3D nodes says; mm, N and N·mm, on the sensor's own clock.
+    """Read a `Frame` message of the Tac3D nodes: mm, N and N·mm, on the sensor's own clock.
 
     Raises:
         ValueError: its arrays do not fit each other.
     """
-    content, found = message.content, dict[str, Vectors]()
+    content, vectors = message.content, dict[str, Vectors]()
     names = ("Positions", "Displacements", "Forces", "ResultantForce", "ResultantMoment")
     for name in names:
         values = np.asarray(getattr(content, name), dtype=float)
-        wanted = 3 if name.startswith("Resultant") else found.get("Positions", values).size
+        wanted = 3 if name.startswith("Resultant") else vectors.get("Positions", values).size
         if values.size != wanted or wanted % 3 or not wanted:
             raise ValueError(
                 f"{name} has {values.size} numbers, not {wanted - wanted % 3 or 'any'}"
             )
-        found[name] = values.reshape(-1, 3)
-    positions, displacements, forces, force, moment = (found[name] for name in names)
+        vectors[name] = values.reshape(-1, 3)
+    positions, displacements, forces, force, moment = (vectors[name] for name in names)
     time, number = float(content.sendTimestamp), int(content.index)
     wrench = (*force[0].tolist(), *moment[0].tolist())
     return Seen(positions, time, number, displacements, forces, wrench)
 
 
 def read_points(message: Stamped) -> Seen:
-    """The points of a `PointCloud2`, which keep their places in it; ROS gives them in m.
+    """Read the points of a `PointCloud2`, in the cloud's order; ROS's m are converted to mm.
 
     Raises:
-        ValueError: it has no x, y and z, or fewer bytes than it declares.
+        ValueError: the cloud lacks x, y or z, or has fewer bytes than it declares.
 
     Examples:
         >>> from types import SimpleNamespace as Message  # stands for ROS's own classes
@@ -102,7 +106,7 @@ def read_points(message: Stamped) -> Seen:
     """
     cloud, mm = message.content, 1e3
     codes = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
-    fields = {one.name: one for one in cloud.fields if 1 <= one.datatype <= len(codes)}
+    fields = {field.name: field for field in cloud.fields if 1 <= field.datatype <= len(codes)}
     if missing := [axis for axis in "xyz" if axis not in fields]:
         raise ValueError(f"the cloud lacks the fields {', '.join(missing)}")
     order = ">" if cloud.is_bigendian else "<"
@@ -124,18 +128,18 @@ def read_points(message: Stamped) -> Seen:
 class PlainMessages:
     """Messages with the positions of all markers, and perhaps their displacements.
 
-    The reference comes from the displacements, as in Tac3D folders, but of the first loaded
-    messages only; without displacements it is a message itself.
+    The reference follows from the displacements of the first loaded messages, as in Tac3D folders.
+    Without displacements, one message is the reference.
 
     Attributes:
         layout: the markers at rest.
         unit: of lengths.
-        convention: how the axes lie.
+        convention: directions of the axes.
         notes: remarks for readers, in sentences.
     """
 
     unit = "mm"
-    convention = "z out of the elastomer towards the object, as the sensor gives it"
+    convention = "z out of the elastomer towards the object, as in the sensor's data"
 
     def __init__(
         self,
@@ -143,15 +147,15 @@ class PlainMessages:
         messages: Iterable[Stamped],
         unloaded: int | None = None,
     ) -> None:
-        """Find the markers at rest; no more messages are read than that takes.
+        """Find the markers at rest, from as few messages as possible.
 
         Args:
-            read: what a message says.
+            read: reads the markers of a message.
             messages: in order.
-            unloaded: number of the message that is unloaded.
+            unloaded: number of the unloaded message.
 
         Raises:
-            ValueError: no message shows markers, or the unloaded one does not.
+            ValueError: no message shows markers, or the unloaded message does not.
         """
         self._read = read
         seen = _usable(read, messages)
@@ -167,18 +171,18 @@ class PlainMessages:
         self.layout = layout_markers(reference[self._known])
 
     def _find_zero(self, first: Seen, later: Iterator[Seen]) -> tuple[Vectors, tuple[str, ...]]:
-        most = 256  # messages with a load from which the sensor's zero is found
-        kept, loaded = [first], 0
-        for one in later:
-            if len(one.positions) == self._count and one.displacements is not None:
-                moved = bool(np.nan_to_num(one.displacements).any())
+        most = 256  # largest number of loaded messages that determine the sensor's zero
+        used, loaded = [first], 0
+        for seen in later:
+            if len(seen.positions) == self._count and seen.displacements is not None:
+                moved = bool(np.nan_to_num(seen.displacements).any())
                 loaded += moved
-                if moved or len(kept) - loaded < most:
-                    kept.append(one)
+                if moved or len(used) - loaded < most:
+                    used.append(seen)
             if loaded == most:
                 break
-        moves = [one.displacements for one in kept if one.displacements is not None]
-        return find_reference(np.stack([one.positions for one in kept]), np.stack(moves))
+        moves = [seen.displacements for seen in used if seen.displacements is not None]
+        return find_reference(np.stack([seen.positions for seen in used]), np.stack(moves))
 
     def _find_rest(
         self, first: Seen, later: Iterator[Seen], unloaded: int | None
@@ -186,22 +190,24 @@ class PlainMessages:
         if unloaded is None:
             note = "the markers' motion counts from the first message (--unloaded-frame)"
             return first.positions, (note,)
-        for one in (first, *later):
-            if one.number == unloaded:
-                return one.positions, ()
+        for seen in (first, *later):
+            if seen.number == unloaded:
+                return seen.positions, ()
         raise ValueError(
             f"no message {unloaded} with markers to take as unloaded (--unloaded-frame)"
         )
 
     def frame(self, message: Stamped) -> Frame:
-        """The frame of a message.
+        """Convert a message to a frame.
 
         Raises:
-            ValueError: the message is not of these markers, or inconsistent.
+            ValueError: the message has other markers, or is inconsistent.
         """
         seen = self._read(message)
         if len(seen.positions) != self._count:
-            raise ValueError(f"{len(seen.positions)} markers, not {self._count} as in the first")
+            raise ValueError(
+                f"it has {len(seen.positions)} markers, the first message {self._count}"
+            )
         positions = seen.positions[self._known]
         return Frame(
             positions=positions,
@@ -213,28 +219,28 @@ class PlainMessages:
 
 
 class WholeMessages:
-    """Messages that hold all of a frame, as `run --sink mcap` writes them.
+    """Messages that hold complete frames, as written by `run --sink mcap`.
 
-    The markers at rest come with the first message, and where they have changed. Attributes as of
-    `PlainMessages`.
+    The first message contains the markers at rest, and so does every message in which they change.
+    The attributes are those of `PlainMessages`.
     """
 
     notes: tuple[str, ...] = ()
 
     def __init__(self, messages: Iterable[Stamped]) -> None:
-        """Find the markers at rest in the first message.
+        """Read the markers at rest from the first message.
 
         Raises:
-            ValueError: it does not have them.
+            ValueError: the first message lacks them.
         """
         first = next((message.content for message in messages), None)
         if first is None or not len(first.reference):
-            raise ValueError("its first message does not give the markers at rest")
+            raise ValueError("its first message lacks the markers at rest")
         self.layout = restore_layout(_attributes(first, LAYOUT_FIELDS), first.dimensions)
         self.unit, self.convention = first.unit, first.convention
 
     def frame(self, message: Stamped) -> Frame:
-        """The frame of a message; as of `PlainMessages`."""
+        """Convert a message to a frame, as in `PlainMessages`."""
         content = message.content
         if len(content.reference):
             layout = restore_layout(_attributes(content, LAYOUT_FIELDS), content.dimensions)
@@ -242,7 +248,9 @@ class WholeMessages:
                 self.layout = layout
         frame = restore_frame(_attributes(content, FRAME_FIELDS))
         if frame.positions.shape != self.layout.reference.shape:
-            raise ValueError(f"{len(frame.valid)} markers, not {len(self.layout.reference)}")
+            raise ValueError(
+                f"it has {len(frame.valid)} markers, the layout {len(self.layout.reference)}"
+            )
         return frame
 
 
@@ -258,12 +266,12 @@ def _is_same(one: MarkerLayout, other: MarkerLayout) -> bool:
 
 
 def _usable(read: Callable[[Stamped], Seen], messages: Iterable[Stamped]) -> Iterator[Seen]:
-    """What the messages that can be read say.
+    """The markers of the readable messages that show at least three.
 
     Raises:
-        ValueError: none of them can be.
+        ValueError: there is no such message.
     """
-    why, found = "there are none", False
+    why, usable = "there are none", False
     for message in messages:
         try:
             seen = read(message)
@@ -271,7 +279,7 @@ def _usable(read: Callable[[Stamped], Seen], messages: Iterable[Stamped]) -> Ite
             why = str(error)
             continue
         if np.isfinite(seen.positions).all(axis=1).sum() >= 3:
-            found = True
+            usable = True
             yield seen
-    if not found:
+    if not usable:
         raise ValueError(f"no message shows markers: {why}")

@@ -1,4 +1,4 @@
-"""The frames of a topic of markers in a bag, one after the other."""
+"""Frames from a topic of markers in a bag, one after the other."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -23,7 +23,7 @@ from estimation.frames.recording import Frame, MarkerLayout
 def _open_messages(
     kind: str, messages: Iterator[Stamped], unloaded: int | None
 ) -> PlainMessages | WholeMessages:
-    """What turns the messages of a kind into frames."""
+    """Make the reader that converts messages of a kind to frames."""
     if kind == "frames":
         return WholeMessages(messages)
     read = {"Tac3D frames": read_tac3d, "points": read_points}[kind]
@@ -31,17 +31,17 @@ def _open_messages(
 
 
 class BagSource:
-    """The frames of a topic of markers; one message at a time is in memory.
+    """The frames of a topic of markers, with one message in memory at a time.
 
-    A message that cannot be used gives a frame that says why; where the bag is damaged the last
-    frame says so.
+    A message that cannot be used becomes a frame whose flaw gives the reason. If the bag is
+    damaged, the flaw of the last frame describes the damage.
 
     Attributes:
         name: short name.
-        source: where they come from.
+        source: path of the topic, as text.
         warnings: assumptions about the messages, in sentences.
-        live: no: all messages are there.
-        provisional: no: the reference is known.
+        live: false: a bag is complete.
+        provisional: false: the reference is final.
 
     Examples:
         >>> from contextlib import closing
@@ -65,21 +65,20 @@ class BagSource:
 
         Args:
             place: a bag with one topic of markers, or the topic in a bag.
-            name: short name; that of the place unless given.
-            unloaded: number of the message that is unloaded, where the messages have no
-                displacements.
-            skip: first frames that are not given.
+            name: short name; taken from the place by default.
+            unloaded: number of the unloaded message, if the messages have no displacements.
+            skip: number of frames that are skipped at the start.
 
         Raises:
-            ValueError: no such topic, a damaged bag, or no markers in its messages.
-            OSError: it cannot be read.
+            ValueError: there is no such topic, the bag is damaged, or its messages show no markers.
+            OSError: the bag cannot be read.
         """
         self.name = name or name_recordings([place])[0]
         self.source, self.warnings = str(place), ()
         self._place, self._skip = place, skip
         bag, self._topic = find_topic(place)
         with naming(bag), closing(read_topic(place)) as messages:
-            sound = takewhile(lambda one: not one.damage, messages)
+            sound = takewhile(lambda message: not message.damage, messages)
             self._markers = _open_messages(self._topic.kind, sound, unloaded)
         self._inspector = LiveInspector()
 
@@ -90,12 +89,12 @@ class BagSource:
 
     @property
     def unit(self) -> str:
-        """Of lengths, mm or px."""
+        """Unit of lengths, mm or px."""
         return self._markers.unit
 
     @property
     def convention(self) -> str:
-        """How the axes lie."""
+        """Directions of the axes."""
         return self._markers.convention
 
     @property
@@ -104,7 +103,7 @@ class BagSource:
         return (*self._markers.notes, *self._inspector.notes())
 
     def __len__(self) -> int:
-        """How many messages there are, as far as the bag says."""
+        """Number of messages, as far as the bag lists it."""
         return self._topic.channel.messages
 
     def __iter__(self) -> Iterator[Frame]:

@@ -1,4 +1,4 @@
-"""Topics of a bag that a tactile sensor writes: which there are, and which one is meant."""
+"""Topics of tactile sensors in a bag: listing them, and choosing one."""
 
 from collections.abc import Generator
 from contextlib import closing
@@ -9,7 +9,7 @@ from estimation.frames.bags.bag import Channel, describe_bag, read_messages, spl
 from estimation.frames.bags.types import FRAME
 
 KINDS = ("frames", "Tac3D frames", "points", "pictures")
-"""What a topic may hold; the first of them that a bag has is read, if no topic is named."""
+"""Kinds of topics; if no topic is named, the first kind that the bag has is read."""
 
 EXPECTED = (
     "Tac3D frames, PointCloud2 of markers, Image, CompressedImage or what `run --sink mcap` writes"
@@ -20,10 +20,11 @@ class Stamped(NamedTuple):
     """A message of a topic.
 
     Attributes:
-        content: of the message; its fields are attributes. None where the bag is damaged.
+        content: the message, with its fields as attributes; None if the bag is damaged from here
+            on.
         time: of the message, from the start of the bag [s].
         number: of the message, counted from 0.
-        damage: why there are no more messages.
+        damage: why there are no more messages; empty if there is no damage.
     """
 
     content: Any
@@ -33,13 +34,13 @@ class Stamped(NamedTuple):
 
 
 class Topic(NamedTuple):
-    """The messages of a topic, or of a field of them.
+    """The messages of a topic, or one field of these messages.
 
     Attributes:
-        name: of the topic; with that of the field where each message is of two fingers.
-        kind: one of `KINDS`; empty where no tactile sensor writes it.
+        name: of the topic; with the name of the field if each message is of two fingers.
+        kind: one of `KINDS`; empty if the topic is not of a tactile sensor.
         channel: of the messages.
-        field: of them that is meant; all of the message where empty.
+        field: name of the field that is read; empty for the whole message.
     """
 
     name: str
@@ -48,18 +49,18 @@ class Topic(NamedTuple):
     field: str = ""
 
     def describe(self) -> str:
-        """Name, type and number of the messages, in a line."""
+        """Name, type and number of the messages, in one line."""
         kind = self.kind or "not tactile"
         return f"{self.name}: {kind} ({self.channel.type}, {self.channel.messages} messages)"
 
 
 def list_topics(bag: Path) -> list[Topic]:
-    """The topics of a bag, by name.
+    """List the topics of a bag, sorted by name.
 
     Raises:
         ImportError: the extra `bags` is not installed.
-        ValueError: it is not a bag, or is damaged.
-        OSError: it cannot be read.
+        ValueError: the path is not a bag, or the bag is damaged.
+        OSError: the bag cannot be read.
     """
     topics = []
     for channel in sorted(describe_bag(bag).channels):
@@ -74,18 +75,19 @@ def list_topics(bag: Path) -> list[Topic]:
 
 
 def find_topic(place: Path) -> tuple[Path, Topic]:
-    """The topic at a place in a bag, and the bag.
+    """Find the bag and the topic of a place.
 
     Args:
-        place: the bag, where only one topic can be meant, or the bag with the topic's name.
+        place: a bag with only one topic of its first kind, or the bag with the topic's name.
 
     Raises:
-        ValueError: it is no bag, or damaged; no such topic, none of a tactile sensor, or several.
-        OSError: it cannot be read.
+        ValueError: the bag is damaged, has no such topic, or has no or several topics of a tactile
+            sensor.
+        OSError: there is no bag, or it cannot be read.
     """
     split = split_place(place)
     if split is None:
-        raise FileNotFoundError(f"{place} does not exist, and is in no bag")
+        raise FileNotFoundError(f"{place} does not exist, and is not a topic in a bag")
     bag, name = split
     topics = list_topics(bag)
     held = "; ".join(topic.describe() for topic in topics)
@@ -103,23 +105,25 @@ def find_topic(place: Path) -> tuple[Path, Topic]:
     first = next((kind for kind in KINDS if kind in kinds), None)
     if first is None:
         raise ValueError(f"{bag} has no topic of {EXPECTED}; it holds {held}{_explain(topics)}")
-    found = [topic for topic in topics if topic.kind == first]
-    if len(found) > 1:
-        names = ", ".join(topic.name for topic in found)
-        raise ValueError(f"{bag} has {len(found)} topics of {first}: name one (--topic): {names}")
-    return bag, found[0]
+    candidates = [topic for topic in topics if topic.kind == first]
+    if len(candidates) > 1:
+        names = ", ".join(topic.name for topic in candidates)
+        raise ValueError(
+            f"{bag} has {len(candidates)} topics of {first}: name one (--topic): {names}"
+        )
+    return bag, candidates[0]
 
 
 def holds_pictures(place: Path) -> bool:
-    """Whether the topic at a place in a bag is of pictures; arguments as for `find_topic`."""
+    """Whether the topic at a place in a bag holds pictures; arguments as for `find_topic`."""
     return split_place(place) is not None and find_topic(place)[1].kind == "pictures"
 
 
 def read_topic(place: Path) -> Generator[Stamped, None, None]:
-    """The messages of the topic at a place in a bag, in order; arguments as for `find_topic`.
+    """Read the messages of a topic in order; arguments as for `find_topic`.
 
-    Their times are those of their headers, unless a header has none or is a minute or more off the
-    time of its recording: that of another clock.
+    Their times are from their headers. If a header has no time, or one that is a minute or more
+    from the recording's and so of another clock, the time of recording is used.
     """
     bag, topic = find_topic(place)
     start, longest = describe_bag(bag).start, 60 * 10**9
@@ -137,7 +141,7 @@ def read_topic(place: Path) -> Generator[Stamped, None, None]:
 
 
 def _explain(topics: list[Topic]) -> str:
-    """Why messages of a sensor that is known are not read."""
+    """Why messages of a known sensor are not read; empty for other topics."""
     if any("papillarray" in topic.channel.type.lower() for topic in topics):
         return (
             ". The nine pillars of a PapillArray are too few: rotation is read from a field of dots"
@@ -158,5 +162,5 @@ def _kind_of(channel: Channel) -> str:
 
 
 def _has_tac3d(channel: Channel) -> bool:
-    """Whether the messages are those of the Tac3D nodes, by their definition, if there is one."""
+    """Whether messages are of the Tac3D nodes, by their definition; true without one."""
     return "Displacements" in (channel.definition or "Displacements")

@@ -1,19 +1,19 @@
-"""Types of messages that a bag need not define itself."""
+"""Message types that are known even if a bag does not define them."""
 
 from typing import Any
 
 from estimation.frames.flat import FRAME_FIELDS, LAYOUT_FIELDS, PLAIN_FIELDS
 
 TAC3D = "tactile_msgs/msg/Frame"
-"""The message of the Tac3D ROS nodes; ports of them may have it in another package."""
+"""The message of the Tac3D ROS nodes; ports of these nodes may use another package."""
 FRAME = "contactmodel_msgs/msg/Frame"
-"""The message that holds all that is known of a frame, as this project writes it."""
+"""This project's message, which holds a complete frame."""
 PAIR = "tactile_msgs/msg/TactileMsg"
-"""The one of their node for two fingers."""
+"""The message of the Tac3D node for two fingers."""
 
 
 def _define_frame() -> str:
-    """The fields of a flat frame, what its lengths and axes are, and those of its layout."""
+    """The fields of a flat frame, its dimensions, unit and convention, and its layout's fields."""
     kinds = {"U": "string", "f8": "float64", "i8": "int64", "i4": "int32", "i1": "int8"}
     kinds["u1"] = "uint8"
     fields = [
@@ -44,23 +44,25 @@ Frame left
 Frame right
 """,
 }
-"""Of the types, as `.msg` files have them."""
+"""Definitions of the types, in the format of `.msg` files."""
 
 
 def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any:
-    """Types as `rosbags` keeps them: those of ROS 2 and of `DEFINITIONS`, or those of a definition.
+    """Make a store of types for `rosbags`.
+
+    Without a name, it has the types of ROS 2 and of `DEFINITIONS`; else the types of a definition.
 
     Args:
-        name: of the type that is defined.
-        definition: with those of all types in it.
+        name: of the defined type.
+        definition: of this type and of all types in it.
         idl: whether the definition is in IDL.
     """
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     if name:
         store = get_typestore(Stores.EMPTY)
-        found = get_types_from_idl(definition) if idl else get_types_from_msg(definition, name)
-        store.register(found)
+        types = get_types_from_idl(definition) if idl else get_types_from_msg(definition, name)
+        store.register(types)
         return store
     store = get_typestore(Stores.LATEST)
     for own, text in DEFINITIONS.items():
@@ -69,13 +71,19 @@ def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any
 
 
 def add_type(store: Any, name: str, definition: str) -> None:
-    """Add a type to types that `rosbags` keeps; arguments as for `ros_types`."""
+    """Add a type to a store of types.
+
+    Args:
+        store: from `ros_types`.
+        name: of the type.
+        definition: of the type.
+    """
     from rosbags.typesys import get_types_from_msg
 
     store.register(get_types_from_msg(definition, name))
 
 
 def to_ros2_name(name: str) -> str:
-    """The name of a type as ROS 2 writes it: `sensor_msgs/Image` is `sensor_msgs/msg/Image`."""
+    """Convert a type's name to ROS 2's notation: `sensor_msgs/Image` to `sensor_msgs/msg/Image`."""
     package, _, rest = name.partition("/")
     return name if "/" in rest or not rest else f"{package}/msg/{rest}"

@@ -1,1 +1,1 @@
-"""Frames as columns in files: LeRobot data sets and Zarr groups."""
+"""Frames in files of columns: LeRobot data sets and Zarr groups."""

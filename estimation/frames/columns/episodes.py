@@ -1,8 +1,8 @@
-"""Episodes in the videos of LeRobot data sets that other programs have written, version 3.
+"""Episodes in the videos of LeRobot data sets (version 3) written by other programs.
 
-Such a set is like a folder: `set/observation.images.gel/episode_7` is what the feature
-`observation.images.gel` shows of episode 7. The videos hold many episodes one after the other;
-where each begins is in `meta/episodes`.
+Such a data set is like a folder: `set/observation.images.gel/episode_7` is the video of episode 7
+in the feature `observation.images.gel`. A video file holds many episodes one after the other;
+`meta/episodes` lists their start times.
 """
 
 import json
@@ -21,10 +21,10 @@ class Clip(NamedTuple):
     """Part of a video.
 
     Attributes:
-        video: its path.
+        video: path of the video.
         start: time at which the part begins [s].
-        stop: time at which it ends [s].
-        pictures: in the part.
+        stop: time at which the part ends [s].
+        pictures: number of pictures in the part.
     """
 
     video: Path
@@ -39,53 +39,54 @@ def is_lerobot(path: Path) -> bool:
 
 
 def list_features(path: Path) -> list[str]:
-    """The features of a data set that are videos.
+    """List the features of a data set that are videos.
 
     Raises:
-        ValueError: it is of another version, or damaged.
-        OSError: it cannot be read.
+        ValueError: the data set is of another version, or damaged.
+        OSError: the data set cannot be read.
     """
     features = _read_info(path)["features"]
-    return [name for name, one in features.items() if one.get("dtype") == "video"]
+    return [name for name, feature in features.items() if feature.get("dtype") == "video"]
 
 
 def list_episodes(path: Path, features: tuple[str, ...] = ()) -> list[Path]:
-    """The places of all episodes, feature by feature.
+    """List the places of all episodes, feature by feature.
 
     Args:
         path: of the data set.
-        features: that are meant; may be omitted if only one is a video.
+        features: names of the features; may be omitted if only one is a video.
 
     Raises:
         ImportError: the extra `lerobot` is not installed.
-        ValueError: no such feature, several that could be meant, or a damaged data set.
-        OSError: it cannot be read.
+        ValueError: there is no such feature, a feature must be named because there are several, or
+            the data set is damaged.
+        OSError: the data set cannot be read.
     """
-    known = list_features(path)
-    if not known:
+    videos = list_features(path)
+    if not videos:
         held = ", ".join(_read_info(path)["features"]) or "no features"
         raise ValueError(
-            f"{path} has no videos, but {held}: features of points have no places at rest, so that "
-            "they are read only from the data sets of `--sink lerobot`; write the markers of "
-            "others as an archive (write_archive)"
+            f"{path} has no videos, but {held}: features of points lack positions at rest, so they "
+            "are read only from data sets of `--sink lerobot`; write the markers of other data "
+            "sets as an archive (write_archive)"
         )
-    if not features and len(known) > 1:
-        names = ", ".join(known)
+    if not features and len(videos) > 1:
+        names = ", ".join(videos)
         raise ValueError(
-            f"{path} has {len(known)} videos: name that of the sensor (--topic): {names}"
+            f"{path} has {len(videos)} videos: name that of the sensor (--topic): {names}"
         )
-    if unknown := [one for one in features if one not in known]:
-        names = ", ".join(known)
+    if unknown := [feature for feature in features if feature not in videos]:
+        names = ", ".join(videos)
         raise ValueError(f"{path} has no video {unknown[0]} (--topic); it has {names}")
     return [
         path / feature / f"episode_{episode}"
-        for feature in features or known
+        for feature in features or videos
         for episode in sorted(_read_episodes(path, feature))
     ]
 
 
 def find_clip(place: Path) -> Clip | None:
-    """What a place shows; None where it is no place in a data set.
+    """Find the part of a video that shows an episode; None if the place is not in a data set.
 
     Args:
         place: `SET/FEATURE/episode_N`.
@@ -93,7 +94,7 @@ def find_clip(place: Path) -> Clip | None:
     Raises:
         ImportError: the extra `lerobot` is not installed.
         ValueError: there is no such episode, or the data set is damaged.
-        OSError: it cannot be read.
+        OSError: the data set cannot be read.
     """
     episode = EPISODE.fullmatch(place.name)
     if episode is None or len(place.parts) < 3 or not is_lerobot(place.parents[1]):
@@ -111,20 +112,20 @@ def _read_info(path: Path) -> dict[str, Any]:
         info = json.loads(file.read_text(encoding="utf-8"))
         if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
             raise ValueError("it has no features")
-        if not all(isinstance(one, dict) for one in info["features"].values()):
-            raise ValueError("its features are not described")
+        if not all(isinstance(feature, dict) for feature in info["features"].values()):
+            raise ValueError("its features have no description")
     version = str(info.get("codebase_version"))
     if not version.startswith("v3"):
         raise ValueError(
-            f"{path} is a LeRobot data set of version {version}, and 3 is read: run over its "
-            "videos (videos/…/episode_000000.mp4), or convert it with LeRobot"
+            f"{path} is a LeRobot data set of version {version}, but only version 3 is read: run "
+            "over its videos (videos/…/episode_000000.mp4), or convert it with LeRobot"
         )
     return info
 
 
 @lru_cache(maxsize=8)
 def _read_episodes(path: Path, feature: str) -> dict[int, Clip]:
-    """Where each episode of a feature is."""
+    """The part of a video that shows each episode of a feature, by the episode's number."""
     require_extra("lerobot", f"reading {path}")
     from pyarrow import ArrowException, parquet
 

@@ -1,9 +1,9 @@
-"""Frames as a LeRobot data set, version 3.0: one episode, in Parquet and JSON, without `lerobot`.
+"""Frames as a LeRobot data set, version 3.0: one episode in Parquet and JSON, without `lerobot`.
 
-The markers are `observation.tactile.points`: a row each of dx, dy, dz [mm] and Fx, Fy, Fz [N], in
-single precision, as the proposals for tactile sensors have it. What was found is
-`observation.contact.angle_deg` and so on. All that a frame holds is there to the last digit in
-features that begin with `contactmodel.`, and the layout in `meta/contactmodel.json`.
+The markers are the feature `observation.tactile.points`: for each marker dx, dy, dz [mm] and Fx,
+Fy, Fz [N] in single precision, following the proposals for tactile sensors. Estimates are features
+such as `observation.contact.angle_deg`. Features that begin with `contactmodel.` hold the complete
+frames in full precision, and `meta/contactmodel.json` the layout.
 """
 
 import json
@@ -37,12 +37,12 @@ TASK = "hold and turn an object"
 
 
 def is_ours(path: Path) -> bool:
-    """Whether there is a LeRobot data set at the path that `write_lerobot` has written."""
+    """Whether the path is a LeRobot data set written by `write_lerobot`."""
     return (path / ABOUT).is_file()
 
 
 def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] = ()) -> None:
-    """Write the frames of a source as a LeRobot data set; it appears whole or not at all.
+    """Write the frames of a source as a LeRobot data set; a failed write leaves no partial one.
 
     Args:
         path: of the folder.
@@ -52,7 +52,7 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
     Raises:
         ImportError: the extra `lerobot` is not installed.
         ValueError: there are no frames.
-        OSError: it cannot be written.
+        OSError: the data set cannot be written.
 
     Examples:
         >>> from pathlib import Path
@@ -76,9 +76,9 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
         writer = None
         for columns in batch_rows(source, answers):
             named = _name_columns(columns, source.layout.reference, times)
-            features = features or {name: _describe(one) for name, one in named.items()}
+            features = features or {name: _describe(values) for name, values in named.items()}
             statistics.update(named)
-            table = pyarrow.table({name: _to_arrow(one) for name, one in named.items()})
+            table = pyarrow.table({name: _to_arrow(values) for name, values in named.items()})
             writer = writer or parquet.ParquetWriter(folder / DATA, table.schema)
             writer.write_table(table)
         if writer is None:
@@ -95,11 +95,11 @@ def open_lerobot(path: Path) -> RowFile:
 
     Raises:
         ImportError: the extra `lerobot` is not installed.
-        ValueError: it is damaged.
-        OSError: it cannot be read.
+        ValueError: the data set is damaged.
+        OSError: the data set cannot be read.
     """
     require_extra("lerobot", f"reading {path}")
-    with naming(path, "no data set of ours, or damaged"):
+    with naming(path, "not a data set of `--sink lerobot`, or damaged"):
         try:
             about = json.loads((path / ABOUT).read_text(encoding="utf-8"))
             return open_rows(about, _read(path))
@@ -108,7 +108,7 @@ def open_lerobot(path: Path) -> RowFile:
 
 
 def _read(path: Path) -> Iterator[Columns]:
-    """The exact columns of the frames, some rows at a time."""
+    """The exact columns of the frames, in batches."""
     from pyarrow import ArrowException, parquet
 
     names = [OWN + name for name in FRAME_FIELDS]
@@ -122,13 +122,13 @@ def _read(path: Path) -> Iterator[Columns]:
 
 
 def _name_columns(columns: Columns, reference: np.ndarray, times: list[float]) -> dict[str, Any]:
-    """The features of some rows; their times are added to those of the rows before."""
+    """The features of a batch of rows, whose times are appended to `times`."""
     first, rows = len(times), len(columns["time"])
     times += columns["time"].tolist()
     points = np.zeros((rows, len(reference), 6), np.float32)
     points[..., : reference.shape[1]] = columns["positions"] - reference
     points[..., 3 : 3 + reference.shape[1]] = columns["forces"]
-    since = np.array(times[first:]) - next((one for one in times if np.isfinite(one)), 0.0)
+    since = np.array(times[first:]) - next((time for time in times if np.isfinite(time)), 0.0)
     named: dict[str, Any] = {POINTS: points}
     for name, values in columns.items():
         if not name.startswith(ANSWER):
@@ -149,14 +149,14 @@ def _name_columns(columns: Columns, reference: np.ndarray, times: list[float]) -
 
 
 def _describe(values: Any) -> dict[str, Any]:
-    """What `info.json` says of a feature."""
+    """The entry of a feature in `info.json`."""
     if isinstance(values, list):
         return {"dtype": "string", "shape": [1], "names": None}
     return {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": None}
 
 
 def _to_arrow(values: Any) -> Any:
-    """A column: texts, numbers, or lists of them as deep as the feature's shape."""
+    """A column of texts or numbers, or of lists as deep as the feature's shape."""
     import pyarrow
 
     if isinstance(values, list):
@@ -170,7 +170,7 @@ def _to_arrow(values: Any) -> Any:
 
 
 def _from_arrow(column: Any) -> Any:
-    """The values of a column of lists, flat in each row."""
+    """The values of a column, with lists flattened in each row."""
     import pyarrow
 
     if pyarrow.types.is_string(column.type):
@@ -182,14 +182,14 @@ def _from_arrow(column: Any) -> Any:
 
 
 def _find_rate(times: list[float]) -> int:
-    """Frames per second, a whole number as LeRobot has it."""
+    """Frames per second, as the whole number that LeRobot requires."""
     steps = np.diff(times)
     steps = steps[np.isfinite(steps) & (steps > 0.0)]
     return max(round(1.0 / float(np.median(steps))), 1) if len(steps) else 30
 
 
 def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) -> None:
-    """What LeRobot reads first: the features, the one episode and its task."""
+    """Write LeRobot's metadata: the features, the single episode and its task."""
     import pyarrow
     from pyarrow import parquet
 
@@ -228,7 +228,7 @@ def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) 
         for name, (kind, stored) in kinds.items()
     ]
     index = {"index_columns": ["task"], "columns": columns, "column_indexes": []}
-    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})  # its rows' names
+    tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})  # names of its rows
     parquet.write_table(tasks, folder / "meta" / "tasks.parquet")
 
 
@@ -237,7 +237,7 @@ def _write_json(path: Path, content: Any) -> None:
 
 
 class _Statistics:
-    """Least, largest, mean and spread of each feature of numbers, gathered row by row."""
+    """Minimum, maximum, mean and spread of each numeric feature, accumulated in batches."""
 
     def __init__(self) -> None:
         self._parts: dict[str, list[np.ndarray]] = {}
@@ -246,27 +246,27 @@ class _Statistics:
         for name, values in named.items():
             if name.startswith(OWN) or isinstance(values, list):
                 continue
-            known, exact = np.isfinite(values), np.asarray(values, dtype=float)
-            zero = np.where(known, exact, 0.0)
+            finite, exact = np.isfinite(values), np.asarray(values, dtype=float)
+            zero = np.where(finite, exact, 0.0)
             parts = [
-                np.where(known, exact, np.inf).min(axis=0),
-                np.where(known, exact, -np.inf).max(axis=0),
-                *(sums.sum(axis=0) for sums in (zero, zero**2, known.astype(float))),
+                np.where(finite, exact, np.inf).min(axis=0),
+                np.where(finite, exact, -np.inf).max(axis=0),
+                *(sums.sum(axis=0) for sums in (zero, zero**2, finite.astype(float))),
             ]
             if name in self._parts:
                 least, most, *sums = self._parts[name]
                 parts[:2] = [np.minimum(least, parts[0]), np.maximum(most, parts[1])]
-                parts[2:] = [one + other for one, other in zip(sums, parts[2:], strict=True)]
+                parts[2:] = [before + now for before, now in zip(sums, parts[2:], strict=True)]
             self._parts[name] = parts
 
     def content(self) -> dict[str, dict[str, Any]]:
-        found = {}
+        content = {}
         for name, (least, most, total, squares, count) in self._parts.items():
             many = np.maximum(count, 1.0)
             mean = total / many
             spread = np.sqrt(np.maximum(squares / many - mean**2, 0.0))
             values = {"min": least, "max": most, "mean": mean, "std": spread}
-            some = {key: np.where(count > 0, value, 0.0) for key, value in values.items()}
-            found[name] = {key: np.atleast_1d(value).tolist() for key, value in some.items()}
-            found[name]["count"] = [int(count.max())]
-        return found
+            finite = {key: np.where(count > 0, value, 0.0) for key, value in values.items()}
+            content[name] = {key: np.atleast_1d(value).tolist() for key, value in finite.items()}
+            content[name]["count"] = [int(count.max())]
+        return content

@@ -1,4 +1,4 @@
-"""Frames row by row, as files of columns keep them: many at a time are written and read."""
+"""Frames as rows of files of columns; rows are written and read in batches."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain, islice
@@ -17,10 +17,10 @@ from estimation.frames.recording import Frame, MarkerLayout
 from estimation.frames.source import FrameStream, Source
 
 Columns = Mapping[str, Any]
-"""Values of some rows by the name of their column: arrays, texts as lists."""
+"""Values of a batch of rows by the name of their column: arrays, and lists of texts."""
 FORMAT_VERSION = 1
 ANSWER = "answer."
-"""What the names of columns begin with that are not of the frame, but of what was found in it."""
+"""Prefix of columns that belong to a frame's answer instead of the frame."""
 
 
 class RowFile(NamedTuple):
@@ -29,8 +29,8 @@ class RowFile(NamedTuple):
     Attributes:
         layout: of the markers.
         unit: of lengths, mm or px.
-        convention: how the axes lie.
-        columns: of the rows in order, some rows at a time.
+        convention: directions of the axes.
+        columns: of the rows in order, in batches.
     """
 
     layout: MarkerLayout
@@ -40,7 +40,7 @@ class RowFile(NamedTuple):
 
 
 def describe_rows(source: Source) -> dict[str, Any]:
-    """What a file of the rows of a source says of them beside the columns, ready for JSON."""
+    """Describe the rows of a source, for the file beside its columns; ready for JSON."""
     layout = {name: value.tolist() for name, value in flatten_layout(source.layout).items()}
     return {
         "format_version": FORMAT_VERSION,
@@ -51,19 +51,21 @@ def describe_rows(source: Source) -> dict[str, Any]:
 
 
 def open_rows(about: Mapping[str, Any], columns: Iterator[Columns]) -> RowFile:
-    """The file of rows that `describe_rows` has described.
+    """Make a file of rows from the description of `describe_rows`.
 
     Args:
-        about: its description.
-        columns: of its rows.
+        about: the description.
+        columns: of the rows, in batches.
 
     Raises:
-        ValueError: its format is of another version, or the layout's arrays do not fit each other.
-        LookupError: the description lacks something.
-        TypeError: something in it is of another kind.
+        ValueError: the format has another version, or the layout's arrays do not fit each other.
+        LookupError: the description lacks an entry.
+        TypeError: an entry of the description has the wrong type.
     """
     if about.get("format_version") != FORMAT_VERSION:
-        raise ValueError(f"its format is {about.get('format_version')}, not {FORMAT_VERSION}")
+        raise ValueError(
+            f"its format version is {about.get('format_version')}, not {FORMAT_VERSION}"
+        )
     layout = restore_layout(about["layout"], len(about["layout"]["reference"][0]))
     return RowFile(layout, str(about["unit"]), str(about["convention"]), columns)
 
@@ -71,38 +73,38 @@ def open_rows(about: Mapping[str, Any], columns: Iterator[Columns]) -> RowFile:
 def batch_rows(
     source: Source, answers: Iterable[Mapping[str, Any]] = (), many: int = 256
 ) -> Iterator[Columns]:
-    """The frames of a source in columns, some rows at a time.
+    """Convert the frames of a source to columns, in batches.
 
     Args:
         source: of the frames.
         answers: quantities of each frame's answer, by name; may be empty.
-        many: rows at a time.
+        many: rows of a batch.
 
     Raises:
-        ValueError: there are fewer answers than frames, but some.
+        ValueError: there are answers, but fewer than frames.
     """
-    found = iter(answers)
-    first = next(found, None)
-    others = None if first is None else chain((first,), found)
+    quantities = iter(answers)
+    first = next(quantities, None)
+    given = None if first is None else chain((first,), quantities)
     frames = iter(source)
     while batch := list(islice(frames, many)):
         rows = [flatten_frame(frame) for frame in batch]
-        if others is not None:
-            told = ({ANSWER + name: one for name, one in row.items()} for row in others)
-            rows = [row | more for row, more in zip(rows, told, strict=False)]
+        if given is not None:
+            named = ({ANSWER + name: value for name, value in row.items()} for row in given)
+            rows = [row | answer for row, answer in zip(rows, named, strict=False)]
             if len(rows) < len(batch):
                 raise ValueError("there are fewer answers than frames")
         yield {name: _column([row[name] for row in rows]) for name in rows[0]}
 
 
 def stream_rows(file: RowFile, source: str, name: str, skip: int = 0) -> FrameStream:
-    """The frames of a file of rows, one after the other, inspected.
+    """Stream the frames of a file of rows, inspected one after the other.
 
     Args:
         file: of the rows.
-        source: where they come from.
+        source: origin of the rows, such as a path.
         name: short name.
-        skip: first frames that are not given.
+        skip: number of frames that are skipped at the start.
     """
     inspector = LiveInspector()
     frames = (
@@ -114,32 +116,32 @@ def stream_rows(file: RowFile, source: str, name: str, skip: int = 0) -> FrameSt
 
 
 def _restore_rows(columns: Iterator[Columns], layout: MarkerLayout) -> Iterator[Frame]:
-    """The frames of all rows; where the file is damaged after some, the last one says so."""
+    """The frames of all rows; if the file is damaged after some rows, a last frame says why."""
     number, none = 0, np.full(layout.reference.shape, np.nan)
     while True:
         try:
-            some = next(columns, None)
+            batch = next(columns, None)
         except ValueError as error:
             if not number:
                 raise
             yield Frame(none, np.nan, number, flaw=f"no more rows can be read: {error}")
             return
-        if some is None:
+        if batch is None:
             return
-        for i in range(len(some["time"])):
+        for i in range(len(batch["time"])):
             try:
-                frame = restore_frame({name: values[i] for name, values in some.items()})
+                frame = restore_frame({name: values[i] for name, values in batch.items()})
                 _expect_markers(frame, layout)
             except ValueError as error:
                 flaw = f"the row cannot be used: {error}"
-                frame = Frame(none, float(some["time"][i]), number, flaw=flaw)
+                frame = Frame(none, float(batch["time"][i]), number, flaw=flaw)
             yield frame
             number += 1
 
 
 def _expect_markers(frame: Frame, layout: MarkerLayout) -> None:
     if frame.positions.shape != layout.reference.shape:
-        raise ValueError(f"{len(frame.valid)} markers, not {len(layout.reference)}")
+        raise ValueError(f"it has {len(frame.valid)} markers, the layout {len(layout.reference)}")
 
 
 def _column(values: list[Any]) -> Any:

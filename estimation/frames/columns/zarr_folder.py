@@ -1,4 +1,4 @@
-"""Frames as a Zarr group: an array a column, the first axis that of the frames.
+"""Frames as a Zarr group with one array for each column, whose first axis is the frames.
 
 The layout, `unit`, `convention` and `format_version` are attributes of the group.
 """
@@ -17,11 +17,11 @@ from estimation.frames.source import Source
 
 SUFFIX = ".zarr"
 ROWS = 256
-"""Of a chunk."""
+"""Number of rows of a chunk."""
 
 
 def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] = ()) -> None:
-    """Write the frames of a source as a Zarr group; it appears whole or not at all.
+    """Write the frames of a source as a Zarr group; a failed write leaves no partial group.
 
     Args:
         path: of the folder.
@@ -30,7 +30,7 @@ def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] 
 
     Raises:
         ImportError: the extra `zarr` is not installed.
-        OSError: it cannot be written.
+        OSError: the group cannot be written.
 
     Examples:
         >>> from pathlib import Path
@@ -72,14 +72,14 @@ def open_zarr(path: Path) -> RowFile:
 
     Raises:
         ImportError: the extra `zarr` is not installed.
-        ValueError: it is no such group, or damaged.
-        OSError: it cannot be read.
+        ValueError: the path is no such group, or the group is damaged.
+        OSError: the group cannot be read.
     """
     require_extra("zarr", f"reading {path}")
     import zarr
 
     try:
-        # zarr cuts the root off inner paths
+        # a resolved path, because zarr removes the root from inner paths
         group: Any = zarr.open_group(path.resolve(), mode="r")
         arrays = {name: group[name] for name in FRAME_FIELDS}
         lengths = {name: array.shape[0] for name, array in arrays.items()}

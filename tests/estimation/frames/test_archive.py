@@ -229,7 +229,7 @@ def rewrite(path, recording, **changes) -> None:
     ("changes", "message"),
     [
         ({"format_version": 3}, r"version 3; .* reads up to 2: update contactmodel"),
-        ({"colour": np.zeros(5)}, r"the entry 'colour' is not known here: update contactmodel"),
+        ({"colour": np.zeros(5)}, r"the entry 'colour' is unknown: update contactmodel"),
         ({"format_version": None}, "no `format_version`"),
         ({"format_version": "1"}, "no `format_version`"),
         ({"positions": None}, "lacks the entry 'positions'"),

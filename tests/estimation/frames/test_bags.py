@@ -203,7 +203,7 @@ def test_messages_of_wrong_length_are_flawed_frames(tmp_path, arrays):
     clouds[3] = bags.cloud(positions[3][:-2], 3 * STEP)
     clouds[5] = replace(clouds[5], data=clouds[5].data[:50])
     found = read_recording(bags.write_mcap(tmp_path / "a.mcap", sent("/t", clouds)))
-    assert found.flaws[3] == "the message cannot be used: 18 markers, not 20 as in the first"
+    assert found.flaws[3] == "the message cannot be used: it has 18 markers, the first message 20"
     assert "declares 240 bytes and has 50" in found.flaws[5]
     assert sum(map(bool, found.flaws)) == 2
     clouds = [replace(one, fields=one.fields[:2]) for one in clouds]
@@ -240,7 +240,7 @@ def test_bags_of_other_encodings_are_refused(tmp_path):
         writer.add_message(channel, 0, b"\1\2", 0)
         writer.finish()
     (picture,) = read_pictures(path)
-    assert "/camera is encoded as protobuf/protobuf: only messages of ROS" in picture.flaw
+    assert "/camera is encoded as protobuf/protobuf: only ROS messages" in picture.flaw
 
 
 def test_a_bag_is_streamed_as_its_folder_is(tmp_path):

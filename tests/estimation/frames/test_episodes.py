@@ -83,7 +83,7 @@ def test_a_video_that_ends_early_says_so(tmp_path, data_set):
 
 def test_what_cannot_be_read_says_what_to_do(tmp_path):
     write_set(tmp_path / "old", {GEL: {"dtype": "video"}}, [3], version="v2.1")
-    with pytest.raises(ValueError, match=r"version v2\.1, and 3 is read: run over its videos"):
+    with pytest.raises(ValueError, match=r"version v2\.1, but only version 3 is read: run over"):
         find_recordings(tmp_path / "old")
     write_set(tmp_path / "points", {"observation.tactile.points": {"dtype": "float32"}}, [3])
     with pytest.raises(ValueError, match=r"no videos, but observation\.tactile\.points: .*rest"):
