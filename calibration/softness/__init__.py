@@ -1,4 +1,4 @@
-"""Fits of softness: what `estimation.softness` applies, found from grasps or from pressing."""
+"""Fit the softness that `estimation.softness` applies, from grasps or by pressing."""
 
 LOAD_MODELS = ("none", "constant", "by force", "per grasp")
-"""How L is taken: 0, one number, in proportion to the normal force, or one for each trial."""
+"""Models of L: 0, a constant, proportional to the normal force, or one value per trial."""

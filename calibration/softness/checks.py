@@ -1,4 +1,4 @@
-"""What speaks against a fit of softness, or for care with it, with what to measure instead."""
+"""Checks of a softness fit: errors and remarks, with advice on what to measure instead."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,20 +16,20 @@ from estimation.frames.names import counted
 LEAST_TURN = np.radians(1.0)
 MOST_OUTLIERS = 0.35
 MOST_COVERED = 0.5
-"""Share of the frames from which a reference counts as long as the recording."""
+"""Share of the frames that a reference must cover to count as complete."""
 
 LEAST_FAR = 0.02
-"""Of the reference's range: readings nearer to the line are not those of another object."""
+"""Share of the reference's range; readings closer to the line count as readings of the object."""
 
 LEAST_RATIO = -0.02
-"""k that is called 0 rather than impossible: scales and tilts are not known better."""
+"""Smallest k that counts as 0 rather than impossible, given the errors of scales and tilts."""
 
 
 def check_sensors(trials: Sequence[Trial]) -> None:
-    """See that all trials are of one kind of sensor: k is a ratio of both bodies.
+    """Check that all trials come from one kind of sensor, because k depends on it.
 
     Raises:
-        ValueError: their markers differ.
+        ValueError: the trials' numbers or distances of markers differ.
     """
     first = trials[0]
     for trial in trials:
@@ -38,16 +38,16 @@ def check_sensors(trials: Sequence[Trial]) -> None:
         if count or pitch:
             raise ValueError(
                 f"{first.name} and {trial.name} are of different sensors ({first.markers} markers "
-                f"{first.pitch:.2f} apart, {trial.markers} markers {trial.pitch:.2f} apart): k is "
-                "the ratio of sensor and object, so fit each sensor by itself"
+                f"{first.pitch:.2f} apart, {trial.markers} markers {trial.pitch:.2f} apart): k "
+                "depends on sensor and object, so fit each sensor separately"
             )
 
 
 def check_frames(trials: Sequence[Trial]) -> None:
-    """See that every trial has more than one frame: readings are taken between frames.
+    """Check that every trial has at least two frames, because readings are taken between frames.
 
     Raises:
-        ValueError: one has not.
+        ValueError: a trial has fewer.
     """
     for trial in trials:
         if len(trial.time) < 2:
@@ -65,23 +65,23 @@ def check_points(
     *,
     zeroed: bool,
 ) -> None:
-    """See that every trial has enough readings, over enough angle.
+    """Check that every trial has enough readings, over enough angle.
 
     Args:
-        trials: the trials.
-        series: their readings.
-        offsets: of their clocks [s].
+        trials: trials to check.
+        series: readings of the trials.
+        offsets: clock offsets of the trials [s].
         layer: the elastomer.
-        zeroed: whether a reference that counts from the contact has no load term besides.
+        zeroed: whether references that count from the contact have no load term.
 
     Raises:
-        ValueError: one has not.
+        ValueError: a trial has too few readings, turns too little, or its clocks do not match.
     """
-    for trial, one, offset in zip(trials, series, offsets, strict=True):
-        points = gather_points([one], np.array([offset]), layer)
+    for trial, readings, offset in zip(trials, series, offsets, strict=True):
+        points = gather_points([readings], np.array([offset]), layer)
         fewest = FEWEST_ZEROED if zeroed and trial.reference.zeroed else FEWEST_POINTS
         if len(points.rotation) < fewest:
-            raise ValueError(_too_few(trial, one, len(points.rotation), fewest))
+            raise ValueError(_too_few(trial, readings, len(points.rotation), fewest))
         turned = float(np.ptp(points.rotation))
         error = float(np.median(points.rotation_error))
         if turned < max(LEAST_TURN, 8.0 * error):
@@ -94,54 +94,52 @@ def check_points(
             raise ValueError(
                 f"{trial.name}: {state}: the elastomer turned by {np.degrees(turned):.2g}°, with a "
                 f"standard error of {np.degrees(error):.2g}°. Turn the object one way by 10° or "
-                "more without slip, and read the angle along the way"
+                "more without slip, and read the angle meanwhile"
             )
-        if one.search > 0.0 and abs(offset) > 0.97 * one.search:
+        if readings.search > 0.0 and abs(offset) > 0.97 * readings.search:
             raise ValueError(
                 f"{trial.name}: the clocks of sensor and reference are further apart than the "
-                f"{one.search:g} s that were searched, or the reference does not follow the "
-                "object: start both together, or allow more (--clock-search)"
+                f"{readings.search:g} s that were searched, or the reference does not follow the "
+                "object: start both together, or increase --clock-search"
             )
 
 
-def _too_few(trial: Trial, one: Series, found: int, fewest: int) -> str:
-    """Why there are too few readings."""
-    known = np.isfinite(one.reference)
-    first, last = one.frame_time[0], one.frame_time[-1]
-    if known.any() and (
-        one.time[known][-1] < last - 0.5 * (last - first)
-        or one.time[known][0] > first + 0.5 * (last - first)
-    ):
+def _too_few(trial: Trial, readings: Series, count: int, fewest: int) -> str:
+    """Message about too few readings, with the reason."""
+    time = readings.time[np.isfinite(readings.reference)]
+    first, last = readings.frame_time[0], readings.frame_time[-1]
+    middle = 0.5 * (first + last)
+    if len(time) and (time[-1] < middle or time[0] > middle):
         return (
-            f"{trial.name}: the reference runs from {one.time[known][0]:.2f} to "
-            f"{one.time[known][-1]:.2f} s, the frames that can be used from {first:.2f} to "
-            f"{last:.2f} s: {counted(found, 'reading falls', 'readings fall')} between them. "
-            "Record the reference over the whole recording, and give --same-clock if both share a "
+            f"{trial.name}: the reference runs from {time[0]:.2f} to {time[-1]:.2f} s, the usable "
+            f"frames from {first:.2f} to {last:.2f} s: "
+            f"{counted(count, 'reading falls', 'readings fall')} between frames. "
+            "Record the reference over the whole recording, and use --same-clock if both share a "
             "clock"
         )
     return (
-        f"{trial.name}: {counted(found, 'reading', 'readings')} with a rotation of the elastomer, "
+        f"{trial.name}: {counted(count, 'reading', 'readings')} with a rotation of the elastomer, "
         f"{fewest} are needed{_left_out(trial)}: record more frames before macro slip, or "
         "read the reference more often"
     )
 
 
 def _left_out(trial: Trial) -> str:
-    """The frames that are not used, in brackets."""
+    """Unused frames by reason, in brackets."""
     excluded = ", ".join(_count_excluded(trial.excluded))
     return f" (left out: {excluded})" if excluded else ""
 
 
 def _count_excluded(excluded: Mapping[str, int]) -> list[str]:
-    return [f"{counted(n, 'frame', 'frames')} {reason}" for reason, n in excluded.items()]
+    return [f"{counted(count, 'frame', 'frames')} {reason}" for reason, count in excluded.items()]
 
 
-def check_line(trial: Trial, one: Series, line: Line) -> None:
-    """See that the reference follows the elastomer as an object's angle does.
+def check_line(trial: Trial, line: Line) -> None:
+    """Check that the reference follows the elastomer like an object's angle.
 
     Raises:
-        ValueError: it has another sign or unit, follows something else, or turns less than the
-            elastomer.
+        ValueError: the reference has another sign or unit, does not follow the object, or turns
+            less than the elastomer.
     """
     slope, error = line.slope, float(np.sqrt(line.covariance[0, 0]))
     half = float(scipy.stats.t.ppf(0.975, line.freedom)) * error
@@ -151,29 +149,30 @@ def check_line(trial: Trial, one: Series, line: Line) -> None:
     shown = f"{slope:.3g} ± {half:.2g}"
     if not np.isfinite(slope + half):
         raise ValueError(f"{trial.name}: the fit is singular; turn the object further, both ways")
-    for factor, found, meant in ((180.0 / np.pi, "rad", "degrees"), (np.pi / 180.0, "deg", "rad")):
+    for factor, stated, meant in ((180.0 / np.pi, "rad", "degrees"), (np.pi / 180.0, "deg", "rad")):
         if 0.85 < abs(slope) / factor < 6.0 and abs(np.log(abs(slope))) > 2.0:
             raise ValueError(
                 f"{trial.name}: the reference turns {shown} times as far as the elastomer: its "
-                f"column seems to be in {meant}, though it is named as {found}"
+                f"column seems to be in {meant}, but its name says {stated}; rename the column"
             )
     if slope + half < 0.0:
         raise ValueError(
             f"{trial.name}: the reference turns the other way (by {shown} times the elastomer's "
-            "rotation). Angles count counter-clockwise seen from the object looking at the pad: "
-            "turn its sign (--flip)"
+            "rotation). Angles are counter-clockwise positive, seen from the object looking at the "
+            "pad: change the sign with --flip"
         )
-    if outliers > MOST_OUTLIERS * points + 0.5:  # three of eight may be
+    if outliers > MOST_OUTLIERS * points + 0.5:  # three of eight are allowed
         raise ValueError(
             f"{trial.name}: {outliers} of {points} readings lie far off any line: the reference "
-            "does not follow this object, or most of the recording is slip. Check that both are "
-            "of one grasp, and their clocks"
+            "does not follow this object, or most of the recording is slip. Check that recording "
+            "and reference belong to one grasp, and check their clocks"
         )
     if slope + half < 1.0 and slope - 1.0 < LEAST_RATIO:
         raise ValueError(
-            f"{trial.name}: the reference turns only {shown} times as far as the elastomer, and no "
-            "object turns less than what sticks to it. Check the unit, the axis (a tilt α shows as "
-            "cos α), the marker scale, and whether the reference is mounted firmly"
+            f"{trial.name}: the reference turns only {shown} times as far as the elastomer, but no "
+            "object turns less than the elastomer that sticks to it. Check the unit, the axis (a "
+            "tilt α reduces the angle by cos α), the marker scale, and that the reference is "
+            "mounted firmly"
         )
 
 
@@ -184,77 +183,80 @@ def report_findings(
     line: Line,
     loads: int,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the data cannot tell, and what a reader should know, in sentences.
+    """Quantities that the data cannot determine, and remarks for readers, in sentences.
 
     Args:
-        trials: what was fitted.
-        slope: the common slope.
+        trials: fitted trials.
+        slope: common slope.
         half: half-width of its 95 % interval [-].
-        line: the fit.
-        loads: number of its coefficients that are L.
+        line: fit of all trials.
+        loads: number of coefficients of the line that are L.
+
+    Returns:
+        Undetermined quantities; remarks.
     """
     return _undetermined(trials, slope, half, line, loads), (
-        *_tell_scatter(trials, slope),
-        *_tell_coverage(trials, line),
-        *_tell_readings(line),
+        *_note_scatter(trials, slope),
+        *_note_coverage(trials, line),
+        *_note_readings(line),
     )
 
 
 def _undetermined(
     trials: Sequence[Trial], slope: Slope, half: float, line: Line, loads: int
 ) -> tuple[str, ...]:
-    """What the data cannot tell."""
-    found = []
+    """Quantities that the data cannot determine."""
+    undetermined = []
     if half > 0.5 * slope.value:
-        found.append(
-            f"k is only known to ±{half:.2g}: turn further without slip, or take more grasps"
+        undetermined.append(
+            f"k is only known to ±{half:.2g}: turn further without slip, or record more grasps"
         )
     if not any(trial.reference.zeroed for trial in trials):
-        found.append(
-            "L: the references have zeros of their own, so only changes of the angle were used "
-            "(Eq. 12); for L count the reference from the onset of contact"
+        undetermined.append(
+            "L: the references do not count from the onset of contact, so only changes of the "
+            "angle were used (Eq. 12); to fit L, use references that do (--zeroed)"
         )
     errors = np.sqrt(np.diag(line.covariance))
     correlation = np.abs(line.covariance[0, 1:] / (errors[0] * np.maximum(errors[1:], 1e-300)))
     if loads and (correlation[:loads] > 0.99).any():
-        found.append(
-            "k and L separately: their errors are correlated by more than 0.99; turn both ways "
-            "from the zero, and through more angle"
+        undetermined.append(
+            "k and L separately: the correlation of their errors is above 0.99; turn the object "
+            "both ways from the zero, and further"
         )
     if loads == 1 and len(line.covariance) > 1 + len(line.coefficients):
         clocks = slice(1 + len(line.coefficients), None)
         mixed = np.abs(line.covariance[1, clocks]) / (errors[1] * errors[clocks])
         if (mixed > 0.99).any():
-            found.append(
-                "L and the clock offset separately: at a steady rate they have the same effect; "
-                "hold the object still for a moment or turn it back"
+            undetermined.append(
+                "L and the clock offset separately: at a constant rate they have the same effect; "
+                "hold the object still for a moment, or turn it back"
             )
-    return tuple(found)
+    return tuple(undetermined)
 
 
-def _tell_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
-    """How k differs between the grasps, and that it is not below 0."""
+def _note_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
+    """Remarks on the scatter of k between grasps, and on a negative k."""
     if len(trials) == 1:
         yield (
-            "one grasp only: the interval covers the noise of the readings, not the scatter of k "
-            "between grasps; record three or more"
+            "one grasp only: the interval covers the noise of the readings, but not the scatter of "
+            "k between grasps; record three or more grasps"
         )
     elif slope.scatter > 0.0:
         yield (
-            f"the grasps disagree (chance {slope.chance:.2g} were k the same): k scatters by "
-            f"{slope.scatter:.3g} between them, and the interval is that of their mean"
+            f"the grasps disagree (p = {slope.chance:.2g} for equal k): k scatters by "
+            f"{slope.scatter:.3g} between them, and the interval covers their mean"
         )
     else:
-        yield f"the grasps agree within their errors (chance {slope.chance:.2g})"
+        yield f"the grasps agree within their errors (p = {slope.chance:.2g} for equal k)"
     if slope.value < 1.0:
         yield (
             f"the fitted k is {slope.value - 1.0:.3g}, which is impossible; its interval includes "
-            "0, which is used"
+            "0, so k = 0 is used"
         )
 
 
-def _tell_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
-    """References that are short of their frames, and the frames that are left out."""
+def _note_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
+    """Remarks on references shorter than their frames, and on unused frames."""
     excluded = Counter[str]()
     for number, trial in enumerate(trials):
         excluded.update(trial.excluded)
@@ -263,18 +265,18 @@ def _tell_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
         covered = np.mean((frames >= read.min()) & (frames <= read.max()))
         if covered < MOST_COVERED:
             yield (
-                f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames that "
-                "stick: record it over the whole recording"
+                f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames with "
+                "sticking markers: record it over the whole recording"
             )
-    yield from (f"left out: {one}" for one in _count_excluded(excluded))
+    yield from (f"left out: {frames}" for frames in _count_excluded(excluded))
 
 
-def _tell_readings(line: Line) -> Iterator[str]:
-    """Readings without weight, and what the errors of the rotation amount to."""
+def _note_readings(line: Line) -> Iterator[str]:
+    """Remarks on readings without weight, and on the effect of the rotation's errors."""
     if outliers := int((line.weight == 0).sum()):
-        yield f"no weight: {outliers} of {len(line.weight)} readings lie far off the line"
+        yield f"{outliers} of {len(line.weight)} readings lie far off the line and have no weight"
     noise = float(np.median(line.points.rotation_error**2) / np.var(line.points.rotation))
     yield (
-        f"errors of the elastomer's rotation taken into account; least squares without them would "
-        f"read 1 + k low by {100.0 * noise:.2g} %"
+        "the fit includes the errors of the elastomer's rotation; without them 1 + k would be "
+        f"{100.0 * noise:.2g} % too small"
     )

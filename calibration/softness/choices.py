@@ -1,4 +1,4 @@
-"""Options of the fits of softness, as the command line takes them: plain values with units."""
+"""Command line options of softness fits: plain values with units."""
 
 from dataclasses import dataclass, field
 
@@ -8,7 +8,7 @@ from contactmodel.common.options import option
 
 @dataclass(frozen=True)
 class ReferenceSettings:
-    """How references are read.
+    """Options for reading references.
 
     Attributes:
         flip: change the sign of the angles in all references.
@@ -23,10 +23,10 @@ class ReferenceSettings:
 
 @dataclass(frozen=True)
 class SoftnessChoices:
-    """Choices of a fit of k and L, and what is known of the elastomer and the object.
+    """Options of a fit of k and L, with known properties of elastomer and object.
 
     Attributes:
-        references: how references are read.
+        references: options for reading references.
         clock_search: largest offset between the clocks of reference and recording. Larger values
             search longer [s].
         load: model of the load term L.
@@ -37,10 +37,10 @@ class SoftnessChoices:
             wide. A finite thickness requires CSVs with --zeroed and --same-clock [mm].
         depth_mm: depth of the markers below the surface [mm].
         radius_mm: radius of an object that is a ball; inf for a flat surface. A finite radius
-            requires what a finite thickness requires [mm].
+            also requires CSVs with --zeroed and --same-clock [mm].
 
     Raises:
-        ValueError: the search is below 0, or the radius not above it.
+        ValueError: the search is below 0, or the radius is not above 0.
     """
 
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
@@ -57,27 +57,27 @@ class SoftnessChoices:
     radius_mm: float = float("inf")
 
     def __post_init__(self) -> None:
-        """Check the search; the pad checks what is its own."""
+        """Check search and radius; the pad checks its own values."""
         if not self.clock_search >= 0.0:
-            raise ValueError(f"--clock-search is {self.clock_search:g} s: give 0 or more")
+            raise ValueError(f"--clock-search is {self.clock_search:g} s; it must be 0 or more")
         if not self.radius_mm > 0.0:
             raise ValueError(
-                f"the ball has a radius of {self.radius_mm:g} mm (--radius-mm): give one above 0, "
-                "or inf for a flat surface"
+                f"--radius-mm is {self.radius_mm:g} mm; the ball's radius must be above 0, or inf "
+                "for a flat surface"
             )
 
 
 @dataclass(frozen=True)
 class Pressing:
-    """What presses, and how a gripper closes.
+    """Pads and stiffness of a gripper.
 
     Attributes:
-        pads: number of elastomers between the jaws, all pressed alike [-].
+        pads: number of elastomers between the jaws, all pressed equally [-].
         rigid_slope: travel over indentation, per pad, for a rigid object. Values above 1 account
-            for a gripper or a backing that gives way [-].
+            for a compliant gripper or backing [-].
 
     Raises:
-        ValueError: fewer than one pad.
+        ValueError: there is no pad.
     """
 
     pads: int = 2
@@ -86,17 +86,17 @@ class Pressing:
     def __post_init__(self) -> None:
         """Check the number of pads."""
         if self.pads < 1:
-            raise ValueError(f"{self.pads} elastomers between the jaws (--pads): give 1 or more")
+            raise ValueError(f"--pads is {self.pads}; the number of elastomers must be 1 or more")
 
 
 @dataclass(frozen=True)
 class SqueezeChoices:
-    """What is known of gripper and bodies.
+    """Options of a fit by pressing: known properties of gripper, elastomer and object.
 
     Attributes:
         radius_mm: radius of the sphere, required with a recording [mm].
         pad_radius_mm: radius of a domed pad [mm].
-        pressing: how a gripper closes.
+        pressing: pads and stiffness of the gripper.
         poisson_ratio: Poisson's ratio of the elastomer [-].
         object_poisson: smallest and largest Poisson's ratio of the object [-].
     """

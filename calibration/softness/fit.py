@@ -1,11 +1,12 @@
-"""Fit of k and L to trials: Eq. (13) where the reference counts from the contact, else Eq. (12).
+"""Fit k and L to trials: Eq. (13) if the reference counts from the contact, otherwise Eq. (12).
 
 [Li2024] M. Li, Y. H. Zhou, T. Li, Y. Jiang, "Incipient Slip-Based Rotation Measurement via
 Visuotactile Sensing During In-Hand Object Pivoting", Eqs. (12) and (13).
 
-Eq. (12), of increments, differs from Eq. (13), of totals, by an unknown start: a reference with a
-zero of its own gets a free zero in every trial, and tells k, not L. On an elastomer of finite
-thickness the same line is fitted to what lifting makes of the rotation; h → ∞ is the thick one.
+Eq. (12) for increments differs from Eq. (13) for totals by an unknown start. A reference that does
+not count from the contact gets a free zero in every trial; it determines k but not L. For an
+elastomer of finite thickness h the same line is fitted to the lifted rotation. h → ∞ gives the
+thick elastomer.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,14 +40,14 @@ from estimation.softness.scalar import Covariance
 
 
 class Candidate(NamedTuple):
-    """One way to take L.
+    """A model of L and its fit.
 
     Attributes:
         model: one of `LOAD_MODELS`.
-        parameters: that it has.
-        bic: Bayes information criterion; the lowest is chosen, differences below 2 mean little.
-        stiffness_ratio: k by this model [-].
-        standard_error: of k [-].
+        parameters: number of parameters.
+        bic: Bayesian information criterion; the lowest is chosen, differences below 2 mean little.
+        stiffness_ratio: k with this model [-].
+        standard_error: standard error of k [-].
     """
 
     model: str
@@ -57,19 +58,20 @@ class Candidate(NamedTuple):
 
 
 class GraspFit(NamedTuple):
-    """One trial by itself, its zero free.
+    """Fit of one trial alone, with a free zero.
 
     Attributes:
-        name: of the trial.
+        name: name of the trial.
         object_name: name of the object.
-        stiffness_ratio: k of this trial [-]; NaN where it turned too little.
-        standard_error: of k [-].
-        load_term: L of this trial with the common k [rad]; NaN where the reference has no zero.
-        clock_offset: reference's clock less the recording's [s].
-        clock_error: its standard error [s]; 0 where the clocks are one.
-        points: readings used.
-        outliers: of them, those given no weight.
-        excluded: frames that are not used, by why.
+        stiffness_ratio: k of this trial [-]; NaN if the object turned too little.
+        standard_error: standard error of k [-].
+        load_term: L of this trial with the common k [rad]; NaN if the reference does not count from
+            the contact.
+        clock_offset: the reference's clock minus the recording's [s].
+        clock_error: standard error of the clock offset [s]; 0 if the clocks are one.
+        points: number of readings.
+        outliers: number of readings without weight.
+        excluded: number of unused frames, by reason.
     """
 
     name: str
@@ -86,22 +88,23 @@ class GraspFit(NamedTuple):
 
 @dataclass(frozen=True)
 class SoftnessFit:
-    """k and L with their uncertainty, and the data behind them.
+    """k and L with their uncertainty, and the fit behind them.
 
     Attributes:
-        softness: to apply; its covariance holds the scatter between grasps and the few degrees of
-            freedom, and k is not below 0.
+        softness: softness to apply. Its covariance includes the scatter between grasps and the
+            small number of degrees of freedom, and its k is not below 0.
         stiffness_ratio: k as fitted [-].
         low: lower end of the 95 % interval of k [-].
-        high: upper end [-].
-        model: how L was taken.
-        candidates: all ways that the data allow, the best one first.
-        grasps: each trial by itself.
-        scatter: standard deviation of k between grasps, beyond their errors [-]; 0 if none is seen.
-        scatter_chance: chance of such disagreement were k the same [-]; NaN for one trial.
+        high: upper end of the 95 % interval of k [-].
+        model: chosen model of L.
+        candidates: all models of L that the data allow, the best first.
+        grasps: fit of each trial alone.
+        scatter: standard deviation of k between grasps beyond their errors [-]; 0 without
+            significant scatter.
+        scatter_chance: p-value of the disagreement for equal k [-]; NaN for one trial.
         undetermined: quantities that the data cannot determine, in sentences.
         notes: remarks for readers, in sentences.
-        line: the fit behind it.
+        line: fit of all trials.
 
     Examples:
         >>> import numpy as np
@@ -141,21 +144,21 @@ def fit_softness(
     clock_search: float = 1.0,
     layer: Layer | None = None,
 ) -> SoftnessFit:
-    """Fit k and L of one object, or of a class of them, to one or more trials.
+    """Fit k and L of one object, or of a class of objects, to one or more trials.
 
-    Both variables have errors (functional relation, [York2004] of `regression`), readings far
-    off count less or not at all, and the clocks of trials that have two are brought together.
+    The fit includes the errors of both variables (functional relation, [York2004] of `regression`).
+    Readings far off the line get less weight or none. Clock offsets are fitted for trials with two
+    clocks.
 
     Args:
         trials: grasps of the object.
-        model: one of `LOAD_MODELS`; the one with the lowest BIC unless given.
-        clock_search: how far two clocks may be apart at most [s].
-        layer: the elastomer that the trials' frames were lifted for, which has no load term
-            besides; thickness and depth are fitted too as far as they are uncertain. None for a
-            thick one.
+        model: one of `LOAD_MODELS`; None to choose the model with the lowest BIC.
+        clock_search: largest offset between two clocks [s].
+        layer: the elastomer for which the trials' frames were lifted; it has no load term.
+            Thickness and depth are fitted too if they have errors. None for a thick elastomer.
 
     Raises:
-        ValueError: the trials cannot determine k; the message says what to measure instead.
+        ValueError: the trials cannot determine k; the message states what to measure instead.
 
     Examples:
         >>> from calibration import Reference, fit_softness, make_trials
@@ -176,18 +179,20 @@ def fit_softness(
     model = model if layer is None else "none"
     pad = layer or HALF_SPACE
     series = [make_series(trial, clock_search) for trial in trials]
-    offsets = np.array([find_clock_offset(one, pad) for one in series])
+    offsets = np.array([find_clock_offset(readings, pad) for readings in series])
     check_points(trials, series, offsets, pad, zeroed=model == "none")
-    known = pad._replace(thickness_error=0.0, depth_error=0.0)
+    exact = pad._replace(thickness_error=0.0, depth_error=0.0)
     single = [
-        fit_line(Problem([one], _alone(trial, model), known), np.array([offset]))
-        for trial, one, offset in zip(trials, series, offsets, strict=True)
+        fit_line(Problem([readings], _alone(trial, model), exact), np.array([offset]))
+        for trial, readings, offset in zip(trials, series, offsets, strict=True)
     ]
-    for trial, one, line in zip(trials, series, single, strict=True):
-        check_line(trial, one, line)
+    for trial, line in zip(trials, single, strict=True):
+        check_line(trial, line)
     offsets = np.array([line.clock_offsets[0] for line in single])
-    columns = _models(trials) if layer is None else {"none": _models(trials)["none"]}
-    lines = {name: fit_line(Problem(series, one, pad), offsets) for name, one in columns.items()}
+    models = _models(trials) if layer is None else {"none": _models(trials)["none"]}
+    lines = {
+        name: fit_line(Problem(series, columns, pad), offsets) for name, columns in models.items()
+    }
     candidates = _rank(lines)
     chosen = model or candidates[0].model
     _expect_model(chosen, lines)
@@ -200,33 +205,33 @@ def _expect_model(model: str, lines: Mapping[str, Line]) -> None:
     """Check that a model of L can be fitted to the trials."""
     if model not in lines:
         raise ValueError(
-            f"there is no model {model!r} of L for these trials, only {', '.join(lines)}: L takes "
-            "references that count from the contact; 'by force' takes recorded forces that differ "
-            "from trial to trial, 'per grasp' more than one trial"
+            f"no model {model!r} of L for these trials; possible: {', '.join(lines)}. L requires "
+            "references that count from the contact, 'by force' also recorded forces that differ "
+            "between trials, 'per grasp' more than one trial"
         )
 
 
 def _alone(trial: Trial, model: str | None) -> Columns:
-    """Beside the slope of a trial by itself: its zero, unless that is known to be 0."""
-    known = model == "none" and trial.reference.zeroed
-    return Columns(np.array([-1 if known else 0]), np.ones(1))
+    """Column of a trial alone: its zero, unless the zero is known to be 0."""
+    zero_known = model == "none" and trial.reference.zeroed
+    return Columns(np.array([-1 if zero_known else 0]), np.ones(1))
 
 
 def _models(trials: Sequence[Trial]) -> dict[str, Columns]:
-    """The columns of every way to take L that the trials allow; those of L come first."""
+    """Columns of every model of L that the trials allow; those of L come first."""
     zeroed = np.array([trial.reference.zeroed for trial in trials])
     count = int(zeroed.sum())
     force = np.array([float(np.mean(trial.normal_force)) for trial in trials])
-    nothing = np.full(len(trials), -1)
-    groups = {"none": (nothing, 0)}
+    no_column = np.full(len(trials), -1)
+    groups = {"none": (no_column, 0)}
     factor = np.where(zeroed, -0.5, 1.0)
     factors = {"none": factor, "constant": factor, "per grasp": factor}
     if count:
         groups["constant"] = (np.where(zeroed, 0, -1), 1)
     if count > 1:
         groups["per grasp"] = (np.where(zeroed, np.cumsum(zeroed) - 1, -1), count)
-        mine = force[zeroed]
-        if np.isfinite(mine).all() and np.ptp(mine) > 0.05 * np.abs(mine).mean():
+        forces = force[zeroed]
+        if np.isfinite(forces).all() and np.ptp(forces) > 0.05 * np.abs(forces).mean():
             groups["by force"] = groups["constant"]
             factors["by force"] = np.where(zeroed, -0.5 * force, 1.0)
     return {
@@ -236,16 +241,16 @@ def _models(trials: Sequence[Trial]) -> dict[str, Columns]:
 
 
 def _rank(lines: Mapping[str, Line]) -> tuple[Candidate, ...]:
-    """All ways to take L by BIC, best first, counting the readings that the richest finds apart."""
+    """All models of L by BIC, best first; the richest model sets the number of readings."""
     richest = max(lines.values(), key=lambda line: len(line.covariance))
     count = richest.independent
-    found = []
+    candidates = []
     for name, line in lines.items():
         parameters = len(line.covariance)
-        # −2 ln likelihood up to a constant, by the richest one's errors; outliers count as nine
+        # −2 ln likelihood up to a constant, with the richest model's errors; outliers count as 9
         error = richest.scale * total_error(line.points, line.slope, richest.found_error)
         misfit = count * float(np.mean(np.minimum((line.residual / error) ** 2, 9.0)))
-        found.append(
+        candidates.append(
             Candidate(
                 model=name,
                 parameters=parameters,
@@ -254,7 +259,7 @@ def _rank(lines: Mapping[str, Line]) -> tuple[Candidate, ...]:
                 standard_error=float(np.sqrt(line.covariance[0, 0])),
             )
         )
-    return tuple(sorted(found, key=lambda one: one.bic))
+    return tuple(sorted(candidates, key=lambda candidate: candidate.bic))
 
 
 def _conclude(
@@ -271,7 +276,7 @@ def _conclude(
     k = slope.value - 1.0
     zeroed = np.array([trial.reference.zeroed for trial in trials])
     loads = int(zeroed.sum()) if model == "per grasp" else int(model != "none")
-    # coefficients follow the slope where the scatter has moved it
+    # coefficients follow the slope if the scatter has moved it
     follow = line.covariance[0, 1:] / line.covariance[0, 0]
     moved = line.coefficients + follow[: len(line.coefficients)] * (slope.value - line.slope)
     provenance = {
@@ -313,7 +318,7 @@ def _conclude(
 
 
 def _widened(slope: Slope) -> float:
-    """Variance of k for the next grasp, few degrees of freedom included, as normal errors have."""
+    """Variance of k for the next grasp, widened for the small number of degrees of freedom."""
     widen = (float(scipy.stats.t.ppf(0.975, slope.freedom)) / Z95) ** 2
     return (slope.variance + slope.scatter**2) * widen
 
@@ -321,20 +326,20 @@ def _widened(slope: Slope) -> float:
 def _layered(
     line: Line, slope: Slope, validity: Validity, provenance: Mapping[str, Any]
 ) -> LayeredSoftness:
-    """k, and thickness and depth as far as they were free, with their covariance."""
+    """k, thickness and depth with their covariance, as far as they were fitted."""
     free = np.flatnonzero(line.layer.errors)
     rows = len(line.covariance) - len(free) + np.arange(len(free))
     follow = line.covariance[0, rows] / line.covariance[0, 0]
     values = line.layer.values
     values[free] += follow * (slope.value - line.slope)
     pad = line.layer.at(values) if len(free) else line.layer
-    ways = np.zeros((3, 1 + len(free)))  # of k, thickness and depth
-    ways[0, 0], ways[1 + free, 0] = 1.0, follow
-    ways[1 + free, 1 + np.arange(len(free))] = 1.0
+    directions = np.zeros((3, 1 + len(free)))  # of k, thickness and depth
+    directions[0, 0], directions[1 + free, 0] = 1.0, follow
+    directions[1 + free, 1 + np.arange(len(free))] = 1.0
     own = line.covariance[np.ix_(rows, rows)]
     own = own - np.outer(follow, follow) * line.covariance[0, 0]
     whole = scipy.linalg.block_diag(_widened(slope), own) if len(free) else [[_widened(slope)]]
-    covariance = ways @ np.asarray(whole) @ ways.T
+    covariance = directions @ np.asarray(whole) @ directions.T
     return LayeredSoftness(
         stiffness_ratio=max(slope.value - 1.0, 0.0),
         thickness=pad.thickness,
@@ -349,7 +354,7 @@ def _layered(
 def _load_term(
     line: Line, loads: np.ndarray, follow: np.ndarray, slope: Slope
 ) -> tuple[float, Covariance]:
-    """L for the next grasp, and the covariance of (k, L), scatter and few freedoms included."""
+    """L and the covariance of (k, L) for the next grasp, with scatter and degrees of freedom."""
     widen = (float(scipy.stats.t.ppf(0.975, slope.freedom)) / Z95) ** 2
     spread = _widened(slope)
     if not len(loads):
@@ -367,15 +372,15 @@ def _load_term(
 
 
 def _validity(trials: Sequence[Trial]) -> Validity:
-    """The contacts that were fitted."""
+    """Ranges of the contacts that were fitted."""
 
     def ends(values: np.ndarray) -> tuple[float, float] | None:
-        known = values[np.isfinite(values)]
-        return (float(known.min()), float(known.max())) if len(known) else None
+        finite = values[np.isfinite(values)]
+        return (float(finite.min()), float(finite.max())) if len(finite) else None
 
-    # the regression leaves out small turns of lifted frames, which k holds for as well
-    rotation = [np.append(one.rotation, [0.0] * bool(one.seen)) for one in trials]
-    others = ([getattr(one, name) for one in trials] for name in ("normal_force", "radius"))
+    # the regression leaves out small rotations of lifted frames, but k is valid for them too
+    rotation = [np.append(trial.rotation, [0.0] * bool(trial.seen)) for trial in trials]
+    others = ([getattr(trial, name) for trial in trials] for name in ("normal_force", "radius"))
     return Validity(*(ends(np.concatenate(column)) for column in (rotation, *others)))
 
 

@@ -1,4 +1,4 @@
-"""k of an object on an elastomer of finite thickness, from angles known from elsewhere."""
+"""Fit k of an object on an elastomer of finite thickness to reference angles."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,18 +23,18 @@ from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness
 
 SELECTION = Selection(least_stick=6, least_turn_deg=0.5)
-"""Few markers have wide intervals and count little; hard objects that slip early have no more."""
+"""Frames with few markers are used, because hard objects slip early; they count little."""
 
 _GUESSES = (0.1, 0.5, 1.5)  # k for which frames are lifted at first
 
 
 class Grasp(NamedTuple):
-    """A recording of an object that turns in the grasp, and its angle.
+    """A recording of an object that turns in the grasp, with the object's reference angle.
 
     Attributes:
-        recording: from the unloaded state on.
-        reference: the object's angle.
-        noise: of the markers; estimated from the recording unless given.
+        recording: recording that starts in the unloaded state.
+        reference: angle of the object.
+        noise: noise of the markers; None to estimate it from the recording.
         object_name: name of the object.
     """
 
@@ -49,16 +49,17 @@ def fit_layered_softness(
 ) -> SoftnessFit:
     """Fit k, and refine thickness and depth as far as the grasps determine them better.
 
-    What sticks is sought in frames lifted for several k; then, after a first fit with the k that
-    holds most markers together, in frames lifted for what was found.
+    Sticking markers are first segmented in frames lifted for several k. The first fit uses the k
+    with most sticking markers. They are then segmented again in frames lifted for the fitted
+    values, and the fit is repeated.
 
     Args:
-        grasps: of one object, several at once.
-        layer: the elastomer.
-        clock_search: how far two clocks may be apart at most [s].
+        grasps: all grasps of one object.
+        layer: thickness and marker depth of the elastomer, and radius of the object.
+        clock_search: largest offset between two clocks [s].
 
     Raises:
-        ValueError: the grasps cannot determine k; the message says what to measure instead.
+        ValueError: the grasps cannot determine k; the message states what to measure instead.
 
     Examples:
         >>> import numpy as np
@@ -79,49 +80,49 @@ def fit_layered_softness(
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")
     finite = np.isfinite([layer.thickness, layer.object_radius]).any()
-    lifts = finite or layer.depth > 0.0  # else frames are the same for all k
+    lifts = finite or layer.depth > 0.0  # otherwise frames are the same for all k
     rigid = LayeredSoftness(0.0, layer.thickness, layer.depth, object_radius=layer.object_radius)
     guesses = [replace(rigid, stiffness_ratio=k) for k in _GUESSES]
-    found = [_gather(grasps, guess) for guess in (guesses if lifts else guesses[:1])]
-    trials = max(found, key=lambda each: sum(trial.held for trial in each))
+    candidates = [_gather(grasps, guess) for guess in (guesses if lifts else guesses[:1])]
+    trials = max(candidates, key=lambda each: sum(trial.held for trial in each))
     fit = _fit(trials, layer, clock_search)
     if lifts:
-        made = fit.softness
-        assert isinstance(made, LayeredSoftness)
-        sizes = {name: getattr(made, name) for name in ("stiffness_ratio", "thickness", "depth")}
+        fitted = fit.softness
+        assert isinstance(fitted, LayeredSoftness)
+        sizes = {name: getattr(fitted, name) for name in ("stiffness_ratio", "thickness", "depth")}
         again = _gather(grasps, replace(rigid, **sizes))
         fit = _fit(again, layer, clock_search)
     return fit
 
 
 def _fit(trials: Sequence[Trial], layer: Layer, clock_search: float) -> SoftnessFit:
-    """The fit of all trials but those that say little; of all of them where there are no others."""
-    kept = [
-        one
-        for one in trials
-        if len(one.time) >= FEWEST_POINTS
-        or (len(one.time) >= FEWEST_ZEROED and np.ptp(one.rotation) >= LEAST_TURN)
+    """Fit the trials with enough readings; without any, fit all trials."""
+    informative = [
+        trial
+        for trial in trials
+        if len(trial.time) >= FEWEST_POINTS
+        or (len(trial.time) >= FEWEST_ZEROED and np.ptp(trial.rotation) >= LEAST_TURN)
     ]
-    fit = fit_softness(kept or trials, clock_search=clock_search, layer=layer)
-    used = {id(one) for one in kept}
+    fit = fit_softness(informative or trials, clock_search=clock_search, layer=layer)
+    used = {id(trial) for trial in informative}
     lost = [
-        f"{t.name}: left out, {counted(len(t.time), 'reading', 'readings')}"
-        for t in trials
-        if id(t) not in used
+        f"{trial.name}: left out, only {counted(len(trial.time), 'reading', 'readings')}"
+        for trial in trials
+        if id(trial) not in used
     ]
-    return replace(fit, notes=(*fit.notes, *lost)) if kept else fit
+    return replace(fit, notes=(*fit.notes, *lost)) if informative else fit
 
 
 def _gather(grasps: Sequence[Grasp], guess: LayeredSoftness) -> list[Trial]:
-    """The trials of all grasps, their frames lifted for a guess."""
+    """The trials of all grasps, with frames lifted for a guess of the softness."""
     return [
         trial
-        for one in grasps
+        for grasp in grasps
         for trial in make_trials(
-            one.recording,
-            one.reference,
-            object_name=one.object_name,
-            noise=one.noise,
+            grasp.recording,
+            grasp.reference,
+            object_name=grasp.object_name,
+            noise=grasp.noise,
             lifted_for=guess,
             selection=SELECTION,
         )

@@ -1,9 +1,10 @@
 """The table of readings of each grasp: rotation, load and reference, with their errors.
 
-On an elastomer of thickness h with markers at the depth z, lifting adds `below` + `thin` + `along`
-to the rotation φ that the markers show (`estimation.softness.layered`), and
-θ = (1 + k)(φ + below) + k (thin + along) is (1 + k) times the rotation φ + below + thin + along,
-less the load thin + along. On a thick one, h → ∞ and z = 0, all three are 0.
+For an elastomer of thickness h with markers at the depth z, lifting adds `below` + `thin` + `along`
+to the markers' rotation φ (`estimation.softness.layered`). Then
+θ = (1 + k)(φ + below) + k (thin + along) equals (1 + k) times the rotation
+φ + below + thin + along, minus the load thin + along. For a thick elastomer, h → ∞ and z = 0, all
+three are 0.
 """
 
 from collections.abc import Sequence
@@ -17,18 +18,18 @@ from contactmodel import Pad
 
 SEARCH_STEPS = 61
 LIFT_SHARE = 0.05
-"""Of the rotation that lifting adds: what that may be off by."""
+"""Relative error of the rotation that lifting adds."""
 
 
 class Layer(NamedTuple):
-    """What is known beforehand of the elastomer, and of the object's shape.
+    """Prior knowledge of the elastomer and of the object's shape.
 
     Attributes:
         thickness: h; infinite for a half-space [mm].
-        depth: z of the markers [mm].
-        thickness_error: standard deviation of h; 0 where it is exact [mm].
-        depth_error: the same of z [mm].
-        object_radius: R of a ball; infinite for an object with a flat surface [mm].
+        depth: depth z of the markers [mm].
+        thickness_error: standard deviation of h; 0 if it is exact [mm].
+        depth_error: standard deviation of z; 0 if it is exact [mm].
+        object_radius: radius R of a ball; infinite for an object with a flat surface [mm].
     """
 
     thickness: float = float("inf")
@@ -44,11 +45,11 @@ class Layer(NamedTuple):
 
     @property
     def errors(self) -> Float[np.ndarray, "2"]:
-        """Their standard deviations [mm]."""
+        """Standard deviations of thickness and depth [mm]."""
         return np.array(self[2:4])
 
     def at(self, values: Float[np.ndarray, "2"]) -> "Layer":
-        """With other values, as far as a layer can have them."""
+        """The layer with another thickness and depth, limited to possible values [mm]."""
         thickness = max(float(values[0]), 1e-3)
         depth = float(np.clip(values[1], 0.0, 0.9 * thickness))
         return self._replace(thickness=thickness, depth=depth)
@@ -58,24 +59,29 @@ HALF_SPACE = Layer()
 
 
 def layer_of(pad: Pad, object_radius: float = float("inf")) -> Layer | None:
-    """The elastomer of a pad under an object; None for a thick one under a flat object."""
+    """The elastomer of a pad under an object; None for a thick pad under a flat object.
+
+    Args:
+        pad: pad of a sensor.
+        object_radius: radius of a ball; infinite for a flat surface [mm].
+    """
     layer = Layer(pad.thickness or float("inf"), pad.marker_depth or 0.0)
     layer = layer._replace(object_radius=object_radius)
     return None if layer.thickness == layer.object_radius == float("inf") else layer
 
 
 class Series(NamedTuple):
-    """One trial's points, by the reference's readings.
+    """Reference readings and frames of one trial.
 
     Attributes:
-        time: of the readings, since the trial's first frame [s].
-        reference: the object's angle [rad].
-        reference_error: standard error of the reading [rad]; NaN where unknown.
-        frame_time: of the frames, since the first [s].
-        rotation: φ in the frames, as their markers show it [rad].
+        time: times of the readings since the trial's first frame [s].
+        reference: angle of the object [rad].
+        reference_error: standard error of a reading [rad]; NaN if unknown.
+        frame_time: times of the frames since the first frame [s].
+        rotation: φ of the markers in the frames, without lifting [rad].
         rotation_error: standard error of φ [rad].
-        search: how far the clocks may be apart [s]; 0 where they are one.
-        lifts: what is to be added to it; None on a thick elastomer.
+        search: largest offset between the clocks [s]; 0 if they are one.
+        lifts: rotation that lifting adds; None for a thick elastomer.
     """
 
     time: Float[np.ndarray, " readings"]
@@ -88,7 +94,7 @@ class Series(NamedTuple):
     lifts: "Lifts | None" = None
 
     def lifted(self, layer: Layer) -> Float[np.ndarray, "3 frames"]:
-        """Rotation, load and the rotation's error in the frames, on an elastomer [rad]."""
+        """Lifted rotation, load and the rotation's error in the frames, for an elastomer [rad]."""
         if self.lifts is None:
             return np.array([self.rotation, 0.0 * self.rotation, self.rotation_error])
         below, thin, along = self.lifts.turns(layer)
@@ -98,45 +104,45 @@ class Series(NamedTuple):
 
 
 class Lifts:
-    """What lifting adds to the rotation in the frames of a trial, computed once for each layer."""
+    """Rotation that lifting adds in the frames of a trial, computed once for each layer."""
 
     def __init__(self, trial: Trial) -> None:
-        """Keep what the markers of the frames showed."""
+        """Store the trial."""
         self.trial = trial
-        self._known: dict[tuple[float, ...], np.ndarray] = {}
+        self._turns_by_layer: dict[tuple[float, ...], np.ndarray] = {}
 
     def turns(self, layer: Layer) -> Float[np.ndarray, "3 frames"]:
         """`below`, `thin` and `along` in each frame [rad]."""
         return self._turns(layer.thickness, layer.depth, layer.object_radius)
 
     def as_seen(self) -> Float[np.ndarray, " frames"]:
-        """Rotation that the markers show before they are lifted [rad]."""
-        made = self.trial.lifted_for
-        if made is None:
+        """Rotation of the markers before lifting [rad]."""
+        guess = self.trial.lifted_for
+        if guess is None:
             return self.trial.rotation
-        below, thin, _ = self._turns(made.thickness, made.depth, made.object_radius)
-        return (
-            self.trial.rotation - below - made.stiffness_ratio * thin / (1.0 + made.stiffness_ratio)
-        )
+        below, thin, _ = self._turns(guess.thickness, guess.depth, guess.object_radius)
+        k = guess.stiffness_ratio
+        return self.trial.rotation - below - k * thin / (1.0 + k)
 
     def _turns(self, *at: float) -> Float[np.ndarray, "3 frames"]:
-        if at not in self._known:
-            self._known[at] = np.array([one.turns(*at) for one in self.trial.seen]).T
-        return self._known[at]
+        if at not in self._turns_by_layer:
+            self._turns_by_layer[at] = np.array([seen.turns(*at) for seen in self.trial.seen]).T
+        return self._turns_by_layer[at]
 
 
 class Points(NamedTuple):
-    """The table of readings that a line is fitted to: all that have a rotation.
+    """The table of readings that a line is fitted to: all readings with a rotation.
 
     Attributes:
-        rotation: φ where the object sticks to the elastomer, lifted [rad].
-        load: by which the object turns less than slope · rotation [rad]; 0 on a thick elastomer.
+        rotation: lifted rotation φ where the object sticks to the elastomer [rad].
+        load: angle by which the object turns less than slope · rotation [rad]; 0 for a thick
+            elastomer.
         rate: dφ/dt [rad/s].
-        rotation_error: [rad].
-        reference: [rad].
-        reference_error: [rad]; NaN where unknown.
+        rotation_error: standard error of φ [rad].
+        reference: angle of the object [rad].
+        reference_error: standard error of a reading [rad]; NaN if unknown.
         trial: number of the trial.
-        time: of the frames' clock [s].
+        time: time on the frames' clock [s].
     """
 
     rotation: Float[np.ndarray, " points"]
@@ -150,7 +156,12 @@ class Points(NamedTuple):
 
 
 def make_series(trial: Trial, clock_search: float) -> Series:
-    """A trial's points on the recording's clock, at no more readings than there are frames."""
+    """Readings of a trial on the recording's clock; dense readings are averaged per frame interval.
+
+    Args:
+        trial: trial with its reference.
+        clock_search: largest offset between two clocks [s].
+    """
     reference = trial.reference
     origin = trial.start if reference.same_clock else reference.time[0]
     time, angle, error = reference.time - origin, reference.angle, reference.error
@@ -182,41 +193,46 @@ def gather_points(
     clock_offsets: Float[np.ndarray, " trials"],
     layer: Layer = HALF_SPACE,
 ) -> Points:
-    """The readings that fall between frames, with the rotation interpolated to them.
+    """Readings between frames, with the rotation interpolated to their times.
 
-    The rotation is interpolated, not the reference: it is the less noisy of the two. Readings in
-    gaps of more than three frame intervals have none.
+    The rotation is interpolated because it is less noisy than the reference. Readings in gaps of
+    more than three frame intervals are left out.
+
+    Args:
+        series: readings and frames of the trials.
+        clock_offsets: the reference's clock minus the recording's, by trial [s].
+        layer: the elastomer.
     """
     parts: list[tuple[np.ndarray, ...]] = []
-    for number, (one, offset) in enumerate(zip(series, clock_offsets, strict=True)):
-        at = one.time - offset
-        step = np.diff(one.frame_time)
-        left = np.clip(np.searchsorted(one.frame_time, at) - 1, 0, len(step) - 1)
-        inside = (at >= one.frame_time[0]) & (at <= one.frame_time[-1])
-        inside &= (step[left] <= 3.0 * np.median(step)) & np.isfinite(one.reference)
-        rotation, load, error = one.lifted(layer)
-        found = (
-            np.interp(at, one.frame_time, rotation),
-            np.interp(at, one.frame_time, load),
-            np.interp(at, one.frame_time, np.gradient(rotation, one.frame_time)),
-            np.interp(at, one.frame_time, error),
-            one.reference,
-            one.reference_error,
+    for number, (trial, offset) in enumerate(zip(series, clock_offsets, strict=True)):
+        at = trial.time - offset
+        step = np.diff(trial.frame_time)
+        before = np.clip(np.searchsorted(trial.frame_time, at) - 1, 0, len(step) - 1)
+        inside = (at >= trial.frame_time[0]) & (at <= trial.frame_time[-1])
+        inside &= (step[before] <= 3.0 * np.median(step)) & np.isfinite(trial.reference)
+        rotation, load, error = trial.lifted(layer)
+        columns = (
+            np.interp(at, trial.frame_time, rotation),
+            np.interp(at, trial.frame_time, load),
+            np.interp(at, trial.frame_time, np.gradient(rotation, trial.frame_time)),
+            np.interp(at, trial.frame_time, error),
+            trial.reference,
+            trial.reference_error,
             np.full(len(at), number),
             at,
         )
-        parts.append(tuple(value[inside] for value in found))
+        parts.append(tuple(column[inside] for column in columns))
     return Points(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def find_clock_offset(one: Series, layer: Layer = HALF_SPACE) -> float:
-    """The clock offset at which a line fits one trial best, by search [s]."""
-    if one.search == 0.0:
+def find_clock_offset(trial: Series, layer: Layer = HALF_SPACE) -> float:
+    """Search for the clock offset at which a line fits trial trial best [s]."""
+    if trial.search == 0.0:
         return 0.0
-    candidates = np.linspace(-one.search, one.search, SEARCH_STEPS)
-    most = max(len(gather_points([one], np.array([c]), layer).rotation) for c in candidates)
+    candidates = np.linspace(-trial.search, trial.search, SEARCH_STEPS)
+    most = max(len(gather_points([trial], np.array([c]), layer).rotation) for c in candidates)
     best, cost = 0.0, np.inf
-    still = one._replace(search=0.0)
+    still = trial._replace(search=0.0)
     for candidate in candidates:
         points = gather_points([still], np.array([candidate]), layer)
         if len(points.rotation) < 0.6 * most:
@@ -227,8 +243,8 @@ def find_clock_offset(one: Series, layer: Layer = HALF_SPACE) -> float:
         residual = weight
         for _ in range(5):  # least absolute deviations
             weighted = weight[:, None] * design
-            found = np.linalg.pinv(design.T @ weighted) @ (weighted.T @ turned)
-            residual = turned - design @ found
+            coefficients = np.linalg.pinv(design.T @ weighted) @ (weighted.T @ turned)
+            residual = turned - design @ coefficients
             weight = 1.0 / np.maximum(np.abs(residual), 1e-6)
         if (mean := float(np.abs(residual).mean())) < cost:
             best, cost = float(candidate), mean

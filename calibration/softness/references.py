@@ -1,4 +1,4 @@
-"""Angles of the object that do not come from the twist of the gel: what softness is fitted to."""
+"""Reference angles of the object, measured independently of the gel's twist, for softness fits."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +12,12 @@ from estimation.frames.names import counted
 from estimation.frames.recording import Recording
 
 NO_REFERENCE = (
-    "cannot fit k without a reference angle: with the pressure given, the twist of one "
-    "elastomer depends on θ/(1+k) alone, so a soft object turned far and a rigid one turned less "
-    "look the same. Give the angle of a rotary stage or an inertial sensor as a CSV, let the "
-    "object be long enough for its contact outline to show its direction, hold it with a second "
-    "finger of another stiffness, or measure k by pressing (python -m calibration squeeze)"
+    "cannot fit k without a reference angle: for a given pressure, the twist of one elastomer "
+    "depends only on θ/(1+k), so a soft object turned far looks like a rigid object turned less. "
+    "Give the angle of a rotary stage or an inertial sensor as a CSV (--reference), use an object "
+    "long enough for its contact outline to show its direction (--reference outline), hold it with "
+    "a second finger of another stiffness (--second-ratio), or measure k by pressing (python -m "
+    "calibration squeeze)"
 )
 FEWEST_READINGS = 2
 Rows = list[tuple[str, dict[str, str]]]
@@ -24,17 +25,16 @@ Rows = list[tuple[str, dict[str, str]]]
 
 @dataclass(frozen=True)
 class Reference:
-    """Angle of the object over time.
+    """Angle of the object over time, from an independent measurement.
 
     Attributes:
-        time: [s]; the recording's clock if `same_clock`.
-        angle: [rad, counter-clockwise as the recording's angles]; NaN where unknown.
-        error: standard error of a reading [rad]; NaN where unknown, it then follows from the
-            scatter.
-        zeroed: whether it counts from the onset of contact as Eq. (13) does. If not, only its
-            changes are used: Eq. (12).
-        same_clock: whether its time stamps are those of the recording's clock.
-        source: what it is, for readers.
+        time: times of the readings, on the recording's clock if `same_clock` [s].
+        angle: angle of the object; NaN if unknown [rad, counter-clockwise].
+        error: standard error of a reading; NaN to estimate it from the scatter [rad].
+        zeroed: whether the angle counts from the onset of contact, as in Eq. (13). If not, only
+            its changes are used, by Eq. (12).
+        same_clock: whether the times are on the recording's clock.
+        source: name of the source, for readers.
 
     Examples:
         >>> import numpy as np
@@ -62,12 +62,17 @@ class Reference:
 def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False) -> Reference:
     """Read the angles of a rotary stage or an inertial sensor from a CSV.
 
-    Columns `time_s`, `angle_deg` or `angle_rad`, and, if known, `error_deg` or `error_rad`, the
-    standard error of a reading.
+    The columns are `time_s`, `angle_deg` or `angle_rad`, and optionally `error_deg` or `error_rad`,
+    the standard error of a reading.
+
+    Args:
+        path: CSV file.
+        zeroed: whether the angles count from the onset of contact.
+        same_clock: whether the times are on the recording's clock.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: a column is missing, a value is no number, or the clock goes back.
+        ValueError: a column is missing, a value is not a number, or the times do not increase.
 
     Examples:
         >>> from pathlib import Path
@@ -82,7 +87,8 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     if len(rows) < FEWEST_READINGS or "time_s" not in names:
         raise ValueError(
             f"{path}: {counted(len(rows), 'reading', 'readings')} with columns {sorted(names)}; "
-            "a reference has the columns time_s and angle_deg (or angle_rad)"
+            f"a reference requires {FEWEST_READINGS} or more readings with columns time_s and "
+            "angle_deg (or angle_rad)"
         )
     time = _column(rows, "time_s")
     if not (np.diff(time) > 0).all():
@@ -91,7 +97,7 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
     if angle is None:
         raise ValueError(
             f"{path} has columns {sorted(names)}; the angle must be called angle_deg or angle_rad, "
-            "so that its unit is known"
+            "to state its unit"
         )
     error = _angle(rows, names, "error")
     return Reference(
@@ -105,14 +111,14 @@ def read_reference(path: Path, *, zeroed: bool = False, same_clock: bool = False
 
 
 def _angle(rows: Rows, names: set[str], what: str) -> np.ndarray | None:
-    """A column of angles by either unit [rad]; None where there is none."""
+    """A column of angles in either unit, converted to rad; None if it is missing."""
     if f"{what}_rad" in names:
         return _column(rows, f"{what}_rad")
     return np.radians(_column(rows, f"{what}_deg")) if f"{what}_deg" in names else None
 
 
 def _column(rows: Rows, name: str) -> np.ndarray:
-    """The numbers of a column; NaN where a cell is empty."""
+    """Numbers of a column; NaN for empty cells."""
     values = np.array([cell_number(row[name] or "nan", f"{at}: {name}") for at, row in rows])
     if np.isinf(values).any():
         raise ValueError(f"{rows[int(np.argmax(np.isinf(values)))][0]}: {name} is infinite")
@@ -120,10 +126,13 @@ def _column(rows: Rows, name: str) -> np.ndarray:
 
 
 def outline_reference(recording: Recording) -> Reference:
-    """The direction of the contact's outline, or of the object's imprint where there is one.
+    """Reference from the direction of the object's imprint, or else of the contact's outline.
+
+    Args:
+        recording: recording of the grasp.
 
     Raises:
-        ValueError: neither can be followed.
+        ValueError: there is no imprint, and the outline is too round or too small.
 
     Examples:
         >>> from dataclasses import replace
@@ -140,13 +149,13 @@ def outline_reference(recording: Recording) -> Reference:
     known = np.isfinite(outline.angle)
     if known.sum() < FEWEST_READINGS:
         raise ValueError(
-            f"{recording.name}: the contact is too round, or too small, to show how the object "
-            f"has turned, and there is no imprint: {NO_REFERENCE}"
+            f"{recording.name}: the contact is too round or too small to show the rotation of the "
+            f"object, and there is no imprint: {NO_REFERENCE}"
         )
     return Reference(
         time=recording.time[known],
         angle=outline.angle[known],
-        error=np.full(int(known.sum()), np.nan),  # its own figure is scatter within one frame only
+        error=np.full(int(known.sum()), np.nan),  # the outline's error is within one frame only
         zeroed=False,
         same_clock=True,
         source="imprint" if recording.imprint is not None else "contact outline",

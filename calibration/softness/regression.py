@@ -1,14 +1,14 @@
-"""The one regression of softness: a line through readings with errors in both variables, robustly.
+"""The regression of softness fits: a robust line through readings with errors in both variables.
 
 [York2004] D. York et al., "Unified equations for the slope, intercept, and standard errors of the
 best straight line", Am. J. Phys. 72 (2004): the functional relation, which treats the true
-rotations as unknown numbers. Least squares of the reference over the rotation would read the slope
-low by the share that the rotation's error has in its variance.
+rotations as unknown numbers. Least squares of the reference over the rotation would underestimate
+the slope by the share of the rotation's error in its variance.
 [Huber1981] P. J. Huber, "Robust Statistics", Section 7.6: the covariance of an M-estimate.
 [Beaton1974] A. E. Beaton, J. W. Tukey, Technometrics 16 (1974): the weights.
 
-The line is reference = slope · rotation − load + columns · coefficients, in trials of their own
-clocks; the slope is 1 + k (`readings` has the rotation and the load).
+The line is reference = slope · rotation − load + columns · coefficients, where each trial may have
+its own clock offset. The slope is 1 + k. `readings` gives the rotation and the load.
 """
 
 from collections.abc import Sequence
@@ -25,29 +25,30 @@ BIWEIGHT_CUT = 4.685
 
 MAX_STEPS = 60
 HUBER_STEPS = 5
-_CORRELATED = 1.645  # standard errors of a correlation that white noise exceeds in 5 %
-_LEAST_POINTS = 8  # of a trial that tells a correlation
+_CORRELATED = 1.645  # standard errors of a correlation that white noise exceeds in 5 % of cases
+_LEAST_POINTS = 8  # smallest number of points of a trial for estimating a correlation
 
 
 @dataclass(frozen=True)
 class Line:
-    """The line, and how well it is known.
+    """A fitted line and its uncertainty.
 
     Attributes:
-        slope: [-].
-        coefficients: of the columns [rad].
-        clock_offsets: reference's clock less the recording's, by trial [s].
-        layer: the elastomer, its free numbers as fitted.
-        covariance: of slope, coefficients and what was free of the clock offsets and the layer.
-        freedom: independent points less parameters.
+        slope: 1 + k [-].
+        coefficients: coefficients of the columns [rad].
+        clock_offsets: the reference's clock minus the recording's, by trial [s].
+        layer: the elastomer with its fitted numbers.
+        covariance: covariance of slope, coefficients, fitted clock offsets and fitted numbers of
+            the layer.
+        freedom: number of independent points minus number of parameters.
         scale: standard deviation of a residual over its expected error [-], or of the residual
-            itself where no reference error is known [rad].
-        found_error: error of readings whose own is not known [rad]; NaN if all are known.
+            itself if no reference error is known [rad].
+        found_error: estimated error of readings without a stated error [rad]; NaN if all have one.
         independent: number of independent points.
-        points: what was fitted.
+        points: fitted points.
         residual: reference minus line [rad].
-        weight: of each point, 0 for an outlier.
-        length: points over which the residual is correlated [-].
+        weight: weight of each point, 0 for an outlier [-].
+        length: number of points over which the residual is correlated [-].
     """
 
     slope: float
@@ -66,12 +67,12 @@ class Line:
 
 
 class Problem(NamedTuple):
-    """What is fitted.
+    """The regression problem.
 
     Attributes:
-        series: the trials.
-        columns: what stands beside the slope, at given points.
-        layer: the elastomer, as it is known beforehand.
+        series: readings and frames of the trials.
+        columns: columns of the line in addition to the rotation.
+        layer: prior knowledge of the elastomer.
     """
 
     series: Sequence[Series]
@@ -80,7 +81,7 @@ class Problem(NamedTuple):
 
 
 class _State(NamedTuple):
-    """A line under way."""
+    """The line during the iteration."""
 
     slope: float
     coefficients: Float[np.ndarray, " columns"]
@@ -88,7 +89,7 @@ class _State(NamedTuple):
     layer: Layer
 
     def moved(self, change: np.ndarray, clocks: np.ndarray, numbers: np.ndarray) -> "_State":
-        """After a step of slope, coefficients and what is free of clocks and layer."""
+        """The state after a step of slope, coefficients, free clock offsets and free numbers."""
         parts = np.split(change, np.cumsum([1, len(self.coefficients), clocks.sum()]))
         offsets, values = self.offsets.copy(), self.layer.values
         offsets[clocks] += parts[2]
@@ -99,10 +100,10 @@ class _State(NamedTuple):
 
 
 class _Residual(NamedTuple):
-    """A line's residuals, over their errors, and their derivatives by its parameters."""
+    """Residuals of a line, also scaled by their errors, and their derivatives by its parameters."""
 
     points: Points
-    left: Float[np.ndarray, " points"]
+    plain: Float[np.ndarray, " points"]
     scaled: Float[np.ndarray, " points"]
     jacobian: Float[np.ndarray, "points parameters"]
 
@@ -112,9 +113,10 @@ def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
     points = gather_points(problem.series, state.offsets, state.layer)
     design = problem.columns(points)
     slope, clocks = state.slope, _free_clocks(problem)
-    left = points.reference - (slope * points.rotation - points.load + design @ state.coefficients)
+    line = slope * points.rotation - points.load + design @ state.coefficients
+    residual = points.reference - line
     error = total_error(points, slope, found_error)
-    columns = [points.rotation + slope * points.rotation_error**2 * left / error**2, *design.T]
+    columns = [points.rotation + slope * points.rotation_error**2 * residual / error**2, *design.T]
     columns += [-slope * points.rate * (points.trial == trial) for trial in np.flatnonzero(clocks)]
     for number in np.flatnonzero(problem.layer.errors):
         step = 1e-3 * (1.0 + abs(state.layer.values[number])) * np.eye(2)[number]
@@ -122,22 +124,23 @@ def _residual(problem: Problem, state: _State, found_error: float) -> _Residual:
             gather_points(problem.series, state.offsets, state.layer.at(state.layer.values + shift))
             for shift in (step, 0.0 * step)
         ]
-        first, last = (slope * one.rotation - one.load for one in ends)
+        first, last = (slope * end.rotation - end.load for end in ends)
         columns.append((first - last) / step.sum())
-    return _Residual(points, left, left / error, np.stack(columns, axis=1) / error[:, None])
+    jacobian = np.stack(columns, axis=1) / error[:, None]
+    return _Residual(points, residual, residual / error, jacobian)
 
 
 def _free_clocks(problem: Problem) -> Bool[np.ndarray, " trials"]:
-    """Whose clocks are free."""
-    return np.array([one.search > 0.0 for one in problem.series])
+    """Trials whose clock offset is fitted."""
+    return np.array([trial.search > 0.0 for trial in problem.series])
 
 
 def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> Line:
     """Fit the line by iteratively reweighted Gauss–Newton steps, from clock offsets near the truth.
 
     Args:
-        problem: what is fitted.
-        clock_offsets: to start from; those with a search of 0 stay.
+        problem: trials, columns and prior knowledge of the elastomer.
+        clock_offsets: initial clock offsets; those with a search of 0 are kept [s].
     """
     clocks, numbers = _free_clocks(problem), problem.layer.errors > 0.0
     offsets = np.array(clock_offsets, dtype=float)
@@ -147,12 +150,13 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
         now = _residual(problem, state, found_error)
         scale = _spread(now.scaled) if step else _spread(now.scaled, least=1e-12)
         weight = _weights(now.scaled / scale, huber=step < HUBER_STEPS)
-        known, pull = _prior(problem.layer, state.layer, scale, now.jacobian.shape[1])
-        information = now.jacobian.T @ (weight[:, None] * now.jacobian) + known
+        prior, pull = _prior(problem.layer, state.layer, scale, now.jacobian.shape[1])
+        information = now.jacobian.T @ (weight[:, None] * now.jacobian) + prior
         change = np.linalg.pinv(information, rcond=1e-13) @ (
             now.jacobian.T @ (weight * now.scaled) + pull
         )
-        found_error = _reference_error(now.points, now.left, state.slope + float(change[0]), weight)
+        slope = state.slope + float(change[0])
+        found_error = _reference_error(now.points, now.plain, slope, weight)
         state = state.moved(change, clocks, numbers)
         if step > HUBER_STEPS + 1 and np.abs(change).max() < 1e-7 * max(1.0, abs(state.slope)):
             break
@@ -162,18 +166,18 @@ def fit_line(problem: Problem, clock_offsets: Float[np.ndarray, " trials"]) -> L
 def _prior(
     before: Layer, now: Layer, scale: float, parameters: int
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """Information that was there beforehand, and its pull, by residuals of this scale."""
+    """Information of the prior and its pull on the parameters, for residuals of a scale."""
     free = before.errors > 0.0
-    known, pull = np.zeros((parameters, parameters)), np.zeros(parameters)
+    prior, pull = np.zeros((parameters, parameters)), np.zeros(parameters)
     if free.any():
         weight = (scale / before.errors[free]) ** 2
-        known[-len(weight) :, -len(weight) :] = np.diag(weight)
+        prior[-len(weight) :, -len(weight) :] = np.diag(weight)
         pull[-len(weight) :] = weight * (before.values - now.values)[free]
-    return known, pull
+    return prior, pull
 
 
 class Columns:
-    """What stands beside the slope: a column for each coefficient, at each point."""
+    """Columns of the line in addition to the rotation, one for each coefficient."""
 
     def __init__(
         self,
@@ -184,7 +188,7 @@ class Columns:
 
         Args:
             group: number of each trial's column; −1 for none.
-            factor: by which the coefficient counts in each trial.
+            factor: factor of the coefficient in each trial.
         """
         self.group, self.factor = group, factor
         self.count = int(self.group.max(initial=-1)) + 1
@@ -197,19 +201,19 @@ class Columns:
 
 
 def _describe(problem: Problem, state: _State, found_error: float) -> Line:
-    """The line at its solution, with the covariance of an M-estimate of correlated points."""
+    """The line at its solution, with the covariance of an M-estimate for correlated points."""
     now = _residual(problem, state, found_error)
     scaled, jacobian = now.scaled, now.jacobian
     scale = _spread(scaled)
     weight = _weights(scaled / scale)
     length = _correlated_length(np.where(weight > 0, scaled, 0.0), now.points.trial)
-    known, _ = _prior(problem.layer, state.layer, 1.0, jacobian.shape[1])
-    parameters = jacobian.shape[1] - np.count_nonzero(np.diag(known))
+    prior, _ = _prior(problem.layer, state.layer, 1.0, jacobian.shape[1])
+    parameters = jacobian.shape[1] - np.count_nonzero(np.diag(prior))
     independent = float((weight > 0).sum() / length)
     freedom = max(independent - parameters, 1.0)
     cut = scaled / (BIWEIGHT_CUT * scale)
     slope_of_psi = np.where(weight > 0, (1.0 - cut**2) * (1.0 - 5.0 * cut**2), 0.0)
-    psi = np.hypot(scaled * weight, 1e-9)  # exact readings get some error, too
+    psi = np.hypot(scaled * weight, 1e-9)  # exact readings get a small error, too
     # [Huber1981]: K² [Σψ²/(n−p)] / [mean ψ′]² (XᵀX)⁻¹, with the number of independent points
     gain = max(float(slope_of_psi.mean()), 0.05)
     bend = 1.0 + parameters / independent * float(slope_of_psi.var()) / gain**2
@@ -220,46 +224,52 @@ def _describe(problem: Problem, state: _State, found_error: float) -> Line:
         coefficients=state.coefficients,
         clock_offsets=state.offsets,
         layer=state.layer,
-        covariance=each * np.linalg.pinv(jacobian.T @ jacobian + each * known, rcond=1e-14),
+        covariance=each * np.linalg.pinv(jacobian.T @ jacobian + each * prior, rcond=1e-14),
         freedom=freedom,
         scale=scale,
         found_error=found_error,
         independent=independent,
         points=now.points,
-        residual=now.left,
+        residual=now.plain,
         weight=weight,
         length=length,
     )
 
 
-def total_error(points: Points, slope: float, found: float) -> Float[np.ndarray, " points"]:
-    """Error of reference minus slope · rotation; 1 where the scatter has to tell it first."""
-    mine = np.where(np.isfinite(points.reference_error), points.reference_error, found)
-    total = np.hypot(mine, slope * points.rotation_error)
+def total_error(points: Points, slope: float, estimated: float) -> Float[np.ndarray, " points"]:
+    """Error of reference minus slope · rotation; 1 until it is estimated from the scatter.
+
+    Args:
+        points: readings.
+        slope: slope of the line [-].
+        estimated: error of readings without a stated error; NaN before the first estimate [rad].
+    """
+    stated = np.where(np.isfinite(points.reference_error), points.reference_error, estimated)
+    total = np.hypot(stated, slope * points.rotation_error)
     return np.where(np.isfinite(total), total, 1.0)
 
 
 def _reference_error(
     points: Points, residual: np.ndarray, slope: float, weight: np.ndarray
 ) -> float:
-    """Error of the readings whose own is not known: what the rotation's error leaves of them."""
+    """Error of readings without a stated error: their scatter without the rotation's error."""
     unknown = ~np.isfinite(points.reference_error)
     if not unknown.any():
         return float("nan")
     spread = _spread(residual[unknown], least=1e-9)
-    mine = slope * float(np.median(points.rotation_error[unknown]))
-    return float(np.sqrt(max(spread**2 - mine**2, (0.1 * spread) ** 2)))
+    by_rotation = slope * float(np.median(points.rotation_error[unknown]))
+    return float(np.sqrt(max(spread**2 - by_rotation**2, (0.1 * spread) ** 2)))
 
 
 def _spread(values: Float[np.ndarray, " points"], least: float = 1e-9) -> float:
-    """Standard deviation of normal values, from the median deviation."""
+    """Standard deviation of normally distributed values, from the median deviation."""
     return max(1.4826 * float(np.median(np.abs(values))), least)
 
 
 def _weights(
     scaled: Float[np.ndarray, " points"], *, huber: bool = False
 ) -> Float[np.ndarray, " points"]:
-    """Tukey's biweight; Huber's weights, which have one minimum only, to start with."""
+    """Tukey's biweight; Huber's weights for the first steps, because they have a single minimum."""
     if huber:
         return 1.345 / np.maximum(np.abs(scaled), 1.345)
     return np.clip(1.0 - (scaled / BIWEIGHT_CUT) ** 2, 0.0, None) ** 2
@@ -268,9 +278,10 @@ def _weights(
 def _correlated_length(
     residual: Float[np.ndarray, " points"], trial: Int[np.ndarray, " points"]
 ) -> float:
-    """Points that count as one: 1 + 2Σρ over the first lags that are clearly correlated.
+    """Correlation length in points: 1 + 2Σρ over the first lags with significant correlation.
 
-    Of all trials together: one of twenty points would take its noise for correlation.
+    It is estimated from all trials together, because noise looks like correlation in a single trial
+    of twenty points.
     """
     parts = [residual[trial == number] for number in np.unique(trial)]
     parts = [part for part in parts if len(part) >= _LEAST_POINTS]
@@ -281,7 +292,7 @@ def _correlated_length(
     length = 1.0
     for lag in range(1, shortest // 3):
         shared = sum(part[lag:] @ part[:-lag] * len(part) / (len(part) - lag) for part in parts)
-        # the fit has taken some correlation off: 1/n for each parameter of a trial
+        # the fit has reduced the correlation by 1/n for each parameter of a trial
         rho = float(shared) / power + len(parts) / count
         if rho < _CORRELATED / np.sqrt(count):
             break

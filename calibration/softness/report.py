@@ -1,4 +1,4 @@
-"""Softness of objects from recordings and references: `python -m calibration softness`."""
+"""`python -m calibration softness`: fit objects to recordings and references; write a report."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -38,27 +38,28 @@ def gather_grasps(
     settings: ReferenceSettings,
     noise: Noise | None,
 ) -> list[Grasp]:
-    """Every recording with its reference and its object.
+    """Pair each recording with its reference and its object.
 
     Args:
-        recordings: the recordings.
+        recordings: recordings of grasps.
         references: a CSV for each recording, or `outline` once for all.
-        object_names: name of the object in each recording, or one for all.
-        settings: how the CSVs are read.
-        noise: of the markers; estimated from each recording unless given.
+        object_names: name of the object in each recording, or one name for all.
+        settings: options for reading the CSVs.
+        noise: noise of the markers; None to estimate it from each recording.
 
     Raises:
-        ValueError: numbers that do not match, or a reference that cannot be used.
+        ValueError: the numbers of recordings, references and names do not match, or a reference
+            cannot be used.
         OSError: a CSV cannot be read.
     """
     if not references:
         raise ValueError(f"no --reference: {NO_REFERENCE}")
     each = list(references) * (len(recordings) if len(references) == 1 else 1)
     named = list(object_names or ["object"]) * (len(recordings) if len(object_names) <= 1 else 1)
-    for what, found in (("references", each), ("objects", named)):
-        if len(found) != len(recordings):
+    for what, values in (("references", each), ("objects", named)):
+        if len(values) != len(recordings):
             raise ValueError(
-                f"{len(found)} {what} for {len(recordings)} recordings: give one for each"
+                f"{len(values)} {what} for {len(recordings)} recordings: give one for each"
             )
     if len(recordings) > 1 and len(references) == 1 and references[0] != "outline":
         raise ValueError(f"one CSV for {len(recordings)} recordings: give one for each")
@@ -82,28 +83,32 @@ def fit_objects(
     layer: Layer | None = None,
     track: Callable[[Iterable[Grasp]], Iterable[Grasp]] = iter,
 ) -> dict[str, SoftnessFit]:
-    """Each object by itself, and all of them together where there are several.
+    """Fit each object separately and, if there are several, all of them together.
 
     Args:
-        grasps: of all objects.
-        model: how L is taken, one of `LOAD_MODELS`; by BIC unless given.
-        clock_search: how far two clocks may be apart at most [s].
-        layer: the elastomer; a thick one unless given.
-        track: shows how far the work is.
+        grasps: grasps of all objects.
+        model: model of L, one of `LOAD_MODELS`; None to choose it by BIC.
+        clock_search: largest offset between two clocks [s].
+        layer: the elastomer; None for a thick one.
+        track: shows the progress.
+
+    Returns:
+        The fits by name of the object.
 
     Raises:
-        ValueError: what the grasps hold cannot give k.
+        ValueError: the grasps cannot determine k.
     """
     names = list(dict.fromkeys(grasp.object_name for grasp in grasps))
-    groups = {name: [one for one in grasps if one.object_name == name] for name in names}
+    groups = {name: [grasp for grasp in grasps if grasp.object_name == name] for name in names}
     if len(names) > 1:
         groups[POOLED] = list(grasps)
     if layer is not None:
-        if not all(one.reference.zeroed and one.reference.same_clock for one in grasps):
+        references = [grasp.reference for grasp in grasps]
+        if not all(reference.zeroed and reference.same_clock for reference in references):
             raise ValueError(
-                "for an elastomer of finite thickness, or a ball, the references must be CSVs that "
-                "count from the onset of contact on the recording's clock (--zeroed --same-clock); "
-                "--thickness-mm inf --radius-mm inf takes elastomer and object as half-spaces"
+                "an elastomer of finite thickness, or a ball, requires CSVs whose angles count "
+                "from the onset of contact on the recording's clock: use --zeroed --same-clock, or "
+                "treat both bodies as half-spaces with --thickness-mm inf --radius-mm inf"
             )
         if model not in (None, "none"):
             raise ValueError(
@@ -115,14 +120,14 @@ def fit_objects(
             for name, group in groups.items()
         }
     trials = {
-        id(one): make_trials(
-            one.recording, one.reference, object_name=one.object_name, noise=one.noise
+        id(grasp): make_trials(
+            grasp.recording, grasp.reference, object_name=grasp.object_name, noise=grasp.noise
         )
-        for one in track(grasps)
+        for grasp in track(grasps)
     }
     return {
         name: fit_softness(
-            [trial for one in group for trial in trials[id(one)]],
+            [trial for grasp in group for trial in trials[id(grasp)]],
             model=model,
             clock_search=clock_search,
         )
@@ -131,7 +136,11 @@ def fit_objects(
 
 
 def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
-    """Write `softness.toml`, one more file for each of several objects, a report and its figures.
+    """Write `softness.toml`, a file for each of several objects, a report and its figures.
+
+    Args:
+        fits: fits by name of the object.
+        out: folder to write to.
 
     Returns:
         Lines for the terminal.
@@ -158,8 +167,8 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
         title="Softness of objects",
         lead=[
             *lines,
-            "An object of stiffness ratio k turns by (1 + k) φ − L/2 where the elastomer turns by "
-            "φ and sticks to it (Eq. 13).",
+            "Where the elastomer sticks to the object and turns by φ, an object of stiffness ratio "
+            "k turns by (1 + k) φ − L/2 (Eq. 13).",
         ],
         lists=lists,
         tables=tables,
@@ -170,14 +179,15 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
     for name, fit in fits.items():
         file = "softness.toml" if name == main else f"{_file(name)}.toml"
         write_softness(fit.softness, out / file)
-    said = [f"  {line}" for fit in fits.values() for line in (*fit.undetermined, *fit.notes)]
-    return [*lines, *said]
+    remarks = [f"  {line}" for fit in fits.values() for line in (*fit.undetermined, *fit.notes)]
+    return [*lines, *remarks]
 
 
 CAPTION = (
-    "Left: reference against the elastomer's rotation, zeros and loads subtracted, with the line "
-    "of slope 1 + k. Middle: residuals of the line. Right: k of each grasp with its 95 % interval, "
-    "and that of all grasps (band)."
+    "Left: reference against the elastomer's rotation, without zeros and loads, and the fitted "
+    "line of slope 1 + k. Crosses have no weight. Middle: residuals of the line; a trend means "
+    "that the model does not fit. Right: k of each grasp with its 95 % interval, and k of all "
+    "grasps (line and band)."
 )
 
 
@@ -188,57 +198,70 @@ def write_two_fingers(
     clock_search: float,
     out: Path,
 ) -> list[str]:
-    """Write `first.toml` and `second.toml`, and a report, from two fingers without a reference.
+    """Fit k from two fingers without a reference; write `first.toml`, `second.toml` and a report.
+
+    Args:
+        recordings: recordings of the first and of the second finger.
+        ratio: k on the first finger over k on the second [-].
+        noise: noise of the markers; None to estimate it from each recording.
+        clock_search: largest offset between the fingers' clocks [s].
+        out: folder to write to.
 
     Returns:
         Lines for the terminal.
 
     Raises:
-        ValueError: not two recordings, or nothing that tells k.
+        ValueError: there are not two recordings, or they cannot determine k.
         OSError: a file cannot be written.
     """
     if len(recordings) != 2:
         raise ValueError(f"two fingers require two recordings, got {len(recordings)}")
-    none = Reference(np.zeros(0), np.zeros(0), np.zeros(0), False, False, "none")
-    first, second = (make_trials(one, none, noise=noise) for one in recordings)
+    no_reference = Reference(np.zeros(0), np.zeros(0), np.zeros(0), False, False, "none")
+    first, second = (make_trials(finger, no_reference, noise=noise) for finger in recordings)
     if len(first) != len(second):
-        raise ValueError(f"{len(first)} and {len(second)} contacts: record both fingers at once")
-    found = fit_two_fingers(first, second, ratio, clock_search)
-    lines = [
-        f"k on {one.name}: {made.stiffness_ratio:.4f} (95 %: {low:.4f} to {high:.4f})"
-        for one, made, low, high in zip(
-            recordings, (found.first, found.second), found.low, found.high, strict=True
+        raise ValueError(
+            f"the fingers have {len(first)} and {len(second)} contacts; record both fingers at once"
         )
+    fit = fit_two_fingers(first, second, ratio, clock_search)
+    fitted = zip(recordings, (fit.first, fit.second), fit.low, fit.high, strict=True)
+    lines = [
+        f"k on {finger.name}: {softness.stiffness_ratio:.4f} (95 %: {low:.4f} to {high:.4f})"
+        for finger, softness, low, high in fitted
     ]
     write_findings(
         out,
         {
             "two-fingers.png": (
-                plot_fit(found.fit),
-                "The softer finger's rotation over the other's.",
+                plot_fit(fit.fit),
+                "Left: rotation of the softer finger against that of the stiffer finger, with the "
+                "fitted line. Middle: its residuals. Right: slope of the line minus 1 for each "
+                "grasp, with 95 % intervals.",
             )
         },
         title="Softness from two fingers",
         lead=lines,
-        lists={"notes": found.fit.notes},
-        tables={"grasps": _grasps(found.fit)},
+        lists={"notes": fit.fit.notes},
+        tables={"grasps": _grasps(fit.fit)},
     )
-    write_softness(found.first, out / "first.toml")
-    write_softness(found.second, out / "second.toml")
+    write_softness(fit.first, out / "first.toml")
+    write_softness(fit.second, out / "second.toml")
     return lines
 
 
 def _state(fit: SoftnessFit) -> str:
-    """The result in a line."""
-    made, more = fit.softness, ""
-    if isinstance(made, LayeredSoftness):
-        radius = made.object_radius
-        ball = "" if radius == float("inf") else f" of a ball of {radius:.4g} mm"
-        more = f"{ball} on {made.thickness:.4g} mm, markers {made.depth:.4g} mm deep,"
+    """One line with the result."""
+    softness, more = fit.softness, ""
+    if isinstance(softness, LayeredSoftness):
+        radius = softness.object_radius
+        ball = "" if radius == float("inf") else f" of a ball of radius {radius:.4g} mm"
+        more = (
+            f"{ball} on an elastomer of {softness.thickness:.4g} mm with markers at "
+            f"{softness.depth:.4g} mm depth,"
+        )
     elif fit.model != "none":
-        error = made.covariance[1][1] ** 0.5
-        unit = "rad/N" if made.load_by_force else "rad"
-        more = f", L = {made.load_term:.4f} ± {1.96 * error:.4f} {unit} ({fit.model})"
+        error = softness.covariance[1][1] ** 0.5
+        unit = "rad/N" if softness.load_by_force else "rad"
+        more = f", L = {softness.load_term:.4f} ± {1.96 * error:.4f} {unit} ({fit.model})"
     return (
         f"k = {fit.stiffness_ratio:.4f} (95 %: {fit.low:.4f} to {fit.high:.4f}){more} from "
         f"{counted(len(fit.grasps), 'grasp', 'grasps')}"
@@ -246,7 +269,7 @@ def _state(fit: SoftnessFit) -> str:
 
 
 def summarise_fit(fit: SoftnessFit) -> dict[str, object]:
-    """The figures of a fit, ready for JSON."""
+    """Numbers of a fit for JSON."""
     return {
         "stiffness_ratio": fit.stiffness_ratio,
         "low": fit.low,
@@ -266,49 +289,49 @@ def summarise_fit(fit: SoftnessFit) -> dict[str, object]:
 def _grasps(fit: SoftnessFit) -> list[dict[str, object]]:
     return [
         {
-            "recording": one.name,
-            "object": one.object_name,
-            "k": round(one.stiffness_ratio, 4),
-            "standard error": round(one.standard_error, 4),
-            "L [rad]": None if np.isnan(one.load_term) else round(one.load_term, 5),
-            "clock offset [s]": round(one.clock_offset, 4),
-            "readings": one.points,
-            "without weight": one.outliers,
-            "frames left out": sum(one.excluded.values()),
+            "recording": grasp.name,
+            "object": grasp.object_name,
+            "k": round(grasp.stiffness_ratio, 4),
+            "standard error": round(grasp.standard_error, 4),
+            "L [rad]": None if np.isnan(grasp.load_term) else round(grasp.load_term, 5),
+            "clock offset [s]": round(grasp.clock_offset, 4),
+            "readings": grasp.points,
+            "without weight": grasp.outliers,
+            "frames left out": sum(grasp.excluded.values()),
         }
-        for one in fit.grasps
+        for grasp in fit.grasps
     ]
 
 
 def _candidates(fit: SoftnessFit) -> list[dict[str, object]]:
-    best = min(one.bic for one in fit.candidates)
+    best = min(candidate.bic for candidate in fit.candidates)
     return [
         {
-            "L": one.model + (" (chosen)" if one.model == fit.model else ""),
-            "parameters": one.parameters,
-            "BIC above the best": round(one.bic - best, 1),
-            "k": round(one.stiffness_ratio, 4),
-            "standard error": round(one.standard_error, 4),
+            "L": candidate.model + (" (chosen)" if candidate.model == fit.model else ""),
+            "parameters": candidate.parameters,
+            "BIC above the best": round(candidate.bic - best, 1),
+            "k": round(candidate.stiffness_ratio, 4),
+            "standard error": round(candidate.standard_error, 4),
         }
-        for one in fit.candidates
+        for candidate in fit.candidates
     ]
 
 
 def plot_fit(fit: SoftnessFit) -> Figure:
-    """The line, what it leaves, and k of each grasp."""
+    """Plot the line, its residuals, and k of each grasp."""
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
     line = fit.line
     rotation = np.degrees(line.points.rotation)
     residual = np.degrees(line.residual)
-    for i, one in enumerate(fit.grasps):
-        mine = line.points.trial == i
-        out = mine & (line.weight == 0)
+    for i, grasp in enumerate(fit.grasps):
+        own = line.points.trial == i
+        outliers = own & (line.weight == 0)
         for axis, values in ((left, line.slope * rotation + residual), (middle, residual)):
-            axis.plot(rotation[mine], values[mine], ".", ms=4, color=f"C{i % 10}", label=one.name)
-            axis.plot(rotation[out], values[out], "x", ms=6, color="0.3")
+            axis.plot(rotation[own], values[own], ".", ms=4, color=f"C{i % 10}", label=grasp.name)
+            axis.plot(rotation[outliers], values[outliers], "x", ms=6, color="0.3")
     ends = np.array([rotation.min(), rotation.max()])
     left.plot(ends, line.slope * ends, "k-", lw=1, label=f"1 + k = {line.slope:.3f}")
-    left.plot(ends, ends, "k:", lw=1, label="a rigid object")
+    left.plot(ends, ends, "k:", lw=1, label="rigid object")
     left.set_ylabel("object's angle [°]")
     left.legend(fontsize=7, frameon=False)
     middle.axhline(0.0, color="k", lw=1)
@@ -316,13 +339,13 @@ def plot_fit(fit: SoftnessFit) -> Figure:
     for axis in (left, middle):
         axis.set_xlabel("rotation φ of the elastomer [°]")
         axis.grid(alpha=0.3)
-    names = [one.name for one in fit.grasps]
+    names = [grasp.name for grasp in fit.grasps]
     right.axvspan(fit.low, fit.high, color="0.85")
     right.axvline(fit.stiffness_ratio, color="k", lw=1)
     right.errorbar(
-        [one.stiffness_ratio for one in fit.grasps],
+        [grasp.stiffness_ratio for grasp in fit.grasps],
         range(len(names)),
-        xerr=[1.96 * one.standard_error for one in fit.grasps],
+        xerr=[1.96 * grasp.standard_error for grasp in fit.grasps],
         fmt="o",
         ms=4,
         color="#08306b",
@@ -335,5 +358,5 @@ def plot_fit(fit: SoftnessFit) -> Figure:
 
 
 def _file(name: str) -> str:
-    """A name for a file."""
+    """A file name for an object."""
     return "".join(c if c.isalnum() or c in "-_" else "-" for c in name)

@@ -1,4 +1,4 @@
-"""One slope from several grasps, which may disagree.
+"""A common slope for several grasps that may disagree.
 
 [DerSimonian1986] R. DerSimonian, N. Laird, "Meta-analysis in clinical trials", for the scatter
 between grasps; [Hartung2001] J. Hartung, G. Knapp, Statistics in Medicine 20, for its interval.
@@ -14,11 +14,19 @@ from calibration.softness.regression import Line
 from calibration.softness.trials import Trial
 
 SCATTER_LEVEL = 0.02
-"""Chance of such disagreement between equal grasps below which they count as unequal."""
+"""p-value of the disagreement below which grasps count as unequal."""
 
 
 class Slope(NamedTuple):
-    """Slope over trials: its variance, freedom, the scatter between trials and its chance."""
+    """Common slope of trials.
+
+    Attributes:
+        value: slope [-].
+        variance: variance of the slope [-].
+        freedom: degrees of freedom.
+        scatter: standard deviation between trials beyond their errors [-].
+        chance: p-value of the disagreement between trials [-].
+    """
 
     value: float
     variance: float
@@ -28,14 +36,18 @@ class Slope(NamedTuple):
 
 
 def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) -> Slope:
-    """The common slope; where trials, or objects, disagree the mean of the scattered ones."""
+    """The common slope; if trials or objects disagree, the mean of their scattered slopes.
+
+    Args:
+        trials: fitted trials.
+        single: fit of each trial alone.
+        line: fit of all trials.
+    """
     common = Slope(line.slope, float(line.covariance[0, 0]), line.freedom, 0.0, float("nan"))
     names = sorted({trial.object_name for trial in trials})
+    pairs = list(zip(single, trials, strict=True))
     parts = [
-        _average(
-            [one for one, trial in zip(single, trials, strict=True) if trial.object_name == name]
-        )
-        for name in names
+        _average([alone for alone, trial in pairs if trial.object_name == name]) for name in names
     ]
     whole = parts[0] if len(parts) == 1 else _average(parts)
     if any(part.scatter for part in (*parts, whole)):
@@ -44,7 +56,7 @@ def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) 
 
 
 def _average(parts: Sequence[Line | Slope]) -> Slope:
-    """Mean of slopes, random effects where they disagree ([DerSimonian1986], [Hartung2001])."""
+    """Mean of slopes, with random effects if they disagree ([DerSimonian1986], [Hartung2001])."""
     slopes = np.array([part.slope if isinstance(part, Line) else part.value for part in parts])
     variances = np.array(
         [part.covariance[0, 0] if isinstance(part, Line) else part.variance for part in parts]

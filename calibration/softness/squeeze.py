@@ -1,11 +1,11 @@
-"""k from pressing alone: gripper travel against indentation, or the curvature of the contact.
+"""Fit k by pressing alone, from gripper travel and indentation or from the contact's curvature.
 
 [Johnson1985] K. L. Johnson, "Contact Mechanics", Sections 3.3 and 4.2: under one pressure two thick
-bodies share the approach as their (1−ν)/G, whatever the contact's shape. With δ_S the elastomer's
-share and δ_B the object's, k = G_S/G_B = (δ_B/δ_S) (1−ν_S)/(1−ν_B). Within a Hertz contact the
-elastomer takes the share δ_S/(δ_S+δ_B) of the relative curvature, too.
+bodies share the approach in proportion to (1−ν)/G, for any shape of the contact. With the
+elastomer's share δ_S and the object's δ_B, k = G_S/G_B = (δ_B/δ_S) (1−ν_S)/(1−ν_B). In a Hertz
+contact the elastomer also takes the share δ_S/(δ_S+δ_B) of the relative curvature.
 
-Poisson's ratio of the object is seldom known: the interval takes it anywhere in a range.
+Poisson's ratio of the object is seldom known, so the interval covers a range of it.
 """
 
 from dataclasses import dataclass
@@ -29,24 +29,24 @@ from estimation.softness import ScalarSoftness, write_softness
 
 FEWEST_READINGS = 5
 FARTHEST = 1e6
-"""Length beyond which a reading of a gripper is none [mm]."""
+"""Largest plausible reading of a gripper [mm]."""
 LEAST_MARKERS = 12
 FINITE_STRAIN = 0.01
-"""Standard error of the pad's share by the strain that Hertz leaves out (measured; tested)."""
+"""Standard error of the pad's share from the finite strain that Hertz omits (measured; tested)."""
 
 CORE_SHARE = 0.6
-"""Share of the contact's radius within which its curvature is read: outside the pad bends away."""
+"""Share of the contact's radius for measuring its curvature; further out the pad bends away."""
 
 
 class Evidence(NamedTuple):
-    """What the object's share was read from, for readers.
+    """Measurements behind the object's share, for readers.
 
     Attributes:
-        source: what it was found from.
-        x: what was measured first, for a figure.
-        y: what was measured against it.
-        line: intercept and slope of y over x that the share was read from.
-        labels: of both.
+        source: name of the measurement.
+        x: measured values along x of the figure.
+        y: measured values along y of the figure.
+        line: intercept and slope of the line through y over x that gives the share.
+        labels: labels of x and y.
         notes: remarks for readers, in sentences.
     """
 
@@ -60,15 +60,15 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True)
 class Squeeze:
-    """k from pressing.
+    """k fitted by pressing.
 
     Attributes:
-        stiffness_ratio: k with Poisson's ratio in the middle of its range [-].
-        low: lower end of the 95 % interval, Poisson's ratio at the end that lowers it [-].
-        high: upper end [-].
-        standard_error: of k, scatter only [-].
-        share: of the approach that the object takes, over the elastomer's [-].
-        evidence: what it was read from.
+        stiffness_ratio: k for the middle of the range of the object's Poisson's ratio [-].
+        low: lower end of the 95 % interval, for the Poisson's ratio that gives the lowest k [-].
+        high: upper end of the 95 % interval, for the Poisson's ratio that gives the highest k [-].
+        standard_error: standard error of k from scatter only [-].
+        share: the object's share of the approach over the elastomer's [-].
+        evidence: measurements behind the share.
     """
 
     stiffness_ratio: float
@@ -81,14 +81,14 @@ class Squeeze:
 
 @dataclass(frozen=True)
 class Bodies:
-    """What is known of the two bodies.
+    """Poisson's ratios of the two bodies.
 
     Attributes:
         poisson_ratio: ν of the elastomer [-].
-        object_poisson: least and greatest ν of the object [-].
+        object_poisson: smallest and largest ν of the object [-].
 
     Raises:
-        ValueError: a ratio that no solid has.
+        ValueError: a ratio is not from 0 to 0.5, or the object's ratios are not in order.
     """
 
     poisson_ratio: float = 0.48
@@ -99,12 +99,12 @@ class Bodies:
         low, high = self.object_poisson
         if not (0.0 <= self.poisson_ratio <= 0.5 and 0.0 <= low <= high <= 0.5):
             raise ValueError(
-                f"Poisson's ratios {self.poisson_ratio} and {self.object_poisson}; they must be "
-                "from 0 to 0.5, the lower end first"
+                f"Poisson's ratios are {self.poisson_ratio} and {self.object_poisson}; they must "
+                "be from 0 to 0.5, the lower end first"
             )
 
     def factor(self, poisson_ratio: float) -> float:
-        """k over δ_B/δ_S for an object of that ν."""
+        """k over δ_B/δ_S for a Poisson's ratio of the object [-]."""
         return (1.0 - self.poisson_ratio) / (1.0 - poisson_ratio)
 
 
@@ -116,17 +116,18 @@ def squeeze_by_travel(
     *,
     source: str = "travel",
 ) -> Squeeze:
-    """k from how far the gripper closes while the pads are pressed in.
+    """Fit k to the travel of the gripper and the indentation of the pads.
 
     Args:
-        travel: of the gripper since it touched, or before: only changes count [mm].
-        indentation: of one pad at its deepest marker [mm].
+        travel: travel of the gripper from any start; only changes count [mm].
+        indentation: indentation of one pad at its deepest marker [mm].
         bodies: Poisson's ratios.
-        pressing: how the gripper closes; two pads and a stiff gripper unless given.
-        source: for readers.
+        pressing: pads and stiffness of the gripper; None for two pads and a stiff gripper.
+        source: name of the measurement, for readers.
 
     Raises:
-        ValueError: too few readings, no pressing, or less travel than a rigid object takes.
+        ValueError: there are too few readings, the pads are not pressed in, or the travel is less
+            than for a rigid object.
     """
     pressing = pressing or Pressing()
     known = np.isfinite(travel) & np.isfinite(indentation)
@@ -138,17 +139,19 @@ def squeeze_by_travel(
             f"gripper over 0.3 mm or more, in {FEWEST_READINGS} steps"
         )
     if (farthest := np.abs([travel, indentation]).max()) > FARTHEST:
-        raise ValueError(f"{source}: a reading of {farthest:.3g} mm: are the readings in mm?")
+        raise ValueError(
+            f"{source}: a reading is {farthest:.3g} mm; check that the readings are in mm"
+        )
     design = np.stack([indentation, np.ones(len(indentation))], axis=1)
     inverse = np.linalg.inv(design.T @ design)
     slope, zero = inverse @ (design.T @ travel)
-    left = travel - design @ (slope, zero)
+    residual = travel - design @ (slope, zero)
     freedom = len(travel) - 2
-    error = float(np.sqrt(left @ left / freedom * inverse[0, 0])) / pressing.pads
+    error = float(np.sqrt(residual @ residual / freedom * inverse[0, 0])) / pressing.pads
     share = float(slope) / pressing.pads - pressing.rigid_slope
     notes = (
-        "the gripper's give and the pad's backing count as softness of the object unless a rigid "
-        "object's slope is given (--rigid-slope)",
+        "compliance of the gripper and of the pad's backing counts as softness of the object "
+        "unless the slope of a rigid object is given (--rigid-slope)",
         "two thick bodies are assumed; a thin pad is stiffer to pressing than to twisting",
     )
     labels = ("indentation of the pad [mm]", "travel of the gripper [mm]")
@@ -164,19 +167,22 @@ def squeeze_by_curvature(
     *,
     pad_radius: float = float("inf"),
 ) -> Squeeze:
-    """k from how much of the curvature of a sphere of known radius the pad takes on.
+    """Fit k to the pad's share of the curvature of a sphere of known radius.
 
     Args:
-        recording: of a sphere that is pressed on.
-        radius: of the object [mm].
+        recording: recording of a sphere pressed on the pad.
+        radius: radius of the sphere [mm].
         bodies: Poisson's ratios.
-        pad_radius: of a domed pad [mm].
+        pad_radius: radius of a domed pad; infinite for a flat pad [mm].
 
     Raises:
-        ValueError: no frame with enough markers in contact, or a pad bent more than the object.
+        ValueError: too few frames have enough markers in contact, or the pad is bent more than
+            the sphere.
     """
     if not (radius > 0.0 and pad_radius > 0.0):
-        raise ValueError(f"radii of {radius} and {pad_radius} mm; both must be above 0")
+        raise ValueError(
+            f"the radii of sphere and pad are {radius} and {pad_radius} mm; they must be above 0"
+        )
     relative = 1.0 / radius + 1.0 / pad_radius
     stencils = make_stencils(recording.layout)
     depth, bent = [], []
@@ -196,22 +202,22 @@ def squeeze_by_curvature(
         bent.append(-float(shape[3]) / relative)
     if len(bent) < FEWEST_READINGS:
         raise ValueError(
-            f"{recording.name}: {len(bent)} frames with {LEAST_MARKERS} markers well inside the "
-            "contact: press deeper, or take an object of larger radius"
+            f"{recording.name}: {len(bent)} frames have {LEAST_MARKERS} markers well inside the "
+            f"contact, {FEWEST_READINGS} are needed: press deeper, or use a sphere of larger radius"
         )
-    taken = np.array(bent)
+    share = np.array(bent)
     deep = np.array(depth) >= 0.5 * max(depth)
-    mean = float(np.median(taken[deep]))
-    spread = float(1.4826 * np.median(np.abs(taken[deep] - mean)))
-    freedom = max(int(deep.sum()) // 3 - 1, 1)  # errors hold on for three frames
+    mean = float(np.median(share[deep]))
+    spread = float(1.4826 * np.median(np.abs(share[deep] - mean)))
+    freedom = max(int(deep.sum()) // 3 - 1, 1)  # errors are correlated over three frames
     error = float(np.hypot(spread / np.sqrt(freedom + 1.0), FINITE_STRAIN))
     notes = (
-        "the radius, the marker depth and the scale enter in full: 1 % of either shifts the share "
-        "by 1 %; finite strain bends the pad by 1 to 2 % more, which the interval includes",
+        "an error of 1 % in the radius, the marker depth or the scale changes the share by 1 %; "
+        "finite strain bends the pad by 1 to 2 % more, which the interval includes",
     )
-    labels = ("indentation [mm]", "share of the curvature that the pad takes")
+    labels = ("indentation [mm]", "the pad's share of the curvature")
     source = f"curvature, {recording.name}"
-    evidence = Evidence(source, np.array(depth), taken, (mean, 0.0), labels, notes)
+    evidence = Evidence(source, np.array(depth), share, (mean, 0.0), labels, notes)
     return _conclude(1.0 / mean - 1.0, error / mean**2, freedom, bodies, evidence)
 
 
@@ -222,7 +228,7 @@ def _conclude(
     if share + half < 0.0:
         raise ValueError(
             f"{evidence.source}: the object's share over the elastomer's is "
-            f"{share:.3g} ± {half:.2g}, and a share cannot be negative: check scale, "
+            f"{share:.3g} ± {half:.2g}, but a share cannot be negative: check scale, "
             "radius, the number of pads and the slope of a rigid object"
         )
     least, most = (bodies.factor(ratio) for ratio in bodies.object_poisson)
@@ -240,11 +246,11 @@ def _conclude(
 def read_travel(
     path: Path,
 ) -> tuple[Float[np.ndarray, " readings"], Float[np.ndarray, " readings"]]:
-    """Travel and indentation [mm] from a CSV with columns travel_mm and indentation_mm.
+    """Read travel and indentation from a CSV with columns travel_mm and indentation_mm [mm].
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it has no such columns, or a value is no number.
+        ValueError: a column is missing, or a value is not a number.
     """
     names = ("travel_mm", "indentation_mm")
     rows = read_rows(path, names)
@@ -255,8 +261,12 @@ def read_travel(
     return travel, indentation
 
 
-def write_squeeze(found: Squeeze, out: Path) -> list[str]:
+def write_squeeze(squeeze: Squeeze, out: Path) -> list[str]:
     """Write `softness.toml`, `squeeze.png` and `report.html`.
+
+    Args:
+        squeeze: k fitted by pressing.
+        out: folder to write to.
 
     Returns:
         Lines for the terminal.
@@ -265,40 +275,47 @@ def write_squeeze(found: Squeeze, out: Path) -> list[str]:
         OSError: a file cannot be written.
     """
     # the interval is not symmetric; its half-width stands for the error
-    error = (found.high - found.low) / 2.0 / Z95
+    error = (squeeze.high - squeeze.low) / 2.0 / Z95
     softness = ScalarSoftness(
-        found.stiffness_ratio,
+        squeeze.stiffness_ratio,
         covariance=((error**2, 0.0), (0.0, 0.0)),
         provenance={
-            "squeeze": found.evidence.source,
-            "stiffness_ratio_95": [found.low, found.high],
+            "squeeze": squeeze.evidence.source,
+            "stiffness_ratio_95": [squeeze.low, squeeze.high],
         },
     )
     lines = [
-        f"k = {found.stiffness_ratio:.4f} (95 %, any Poisson's ratio of the object in its range: "
-        f"{found.low:.4f} to {found.high:.4f})",
-        f"the object takes {found.share:.4f} of the elastomer's deformation",
+        f"k = {squeeze.stiffness_ratio:.4f} (95 %: {squeeze.low:.4f} to {squeeze.high:.4f}, over "
+        "the range of the object's Poisson's ratio)",
+        f"the object's deformation is {squeeze.share:.4f} times the elastomer's",
     ]
     write_findings(
         out,
-        {"squeeze.png": (plot_squeeze(found), found.evidence.source)},
+        {
+            "squeeze.png": (
+                plot_squeeze(squeeze),
+                f"{squeeze.evidence.source}: measured values, and the line that gives k.",
+            )
+        },
         title="Softness from pressing",
         lead=lines,
-        lists={"notes": found.evidence.notes},
+        lists={"notes": squeeze.evidence.notes},
     )
     write_softness(softness, out / "softness.toml")
-    return [*lines, *found.evidence.notes]
+    return [*lines, *squeeze.evidence.notes]
 
 
-def plot_squeeze(found: Squeeze) -> Figure:
-    """What was measured, and the line through it."""
+def plot_squeeze(squeeze: Squeeze) -> Figure:
+    """Plot the measured values, and the line that gives k."""
     figure, axis = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
-    axis.plot(found.evidence.x, found.evidence.y, "o", ms=4, color="#08306b", label="measured")
-    ends = np.array([found.evidence.x.min(), found.evidence.x.max()])
-    zero, slope = found.evidence.line
-    axis.plot(ends, zero + slope * ends, color="#c1440e", label=f"k = {found.stiffness_ratio:.3g}")
+    axis.plot(squeeze.evidence.x, squeeze.evidence.y, "o", ms=4, color="#08306b", label="measured")
+    ends = np.array([squeeze.evidence.x.min(), squeeze.evidence.x.max()])
+    zero, slope = squeeze.evidence.line
+    axis.plot(
+        ends, zero + slope * ends, color="#c1440e", label=f"k = {squeeze.stiffness_ratio:.3g}"
+    )
     axis.legend(fontsize=8, frameon=False)
-    axis.set_xlabel(found.evidence.labels[0])
-    axis.set_ylabel(found.evidence.labels[1])
+    axis.set_xlabel(squeeze.evidence.labels[0])
+    axis.set_ylabel(squeeze.evidence.labels[1])
     axis.grid(alpha=0.3)
     return figure

@@ -1,4 +1,4 @@
-"""Trials: grasps of an object whose angle is known from elsewhere, as pairs of two angles."""
+"""Trials: grasps of an object with a known angle, as pairs of elastomer and object rotation."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from calibration.softness.references import Reference
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import Result, State
+from estimation.frames.names import counted
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import MarkerLayout, Recording
 from estimation.softness import RIGID_OBJECT, LayeredSoftness, disc_radius
@@ -18,28 +19,29 @@ from estimation.softness.lifting import Seen, displacement_as_seen
 from estimation.tracking.tracker import estimate_angles
 
 FEWEST_POINTS = 6
-"""Readings of one trial: slope, zero and clock leave three to tell the scatter."""
+"""Smallest number of readings of a trial: after slope, zero and clock, three remain for scatter."""
 
 FEWEST_ZEROED = 4
-"""Readings of one trial whose zero and clock are known: the slope leaves three."""
+"""Smallest number of readings of a trial with known zero and clock: three remain for scatter."""
 
 SLIP_TURN = np.radians(2.0)
 SLIP_SHARE = 0.1
 
 MOST_STILL = 2.0 / 3.0
-"""Share of the frames that stick in which the gel may stand still under the turning object."""
+"""Largest share of the frames with sticking markers in which the gel may stand still while the
+object turns."""
 
 METHOD = "incremental"
-"""It knows nothing of the object but what sticks to it: `tracked` asks the outline, too."""
+"""This method uses only sticking markers; `tracked` also uses the outline of the contact."""
 
 
 class Selection(NamedTuple):
-    """Which frames are used.
+    """Conditions for using a frame.
 
     Attributes:
-        least_stick: markers that must stick: with few the angle hangs on what cannot be seen to
-            slip [-].
-        least_turn_deg: of the elastomer, below which a frame is left out [deg].
+        least_stick: smallest number of sticking markers; with few markers, unnoticed slip changes
+            the angle [-].
+        least_turn_deg: smallest rotation of the elastomer [deg].
     """
 
     least_stick: int = 9
@@ -51,24 +53,24 @@ ALL_FIRM = Selection()
 
 @dataclass(frozen=True)
 class Trial:
-    """The rotation of an elastomer that an object stuck to, and the object's own angle.
+    """Rotation of an elastomer that sticks to an object, and the object's reference angle.
 
     Attributes:
-        name: of the recording.
+        name: name of the recording.
         object_name: name of the object.
         start: time of the recording's first frame [s].
-        time: of the usable frames [s].
-        rotation: φ of the markers that stick, lifted for `lifted_for` [rad, counter-clockwise].
-        error: its standard error [rad].
-        normal_force: in those frames [N]; NaN where unknown.
-        radius: of the contact in those frames [mm]; NaN where unknown.
-        reference: the object's angle.
-        excluded: frames that are not used, by why.
-        markers: number of the sensor's markers; 0 where unknown.
-        pitch: distance between them [mm]; NaN where unknown.
-        lifted_for: softness that the frames were lifted for; None on a thick elastomer.
-        seen: displacements of the markers in those frames; empty where they were not lifted.
-        held: sticking markers in all those frames together; 0 where unknown.
+        time: times of the used frames [s].
+        rotation: φ of the sticking markers, lifted for `lifted_for` [rad, counter-clockwise].
+        error: standard error of φ [rad].
+        normal_force: normal force in the used frames [N]; NaN if unknown.
+        radius: radius of the contact in the used frames [mm]; NaN if unknown.
+        reference: angle of the object.
+        excluded: number of unused frames, by reason.
+        markers: number of the sensor's markers; 0 if unknown.
+        pitch: distance between markers [mm]; NaN if unknown.
+        lifted_for: softness for which the frames were lifted; None for a thick elastomer.
+        seen: displacements of the markers in the used frames; empty without lifting.
+        held: number of sticking markers in all used frames together; 0 if unknown.
 
     Examples:
         >>> from calibration import Reference, make_trials
@@ -110,20 +112,20 @@ def make_trials(
     lifted_for: LayeredSoftness | None = None,
     selection: Selection = ALL_FIRM,
 ) -> list[Trial]:
-    """The trials of a recording, one for each contact: frames with sticking markers.
+    """Make the trials of a recording, one for each contact, from frames with sticking markers.
 
     Args:
-        recording: of an object that turns in the grasp.
-        reference: its angle.
+        recording: recording of an object that turns in the grasp.
+        reference: angle of the object.
         object_name: name of the object.
-        noise: of the markers; estimated from the recording unless given.
-        lifted_for: softness that the frames are lifted for before any fit: soft objects
-            on thin elastomers do not seem to stick to markers that are not lifted.
-        selection: which frames are used.
+        noise: noise of the markers; None to estimate it from the recording.
+        lifted_for: softness for which the frames are lifted before any fit. Without lifting, the
+            markers of a thin elastomer seem to slip on a soft object.
+        selection: conditions for using a frame.
 
     Raises:
-        ValueError: the recording is too short to tell its noise, no frame can be used, or the gel
-            stands still while the reference turns.
+        ValueError: the recording is too short to estimate its noise, no frame can be used, or the
+            gel stands still while the reference turns.
 
     Examples:
         >>> from calibration import Reference, make_trials
@@ -143,16 +145,16 @@ def make_trials(
     numbers, counts = _find_contacts(recording, frames, selection)
     short = counts < FEWEST_POINTS
     touches = numbers[short] if not short.all() else numbers[:0]
-    kept = np.setdiff1d(numbers, touches)
+    contacts = np.setdiff1d(numbers, touches)
     trials = []
-    for number in kept:
-        mine = frames.contact == number
-        rows = np.flatnonzero(mine & frames.usable)
-        excluded = Counter(frames.reason[i] for i in np.flatnonzero(mine & ~frames.usable))
+    for number in contacts:
+        own = frames.contact == number
+        rows = np.flatnonzero(own & frames.usable)
+        excluded = Counter(frames.reason[i] for i in np.flatnonzero(own & ~frames.usable))
         touched = int((frames.usable & np.isin(frames.contact, touches)).sum())
         if touched and not trials:
             excluded["of a touch too short to fit"] = touched
-        place = f", contact {len(trials) + 1}" if len(kept) > 1 else ""
+        place = f", contact {len(trials) + 1}" if len(contacts) > 1 else ""
         about = {"name": recording.name + place, "object_name": object_name, "reference": reference}
         trial = _make_trial(recording, result, rows, lifted_for, excluded=dict(excluded), **about)
         trials.append(trial)
@@ -166,7 +168,7 @@ def _make_trial(
     lifted_for: LayeredSoftness | None,
     **about: Any,
 ) -> Trial:
-    """The trial of some of the frames."""
+    """The trial from some frames of a recording."""
     return Trial(
         start=float(recording.time[0]),
         time=recording.time[rows],
@@ -179,7 +181,7 @@ def _make_trial(
 
 
 class _Frames(NamedTuple):
-    """What becomes of each frame."""
+    """Use of each frame: whether it is usable, why not, and its contact."""
 
     usable: Bool[np.ndarray, " frames"]
     still: Bool[np.ndarray, " frames"]
@@ -190,7 +192,7 @@ class _Frames(NamedTuple):
 def _sort_frames(
     recording: Recording, result: Result, reference: Reference, selection: Selection
 ) -> _Frames:
-    """Which frames are used, why the others are not, and the number of each one's contact."""
+    """Sort frames into usable and unusable ones, with reasons, and number their contacts."""
     rotation = _elastomer_rotation(result)
     sticks = result.stick.sum(axis=1)
     apart = np.array([state == State.NO_CONTACT for state in result.state])
@@ -215,23 +217,27 @@ def _sort_frames(
 def _find_contacts(
     recording: Recording, frames: _Frames, selection: Selection
 ) -> tuple[Int[np.ndarray, " contacts"], Int[np.ndarray, " contacts"]]:
-    """Numbers of the contacts with usable frames, and how many frames each has.
+    """Numbers of the contacts with usable frames, and the number of usable frames of each.
 
     Raises:
-        ValueError: there is none, or the gel stands still while the reference turns.
+        ValueError: no frame is usable, or the gel stands still while the reference turns.
     """
     still, used = np.count_nonzero(frames.still), np.count_nonzero(frames.usable)
     if still > MOST_STILL * (still + used):
         raise ValueError(
             f"{recording.name}: in {still} of {still + used} frames the gel stands still while the "
             "reference turns: it does not follow this object, or most of the recording is slip. "
-            "Check that both are of one grasp and on one clock, or press harder"
+            "Check that recording and reference belong to one grasp and share a clock, or press "
+            "harder"
         )
     if not used:
-        shown = ", ".join(f"{count} {reason}" for reason, count in Counter(frames.reason).items())
+        reasons = Counter(frames.reason).items()
+        shown = ", ".join(
+            f"{counted(count, 'frame', 'frames')} {reason}" for reason, count in reasons
+        )
         raise ValueError(
-            f"{recording.name}: no frame in which {selection.least_stick} markers stick and their "
-            f"rotation is known ({shown}): press harder, or turn less"
+            f"{recording.name}: no frame has {selection.least_stick} sticking markers and a known "
+            f"rotation ({shown}): press harder, or turn less"
         )
     return np.unique(frames.contact[frames.usable], return_counts=True)
 
@@ -240,12 +246,12 @@ _REASONS = {State.MACRO_SLIP: "in macro slip", State.NO_CONTACT: "without contac
 
 
 def _elastomer_rotation(result: Result) -> Float[np.ndarray, " frames"]:
-    """φ, before the softness that was applied [rad]."""
+    """Rotation φ of the elastomer, without the applied softness [rad]."""
     return (result.angle + 0.5 * result.load_term) / (1.0 + result.stiffness_ratio)
 
 
 def _describe_markers(layout: MarkerLayout) -> dict[str, Any]:
-    """Number of the sensor's markers, and the distance between them."""
+    """Number of the sensor's markers, and distance between neighbours."""
     points, first = layout.reference, layout.neighbours[:, 0]
     edges = np.linalg.norm(points[first] - points, axis=1)[first >= 0]
     return {
@@ -260,14 +266,14 @@ def _columns(
     rows: Int[np.ndarray, " rows"],
     lifted_for: LayeredSoftness | None,
 ) -> dict[str, Any]:
-    """The frames' columns of a trial."""
+    """Columns of a trial for the used frames."""
     layout, unknown = recording.layout, np.full(len(rows), np.nan)
     seen = []
     for row in rows if lifted_for is not None else ():
         moved = displacement_as_seen(layout, recording.positions[row], recording.valid[row])
-        known = np.isfinite(moved[:, 0])
+        visible = np.isfinite(moved[:, 0])
         points = layout.reference[:, :2]
-        seen.append(Seen(points[result.stick[row] & known], points[known], moved[known]))
+        seen.append(Seen(points[result.stick[row] & visible], points[visible], moved[visible]))
     planes = zip(recording.positions[rows][..., :2], result.contact[rows], strict=True)
     error = 0.5 * (result.high - result.low) / Z95 / (1.0 + result.stiffness_ratio)
     return {
@@ -284,20 +290,25 @@ def stands_still(
     rotation: Float[np.ndarray, " frames"],
     reference: Reference,
 ) -> Bool[np.ndarray, " frames"]:
-    """Frames in which the object turns and the gel does not: it slips, though nothing moves apart.
+    """Frames in which the object turns but the gel does not, so that it slips unnoticed.
 
-    A gel that turns by less than a tenth of what the object does would mean k above 9. Told only
-    where the two have one clock, over stretches in which the object turns by 2°.
+    A gel that turns by less than a tenth of the object's angle would mean k > 9. This is checked
+    only if both share a clock, over stretches in which the object turns by 2°.
+
+    Args:
+        time: times of the frames [s].
+        rotation: rotation of the elastomer [rad].
+        reference: angle of the object.
     """
     still = np.zeros(len(time), dtype=bool)
     known = np.isfinite(reference.angle)
     if not reference.same_clock or known.sum() < 2:
         return still
-    there = np.interp(
+    angle = np.interp(
         time, reference.time[known], reference.angle[known], left=np.nan, right=np.nan
     )
     for first in range(len(time)):
-        turned = np.abs(there[first:] - there[first])
+        turned = np.abs(angle[first:] - angle[first])
         far = np.flatnonzero(turned >= SLIP_TURN)
         if not len(far):
             continue

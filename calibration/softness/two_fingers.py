@@ -1,8 +1,8 @@
-"""k and the object's angle from two fingers of different stiffness, without any other reference.
+"""Fit k with two fingers of different stiffness, without another reference.
 
-Both fingers hold one object that does not twist in between: θ = (1 + k₁) φ₁ = (1 + k₂) φ₂ by Eq.
-(13) of [Li2024] (see `softness`) without load terms. If k₁/k₂ is known, because the object is the
-same and the elastomers are, their rotations tell k₂, and with it k₁ and θ.
+Both fingers hold one object that does not twist between them: θ = (1 + k₁) φ₁ = (1 + k₂) φ₂ by Eq.
+(13) of [Li2024] (see `softness`) without load terms. k₁/k₂ is known, because the object is the same
+and both elastomers are known. The two rotations then determine k₂, and with it k₁ and θ.
 """
 
 from collections.abc import Sequence
@@ -18,19 +18,19 @@ from estimation.estimators.measurement import Z95
 from estimation.softness import ScalarSoftness
 
 LEAST_DIFFERENCE = 0.05
-"""Difference of k₁/k₂ from 1 below which the fingers count as alike."""
+"""Difference of k₁/k₂ from 1 below which the fingers count as equal."""
 
 
 class TwoFingers(NamedTuple):
-    """Softness of one object on two sensors.
+    """Softness of one object on two fingers.
 
     Attributes:
-        first: on the first finger.
-        second: on the second.
-        low: lower ends of the 95 % intervals of both k [-].
-        high: upper ends; infinite where the data put no bound [-].
-        ratio: of the fingers' rotations, φ₂/φ₁, and its 95 % interval [-].
-        fit: of the second finger's rotation over the first's.
+        first: softness on the first finger.
+        second: softness on the second finger.
+        low: lower ends of the 95 % intervals of k₁ and k₂ [-].
+        high: upper ends of the 95 % intervals of k₁ and k₂; infinite without a bound [-].
+        ratio: lower end, estimate and upper end of φ₂/φ₁, the ratio of the fingers' rotations [-].
+        fit: fit of the softer finger's rotation over the stiffer finger's.
 
     Examples:
         >>> from calibration import Reference, fit_two_fingers, make_trials
@@ -59,16 +59,16 @@ class TwoFingers(NamedTuple):
 def fit_two_fingers(
     first: Sequence[Trial], second: Sequence[Trial], stiffness: float, clock_search: float = 1.0
 ) -> TwoFingers:
-    """Fit k on both fingers to how far they turn beside each other.
+    """Fit k on both fingers to the ratio of their rotations.
 
     Args:
         first: trials on the first finger; their references are not used.
         second: the same grasps on the second finger, in the same order.
         stiffness: k₁/k₂, which is G₁/G₂ for thick elastomers [-].
-        clock_search: how far the fingers' clocks may be apart at most [s].
+        clock_search: largest offset between the fingers' clocks [s].
 
     Raises:
-        ValueError: fingers alike, or rotations that no such pair of k explains.
+        ValueError: the fingers are equally stiff, or no pair of k explains the rotations.
 
     Examples:
         >>> from calibration import Reference, fit_two_fingers, make_trials
@@ -83,12 +83,11 @@ def fit_two_fingers(
         k = 0.80 and 0.20
     """
     if not (np.isfinite(stiffness) and stiffness > 0.0):
-        raise ValueError(f"k₁/k₂ is {stiffness}; it must be above 0")
+        raise ValueError(f"k₁/k₂ is {stiffness}; it must be a finite number above 0")
     if abs(stiffness - 1.0) < LEAST_DIFFERENCE:
         raise ValueError(
-            f"k₁/k₂ is {stiffness:g}: equal fingers turn alike whatever the object is, so k cannot "
-            "be determined; take a second pad of another stiffness or thickness, or a reference "
-            "angle"
+            f"k₁/k₂ is {stiffness:g}: equal fingers turn alike on every object, so k cannot be "
+            "determined; use a second pad of another stiffness or thickness, or a reference angle"
         )
     if stiffness < 1.0:  # let the first be the stiffer one, which turns less
         return _swap(fit_two_fingers(second, first, 1.0 / stiffness, clock_search))
@@ -96,15 +95,15 @@ def fit_two_fingers(
     slope = 1.0 + fit.stiffness_ratio
     if not slope < stiffness:
         raise ValueError(
-            f"the second finger turns {slope:.3g} times as far as the first, and with k₁/k₂ = "
-            f"{stiffness:g} no object explains more than {stiffness:g}: check k₁/k₂, which finger "
-            "is which, and that the object does not twist between them"
+            f"the second finger turns {slope:.3g} times as far as the first, but with k₁/k₂ = "
+            f"{stiffness:g} the ratio must be below {stiffness:g} for every object: check k₁/k₂, "
+            "the order of the fingers, and that the object does not twist between them"
         )
     ends = [max(_second_k(end, stiffness), 0.0) for end in (1.0 + fit.low, slope, 1.0 + fit.high)]
     error = 0.5 * (fit.high - fit.low) / Z95 * (stiffness - 1.0) / (stiffness - slope) ** 2
-    given = dict(fit.softness.provenance) | {"stiffness_of_fingers": stiffness}
+    provenance = dict(fit.softness.provenance) | {"stiffness_of_fingers": stiffness}
     first_k, second_k = (
-        ScalarSoftness(scale * ends[1], covariance=_of_k(scale * error), provenance=given)
+        ScalarSoftness(scale * ends[1], covariance=_of_k(scale * error), provenance=provenance)
         for scale in (stiffness, 1.0)
     )
     return TwoFingers(
@@ -118,49 +117,49 @@ def fit_two_fingers(
 
 
 def _of_k(error: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The covariance of (k, L) where only k has an error."""
+    """The covariance of (k, L) if only k has an error."""
     return (float(error**2), 0.0), (0.0, 0.0)
 
 
 def _fit_beside(
     first: Sequence[Trial], second: Sequence[Trial], clock_search: float
 ) -> SoftnessFit:
-    """The second finger's rotation over the first's."""
-    pairs = [_beside(one, two) for one, two in zip(first, second, strict=True)]
+    """Fit the second finger's rotation over the first's."""
+    pairs = [_beside(*pair) for pair in zip(first, second, strict=True)]
     try:
         return fit_softness(pairs, clock_search=clock_search)
     except ValueError as error:
         raise ValueError(
-            f"the second finger as reference of the first, which should turn less: {error}"
+            f"the second finger is the reference of the first, which should turn less: {error}"
         ) from error
 
 
-def _swap(found: TwoFingers) -> TwoFingers:
-    """The first finger as the second."""
-    low, centre, high = found.ratio
+def _swap(fingers: TwoFingers) -> TwoFingers:
+    """Swap the fingers of a result."""
+    low, centre, high = fingers.ratio
     return TwoFingers(
-        first=found.second,
-        second=found.first,
-        low=(found.low[1], found.low[0]),
-        high=(found.high[1], found.high[0]),
+        first=fingers.second,
+        second=fingers.first,
+        low=(fingers.low[1], fingers.low[0]),
+        high=(fingers.high[1], fingers.high[0]),
         ratio=(1.0 / high, 1.0 / centre, 1.0 / low),
-        fit=found.fit,
+        fit=fingers.fit,
     )
 
 
 def _second_k(ratio: float, stiffness: float) -> float:
-    """k₂ from φ₂/φ₁ = (1 + c k₂)/(1 + k₂), c = k₁/k₂; infinite from c on."""
+    """k₂ from φ₂/φ₁ = (1 + c k₂)/(1 + k₂), c = k₁/k₂; infinite if the ratio is c or more."""
     return (ratio - 1.0) / (stiffness - ratio) if ratio < stiffness else float("inf")
 
 
-def _beside(one: Trial, two: Trial) -> Trial:
-    """A trial of the first finger with the second's rotation, seen from the other side."""
+def _beside(first: Trial, second: Trial) -> Trial:
+    """A trial of the first finger with the opposite rotation of the second as its reference."""
     reference = Reference(
-        time=two.time,
-        angle=-two.rotation,
-        error=two.error,
+        time=second.time,
+        angle=-second.rotation,
+        error=second.error,
         zeroed=False,
         same_clock=False,
-        source=f"second finger {two.name}",
+        source=f"second finger {second.name}",
     )
-    return replace(one, reference=reference)
+    return replace(first, reference=reference)
