@@ -1,1 +1,1 @@
-"""What a run writes: tables, pictures, reports and videos."""
+"""Output of a run: tables, figures, reports and videos."""

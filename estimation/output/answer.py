@@ -1,4 +1,4 @@
-"""The answer of a run in words: how far the object turned, and whether it was held."""
+"""A run's answer in words: how far the object turned, and whether it was held."""
 
 from collections.abc import Sequence
 
@@ -19,22 +19,22 @@ def describe_run(run: Run) -> str:
 
 
 def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> str:
-    """Where the object turned to and back, each turning point with its 95 % interval.
+    """The turning points of the object's angle, each with its 95 % interval, as a phrase.
 
-    Motions are turns if they are beyond a fifth of the whole range and three half-widths.
+    A motion is a turn if it exceeds a fifth of the whole range and three half-widths.
 
     Args:
-        angle: of the object [rad]; NaN where unknown.
+        angle: angle of the object [rad]; NaN where unknown.
         low: lower end of its 95 % interval [rad].
-        high: upper end [rad].
-        most: turning points that are named; of more only the ends of the path are.
+        high: upper end of its 95 % interval [rad].
+        most: largest number of turning points to list; with more, only the extremes are listed.
     """
     known = np.flatnonzero(np.isfinite(angle))
     if not len(known):
         return "no angle"
     angles, lows, highs = (np.degrees(values[known]) for values in (angle, low, high))
     half_width = float(np.nanmedian(highs - lows)) / 2.0 if np.isfinite(lows).any() else 0.0
-    least = 0.2  # of what is called a turn [deg]
+    least = 0.2  # smallest turn [deg]
     turns = find_turns(angles, max(0.2 * float(np.ptp(angles)), 3.0 * half_width, least))
 
     def show(row: int) -> str:
@@ -47,16 +47,16 @@ def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> s
         swings = f"turned back and forth between {show(ends[0])} and {show(ends[1])}"
         return f"{swings}; last {show(len(angles) - 1)}"
     first, *others = map(show, turns)
-    back = [f"{'then' if number else 'back'} to {one}" for number, one in enumerate(others)]
+    back = [f"{'then' if number else 'back'} to {turn}" for number, turn in enumerate(others)]
     return ", ".join([f"turned to {first}", *back])
 
 
 def find_turns(values: Sequence[float] | np.ndarray, least: float) -> list[int]:
-    """Rows of the turning points of a path, its end among them; none if it goes nowhere.
+    """Rows of the turning points of a path, including its last extreme; empty without a turn.
 
     Args:
-        values: of the path; all known.
-        least: by which it must come back from a turning point.
+        values: values of the path, without NaN.
+        least: least change between two turning points, in the unit of the values.
     """
     turns: list[int] = []
     start = low = high = extreme = 0
@@ -79,7 +79,7 @@ def find_turns(values: Sequence[float] | np.ndarray, least: float) -> list[int]:
 
 
 def show_angle(angle: float, low: float, high: float) -> str:
-    """An angle with its 95 % interval, to the digit that this leaves [deg]."""
+    """An angle with its 95 % interval as text, rounded to significant digits [deg]."""
     below, above = angle - low, high - angle
     if not np.isfinite(below + above):
         return f"{_signed(angle, 1)}°"
@@ -103,7 +103,7 @@ def describe_outcome(run: Run) -> str:
     word = "first slipped" if outcome.slips > 1 else "slipped"
     dated = [slip for slip in run.slips if slip.certain and slip.onset <= outcome.onset]
     if np.isnan(outcome.probability) and dated:
-        # the one that was going on when macro slip was first seen
+        # the slip during which macro slip was first detected
         slip = dated[-1]
         words = f"{word} at {slip.onset - start:.2f} s"
         return words + (f", held again from {slip.regained - start:.2f} s" if slip.ended else "")
@@ -112,11 +112,12 @@ def describe_outcome(run: Run) -> str:
 
 
 def _describe_slide(run: Run) -> str:
-    """How far the object slid over the gel, as last known, where that is clearly not 0."""
+    """The last known slip of the object over the gel; empty unless it is clearly above 0."""
     known = np.flatnonzero(np.isfinite(run.shears.slip + run.shears.slip_error))
     if not len(known):
         return ""
-    slip, error = (float(one[known[-1]]) for one in (run.shears.slip, run.shears.slip_error))
+    last = known[-1]
+    slip, error = float(run.shears.slip[last]), float(run.shears.slip_error[last])
     if slip < 1.5 * error:
         return ""
     digits = _count_digits(error, 0)
@@ -125,7 +126,7 @@ def _describe_slide(run: Run) -> str:
 
 
 def _describe_turns_of(run: Run) -> str:
-    """The turns of the chosen method's angle, in each stretch that is counted from its own zero."""
+    """The turns of the chosen method's angle, in each stretch of frames with the same zero."""
     track = run.main
     if not track.answered.any():
         counts = count_missing(track).items()
@@ -145,18 +146,18 @@ def _describe_unknown(run: Run) -> str:
     """Why it is unknown whether the object was held."""
     track = run.main
     if RESTS_OR_SLIDES in track.reason:
-        return "held or slipped is unknown: it may have slid over gel at rest"
+        return "held or slipped is unknown: the object may have slid over gel at rest"
     if all(state in (State.NO_CONTACT, State.UNKNOWN) for state in track.state):
         return "nothing touched" if State.NO_CONTACT in track.state else "no frame could be used"
     return "held or slipped is unknown"
 
 
 def _count_digits(half: float, least: int) -> int:
-    """Digits behind the point that a half-width leaves: its first one, three at most."""
+    """Number of decimals up to a half-width's first significant digit, three at most."""
     return int(np.clip(np.ceil(-np.log10(max(half, 1e-9)) - 1e-6), least, 3))
 
 
 def _signed(value: float, digits: int) -> str:
-    """A number with its sign, and a minus that is as wide as a plus; 0 has none."""
+    """A number with its sign, with a typographic minus; 0 has no sign."""
     text = f"{value:+.{digits}f}"
     return text.lstrip("+-") if not float(text) else text.replace("-", "−")

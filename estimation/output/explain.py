@@ -1,4 +1,4 @@
-"""The settings of a run with units and meaning, as the docstrings of the settings have them."""
+"""The settings of a run with units and meanings, from the docstrings of the settings."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -15,10 +15,10 @@ class Explained(NamedTuple):
     """A setting of a run.
 
     Attributes:
-        name: as in `summary.json`.
-        value: as text.
-        unit: of the value; empty where it has none.
-        meaning: empty where nothing is said of it.
+        name: name as in `summary.json`.
+        value: value as text.
+        unit: unit of the value; empty if it has none.
+        meaning: meaning; empty if no docstring describes it.
     """
 
     name: str
@@ -31,39 +31,41 @@ def explain_settings(settings: Mapping[str, Any], method: str) -> list[Explained
     """Each setting of a run with its unit and meaning.
 
     Args:
-        settings: as in `summary.json`.
-        method: the chosen one.
+        settings: settings as in `summary.json`.
+        method: the chosen method.
     """
     owners: list[object] = [Settings, ContactSettings, AlertSettings, Known]
     kind = settings.get("softness", {}).get("kind")
     owners += [KINDS[kind]] if kind in KINDS else []
     owners += [type(method_settings(method))] if method in METHODS | RIVALS else []
-    said = {name: text for one in owners for name, text in describe_parameters(one).items()}
-    said |= {
-        "noise_in_plane": said["noise_um"],
+    meanings = {name: text for owner in owners for name, text in describe_parameters(owner).items()}
+    meanings |= {
+        "noise_in_plane": meanings["noise_um"],
         "noise_from": "source of the noise: given, the recording's first frames, or the misfit "
         "within each frame.",
         "kind": "kind of softness correction.",
     }
-    return [_explain(name, value, said) for name, value in _flatten(settings)]
+    return [_explain(name, value, meanings) for name, value in _flatten(settings)]
 
 
-def _explain(name: str, value: Any, said: Mapping[str, str]) -> Explained:
-    """A setting, named in the docstrings as it is here or without its unit."""
+def _explain(name: str, value: Any, meanings: Mapping[str, str]) -> Explained:
+    """A setting; docstrings describe it under its name, with or without the unit."""
     key = name.rpartition(".")[2]
     plain, _, suffix = key.rpartition("_")
-    meaning = said.get(key) or said.get(plain, "")
+    meaning = meanings.get(key) or meanings.get(plain, "")
     unit = re.search(r"\s*\[([^\[\]]+)\]", meaning)
     if unit is not None:
         meaning = meaning.replace(unit[0], "", 1)
-    in_name = "" if key in said or plain not in said else {"millipx": "px/1000"}.get(suffix, suffix)
+    in_name = ""
+    if key not in meanings and plain in meanings:
+        in_name = {"millipx": "px/1000"}.get(suffix, suffix)
     shown = in_name.replace("um", "µm") or (unit[1] if unit else "")
-    meaning = re.sub(r"^\w\w", lambda start: start[0].capitalize(), meaning)  # but not a symbol
+    meaning = re.sub(r"^\w\w", lambda start: start[0].capitalize(), meaning)  # not single symbols
     return Explained(name, _show(value), shown.strip("-"), meaning)
 
 
 def _flatten(settings: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Settings by name, those in tables by the names of both; empty tables are left out."""
+    """Settings by name; those in a table have its name as prefix, and empty tables are omitted."""
     for name, value in settings.items():
         if isinstance(value, Mapping):
             yield from _flatten(value, f"{before}{name}.")

@@ -1,4 +1,4 @@
-"""What was found in a recording or stream, put together from the record of its frames."""
+"""The results of a run over a recording or stream, assembled from the record of its frames."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,11 +19,11 @@ from estimation.slip.shear import Outcome, ShearPath, conclude
 
 
 class Known(NamedTuple):
-    """What is known of a virtual recording.
+    """The truth of a virtual recording.
 
     Attributes:
-        angle: the object's [rad, counter-clockwise]; NaN before it touched.
-        stick_markers: how many have stuck ever since they were under full load.
+        angle: angle of the object [rad, counter-clockwise]; NaN before it touched.
+        stick_markers: number of markers that have stuck ever since full load.
     """
 
     angle: Float[np.ndarray, " frames"]
@@ -31,14 +31,14 @@ class Known(NamedTuple):
 
 
 class Tracks(Mapping[str, Track]):
-    """The answers by method, read and made when they are asked for; the chosen one's are kept."""
+    """Answers by method, read on demand; only the chosen method's answers stay in memory."""
 
     def __init__(self, methods: Sequence[str], make: Callable[[str], Track]) -> None:
-        """Make it.
+        """Read the answers of the chosen method.
 
         Args:
-            methods: the chosen one first.
-            make: the answers of one.
+            methods: names of the methods, the chosen one first.
+            make: returns the answers of a method.
         """
         self._methods, self._make = tuple(methods), make
         self._main = make(self._methods[0])
@@ -56,32 +56,32 @@ class Tracks(Mapping[str, Track]):
         return iter(self._methods)
 
     def __len__(self) -> int:
-        """How many there are."""
+        """The number of methods."""
         return len(self._methods)
 
 
 @dataclass(frozen=True)
 class Run:
-    """What was found in a recording or stream.
+    """The results of a run over a recording or stream.
 
     Attributes:
-        name: of the recording.
-        source: where its frames come from.
-        convention: how its axes lie.
-        unit: of lengths, mm or px.
-        reference: of its markers [unit].
-        settings: what the run was told, for the summary.
-        sha256: of what the angles were computed from.
-        notes: remarks for readers of the angles, in sentences.
-        results: by method, all over the same frames, the chosen one first.
+        name: name of the recording.
+        source: origin of its frames.
+        convention: directions of its axes.
+        unit: unit of lengths, mm or px.
+        reference: unloaded positions of its markers [unit].
+        settings: settings of the run, for the summary.
+        sha256: hash of the inputs of the angles.
+        notes: notes about the angles, in sentences.
+        results: tracks by method, all over the same frames, the chosen method first.
         method: the chosen method.
         outline: direction of the contact's long axis, or rotation of the imprint [rad].
         imprint: rotation of the imprint [rad]; NaN where unknown.
-        markers: of some of the frames, or of all.
-        truth: of a virtual recording.
-        slips: when macro slip began, by the whole recording.
+        markers: returns the stored markers, of some or all frames.
+        truth: truth of a virtual recording; otherwise None.
+        slips: macro slips, by the whole recording.
         margin: angle and moment that remain before macro slip, by the chosen method.
-        shears: of the gel, and whether the object slips along it, in each frame.
+        shears: shear of the gel and slip of the object along it, in each frame.
         grips: friction and alerts, in each frame.
     """
 
@@ -111,7 +111,7 @@ class Run:
 
     @property
     def turns(self) -> str:
-        """What `outline` is the direction of."""
+        """The object of which `outline` is the direction."""
         return "imprint" if np.isfinite(self.imprint).any() else "contact outline"
 
     @property
@@ -121,7 +121,7 @@ class Run:
 
 
 def find_in_record(record: RecordReader) -> Run:
-    """What was found, looking back over all frames.
+    """The results of a record, in view of all its frames.
 
     Raises:
         ValueError: the record has no frames, or is damaged.
@@ -176,7 +176,7 @@ def find_in_record(record: RecordReader) -> Run:
 
 
 def _progress_notes(about: Mapping[str, Any], frames: int) -> tuple[str, ...]:
-    """How far a run has got that goes on, or was cut off."""
+    """Progress of a run that is going on or was interrupted."""
     if about["complete"]:
         return ()
     done = f"{frames} of {about['total']}" if about["total"] else str(frames)
@@ -184,7 +184,7 @@ def _progress_notes(about: Mapping[str, Any], frames: int) -> tuple[str, ...]:
 
 
 def _reference_notes(track: Track) -> tuple[str, ...]:
-    """What the angles are relative to, where that is not plain."""
+    """The shape or frame that the angles are relative to."""
     states = [state for state in track.state if state != State.UNKNOWN]
     if not states:
         return ("No frame of this recording can be used.",)
@@ -195,24 +195,23 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
         first = next(i for i, state in enumerate(track.state) if state != State.UNKNOWN)
         if track.anew[first]:
             return (
-                start + ", and how far the object had turned before is unknown: all angles count "
-                "from that frame.",
+                start + ", and the object's earlier rotation is unknown: all angles count from "
+                "that frame.",
             )
         return (
             start + ": angles are relative to the unloaded reference shape that came with the "
-            "recording, not to that frame, and what the object turned before it stuck is not in "
-            "them.",
+            "recording, not to that frame, and exclude rotation before the object stuck.",
         )
     return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
 
 
 def _softness_notes(track: Track) -> tuple[str, ...]:
-    """Where the object's softness is told beyond the contacts that it was found on."""
+    """A note on angles of contacts outside the range of the softness, if any."""
     beyond = int((track.answered & ~track.covered).sum())
     if not beyond:
         return ()
     return (
-        f"{beyond} of {int(track.answered.sum())} angles are of contacts unlike those that the "
-        "softness was found on (turned further, pressed otherwise or of another size): they and "
-        "their intervals are extrapolated.",
+        f"{beyond} of {int(track.answered.sum())} angles are of contacts unlike those of the "
+        "softness measurement (larger rotation, other force or other size): these angles and their "
+        "intervals are extrapolated.",
     )

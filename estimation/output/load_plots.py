@@ -1,4 +1,4 @@
-"""Pictures of what a contact carries, beside its limit."""
+"""Figures of a contact's load against its limit: moment and friction."""
 
 from collections.abc import Mapping
 
@@ -14,10 +14,10 @@ ALERT_COLOURS = {Level.WATCH: "#f2c14e", Level.ACT: "#f2803a", Level.SLIPS: "#c9
 
 
 def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
-    """Moment against angle, and the branch of partial-slip torsion fitted while it held.
+    """Moment against angle, and the fitted curve of partial-slip torsion.
 
     Args:
-        results: by name, with moments and the branch, if it is known.
+        results: track with moments, and the fitted branch or None, by name.
     """
     size = (5.2 * len(results), 4.2)
     figure, axes = plt.subplots(1, len(results), figsize=size, squeeze=False, layout="constrained")
@@ -44,10 +44,10 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
 
 
 def plot_friction(track: Track, grips: GripPath) -> Figure:
-    """Friction in use over time beside the coefficient, and what a gripper was told.
+    """Friction in use and friction coefficient over time, and the alerts.
 
     Args:
-        track: of the chosen method.
+        track: track of the chosen method.
         grips: friction and alerts.
     """
     time = track.time - track.time[0]
@@ -58,8 +58,8 @@ def plot_friction(track: Track, grips: GripPath) -> Figure:
         time, grips.friction_low, grips.friction_high, color="#b2182b", alpha=0.2, lw=0
     )
     for level, colour in ALERT_COLOURS.items():
-        told = np.array([one == level for one in grips.level])
-        bar = np.where(told, 0.0, np.nan)
+        alerted = np.array([shown == level for shown in grips.level])
+        bar = np.where(alerted, 0.0, np.nan)
         axis.plot(time, bar, color=colour, lw=6, solid_capstyle="butt", label=f"alert: {level}")
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("time [s]")

@@ -1,4 +1,4 @@
-"""Why frames have no angle, in a few words and counts."""
+"""Counts of frames without an angle, by reason."""
 
 from collections import Counter
 
@@ -9,7 +9,7 @@ from estimation.slip.lookback import RESTS_OR_SLIDES
 
 
 def count_missing(result: Track) -> dict[str, int]:
-    """How many frames have no angle, by the reason; the most frequent reason first."""
+    """Number of frames without an angle by reason, the most frequent reason first."""
     touched = np.maximum.accumulate([state != State.NO_CONTACT for state in result.state])
     missing = np.flatnonzero(~result.answered)
     counts = Counter(_name_reason(result, int(row), bool(touched[row])) for row in missing)
@@ -17,11 +17,11 @@ def count_missing(result: Track) -> dict[str, int]:
 
 
 def describe_answers(result: Track, most: int = 3) -> str:
-    """How many frames are answered, in which states, and why the others are not.
+    """Number of frames with an angle by state, and of frames without one by reason, as a phrase.
 
     Args:
-        result: of one method.
-        most: reasons that are named; frames with a rarer one are counted together.
+        result: track of one method.
+        most: number of reasons to list; frames with rarer reasons are counted together.
     """
     answered = result.answered
     states = Counter(state for state, has in zip(result.state, answered, strict=True) if has)

@@ -1,4 +1,4 @@
-"""What a run of several recordings writes: them side by side, and two fingers as one grasp."""
+"""Output of a run over several recordings: the overview, and two fingers as one grasp."""
 
 import csv
 import io
@@ -33,13 +33,13 @@ def write_overview(
 ) -> None:
     """Write `overview.png` and `report.html`: the angles of several recordings side by side.
 
-    Of a grasp also `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`.
+    For a grasp, also `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`.
 
     Args:
-        done: runs over recordings named after the folders in `folder` that hold their reports, and
-            the summary of each.
-        folder: to write to.
-        grasp: two of them brought together as the fingers of a grasp, the first's clock for both.
+        done: run and summary of each recording. The recordings are named after the folders in
+            `folder` that hold their reports.
+        folder: folder to write to.
+        grasp: the two recordings compared as the fingers of a grasp, on the first one's clock.
         note: a sentence for the head of the report.
 
     Raises:
@@ -78,7 +78,7 @@ def write_overview(
 
 
 def describe_grasp(grasp: Grasp) -> str:
-    """How far the object turned by both fingers, in a sentence."""
+    """A sentence on the object's rotation by both fingers, and on their difference."""
     turns = describe_turns(grasp.joint, grasp.low, grasp.high)
     differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
     aligned = "" if grasp.own_clocks else ", their clocks aligned"
@@ -86,14 +86,14 @@ def describe_grasp(grasp: Grasp) -> str:
 
 
 def _count_outcomes(runs: Sequence[Run]) -> str:
-    """How many recordings were held, and how many slipped."""
+    """The number of recordings by outcome."""
     words = Counter(run.outcome.word for run in runs)
     counts = ", ".join(f"{n} {word}" for word, n in words.most_common())
     return f"Of {len(runs)} recordings {counts}"
 
 
 def _describe_grasp(grasp: Grasp, runs: Mapping[str, Run]) -> dict[str, Any]:
-    """The figures of a grasp, ready for JSON: None where there is no number."""
+    """The figures of a grasp for JSON; None for a missing number."""
     first, second = runs
     return {
         "first": first,
@@ -135,7 +135,7 @@ def _describe_fit(fit: Fit) -> dict[str, Any]:
 
 
 def _comparison(grasp: Grasp) -> str:
-    """Both fingers and the joint angle as CSV, a row for each frame of the first."""
+    """Both fingers' angles and the joint angle as CSV, one row for each frame of the first."""
     comparison_columns = (
         "time_s",
         "first_deg",
@@ -156,7 +156,7 @@ def _comparison(grasp: Grasp) -> str:
 
 
 def _sample(grasp: Grasp, count: int = 11) -> list[dict[str, float | bool | None]]:
-    """The joint angle and the fingers' difference at some frames, evenly spaced [°, s]."""
+    """The joint angle and the fingers' difference at evenly spaced frames [°, s]."""
     known = np.flatnonzero(np.isfinite(grasp.joint))
     spaced = np.linspace(0, len(known) - 1, min(count, len(known))).astype(int)
     difference = grasp.second - grasp.first

@@ -1,7 +1,7 @@
-"""What a report plays: curves over the frames, and markers and pictures of some of them.
+"""Content of a report's player: curves over all frames, markers and pictures of some of them.
 
-All of it is plain values, ready for JSON; `templates/player.js` shows it and `templates/draw.js`
-draws it.
+The content consists of plain values for JSON. `templates/player.js` plays it, and
+`templates/draw.js` draws it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,22 +32,26 @@ def describe_play(
     most_frames: int = 4000,
     most_bytes: float = 3e6,
 ) -> dict[str, Any]:
-    """What the page plays of a run.
+    """The content of the player for a run.
 
     Args:
-        run: over a recording.
+        run: run over a recording.
         references: other angles over the same frames, by label [rad].
-        most_frames: frames that the curves have at most; of more every second, fourth, … is taken.
-        most_bytes: size of markers and pictures, of which fewer frames have them then [bytes].
+        most_frames: largest number of frames in the curves; of more frames, every second, fourth, …
+            is taken.
+        most_bytes: largest total size of markers and pictures, which limits the number of frames
+            that have them [bytes].
     """
     main, count = run.main, len(run.main.time)
     step = 1
     while count > step * most_frames:
-        step *= 2  # as the record does, whose markers are of such frames
+        step *= 2  # the record stores markers of every second, fourth, … frame too
     rows = np.arange(0, count, step)
     alerts = run.grips.level or ("",) * count
-    kept = [
-        one for one in run.markers() if not one.row % step and len(one.turned) == len(run.reference)
+    stored = [
+        markers
+        for markers in run.markers()
+        if not markers.row % step and len(markers.turned) == len(run.reference)
     ]
     return {
         "colours": page_colours(),
@@ -57,14 +61,14 @@ def describe_play(
         "reasons": _runs(main.reason[row] for row in rows),
         "alerts": _runs(str(alerts[row]) for row in rows),
         "curves": _describe_curves(run, references, rows),
-        "scenes": _describe_scenes(run, kept, step, most_bytes),
+        "scenes": _describe_scenes(run, stored, step, most_bytes),
     }
 
 
 def _describe_curves(
     run: Run, references: Mapping[str, Values], rows: Int[np.ndarray, " rows"]
 ) -> list[dict[str, Any]]:
-    """The curves from above, each as `drawCurve` takes it; what sticks is in the second one."""
+    """The curves from top to bottom, in the form that `drawCurve` takes."""
     main = run.main
     lines = [
         {
@@ -102,22 +106,22 @@ def _describe_curves(
 
 
 def _describe_scenes(
-    run: Run, kept: Sequence[KeptMarkers], step: int, most_bytes: float
+    run: Run, stored: Sequence[KeptMarkers], step: int, most_bytes: float
 ) -> list[dict[str, Any]]:
-    """Some frames as `drawMarkers` takes them, evenly spread: those with a picture, if any."""
-    kept = [one for one in kept if one.picture] or kept
-    if not kept:
+    """Evenly spread frames in the form that `drawMarkers` takes; frames with pictures, if any."""
+    stored = [markers for markers in stored if markers.picture] or stored
+    if not stored:
         return []
-    first = _describe_scene(run, kept[0], step)
+    first = _describe_scene(run, stored[0], step)
     each = len(str(first))
-    count = int(min(max(most_bytes / each, 2), len(kept)))
-    chosen = np.unique(np.linspace(0, len(kept) - 1, count).astype(int))
-    return [_describe_scene(run, kept[i], step) for i in chosen]
+    count = int(min(max(most_bytes / each, 2), len(stored)))
+    chosen = np.unique(np.linspace(0, len(stored) - 1, count).astype(int))
+    return [_describe_scene(run, stored[i], step) for i in chosen]
 
 
 def _describe_scene(run: Run, markers: KeptMarkers, step: int) -> dict[str, Any]:
-    """A frame: its picture, or the field of its markers as the source sees it."""
-    spots, size, picture = markers.spots, None, None  # that of the picture
+    """A frame with its picture, or with the field of its markers as the source sees it."""
+    spots, size, picture = markers.spots, None, None  # no size: that of the picture
     if spots is None or markers.picture is None:
         field = Field.around(run.reference, points_down(run.convention))
         spots, size = field.place(markers.positions)[None], field.size
@@ -129,7 +133,7 @@ def _describe_scene(run: Run, markers: KeptMarkers, step: int) -> dict[str, Any]
 
 
 def _runs(words: Iterable[str]) -> list[tuple[int, str]]:
-    """From which frame on each word holds."""
+    """The first frame of each run of equal words, and the word."""
     runs, first = [], 0
     for word, same in groupby(words):
         runs.append((first, word))

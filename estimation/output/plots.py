@@ -1,4 +1,4 @@
-"""Pictures of recordings and results; each function returns a Matplotlib figure."""
+"""Figures of recordings and results; each function returns a Matplotlib figure."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -25,13 +25,13 @@ def plot_angles(
     method: str,
     references: Mapping[str, Float[np.ndarray, " frames"]] | None = None,
 ) -> Figure:
-    """Angle, markers that stick and moment over time; the state as coloured background.
+    """Angle, sticking markers and moment over time, with the state as background colour.
 
-    The axis of the angle holds the chosen method's answers; the others may leave it.
+    The axis of the angle is scaled to the chosen method; other curves may exceed it.
 
     Args:
-        results: by method.
-        method: the one drawn with its interval and state.
+        results: tracks by method.
+        method: the chosen method, drawn with its interval and state.
         references: other angles over the same frames, by label [rad].
 
     Examples:
@@ -83,7 +83,7 @@ def plot_angles(
 
 
 def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> None:
-    """A legend of an axis's curves and of the states behind them, beside the figure."""
+    """Add a legend of an axis's curves and background colours, beside the axes."""
     handles, labels = axis.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in states]
     handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
@@ -92,12 +92,12 @@ def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> None:
 
 
 def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Figure:
-    """Rotation, stick and slip, and curl of the slip at chosen frames, seen from the object.
+    """Maps of rotation, of stick and slip, and of the slip's curl, seen from the object.
 
     Args:
         recording: the recording.
-        result: of one method.
-        frames: rows of the recording.
+        result: result of one method.
+        frames: rows of the recording to draw.
 
     Examples:
         >>> from estimation import estimate_angles, plot_maps, simulate_pivot
@@ -132,27 +132,27 @@ def plot_markers(
     *,
     down: bool = False,
 ) -> Figure:
-    """Rotation, stick and slip, and curl of the slip in frames whose markers are kept.
+    """Maps of rotation, of stick and slip, and of the slip's curl in frames with stored markers.
 
     Args:
         reference: markers at rest.
-        unit: of their positions.
-        track: of the method that tells what sticks.
-        markers: of the frames.
-        down: whether y points down, so that the maps lie as the pictures do.
+        unit: unit of their positions.
+        track: track of the method that detected the sticking markers.
+        markers: stored markers of the frames.
+        down: whether y points down, so that the maps have the orientation of the pictures.
     """
     figure, axes = _make_maps(len(markers), reference, down)
-    rotation = np.degrees([np.where(one.contact, one.turned, np.nan) for one in markers])
+    rotation = np.degrees([np.where(frame.contact, frame.turned, np.nan) for frame in markers])
     rotation_scale = _colour_scale(rotation)
-    curl = np.stack([_curl(track, one) for one in markers])
+    curl = np.stack([_curl(track, frame) for frame in markers])
     curl_scale = _colour_scale(curl)
     x, y = reference[:, 0], reference[:, 1]
-    for column, one in enumerate(markers):
+    for column, frame in enumerate(markers):
         top, middle, bottom = axes[:, column]
-        since = track.time[one.row] - track.time[0]
-        top.set_title(f"{since:.2f} s\n{track.state[one.row]}", fontsize=9)
+        since = track.time[frame.row] - track.time[0]
+        top.set_title(f"{since:.2f} s\n{track.state[frame.row]}", fontsize=9)
         for kind, sign in zip(MARKER_COLOURS, "ox.", strict=True):
-            which = marker_signs(one.stick, one.contact) == sign
+            which = marker_signs(frame.stick, frame.contact) == sign
             middle.scatter(x[which], y[which], c=MARKER_COLOURS[kind], marker=sign, s=14)
         _scatter(top, x, y, rotation[column], rotation_scale)
         _scatter(bottom, x, y, curl[column], curl_scale)
@@ -177,11 +177,11 @@ def plot_overview(
 ) -> Figure:
     """Angles of several recordings and of their contact outlines, each on its own clock.
 
-    An outline, or an imprint, has no zero of its own: its curve starts on that of the markers.
+    An outline or imprint has no zero, so its curve starts on that of the markers.
 
     Args:
-        results: by recording.
-        outlines: what has been followed beside the markers, and its angle [rad], by recording.
+        results: tracks by recording.
+        outlines: label and angle [rad] of the outline or imprint, by recording.
 
     Examples:
         >>> from estimation import estimate_angles, follow_outline, plot_overview, simulate_pivot
@@ -223,7 +223,7 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
 
     Args:
         grasp: the comparison.
-        names: of the two recordings.
+        names: names of the two recordings.
 
     Examples:
         >>> from estimation import compare_fingers, estimate_angles, plot_grasp, simulate_pivot
@@ -249,8 +249,9 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     top.set_ylabel("object's angle [°]")
     top.legend(fontsize=8, frameon=False)
     difference = np.degrees(grasp.second - grasp.first)
-    bottom.plot(grasp.time, difference, color="0.7", lw=1, label="nothing sticks on a finger")
-    bottom.plot(grasp.time, np.where(grasp.holds, difference, np.nan), "k", lw=1.3, label="holds")
+    bottom.plot(grasp.time, difference, color="0.7", lw=1, label="no marker sticks on a finger")
+    holding = np.where(grasp.holds, difference, np.nan)
+    bottom.plot(grasp.time, holding, "k", lw=1.3, label="markers stick on both fingers")
     bottom.axhline(0.0, color="0.7", lw=0.6)
     bottom.set_ylabel("difference [°]")
     bottom.set_xlabel(f"time since the first frame of {names[0]} [s]")
@@ -267,37 +268,37 @@ def _curl(track: Track, markers: KeptMarkers) -> Float[np.ndarray, " n"]:
 def choose_frames(
     track: Track, markers: Callable[[], Iterable[KeptMarkers]], size: int, count: int = 5
 ) -> list[KeptMarkers]:
-    """Frames to draw maps of: evenly spread over those with contact, or over all.
+    """Markers of the frames to draw maps of, evenly spread over those with contact, or over all.
 
     Args:
-        track: of the method that is drawn.
-        markers: gives those of the frames that they are kept of, one after the other.
-        size: how many there are at the end; a camera that was resumed may have had others.
-        count: most frames.
+        track: track of the method to draw.
+        markers: returns the stored markers, frame by frame.
+        size: final number of markers; earlier frames of a resumed camera may have another.
+        count: largest number of frames.
     """
-    rows = [one.row for one in markers() if len(one.turned) == size]
+    rows = [frame.row for frame in markers() if len(frame.turned) == size]
     touching = [row for row in rows if track.contact_markers[row]] or rows
     spread = np.linspace(0, len(touching) - 1, count).astype(int).tolist()
     chosen = {touching[i] for i in spread}
-    return [one for one in markers() if one.row in chosen]
+    return [frame for frame in markers() if frame.row in chosen]
 
 
 def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:
-    """Colour the background between frames after the state of the frame before."""
+    """Colour the background between two frames by the state of the first."""
     starts = [i for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
     for start, stop in zip(starts, [*starts[1:], len(states) - 1], strict=True):
         axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
 
 
 def _scale_to(axis: Axes, track: Track, truth: Float[np.ndarray, " frames"]) -> None:
-    """Let an axis hold a method's answers, those that were withdrawn too, and the truth [deg]."""
+    """Scale an axis to a method's answers, including withdrawn ones, and to the truth [deg]."""
     angles = [track.angle, track.low, track.high, truth]
     angles += [] if track.withdrawn is None else [track.withdrawn.angle]
-    known = np.degrees(np.concatenate(angles))
-    known = known[np.isfinite(known)]
-    if len(known):
-        rim = max(0.05 * float(np.ptp(known)), 0.1)
-        axis.set_ylim(known.min() - rim, known.max() + rim)
+    degrees = np.degrees(np.concatenate(angles))
+    degrees = degrees[np.isfinite(degrees)]
+    if len(degrees):
+        rim = max(0.05 * float(np.ptp(degrees)), 0.1)
+        axis.set_ylim(degrees.min() - rim, degrees.max() + rim)
 
 
 def _make_maps(
@@ -305,7 +306,7 @@ def _make_maps(
 ) -> tuple[Figure, np.ndarray]:
     """A figure of three rows of maps.
 
-    Only the outer maps have ticks, since every tick takes time.
+    Only the outer maps have ticks, since each tick costs time.
     """
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     rim = 0.05 * (high - low).max()
@@ -341,16 +342,16 @@ def _margins(
     bottom: float = 0.55,
     **gaps: float,
 ) -> dict[str, float]:
-    """Where a figure's axes lie.
+    """Positions of a figure's axes.
 
-    A layout engine measures every label several times, which took a sixth of the time of a run.
+    They are set by hand, since a layout engine took a sixth of the time of a run.
 
     Args:
-        size: of the figure [in].
-        right: margin [in].
-        top: margin [in].
-        bottom: margin, for ticks and labels [in].
-        **gaps: between axes, over their size [-].
+        size: size of the figure [in].
+        right: margin on the right [in].
+        top: margin on top [in].
+        bottom: margin at the bottom, for ticks and labels [in].
+        **gaps: gaps between axes over their size [-].
     """
     width, height = size
     return {
@@ -365,14 +366,14 @@ def _margins(
 def _scatter(
     axis: Axes, x: np.ndarray, y: np.ndarray, values: np.ndarray, scale: ScalarMappable
 ) -> None:
-    """Coloured dots where there is a value, small grey ones elsewhere."""
-    known = np.isfinite(values)
-    axis.scatter(x[~known], y[~known], s=4, color="0.85")
-    axis.scatter(x[known], y[known], c=scale.to_rgba(values[known]), s=18)
+    """Draw coloured dots for finite values, and small grey ones for NaN."""
+    finite = np.isfinite(values)
+    axis.scatter(x[~finite], y[~finite], s=4, color="0.85")
+    axis.scatter(x[finite], y[finite], c=scale.to_rgba(values[finite]), s=18)
 
 
 def _colour_scale(values: np.ndarray) -> ScalarMappable:
-    """A scale symmetric about 0 that a few outliers do not stretch."""
-    known = np.abs(values[np.isfinite(values)])
-    limit = float(np.percentile(known, 98)) if len(known) else 1.0
+    """A colour scale symmetric about 0, robust against a few outliers."""
+    sizes = np.abs(values[np.isfinite(values)])
+    limit = float(np.percentile(sizes, 98)) if len(sizes) else 1.0
     return ScalarMappable(Normalize(-limit or -1.0, limit or 1.0), "RdBu_r")

@@ -1,4 +1,4 @@
-"""A video of the pictures with what was found drawn into them."""
+"""A video of the pictures, annotated with markers, states and angles."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -21,13 +21,13 @@ from estimation.slip.alert import Level
 from estimation.slip.motion import follow_gel
 
 ENCODERS = ("libx264", "libopenh264")
-"""H.264 encoders that run on any processor, the first there is being used."""
+"""H.264 encoders that run on any processor, in order of preference."""
 TICKS = 90_000
 """Resolution of a video's times [1/s]."""
 
 
 def find_encoder() -> str:
-    """The H.264 encoder that previews are written with.
+    """Name of the H.264 encoder for previews.
 
     Raises:
         MissingExtraError: PyAV is not installed.
@@ -42,21 +42,21 @@ def find_encoder() -> str:
             return av.Codec(name, "w").name
     raise ValueError(
         f"a preview (--preview) needs an H.264 encoder, {' or '.join(ENCODERS)}; PyAV "
-        f"{av.__version__} was built without: install its wheel with `pip install "
+        f"{av.__version__} was built without one: install its wheel with `pip install "
         "--force-reinstall --only-binary av av`"
     )
 
 
 def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
-    """Write an annotated video: markers that stick, slip or are elsewhere, state and angles.
+    """Write an annotated video: markers that stick, slip or have no contact, state and angles.
 
-    It is H.264 in MP4, which browsers play, and keeps the recording's times. Whole pictures are
-    shown; what crop or mask leave out is darker.
+    The video is H.264 in MP4, which browsers play, with the recording's times. It shows whole
+    pictures; parts outside of crop and mask are darker.
 
     Args:
-        run: over pictures, which are read again; the markers of all frames are kept.
-        images: what they were read with.
-        path: of the video, an `.mp4`; it appears whole or not at all.
+        run: run over pictures, with the markers of all frames stored. The pictures are read again.
+        images: settings that the pictures were read with.
+        path: path of the video, `*.mp4`, which is written completely or not at all.
 
     Raises:
         ValueError: the pictures cannot be read again, or their video cannot be encoded.
@@ -64,7 +64,7 @@ def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
     """
     source = Path(run.source)
     if is_camera(source):
-        raise ValueError("a camera's pictures are not kept: there is no preview of them")
+        raise ValueError("a camera's pictures are not stored, so there is no preview of them")
     gel = np.degrees(follow_gel(run.main))
     ticks = to_ticks(run.main.time)
 
@@ -87,7 +87,7 @@ def write_preview(run: Run, images: ImageSettings, path: Path) -> None:
 def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
     """Write pictures, each with its time in ticks, as H.264 in MP4.
 
-    Pictures of another size than the first are left out.
+    Pictures that differ in size from the first are omitted.
     """
     import av
     from av.error import FFmpegError
@@ -116,7 +116,7 @@ def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
 
 
 def to_ticks(time: Float[np.ndarray, " frames"]) -> Int[np.ndarray, " frames"]:
-    """Times since the first frame [1 / `TICKS` s]; frames without a good one go in between."""
+    """Times since the first frame [1 / `TICKS` s], interpolated for frames without a valid time."""
     rows = np.arange(len(time))
     good = np.flatnonzero(np.isfinite(time) & ~disordered_times(time))
     step = float(np.median(np.diff(time[good]) / np.diff(good))) if len(good) > 1 else 1.0 / RATE
@@ -135,16 +135,16 @@ def annotate(
     spots: Float[np.ndarray, "views n 2"],
     gel_deg: float,
 ) -> np.ndarray:
-    """One picture, enlarged, with what was found drawn into it.
+    """An enlarged picture, annotated with markers, state and angles.
 
     Args:
-        picture: of the frame.
-        run: that it belongs to.
-        markers: of the frame.
-        spots: where its markers are in it, in each view [px].
+        picture: picture of the frame.
+        run: run that the frame belongs to.
+        markers: markers of the frame.
+        spots: positions of the markers in each view of the picture [px].
         gel_deg: rotation of the gel [deg].
     """
-    tall = 960  # height up to which pictures are enlarged, and at most threefold [px]
+    tall = 960  # height up to which pictures are enlarged, by at most three [px]
     enlarged = int(np.clip(tall // picture.shape[0], 1, 3))
     image = picture if picture.dtype == np.uint8 else (picture // 257).astype(np.uint8)
     image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image[..., :3]
@@ -172,13 +172,13 @@ def annotate(
 
 
 def mark_spot(image: np.ndarray, spot: Float[np.ndarray, " 2"], sign: str, radius: int = 7) -> None:
-    """Draw a marker into a picture: a ring, or a cross where it slips.
+    """Draw a marker into a picture: a cross if it slips, otherwise a ring.
 
     Args:
-        image: BGR, drawn into.
-        spot: where [px].
-        sign: of the marker, one of `marker_signs`.
-        radius: of the ring [px].
+        image: BGR picture to draw into.
+        spot: position of the marker [px].
+        sign: sign of the marker, as in `marker_signs`.
+        radius: radius of the ring [px].
     """
     colour = dict(zip("ox.", MARKER_COLOURS.values(), strict=True))[sign]
     shade = tuple(int(colour[i : i + 2], 16) for i in (5, 3, 1))  # of #rrggbb
@@ -191,7 +191,7 @@ def mark_spot(image: np.ndarray, spot: Float[np.ndarray, " 2"], sign: str, radiu
 
 
 def _describe(run: Run, row: int) -> str:
-    """State of a frame, what is known of a slip and of its danger, and the reason, in one line."""
+    """A line with a frame's state, slip, alert and reason."""
     result, shears, level = run.main, run.shears, run.grips.level[row]
     words = [f"frame {result.source_index[row]}", str(result.state[row])]
     if np.isfinite(slipped := shears.slipped[row]):

@@ -1,10 +1,9 @@
-"""The record of a run: a database that grows with every frame, whole at any time.
+"""The record of a run: a database that grows with every frame and is intact at any time.
 
-`record.sqlite` has a row for each frame in `frames`, with every quantity that a `Record` declares
-by method (`tracked.angle`, …; rad, mm, s); the markers of some frames in `markers`, with small
-copies of their pictures; what the run is
-about in `about`, as JSON; and in `checkpoint` what is needed to go on. The tables, the summary and
-the report of a run are made from it.
+`record.sqlite` has four tables. `frames` has a row for each frame, with every quantity that a
+`Record` declares by method (`tracked.angle`, …; rad, mm, s). `markers` holds the markers of some
+frames, with small copies of their pictures. `about` holds facts about the run as JSON. `checkpoint`
+holds the state from which the run resumes. A run's tables, summary and report are made from it.
 """
 
 import json
@@ -41,7 +40,7 @@ FORMAT_VERSION = 2
 PATIENCE_S = 60.0
 """Longest time that the end of a run waits for a report that reads its record [s]."""
 MOST_KEPT = 256
-"""Frames whose markers are kept, evenly spread, unless all are."""
+"""Largest number of evenly spread frames whose markers are stored, unless all are."""
 
 _OTHERS = {
     "axis": "REAL",
@@ -52,22 +51,22 @@ _OTHERS = {
     **dict.fromkeys(ShearPath._fields, "REAL"),
     **dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"},
 }
-"""What is kept of each frame beside the methods' answers."""
+"""Columns of each frame in addition to the methods' answers."""
 _MARKERS = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
 
 
 class KeptMarkers(NamedTuple):
-    """The markers of one frame.
+    """The stored markers of a frame.
 
     Attributes:
-        row: of the frame.
-        positions: [mm].
-        turned: φ since the angle is counted [rad].
-        valid: which can be used.
-        stick: which stick.
-        contact: which are of the contact region.
-        picture: a small copy of the frame's picture, a JPEG; None where none is kept.
-        spots: where the markers are in it, in each of its views [px].
+        row: row of the frame.
+        positions: positions of the markers [mm].
+        turned: φ of each marker since the frame that the angle counts from [rad].
+        valid: markers that can be used.
+        stick: markers that stick.
+        contact: markers of the contact region.
+        picture: small copy of the frame's picture, a JPEG; None if none is stored.
+        spots: positions of the markers in each view of that picture [px].
     """
 
     row: int
@@ -103,23 +102,23 @@ class RecordWriter:
         every_marker: bool = False,
         pictures: PictureSource | None = None,
     ) -> None:
-        """Open it, or make it.
+        """Open a record, or make a new one.
 
         Args:
-            path: of the database.
-            methods: whose answers are kept, the chosen one first.
-            every_marker: keep the markers of every frame.
-            pictures: that the frames come from; small copies of some are kept with their markers.
+            path: path of the database.
+            methods: methods whose answers are stored, the chosen one first.
+            every_marker: store the markers of every frame.
+            pictures: source of the pictures; small copies of some are stored with their markers.
 
         Raises:
-            OSError: it cannot be written.
-            ValueError: it is no record of ours.
+            OSError: the record cannot be written.
+            ValueError: the file is not a record.
         """
         self._path, self._methods, self._every = path, methods, every_marker
         self._pictures = pictures
         self._stride, self._written = 1, -np.inf
         columns = {"row": "INTEGER PRIMARY KEY"} | _columns(methods) | _OTHERS
-        with _telling(path):
+        with _naming_file(path):
             self._database = sqlite3.connect(path)
             run = self._database.execute
             run("PRAGMA journal_mode=WAL")
@@ -135,8 +134,8 @@ class RecordWriter:
         self._insert = f"INSERT INTO frames VALUES ({', '.join('?' * len(columns))})"
 
     def put(self, answer: Answer) -> None:
-        """Store the answer of a frame; it is written with one half a second later."""
-        with _telling(self._path):
+        """Store the answer of a frame; it is on the disc within half a second."""
+        with _naming_file(self._path):
             self._database.execute(self._insert, self._values(answer))
             if self._every or answer.row % self._stride == 0:
                 self._keep_markers(answer)
@@ -145,54 +144,54 @@ class RecordWriter:
 
     @property
     def due(self) -> bool:
-        """Whether it is time to write what has been put."""
+        """Whether the stored answers should be written to the disc."""
         commit_s = 0.5  # time after which answers are written with the next frame [s]
         return time.monotonic() > self._written + commit_s
 
     def commit(self) -> None:
-        """Write what has been put."""
-        with _telling(self._path):
+        """Write the stored answers to the disc."""
+        with _naming_file(self._path):
             self._database.commit()
         self._written = time.monotonic()
 
     def restart(self) -> None:
-        """Forget all frames."""
+        """Delete all frames."""
         self.cut(0)
 
     def cut(self, rows: int) -> None:
-        """Forget all frames but the first `rows`."""
-        with _telling(self._path):
+        """Delete all frames but the first `rows`."""
+        with _naming_file(self._path):
             for table in ("frames", "markers", "checkpoint"):
                 self._database.execute(f"DELETE FROM {table} WHERE row >= ?", (rows,))
 
     def tell(self, **about: Any) -> None:
-        """Store settings, input and versions of the run, ready for JSON, by name."""
+        """Store facts about the run, such as settings and input, as JSON by name."""
         rows = [(name, json.dumps(value, ensure_ascii=False)) for name, value in about.items()]
-        with _telling(self._path):
+        with _naming_file(self._path):
             self._database.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", rows)
 
     def keep_checkpoint(self, row: int, state: bytes) -> None:
         """Store the state from which a run resumes after a row."""
-        with _telling(self._path):
+        with _naming_file(self._path):
             self._database.execute("DELETE FROM checkpoint")
             self._database.execute("INSERT INTO checkpoint VALUES (?, ?)", (row, state))
 
     def close(self) -> None:
-        """Write everything and close."""
-        with _telling(self._path):
+        """Write all answers and close the record."""
+        with _naming_file(self._path):
             self._database.commit()
             self._end_log()
             self._database.close()
 
     def _end_log(self) -> None:
-        """Put the log into the database, once nobody reads it or patience ends."""
+        """Merge the log into the database once no program reads it, or patience ends."""
         patience = time.monotonic() + PATIENCE_S
         while True:
             try:
                 self._database.execute("PRAGMA journal_mode=DELETE")
             except sqlite3.OperationalError:  # raised at once: SQLite does not wait here
                 if time.monotonic() > patience:
-                    return  # the reader puts it there
+                    return  # the reader merges it
                 time.sleep(0.1)
             else:
                 return
@@ -210,10 +209,10 @@ class RecordWriter:
 
     def _keep_markers(self, answer: Answer) -> None:
         main, frame = answer.estimates[self._methods[0]], answer.frame
-        kept = (frame.positions, answer.turned, frame.valid, main.stick, main.contact)
+        arrays = (frame.positions, answer.turned, frame.valid, main.stick, main.contact)
         blobs = [
             np.ascontiguousarray(values, dtype=kind).tobytes()
-            for values, kind in zip(kept, _MARKERS.values(), strict=True)
+            for values, kind in zip(arrays, _MARKERS.values(), strict=True)
         ]
         picture = spots = None
         if self._pictures is not None:
@@ -228,10 +227,10 @@ class RecordWriter:
 
 
 class RecordReader:
-    """A record that is read.
+    """Reads a record.
 
     Attributes:
-        about: settings, input and versions of the run, by name.
+        about: facts about the run, such as settings and input, by name.
 
     Examples:
         >>> from contextlib import closing
@@ -247,23 +246,23 @@ class RecordReader:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open it.
+        """Open a record.
 
         Raises:
-            FileNotFoundError: it is not there.
-            ValueError: it is no record of ours, or of a later version.
-            OSError: it cannot be read.
+            FileNotFoundError: the record does not exist.
+            ValueError: the file is not a record, or one of another version.
+            OSError: the record cannot be read.
         """
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: give the output folder of a run")
         self.path = path
-        with _telling(path):
+        with _naming_file(path):
             self._database = sqlite3.connect(path)
             rows = self._database.execute("SELECT name, content FROM about").fetchall()
         self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
         if self.about.get("format_version") != FORMAT_VERSION:
             raise ValueError(
-                f"{path} is of format {self.about.get('format_version')}, this version reads "
+                f"{path} has format {self.about.get('format_version')}, but this version reads "
                 f"{FORMAT_VERSION}: run again, or make its report with the version that wrote it"
             )
 
@@ -292,7 +291,7 @@ class RecordReader:
         return Track(method=method, **values)
 
     def column(self, name: str) -> Float[np.ndarray, " frames"]:
-        """A quantity beside the methods' answers: `axis`, `imprint`."""
+        """A quantity other than the methods' answers: `axis` or `imprint` [rad]."""
         return self._arrays({name: "REAL"})[0]
 
     def sights(self) -> Iterator[Sight]:
@@ -307,17 +306,17 @@ class RecordReader:
             yield Margin(*(np.nan if value is None else value for value in values))
 
     def shears(self) -> ShearPath:
-        """How the gel was sheared, and whether the object slipped along it."""
+        """Shear of the gel and slip of the object along it, by frame."""
         return ShearPath(*self._arrays(dict.fromkeys(ShearPath._fields, "REAL")))
 
     def grips(self) -> GripPath:
-        """Friction and alerts."""
+        """Friction and alerts, by frame."""
         *numbers, levels = self._arrays(dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"})
         return GripPath(*numbers, level=tuple(map(Level, levels)))
 
     def markers(self) -> Iterator[KeptMarkers]:
-        """The markers of the frames that they are kept of."""
-        with _telling(self.path):
+        """The stored markers, frame by frame."""
+        with _naming_file(self.path):
             cursor = self._database.execute("SELECT * FROM markers ORDER BY row")
             for row, *blobs, picture, spots in cursor:
                 arrays = [
@@ -332,18 +331,18 @@ class RecordReader:
                 yield KeptMarkers(row, positions, turned, valid, stick, contact, picture, spots)
 
     def checkpoint(self) -> tuple[int, bytes]:
-        """Rows that were done, and the state after them; none and nothing if there is none."""
-        with _telling(self.path):
-            found = self._database.execute("SELECT row, state FROM checkpoint").fetchone()
-        return (0, b"") if found is None else (found[0] + 1, found[1])
+        """Number of finished rows and the state after them; 0 and empty without a checkpoint."""
+        with _naming_file(self.path):
+            row = self._database.execute("SELECT row, state FROM checkpoint").fetchone()
+        return (0, b"") if row is None else (row[0] + 1, row[1])
 
     def _arrays(self, kinds: dict[str, str]) -> list[Any]:
-        """Columns over all frames: arrays, texts as tuples."""
-        chunk = 10_000  # frames that are read at a time
+        """Columns over all frames: arrays, or tuples of texts."""
+        chunk = 10_000  # frames to read at a time
         words: dict[str, str] = {}
         parts: list[list[Any]] = [[] for _ in kinds]
         types = {"REAL": float, "INTEGER": int, "BOOLEAN": bool}
-        with _telling(self.path):
+        with _naming_file(self.path):
             names = ", ".join(f'"{name}"' for name in kinds)
             cursor = self._database.execute(f"SELECT {names} FROM frames ORDER BY row")
             while rows := cursor.fetchmany(chunk):
@@ -360,23 +359,23 @@ class RecordReader:
         ]
 
     def _rows(self, names: str) -> Iterator[tuple[Any, ...]]:
-        with _telling(self.path):
+        with _naming_file(self.path):
             yield from self._database.execute(f"SELECT {names} FROM frames ORDER BY row")
 
 
 @contextmanager
-def _telling(path: Path) -> Iterator[None]:
-    """Tell what is wrong with a database as other files' errors are told."""
+def _naming_file(path: Path) -> Iterator[None]:
+    """Raise errors of a database as OSError or ValueError that name its file."""
     try:
         yield
     except sqlite3.OperationalError as error:
         raise OSError(f"{path}: {error}") from error
     except sqlite3.DatabaseError as error:
-        raise ValueError(f"{path} is no record of a run, or damaged ({error})") from error
+        raise ValueError(f"{path} is not the record of a run, or damaged ({error})") from error
 
 
 def _kinds() -> dict[str, str]:
-    """How each quantity of a record is stored."""
+    """The SQLite type of each quantity of a record."""
     stored = {Number: "REAL", Whole: "INTEGER", Flag: "BOOLEAN", Label: "TEXT", Text: "TEXT"}
     return {name: stored[Record.__annotations__[name]] for name in Record.columns()}
 
@@ -387,7 +386,7 @@ def _columns(methods: tuple[str, ...]) -> dict[str, str]:
 
 
 def _plain(value: Any) -> Any:
-    """A value that SQLite knows."""
+    """A value of a type that SQLite can store."""
     if isinstance(value, str):
         return str(value)
     return value.item() if isinstance(value, np.generic) else value

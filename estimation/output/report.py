@@ -1,4 +1,4 @@
-"""What a run writes: tables, a summary and a self-contained report."""
+"""Output of a run: tables, a summary and a self-contained report."""
 
 import base64
 import io
@@ -41,27 +41,35 @@ FIGURES = (
     ("largest slip [°]", "slip_largest_deg", 2),
     ("slip at the end [°]", "slip_last_deg", 2),
 )
-"""Of a method in the report: what it is, its name in the summary, and its digits."""
+"""Figures of a method in the report: label, name in the summary, and digits."""
 TRUTH_FIGURES = (
     ("mean absolute error [°]", "mean_absolute_error_deg", 4),
-    (f"the same, {FIRM_MARKERS} or more markers stuck", "mean_absolute_error_firm_deg", 4),
-    ("share of intervals that hold the truth, so many stuck", "interval_holds_truth_firm", 3),
+    (
+        f"mean absolute error [°], {FIRM_MARKERS} or more markers stick",
+        "mean_absolute_error_firm_deg",
+        4,
+    ),
+    (
+        f"share of intervals that cover the truth, {FIRM_MARKERS} or more markers stick",
+        "interval_holds_truth_firm",
+        3,
+    ),
 )
 
 
 def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
-    """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and its pictures.
+    """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and its figures.
 
     Args:
-        run: over a recording.
-        folder: to write to.
-        table: write `angles.csv`; else a run that goes on is writing it.
+        run: run over a recording.
+        folder: folder to write to.
+        table: write `angles.csv`; False while the run itself is still writing it.
 
     Returns:
         The content of `summary.json`.
 
     Raises:
-        OSError: a file cannot be written; those that are there are whole.
+        OSError: a file cannot be written; files written before are complete.
     """
     main = run.main
     if table:
@@ -91,12 +99,12 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
 
 
 def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    """The page of a run.
+    """The report of a run as an HTML page.
 
     Args:
-        run: over a recording.
-        summary: the content of `summary.json`.
-        images: its pictures by the names of their files.
+        run: run over a recording.
+        summary: content of `summary.json`.
+        images: PNG figures by the names of their files.
     """
     references, down = find_references(run), points_down(run.convention)
     lie = "x is to the right, y up, seen from the object."
@@ -120,7 +128,7 @@ def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, byt
 
 
 def find_references(run: Run) -> dict[str, Float[np.ndarray, " frames"]]:
-    """Other angles to draw beside those of the methods, by label [rad]."""
+    """Angles to draw besides those of the methods, by label [rad]."""
     main, references = run.main, {}
     if np.isfinite(run.outline).any():
         references[run.turns] = _outline_from(run.outline, main)
@@ -131,7 +139,7 @@ def find_references(run: Run) -> dict[str, Float[np.ndarray, " frames"]]:
 
 
 def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
-    """The branch of moment against angle while it held; nothing where the data cannot tell."""
+    """The figures of a branch of the moment–angle curve; None if the data cannot determine it."""
     if branch is None:
         return None
     return {
@@ -146,7 +154,7 @@ def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
 
 
 def summarise(run: Run) -> dict[str, Any]:
-    """The figures of a run, ready for JSON: None where there is no number."""
+    """The summary of a run for JSON; None for a missing number."""
     main = run.main
     return {
         "version": version("contactmodel"),
@@ -175,12 +183,12 @@ def summarise(run: Run) -> dict[str, Any]:
 
 
 def _describe_margin(run: Run) -> dict[str, float | None] | None:
-    """The margin in the last frame that has one, and when that was; None without moments."""
+    """The margin in the last frame that has one, and its time; None without moments."""
     known = [i for i, margin in enumerate(run.margin.margins) if np.isfinite(margin.angle)]
     if not known:
         return None
-    left, time = run.margin.margins[known[-1]], run.main.time
-    values = (*np.degrees(left[:3]), *left[3:])
+    margin, time = run.margin.margins[known[-1]], run.main.time
+    values = (*np.degrees(margin[:3]), *margin[3:])
     cells = {
         name: json_number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)
     }
@@ -188,7 +196,7 @@ def _describe_margin(run: Run) -> dict[str, float | None] | None:
 
 
 def _describe_outcome(run: Run) -> dict[str, str | float | None]:
-    """What became of the grasp; times since the first frame."""
+    """The outcome of the grasp; times count from the first frame."""
     outcome = run.outcome
     return {
         "word": outcome.word,
@@ -198,7 +206,7 @@ def _describe_outcome(run: Run) -> dict[str, str | float | None]:
 
 
 def _describe_friction(run: Run) -> dict[str, float | None] | None:
-    """The coefficient as last known, and the most that was in use; None without forces."""
+    """The last known coefficient, and the largest friction in use; None without forces."""
     grips = run.grips
     used = grips.friction_used[np.isfinite(grips.friction_used)]
     if not len(used):
@@ -214,7 +222,7 @@ def _describe_friction(run: Run) -> dict[str, float | None] | None:
 
 
 def _describe_slip(slip: MacroSlip, start: float) -> dict[str, float | bool | None]:
-    """When macro slip began and ended, since the first frame."""
+    """Begin and end of a macro slip; times count from the first frame."""
     return {
         "onset_s": json_number(slip.onset - start),
         "onset_low_s": json_number(slip.low - start),
@@ -248,9 +256,9 @@ def _figures(result: Track, truth: Known | None) -> dict[str, Any]:
 
 
 def _spans(time: Float[np.ndarray, " frames"], where: np.ndarray) -> list[list[float]]:
-    """From when to when something holds: last frame before, first frame, last frame, first after.
+    """Times of the last frame before each run of True, of its first and last, and of the next [s].
 
-    The onset lies between the first two, the end between the last two.
+    The onset lies between the first two times, the end between the last two.
     """
     edges = np.diff(where.astype(int), prepend=0, append=0)
     starts, stops = np.nonzero(edges > 0)[0], np.nonzero(edges < 0)[0]
@@ -262,7 +270,7 @@ def _spans(time: Float[np.ndarray, " frames"], where: np.ndarray) -> list[list[f
 
 
 def _errors(result: Track, truth: Known) -> dict[str, Any]:
-    """Errors against the truth: of all answers, and where ten markers or more have always stuck."""
+    """Errors of all answers, and of those of frames in which ten markers or more always stuck."""
     error = np.abs(np.degrees(result.angle - truth.angle))
     inside = (result.low <= truth.angle) & (truth.angle <= result.high)
     firm = truth.stick_markers >= FIRM_MARKERS
@@ -281,23 +289,23 @@ def _errors(result: Track, truth: Known) -> dict[str, Any]:
 
 
 def json_number(value: Any) -> float | None:
-    """A number that JSON knows."""
+    """A number for JSON, rounded; None if it is not finite."""
     return round(float(value), 6) if np.isfinite(value) else None
 
 
 def _outline_from(
     outline: Float[np.ndarray, " frames"], result: Track
 ) -> Float[np.ndarray, " frames"]:
-    """The outline's direction, counted from the first angle that both have."""
+    """The outline's direction, shifted to the angle in the first frame that has both."""
     both = np.nonzero(result.answered & np.isfinite(outline))[0]
     return outline - outline[both[0]] + result.angle[both[0]] if len(both) else outline
 
 
 def figure_png(figure: Figure) -> bytes:
-    """A figure as PNG; the figure is closed."""
+    """The PNG of a figure, which is closed."""
     buffer = io.BytesIO()
     figure.set_dpi(130)
-    # lays out and draws once, where `savefig` does so twice; half the time for a tenth of the size
+    # lays out and draws once, where `savefig` does so twice: half the time, a tenth more bytes
     FigureCanvasAgg(figure).print_png(buffer, pil_kwargs={"compress_level": 3})
     plt.close(figure)
     return buffer.getvalue()
@@ -306,13 +314,13 @@ def figure_png(figure: Figure) -> bytes:
 def render_page(
     template: str, images: Mapping[str, bytes], *, package: str = "", **content: Any
 ) -> str:
-    """A page from a template, with its pictures inside.
+    """A page from a template, with its figures embedded.
 
     Args:
-        template: its name.
-        images: PNG pictures by the names of their files.
-        package: that has the template; those of reports are found beside it.
-        **content: what the template takes.
+        template: name of the template.
+        images: PNG figures by the names of their files.
+        package: package of the template; templates of reports are always available.
+        **content: variables of the template.
     """
     inline = {
         name: "data:image/png;base64," + base64.b64encode(image).decode()
@@ -323,10 +331,10 @@ def render_page(
 
 @cache
 def _find_templates(package: str) -> jinja2.Environment:
-    """The templates of a package and those of reports, each read once."""
+    """The templates of a package and of reports, each read once."""
     packages = (package, "estimation.output") if package else ("estimation.output",)
     return jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(one) for one in packages]),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name) for name in packages]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

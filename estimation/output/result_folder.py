@@ -1,11 +1,11 @@
-"""Folders of results: what a run writes replaces what an earlier run of the same command wrote.
+"""Folders of results: a run's files replace those of the last run of the same command.
 
-A run writes to a hidden folder inside and moves its files to their places once they are whole.
-`manifest.json` lists, for each command, the files it wrote and the SHA-256 of each. At the end of a
-run that wrote something, the files are removed that its last run wrote and it did not. Nothing else
-is removed: a file that is not listed, or whose content is no longer the listed one, is the user's.
-It stays, and is renamed (`angles.csv` to `angles.kept.csv`) where its name is needed. Names in the
-manifest that lead out of the folder, or through a link, are ignored.
+A run writes to a hidden folder inside and moves its files to their places once they are complete.
+`manifest.json` lists, for each command, the files it wrote and the SHA-256 of each. A run that
+wrote files removes at its end the files that its last run wrote and it did not. Other files are
+never removed: a file that is not listed, or whose content has changed, belongs to the user. It is
+kept, and renamed (`angles.csv` to `angles.kept.csv`) if a run needs its name. Names in the manifest
+that lead out of the folder or through a link are ignored.
 """
 
 import hashlib
@@ -34,11 +34,11 @@ class ResultFolder:
 
     Attributes:
         path: the folder.
-        draft: a folder for the files of this run, which `publish` moves to their places in `path`.
+        draft: folder for this run's files, which `publish` moves to their places in `path`.
     """
 
     def __init__(self, path: Path, draft: Path, command: str, say: Callable[[str], None]) -> None:
-        """Read what earlier runs wrote there."""
+        """Read the manifest of earlier runs."""
         self.path = path
         self.draft = draft
         self._command = command
@@ -48,15 +48,15 @@ class ResultFolder:
         self._published = False
 
     def publish(self) -> None:
-        """Move the files of the draft to their places, and list them; but for hidden ones.
+        """Move the files of the draft to their places, and list them.
 
-        Those are what a run that was killed had not written to the end.
+        Hidden files are skipped: they are incomplete files of a killed run.
 
         Raises:
             OSError: the folder cannot be written to.
         """
-        found = (one for one in self.draft.rglob("*") if one.is_file())
-        files = sorted(one for one in found if not one.name.startswith("."))
+        drafts = (file for file in self.draft.rglob("*") if file.is_file())
+        files = sorted(file for file in drafts if not file.name.startswith("."))
         for file in files:
             name, sha256 = file.relative_to(self.draft).as_posix(), _hash(file)
             target = self.path / name
@@ -73,7 +73,7 @@ class ResultFolder:
             self._published = True
 
     def keep_earlier(self, inner: str = "") -> None:
-        """Leave the files of the last run, or of it those in an inner folder."""
+        """Keep the files of the last run, or only those in an inner folder."""
         self._stale = {
             name: sha256
             for name, sha256 in self._stale.items()
@@ -81,9 +81,9 @@ class ResultFolder:
         }
 
     def clear(self) -> None:
-        """Remove what the last run of the command wrote and this one has not.
+        """Remove the files that the command's last run wrote and this run did not.
 
-        Nothing is removed where this run has published nothing.
+        If this run has published nothing, no file is removed.
 
         Raises:
             OSError: a file cannot be removed.
@@ -98,7 +98,7 @@ class ResultFolder:
                 _remove_empty(file.parent, self.path)
                 removed += 1
             elif file is not None:
-                self._say(f"{file} was changed after an earlier run wrote it: it stays")
+                self._say(f"{file} was changed after an earlier run wrote it: it is kept")
             del self._listed[self._command][name]
         self._stale = {}
         self._write_manifest()
@@ -107,15 +107,15 @@ class ResultFolder:
             self._say(f"removed {files} that an earlier run wrote to {self.path}")
 
     def _is_ours(self, name: str) -> bool:
-        """Whether a command wrote the file, and nobody has changed it since."""
-        known = [files[name] for files in self._listed.values() if name in files]
+        """Whether a command wrote the file and it has not changed since."""
+        hashes = [files[name] for files in self._listed.values() if name in files]
         file = _find(self.path, name)
-        return file is not None and bool(known) and _hash(file) == known[0]
+        return file is not None and bool(hashes) and _hash(file) == hashes[0]
 
     def _set_aside(self, target: Path) -> None:
-        """Free a name of a file that is not ours."""
+        """Rename a file of the user whose name is needed."""
         names = (f"{target.stem}.kept{n or ''}{target.suffix}" for n in count())
-        kept = next(one for one in map(target.with_name, names) if not os.path.lexists(one))
+        kept = next(path for path in map(target.with_name, names) if not os.path.lexists(path))
         target.rename(kept)
         self._say(f"{target} is not as an earlier run wrote it: kept as {kept.name}")
 
@@ -131,18 +131,18 @@ class ResultFolder:
 def renew_results(
     folder: Path, command: str, say: Callable[[str], None] = lambda line: None, draft: str = ""
 ) -> Iterator[ResultFolder]:
-    """A folder of results, for one run of a command.
+    """A folder of results for one run of a command.
 
-    What is in the draft at the end is published. Where the run ends in an error it is published as
-    well, so that nothing that was computed is lost, and the files of the last run stay beside it;
-    but a draft with a name stays what it is then.
+    At the end the draft is published. After an error an unnamed draft is published too, so that no
+    result is lost, and the files of the last run are kept; a named draft then stays in its folder.
 
     Args:
-        folder: made if it is not there.
-        command: that runs; it replaces its own results, and those of others only by name.
-        say: told, in a line each, what is removed, kept or renamed.
-        draft: name of the folder inside for files that are not whole yet, which an earlier run may
-            have left; without it a new one, which never stays.
+        folder: folder of results, created if it does not exist.
+        command: command of the run. It replaces its own results, and those of other commands only
+            if they have the same name.
+        say: receives a line for each file that is kept or renamed, and the number of removed files.
+        draft: name of the folder inside for incomplete files, which an earlier run may have left;
+            empty for a new, temporary one.
 
     Raises:
         OSError: the folder cannot be written to, or another run is writing to the draft.
@@ -156,8 +156,8 @@ def renew_results(
             results.publish()
         shutil.rmtree(folder / draft)
     else:
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as made:
-            results = ResultFolder(folder, Path(made), command, say)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".unfinished-") as temporary:
+            results = ResultFolder(folder, Path(temporary), command, say)
             try:
                 yield results
             finally:
@@ -167,7 +167,7 @@ def renew_results(
 
 @contextmanager
 def _lock(folder: Path) -> Iterator[None]:
-    """Let no other run write to the folder; a run that is killed lets go."""
+    """Lock the folder against other runs; a killed run releases the lock."""
     path = folder / ".lock"
     lock = FileLock(path, timeout=0)
     try:
@@ -184,7 +184,7 @@ def _lock(folder: Path) -> Iterator[None]:
 
 
 def _read_manifest(path: Path) -> Listed:
-    """What the manifest lists; nothing where there is none, or one that is not ours or damaged."""
+    """The content of the manifest; empty if it is missing, damaged or of another format."""
     if path.is_symlink() or not path.is_file():
         return {}
     try:
@@ -204,8 +204,8 @@ def _lists_files(files: object) -> bool:
 
 
 def _find(folder: Path, name: str) -> Path | None:
-    """A listed file, if it is a plain file inside the folder that no link leads to."""
-    windows = PureWindowsPath(name)  # whose rules for what is absolute include the others'
+    """A listed file, if it is a plain file inside the folder and not reached through a link."""
+    windows = PureWindowsPath(name)  # its rules for absolute paths include those of POSIX
     if windows.anchor or ".." in windows.parts:
         return None
     file = folder / name

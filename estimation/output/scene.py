@@ -1,8 +1,8 @@
-"""What a page draws of a frame and of angles over time, and the colours of all pictures.
+"""Scenes that a page draws of a frame, and the colours of all figures.
 
-`templates/draw.js` draws a scene: spots in the pixels of a picture, y down, and what each marker
-does. Colours are those of Okabe and Ito, which colour-blind readers can tell apart; markers that
-slip are crosses, too.
+`templates/draw.js` draws a scene: positions of the markers in pixels, y down, and the state of
+each. The colours of markers are those of Okabe and Ito, which colour-blind readers can distinguish;
+markers that slip are also drawn as crosses.
 """
 
 import base64
@@ -25,23 +25,23 @@ STATE_COLOURS = {
     State.MACRO_SLIP: "#f6cfc9",
     State.UNKNOWN: "#c9c9e8",
 }
-"""Behind curves."""
+"""Background colours of curves, by state."""
 MARKER_COLOURS = {"sticks": "#009e73", "slips": "#d55e00", "no contact": "#d9d9d9"}
-"""Of markers, by what they do."""
+"""Colours of markers, by their state."""
 
 
 def page_colours() -> dict[str, Mapping[str, str]]:
-    """The colours as `draw.js` takes them."""
+    """The colours in the form that `draw.js` takes."""
     kinds = zip("ox.", MARKER_COLOURS.values(), strict=True)
     states = {str(state): colour for state, colour in STATE_COLOURS.items()}
     return {"markers": dict(kinds), "states": states}
 
 
 class Field(NamedTuple):
-    """Where markers without a picture are drawn.
+    """Drawing area for markers without a picture.
 
     Attributes:
-        corner: of the drawing, in the axes of the positions.
+        corner: corner of the drawing, in the axes of the positions.
         scale: pixels per unit of length.
         size: width and height [px].
         down: whether y points down in the source's own view.
@@ -54,13 +54,13 @@ class Field(NamedTuple):
 
     @classmethod
     def around(cls, reference: Float[np.ndarray, "n d"], down: bool) -> "Field":
-        """One that has all markers at rest in it, with room to move.
+        """The area around all markers at rest, with room to move.
 
         Args:
             reference: markers at rest.
             down: whether y points down in the source's own view.
         """
-        wide, room = 640.0, 0.12  # of the longer side [px]; of it, on each side [-]
+        wide, room = 640.0, 0.12  # longer side [px]; margin on each side over the pattern's size
         low, high = np.nanmin(reference[:, :2], axis=0), np.nanmax(reference[:, :2], axis=0)
         longest = max(float((high - low).max()), 1e-9)
         corner, span = low - room * longest, high - low + 2.0 * room * longest
@@ -69,23 +69,23 @@ class Field(NamedTuple):
         return cls(corner, scale, (width, height), down)
 
     def place(self, positions: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 2"]:
-        """Where markers are in the drawing [px].
+        """Positions of markers in the drawing [px].
 
         Args:
-            positions: of the markers.
+            positions: positions of the markers, in the unit of the reference.
         """
         spots = self.scale * (positions[:, :2] - self.corner)
         return spots if self.down else np.stack([spots[:, 0], self.size[1] - spots[:, 1]], axis=1)
 
 
 def keep_pictures(source: Source) -> Callable[[Frame], Shown | None]:
-    """Let a source keep each picture until its frame has been answered.
+    """Make a source keep each picture until its frame has been answered.
 
     Args:
-        source: of pictures, or of anything else.
+        source: source of frames.
 
     Returns:
-        What finds a frame's picture; of other sources it finds none.
+        A function that returns a frame's picture; None for sources without pictures.
     """
     if not isinstance(source, PictureSource):
         return lambda frame: None
@@ -94,12 +94,12 @@ def keep_pictures(source: Source) -> Callable[[Frame], Shown | None]:
 
 
 class View(NamedTuple):
-    """A frame as it is drawn.
+    """A drawn frame.
 
     Attributes:
-        spots: where its markers are, in each view [px].
+        spots: positions of the markers in each view [px].
         size: width and height [px].
-        jpeg: its picture; None where there is none.
+        jpeg: picture of the frame; None without a picture.
     """
 
     spots: Float[np.ndarray, "views n 2"]
@@ -113,13 +113,13 @@ def view_markers(
     reference: Float[np.ndarray, "n d"],
     shown: Shown | None,
 ) -> View:
-    """How markers are drawn: in the picture of their frame, or in their field.
+    """Markers drawn in the picture of their frame, or in a field around them.
 
     Args:
-        source: of the frame.
-        positions: of the markers.
+        source: source of the frame.
+        positions: positions of the markers.
         reference: markers at rest.
-        shown: the frame's picture, where it is kept.
+        shown: picture of the frame; None without a picture.
     """
     if not isinstance(source, PictureSource):
         field = Field.around(reference, points_down(source.convention))
@@ -135,7 +135,7 @@ def points_down(convention: str) -> bool:
     """Whether y points down in a source's own view, as it does in pictures.
 
     Args:
-        convention: how the source's axes lie.
+        convention: directions of the source's axes.
     """
     return "y down" in convention
 
@@ -143,11 +143,11 @@ def points_down(convention: str) -> bool:
 def marker_signs(
     stick: Bool[np.ndarray, " n"], contact: Bool[np.ndarray, " n"]
 ) -> Shaped[np.ndarray, " n"]:
-    """A sign for each marker: `o` sticks, `x` is in contact and slips, `.` is elsewhere.
+    """A sign for each marker: `o` sticks, `x` slips in the contact, `.` has no contact.
 
     Args:
-        stick: which stick.
-        contact: which are of the contact region.
+        stick: markers that stick.
+        contact: markers of the contact region.
     """
     return np.where(stick, "o", np.where(contact, "x", "."))
 
@@ -158,38 +158,38 @@ def show_markers(
     stick: Bool[np.ndarray, " n"],
     contact: Bool[np.ndarray, " n"],
 ) -> dict[str, Any]:
-    """Markers as `draw.js` takes them: `spots` x, y, x, y, … and `kinds`, a sign each.
+    """Markers in the form that `draw.js` takes: `spots` x, y, x, y, … and `kinds`, a sign each.
 
-    Markers that are not seen are left out.
+    Markers that are not visible are omitted.
 
     Args:
-        spots: where they are drawn, in each view [px].
-        valid: which can be used.
-        stick: which stick.
-        contact: which are of the contact region.
+        spots: positions of the markers in each view [px].
+        valid: markers that can be used.
+        stick: markers that stick.
+        contact: markers of the contact region.
     """
-    seen = valid & np.isfinite(spots).all(axis=(0, 2))
-    kinds = marker_signs(stick, contact)[seen]
+    visible = valid & np.isfinite(spots).all(axis=(0, 2))
+    kinds = marker_signs(stick, contact)[visible]
     return {
-        "spots": np.round(spots[:, seen].ravel(), 1).tolist(),
+        "spots": np.round(spots[:, visible].ravel(), 1).tolist(),
         "kinds": "".join(kinds.tolist()) * len(spots),
     }
 
 
 def picture_url(jpeg: bytes) -> str:
-    """A picture as a page takes it.
+    """The data URL of a picture.
 
     Args:
-        jpeg: its content.
+        jpeg: content of the picture.
     """
     return f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
 
 
 def show_numbers(values: Iterable[float], digits: int = 3) -> list[float | None]:
-    """Numbers as JSON knows them: rounded, and nothing where there is none.
+    """Numbers for JSON: rounded, and None for NaN.
 
     Args:
-        values: some of them NaN.
-        digits: that are kept.
+        values: numbers, which may be NaN.
+        digits: number of decimals.
     """
     return [round(value, digits) if np.isfinite(value) else None for value in map(float, values)]

@@ -1,4 +1,4 @@
-"""Tables of results: a column for each quantity that a `Record` declares, a row for each frame."""
+"""Tables of results: one column for each quantity of a `Record`, one row for each frame."""
 
 import csv
 import io
@@ -34,7 +34,7 @@ MARGIN_COLUMNS = (
     "moment_margin_low_Nmm",
     "moment_margin_high_Nmm",
 )
-"""Beside the chosen method's angles; empty where they cannot be told."""
+"""Columns of the margin before macro slip; empty where it is undetermined."""
 
 GRIP_COLUMNS = (
     "friction_used",
@@ -45,7 +45,7 @@ GRIP_COLUMNS = (
     "time_to_slip_low_s",
     "time_to_slip_high_s",
 )
-"""Numbers beside the `alert`; empty where they cannot be told."""
+"""Columns of friction and time to slip; empty where unknown."""
 
 Table = Mapping[str, list[str]]
 """The cells of a table, by column."""
@@ -54,7 +54,7 @@ Table = Mapping[str, list[str]]
 class TableWriter:
     """The sink that writes `angles.csv` row by row, as frames are answered.
 
-    It has the columns of the finished table, and nothing in those that take the whole recording.
+    The table has the columns of the finished one; those that need the whole recording are empty.
 
     Examples:
         >>> from contextlib import closing
@@ -69,16 +69,16 @@ class TableWriter:
     """
 
     def __init__(self, path: Path, method: str, unit: str, rows: int = 0) -> None:
-        """Make the table, or go on with it.
+        """Make a table, or continue an existing one.
 
         Args:
-            path: of the table.
-            method: whose answers it has.
-            unit: of lengths, mm or px.
-            rows: that are kept of a table that is there.
+            path: path of the table.
+            method: method whose answers are written.
+            unit: unit of lengths, mm or px.
+            rows: number of rows to keep of an existing table.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the table cannot be written.
         """
         self._path, self._method, self._unit = path, method, unit
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,7 +98,7 @@ class TableWriter:
         self._headed = True
 
     def restart(self) -> None:
-        """Begin the table anew."""
+        """Clear the table."""
         self._file.seek(0)
         self._file.truncate()
         self._headed = False
@@ -118,19 +118,19 @@ def write_table(
     grips: GripPath,
     unit: str,
 ) -> None:
-    """Write `angles.csv` of one method, whole or not at all.
+    """Write `angles.csv` of one method, completely or not at all.
 
     Args:
-        path: of the table.
-        track: of the method.
+        path: path of the table.
+        track: track of the method.
         imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
         margins: angle and moment that remain before macro slip, in each frame.
-        shears: of the gel, in each frame.
+        shears: shear of the gel and slip along it, in each frame.
         grips: friction and alerts, in each frame.
-        unit: of lengths, mm or px.
+        unit: unit of lengths, mm or px.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the table cannot be written.
     """
     tables = (
         tabulate(part, imprint[rows], rows.start)
@@ -145,10 +145,15 @@ def write_table(
 def write_tables(
     path: Path, tracks: Iterable[Track], imprint: Float[np.ndarray, " frames"]
 ) -> None:
-    """Write `angles_all.csv`, one method below the other; arguments as for `write_table`.
+    """Write `angles_all.csv`, one method below the other, completely or not at all.
+
+    Args:
+        path: path of the table.
+        tracks: track of each method.
+        imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the table cannot be written.
     """
     tables = (
         {"method": [track.method] * len(part.time)} | tabulate(part, imprint[rows], rows.start)
@@ -159,12 +164,12 @@ def write_tables(
 
 
 def tabulate_answer(answer: Answer, method: str, unit: str) -> Table:
-    """The row of `angles.csv` that an answer gives.
+    """The row of `angles.csv` for an answer.
 
     Args:
-        answer: to a frame.
-        method: whose answer is tabulated.
-        unit: of lengths, mm or px.
+        answer: answer for a frame.
+        method: method whose estimate is tabulated.
+        unit: unit of lengths, mm or px.
     """
     track = Track.gather(method, [answer.estimates[method]])
     imprint = np.array([answer.frame.imprint[0]])
@@ -174,16 +179,16 @@ def tabulate_answer(answer: Answer, method: str, unit: str) -> Table:
 
 
 def read_cells(table: Table) -> dict[str, str | int | float]:
-    """The first row of a table as words, whole numbers and numbers; NaN where a cell is empty.
+    """The first row of a table as words, integers and floats; NaN for an empty cell.
 
-    Answers that were withdrawn are left out: frame by frame there are none.
+    Columns of withdrawn answers are omitted, since no answer is withdrawn frame by frame.
     """
     kinds = {Label: str, Text: str, Whole: int}
     declared = Record.columns().items()
-    known = {column.name: kinds.get(Record.__annotations__[name]) for name, column in declared}
-    known |= {"frame": int, "alert": str}
+    readers = {column.name: kinds.get(Record.__annotations__[name]) for name, column in declared}
+    readers |= {"frame": int, "alert": str}
     return {
-        name: (known.get(name) or _read_number)(cells[0])
+        name: (readers.get(name) or _read_number)(cells[0])
         for name, cells in table.items()
         if not name.startswith("withdrawn_")
     }
@@ -196,10 +201,10 @@ def _read_number(cell: str) -> float:
 def tabulate(
     track: Track, imprint: Float[np.ndarray, " frames"] | None = None, first: int = 0
 ) -> dict[str, list[str]]:
-    """The cells of a method's answers by column, withdrawn ones in columns of their own.
+    """The cells of a method's answers by column; withdrawn answers have separate columns.
 
     Args:
-        track: of one method.
+        track: track of one method.
         imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
         first: number of the first frame.
     """
@@ -227,11 +232,11 @@ def tabulate(
 
 
 def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[str]]:
-    """The cells of `MARGIN_COLUMNS`, by column; empty where there is no number."""
+    """The cells of `MARGIN_COLUMNS`, by column; empty for NaN."""
     stick, contact = track.stick_markers, track.contact_markers
     ratio = np.sqrt(np.where(contact, stick / np.maximum(contact, 1), np.nan))
-    left = np.array(margins).reshape(-1, len(MARGIN_COLUMNS) - 1)
-    values = np.column_stack([ratio, np.degrees(left[:, :3]), left[:, 3:]])
+    numbers = np.array(margins).reshape(-1, len(MARGIN_COLUMNS) - 1)
+    values = np.column_stack([ratio, np.degrees(numbers[:, :3]), numbers[:, 3:]])
     return {
         name: ["" if cell == "nan" else cell for cell in show_numbers(column)]
         for name, column in zip(MARGIN_COLUMNS, values.T, strict=True)
@@ -239,7 +244,7 @@ def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[s
 
 
 def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
-    """The cells of the gel's shear and the slip along it, by column; empty without a number."""
+    """The cells of the gel's shear and the slip along it, by column; empty for NaN."""
     lengths = f"slip_{unit}", f"slip_error_{unit}", "slip_since_s"
     names = (f"shear_{unit}", "print_hold", "slip_probability", *lengths)
     return {
@@ -249,7 +254,7 @@ def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
 
 
 def tabulate_grip(grips: GripPath) -> dict[str, list[str]]:
-    """The cells of friction and alerts, by column; empty without a number."""
+    """The cells of friction and alerts, by column; empty for NaN."""
     *numbers, levels = grips
     table = {
         name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
@@ -269,7 +274,7 @@ def csv_text(table: Table, heading: bool = True) -> str:
 
 
 def _parts(track: Track) -> Iterator[tuple[Track, slice]]:
-    chunk = 10_000  # rows of a table that are text in memory at a time
+    chunk = 10_000  # rows of a table to format at a time
     for start in range(0, len(track.time), chunk):
         rows = slice(start, min(start + chunk, len(track.time)))
         yield track.take(rows), rows

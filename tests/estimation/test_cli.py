@@ -61,7 +61,7 @@ def test_lines_of_json_are_all_there_is_on_standard_output(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("{archive}", "--sink", "cvs"), "there is no sink 'cvs'"),
+        (("{archive}", "--sink", "cvs"), "unknown sink 'cvs'"),
         (("nowhere.npz",), "nowhere.npz"),
         (
             ("{archive}", "--method", "magic"),

@@ -67,7 +67,7 @@ def test_what_the_user_changed_is_kept_and_said(tmp_path):
         "left/angles.csv": "changed",
     }
     assert any("kept as report.kept.html" in line for line in said)
-    assert sum("changed after an earlier run wrote it: it stays" in line for line in said) == 2
+    assert sum("changed after an earlier run wrote it: it is kept" in line for line in said) == 2
     (tmp_path / "report.html").write_text("changed again")
     write(tmp_path, {"report.html": "3"})
     assert files(tmp_path)["report.kept.html"] == "changed"

@@ -223,7 +223,7 @@ def test_a_better_reference_begins_the_file_anew(tmp_path, name):
 
 def test_an_unknown_sink_is_refused_before_anything_is_computed(tmp_path):
     write_archive(pressed(), tmp_path / "lift.npz")
-    with pytest.raises(ValueError, match=r"no sink 'cvs' \(--sink\); there are mcap"):
+    with pytest.raises(ValueError, match=r"unknown sink 'cvs' \(--sink\): choose from mcap"):
         run(tmp_path / "lift.npz", tmp_path / "out", "cvs")
 
 

@@ -267,7 +267,7 @@ def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
         kept = [one.row for one in record.markers()]
         assert kept == list(range(0, 2 * MOST_KEPT, 2))
     (tmp_path / "other").write_bytes(b"no database at all, but long enough to be looked at" * 40)
-    with pytest.raises(ValueError, match="no record of a run, or damaged"):
+    with pytest.raises(ValueError, match="not the record of a run, or damaged"):
         RecordReader(tmp_path / "other")
     with pytest.raises(FileNotFoundError, match="give the output folder"):
         report_all(tmp_path / "nowhere")

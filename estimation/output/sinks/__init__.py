@@ -1,1 +1,1 @@
-"""Ways out for answers, beside the table and the record that every run has."""
+"""Sinks for answers, in addition to the table and the record of every run."""

@@ -1,4 +1,4 @@
-"""Answers and frames as an MCAP file, with the types of its messages in it."""
+"""Answers and frames as an MCAP file that includes the types of its messages."""
 
 import math
 from collections.abc import Iterator
@@ -26,27 +26,29 @@ PICTURE = "sensor_msgs/msg/CompressedImage"
 
 
 class BagWriter:
-    """The sink that writes an MCAP file of messages of ROS, each with its type in the file.
+    """The sink that writes an MCAP file of ROS messages, including their types.
 
-    Topics: `/contactmodel/frame` has all of each frame, from which a run is done again;
-    `/contactmodel/answer` the row of `angles.csv` in numbers, with the variance of the angle;
-    `/contactmodel/markers` the markers as points [m], with those that stick;
-    `/contactmodel/wrench` force and moment [N, N·m], where they are known; and
-    `/contactmodel/picture` the picture, where there is one: a JPEG of 960 px at most.
+    Topics:
+
+    - `/contactmodel/frame`: the complete frame, from which a run can be repeated.
+    - `/contactmodel/answer`: the row of `angles.csv` in numbers, with the variance of the angle.
+    - `/contactmodel/markers`: the markers as points [m], with their state.
+    - `/contactmodel/wrench`: force and moment [N, N·m], if known.
+    - `/contactmodel/picture`: the picture, if any, as a JPEG of up to 960 px.
     """
 
     def __init__(self, path: Path, source: Source, method: str, rows: int = 0) -> None:
-        """Make the file, or go on with it.
+        """Make a file, or continue an existing one.
 
         Args:
-            path: of the file.
-            source: of the frames.
-            method: whose answers it has.
-            rows: that are kept of a file that is there.
+            path: path of the file.
+            source: source of the frames.
+            method: method whose answers are written.
+            rows: number of rows to keep of an existing file.
 
         Raises:
             ImportError: the extra `bags` is not installed.
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         require_extra("bags", f"writing {path}")
         self._path, self._method, self._source = path, method, source
@@ -62,7 +64,7 @@ class BagWriter:
         earlier.unlink(missing_ok=True)
 
     def restart(self) -> None:
-        """Begin the file anew."""
+        """Clear the file."""
         self._file.close()
         self._begin()
 
@@ -89,7 +91,7 @@ class BagWriter:
             self._file.flush()
 
     def close(self) -> None:
-        """Write the end of the file, by which messages are found fast, and close it."""
+        """Write the index at the end of the file, and close it."""
         with growing(self._path):
             if self._writer is not None:
                 self._writer.finish()
@@ -109,7 +111,8 @@ class BagWriter:
         layout = {name: np.empty(0, kind) for name, kind in LAYOUT_FIELDS.items()}
         if answer.layout is not self._layout:
             self._layout = answer.layout
-            layout = {name: one.ravel() for name, one in flatten_layout(self._layout).items()}
+            arrays = flatten_layout(self._layout)
+            layout = {name: values.ravel() for name, values in arrays.items()}
         frame = flatten_frame(answer.frame)
         for name, value in frame.items():
             if isinstance(value, np.ndarray):
@@ -131,11 +134,11 @@ class BagWriter:
         yield "markers", POINTS, {"header": header} | self._points(answer)
         wrench = np.array(answer.frame.wrench)
         if np.isfinite(wrench).any():
-            vectors = (wrench[:3], 1e-3 * wrench[3:])  # N·m, as ROS has them
+            vectors = (wrench[:3], 1e-3 * wrench[3:])  # ROS uses N·m
             make = self._types.types["geometry_msgs/msg/Vector3"]
-            both = (make(*vector.tolist()) for vector in vectors)
-            made = self._types.types["geometry_msgs/msg/Wrench"](*both)
-            yield "wrench", WRENCH, {"header": header, "wrench": made}
+            force, moment = (make(*vector.tolist()) for vector in vectors)
+            message = self._types.types["geometry_msgs/msg/Wrench"](force, moment)
+            yield "wrench", WRENCH, {"header": header, "wrench": message}
         if (shown := self._find_picture(answer.frame)) is not None:
             jpeg = np.frombuffer(shown.copy.jpeg, np.uint8)
             yield "picture", PICTURE, {"header": header, "format": "jpeg", "data": jpeg}
@@ -145,7 +148,7 @@ class BagWriter:
         return self._types.types["std_msgs/msg/Header"](stamp, "pad")
 
     def _row(self, answer: Answer) -> dict[str, Any]:
-        """The fields of an answer; they define its type."""
+        """The fields of an answer, which define the message's type."""
         row = read_cells(tabulate_answer(answer, self._method, self._source.unit))
         row = {name.lower(): value for name, value in row.items()}
         spread = (float(row["angle_high_deg"]) - float(row["angle_low_deg"])) / (2.0 * Z95)
@@ -182,8 +185,8 @@ class BagWriter:
 
 
 def read_answers(path: Path) -> Iterator[dict[str, Any]]:
-    """The answers in a file that `BagWriter` has written, each by the names of its fields."""
-    (channel,) = (one for one in describe_bag(path).channels if one.type == ANSWER)
+    """The answers in a file by `BagWriter`, each as values by field."""
+    (channel,) = (channel for channel in describe_bag(path).channels if channel.type == ANSWER)
     for message in read_messages(path, channel):
         if message.content is not None:
             row = dict(vars(message.content))
@@ -201,7 +204,7 @@ class _Sent(NamedTuple):
 
 
 def _start_writer(file: IO[bytes]) -> Any:
-    """A writer that packs no messages together: each is whole on the disc before the next comes."""
+    """A writer without chunks, so that each message is complete on the disc before the next."""
     from mcap.writer import Writer
 
     writer = Writer(file, use_chunking=False)
@@ -210,7 +213,7 @@ def _start_writer(file: IO[bytes]) -> Any:
 
 
 def _read_sent(path: Path, rows: int) -> Iterator["_Sent"]:
-    """The messages of the first rows of a file of ours, which may be cut off."""
+    """The messages of the first rows of a file by `BagWriter`, which may be incomplete."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 

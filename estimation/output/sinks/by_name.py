@@ -1,4 +1,4 @@
-"""Sinks by name, as the command line and `Settings` have them."""
+"""Sinks by name, as in `--sink` and `Settings`."""
 
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -22,10 +22,10 @@ FILES = {
     "zarr": "frames.zarr",
     "lerobot": "lerobot",
 }
-"""What each sink that writes a file calls it, beside `angles.csv`.
+"""Names of the files that sinks write next to `angles.csv`.
 
-Those of columns cannot grow by a row that a kill does not damage: they are made from the MCAP file
-when all has been answered.
+Zarr and LeRobot files cannot grow row by row without the risk of damage by a kill, so they are made
+from the MCAP file at the end of the run.
 """
 COLUMNS = ("zarr", "lerobot")
 EXTRAS = {
@@ -35,9 +35,9 @@ EXTRAS = {
     "zarr": ("bags", "zarr"),
     "lerobot": ("bags", "lerobot"),
 }
-"""What each sink needs that is not always installed."""
+"""Extras that each sink requires."""
 READERS = ("udp", "rerun")
-"""Sinks that have an address, `udp:HOST:PORT`; a `rerun` without one opens a viewer."""
+"""Sinks with an address, `udp:HOST:PORT`; `rerun` without an address opens a viewer."""
 
 
 def check_sinks(names: tuple[str, ...]) -> None:
@@ -45,16 +45,16 @@ def check_sinks(names: tuple[str, ...]) -> None:
 
     Raises:
         ImportError: an extra is not installed.
-        ValueError: there is no such sink.
+        ValueError: an unknown sink.
     """
     for name in names:
         kind, addressed, _ = name.partition(":")
         if addressed and kind in READERS:
             read_address(name)
         elif name not in (*FILES, "json", "rerun"):
-            readers = [f"{one}:{at}" for one in READERS for at in ("PORT", "HOST:PORT")]
-            known = ", ".join((*FILES, "json", "rerun", *readers))
-            raise ValueError(f"there is no sink {name!r} (--sink); there are {known}")
+            readers = [f"{reader}:{at}" for reader in READERS for at in ("PORT", "HOST:PORT")]
+            choices = ", ".join((*FILES, "json", "rerun", *readers))
+            raise ValueError(f"unknown sink {name!r} (--sink): choose from {choices}")
         for extra in EXTRAS.get(kind, ()):
             require_extra(extra, f"the sink {name}")
 
@@ -68,25 +68,24 @@ def open_sinks(
     opened: ExitStack,
     tell: Callable[[str], None],
 ) -> tuple[list[Sink], list[Sink]]:
-    """Open sinks beside those that every run has.
+    """Open the sinks that a run has in addition to its table and record.
 
     Args:
-        names: of the sinks.
-        folder: of the files that they write.
-        source: of the frames.
-        method: whose answers they take.
-        rows: that are kept of files that are there.
-        opened: closes them.
-        tell: told at their end, in a sentence, what has not been passed on.
+        names: names of the sinks.
+        folder: folder of the files that they write.
+        source: source of the frames.
+        method: method whose answers they take.
+        rows: number of rows to keep of existing files.
+        opened: stack that closes the sinks.
+        tell: receives a sentence on dropped answers when a sink is closed.
 
     Returns:
-        Those that hand answers to whoever reads them, none of which waits for its reader; and
-        those that write files.
+        Sinks that send answers to readers without waiting for them, and sinks that write files.
 
     Raises:
         ImportError: an extra is not installed.
-        ValueError: there is no such sink.
-        OSError: a file cannot be written, there is no such host, or a viewer does not start.
+        ValueError: an unknown sink.
+        OSError: a file cannot be written, a host is unknown, or a viewer does not start.
     """
     check_sinks(names)
     readers: list[Sink] = []
@@ -112,17 +111,21 @@ def open_sinks(
 
 
 def growing_files(names: tuple[str, ...]) -> list[str]:
-    """The files that grow with every answer; arguments as for `finish_files`."""
+    """Names of the files that grow with every answer.
+
+    Args:
+        names: names of the sinks.
+    """
     grown = {"mcap" if name in COLUMNS else name for name in names}
     return [FILES[name] for name in ("mcap", "rrd") if name in grown]
 
 
 def finish_files(names: tuple[str, ...], folder: Path) -> None:
-    """Make the files of columns, when all has been answered.
+    """Make the Zarr and LeRobot files from the MCAP file, once all frames are answered.
 
     Args:
-        names: of the sinks.
-        folder: of the files.
+        names: names of the sinks.
+        folder: folder of the files.
 
     Raises:
         ImportError: an extra is not installed.
@@ -137,10 +140,10 @@ def finish_files(names: tuple[str, ...], folder: Path) -> None:
 
 
 def read_address(name: str) -> tuple[str, int]:
-    """Host and port of a sink `udp:PORT` or `udp:HOST:PORT`; this machine where no host is named.
+    """Host and port of a sink `udp:PORT` or `udp:HOST:PORT`; without a host, this machine.
 
     Raises:
-        ValueError: there is no port.
+        ValueError: the name has no valid port.
     """
     kind, _, address = name.partition(":")
     host, _, port = address.rpartition(":")

@@ -1,4 +1,4 @@
-"""Answers as lines of text, one for each frame: for people on the terminal, for controllers."""
+"""Answers as lines of text, one for each frame, for terminals and controllers."""
 
 import json
 import math
@@ -14,27 +14,27 @@ HEADER = "time_s,source_index,state,angle_deg,angle_low_deg,angle_high_deg,reaso
 
 
 class AnswerLines(ABC):
-    """A sink that says every answer as a line; what has been said is not said again."""
+    """A sink that writes each answer as a line, and only one line for each frame."""
 
     def __init__(self, say: Callable[[str], None], method: str) -> None:
-        """Make it.
+        """Make a sink.
 
         Args:
-            say: told each line.
-            method: whose answers are said.
+            say: receives each line.
+            method: method whose answers are written.
         """
         self._say, self._method = say, method
-        self._said = 0
+        self._written = 0
 
     def put(self, answer: Answer) -> None:
-        """Say an answer, unless there was one to the same frame."""
-        if answer.row < self._said:
+        """Write an answer, unless its frame has a line."""
+        if answer.row < self._written:
             return
-        self._said = answer.row + 1
+        self._written = answer.row + 1
         self._say(self.show(answer))
 
     def restart(self) -> None:
-        """Go on: what has been said cannot be taken back."""
+        """Do nothing: lines that were written cannot be withdrawn."""
         return
 
     @abstractmethod
@@ -43,10 +43,10 @@ class AnswerLines(ABC):
 
 
 class LineWriter(AnswerLines):
-    """Says answers as comma-separated values, a header first."""
+    """Writes answers as comma-separated values, after a header."""
 
     def __init__(self, say: Callable[[str], None], method: str) -> None:
-        """Make it; arguments as for `AnswerLines`."""
+        """Make a sink and write the header; arguments as in `AnswerLines`."""
         super().__init__(say, method)
         say(HEADER)
 
@@ -60,15 +60,15 @@ class LineWriter(AnswerLines):
 
 
 class JsonWriter(AnswerLines):
-    """Says answers as JSON objects with the columns of `angles.csv`; `null` where unknown."""
+    """Writes answers as JSON objects with the columns of `angles.csv`; `null` where unknown."""
 
     def __init__(self, say: Callable[[str], None], method: str, unit: str = "mm") -> None:
-        """Make it.
+        """Make a sink.
 
         Args:
-            say: as for `AnswerLines`.
-            method: as for `AnswerLines`.
-            unit: of lengths, mm or px.
+            say: receives each line.
+            method: method whose answers are written.
+            unit: unit of lengths, mm or px.
         """
         super().__init__(say, method)
         self._unit = unit
@@ -76,8 +76,8 @@ class JsonWriter(AnswerLines):
     def show(self, answer: Answer) -> str:
         """The line of an answer."""
         row = read_cells(tabulate_answer(answer, self._method, self._unit))
-        known = {
+        content = {
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in row.items()
         }
-        return json.dumps(known, ensure_ascii=False, allow_nan=False)
+        return json.dumps(content, ensure_ascii=False, allow_nan=False)

@@ -1,4 +1,4 @@
-"""A way out that never keeps anyone waiting: who reads too slowly misses the oldest."""
+"""An outlet that never blocks its sender: a slow reader misses the oldest items."""
 
 import os
 import socket
@@ -9,26 +9,26 @@ from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
-"""What is passed on for a frame: a line, or what is drawn of it."""
+"""The item for a frame: a line, or the arguments of a drawing function."""
 
 
 class Outlet(Generic[Item]):
-    """Passes items on in a thread of its own.
+    """Passes items on in a separate thread.
 
     Attributes:
-        sent: items that were passed on.
-        dropped: items that were not, because the reader was slow or gone.
+        sent: number of items passed on.
+        dropped: number of items dropped because the reader was slow or gone.
     """
 
     def __init__(
         self, write: Callable[[Item], None], end: Callable[[], object] = int, most: int = 256
     ) -> None:
-        """Open it.
+        """Open an outlet.
 
         Args:
-            write: passes one item on; it may take as long as it likes, and raise an OSError.
-            end: called once no more is written.
-            most: items that wait at a time; then the oldest is dropped.
+            write: passes one item on; it may block, and may raise an OSError.
+            end: called after the last item.
+            most: largest number of waiting items; when there are more, the oldest is dropped.
         """
         self.sent = self.dropped = 0
         self._write, self._end, self._most = write, end, most
@@ -39,7 +39,7 @@ class Outlet(Generic[Item]):
         self._thread.start()
 
     def send(self, item: Item) -> None:
-        """Pass an item on; returns at once."""
+        """Queue an item and return at once."""
         with self._changed:
             if len(self._waiting) == self._most:
                 self._waiting.popleft()
@@ -48,7 +48,7 @@ class Outlet(Generic[Item]):
             self._changed.notify()
 
     def close(self, patience: float = 1.0) -> None:
-        """Pass on what waits, unless that takes longer than `patience` [s]."""
+        """Pass on the waiting items, and drop those left after `patience` [s]."""
         with self._changed:
             self._closed = True
             self._changed.notify()
@@ -58,11 +58,11 @@ class Outlet(Generic[Item]):
             self._waiting.clear()
 
     def describe(self, name: str) -> str:
-        """What was dropped, in a sentence; empty where nothing was."""
+        """A sentence on dropped items; empty if there are none."""
         if not self.dropped:
             return ""
-        every = self.sent + self.dropped
-        return f"{name}: {self.dropped} of {every} frames dropped: the reader was slow or gone"
+        total = self.sent + self.dropped
+        return f"{name}: {self.dropped} of {total} frames dropped: the reader was slow or gone"
 
     def _pass_on(self) -> None:
         while True:
@@ -85,7 +85,7 @@ class Outlet(Generic[Item]):
 
 
 def open_stdout() -> Outlet[str]:
-    """A way for lines to standard output, beside Python's own buffer."""
+    """An outlet for lines to standard output, without Python's buffer."""
     handle = os.dup(sys.stdout.fileno())
 
     def write(line: str) -> None:
@@ -97,10 +97,10 @@ def open_stdout() -> Outlet[str]:
 
 
 def open_udp(host: str, port: int) -> Outlet[str]:
-    """A way for lines to a UDP port, a packet each.
+    """An outlet for lines to a UDP port, one packet for each line.
 
     Raises:
-        OSError: there is no such host.
+        OSError: the host is unknown.
     """
     family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     sender = socket.socket(family, kind)
@@ -112,12 +112,12 @@ def open_udp(host: str, port: int) -> Outlet[str]:
 
 
 def close_outlet(outlet: Outlet[Any], name: str, tell: Callable[[str], None]) -> None:
-    """Close a way out.
+    """Close an outlet.
 
     Args:
-        outlet: passes on what waits, for a while.
-        name: of its reader.
-        tell: told what was dropped, in a sentence.
+        outlet: outlet to close; it passes on waiting items for a moment.
+        name: name of its reader.
+        tell: receives a sentence on dropped items, if any.
     """
     outlet.close()
     if note := outlet.describe(name):

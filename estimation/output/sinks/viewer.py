@@ -1,4 +1,4 @@
-"""Answers for Rerun's viewer: a recording on the disc, or a viewer that is open."""
+"""Answers for Rerun's viewer: a file, or an open viewer."""
 
 import warnings
 from collections.abc import Callable, Mapping
@@ -29,23 +29,24 @@ LEVEL_COLOURS = dict(
 
 
 class Viewing:
-    """What the viewer is shown of each answer.
+    """Logs answers to Rerun.
 
-    - `/view/picture`: the picture; `/view/markers`: its markers, by what they do; `/view/motion`:
-      how far they have moved.
+    - `/view/picture`: the picture; `/view/markers`: its markers, coloured by state;
+      `/view/motion`: their displacements.
     - `/angle`: the angle and its interval [°]; `/margin`: the angle that remains before macro slip
-      and its interval [°]; `/slip`: the probability of a slip; `/markers`: how many stick, and how
-      many are in contact.
-    - `/state` and `/alert`: their words; `/reason`: why there is no angle, or a warning about it.
+      and its interval [°]; `/slip`: the probability of a slip; `/markers`: numbers of markers that
+      stick and of markers in contact.
+    - `/state` and `/alert`: state and alert level; `/reason`: the reason for a missing or uncertain
+      angle.
     """
 
     def __init__(self, source: Source, method: str, stream: Any) -> None:
-        """Make it.
+        """Set up the curves and states.
 
         Args:
-            source: of the frames.
-            method: whose answers are shown.
-            stream: of Rerun, that the answers go to.
+            source: source of the frames.
+            method: method whose answers are shown.
+            stream: Rerun's stream that the answers go to.
         """
         self._source, self._method, self._stream = source, method, stream
         self._last: dict[str, str] = {}
@@ -63,12 +64,12 @@ class Viewing:
         """Log an answer.
 
         Args:
-            answer: to a frame.
-            shown: its picture, where there is one.
+            answer: answer for a frame.
+            shown: picture of the frame; None without a picture.
         """
         import rerun as rr
 
-        found, log = answer.estimates[self._method], self._stream.log
+        estimate, log = answer.estimates[self._method], self._stream.log
         self._stream.set_time("frame", sequence=answer.row)
         if np.isfinite(answer.frame.time):
             self._stream.set_time("time", duration=answer.frame.time)
@@ -77,39 +78,39 @@ class Viewing:
         self._show_markers(answer, shown)
         margin = answer.margin
         for path, values in {
-            "angle": np.degrees([found.angle, found.low, found.high]),
+            "angle": np.degrees([estimate.angle, estimate.low, estimate.high]),
             "margin": np.degrees([margin.angle, margin.angle_low, margin.angle_high]),
             "slip": [answer.shear.slipped],
-            "markers": [found.stick_markers, found.contact_markers],
+            "markers": [estimate.stick_markers, estimate.contact_markers],
         }.items():
             log(path, rr.Scalars(values))
-        for path, word in {"state": found.state, "alert": answer.alert.level}.items():
+        for path, word in {"state": estimate.state, "alert": answer.alert.level}.items():
             if self._is_new(path, str(word)):
                 log(path, rr.StateChange(state=str(word)))
-        if self._is_new("reason", found.reason):
-            log("reason", rr.TextLog(found.reason or "answered"))
+        if self._is_new("reason", estimate.reason):
+            log("reason", rr.TextLog(estimate.reason or "answered"))
 
     def _show_markers(self, answer: Answer, shown: Shown | None) -> None:
         import rerun as rr
 
         frame, reference = answer.frame, answer.layout.reference
-        found = answer.estimates[self._method]
+        estimate = answer.estimates[self._method]
         view = view_markers(self._source, frame.positions, reference, shown)
         now, rest = view.spots, view_markers(self._source, reference, reference, shown).spots
         if view.jpeg is not None:
             jpeg = rr.EncodedImage(contents=view.jpeg, media_type="image/jpeg")
             self._stream.log("view/picture", jpeg)
-        seen = frame.valid & np.isfinite(now + rest).all(axis=(0, 2))
+        visible = frame.valid & np.isfinite(now + rest).all(axis=(0, 2))
         colours = dict(zip("ox.", MARKER_COLOURS.values(), strict=True))
-        kinds = [colours[sign] for sign in marker_signs(found.stick, found.contact)[seen]]
-        colour = [int(f"{one[1:]}ff", 16) for one in kinds] * len(now)
-        spots, before = now[:, seen].reshape(-1, 2), rest[:, seen].reshape(-1, 2)
+        signs = marker_signs(estimate.stick, estimate.contact)[visible]
+        colour = [int(f"{colours[sign][1:]}ff", 16) for sign in signs] * len(now)
+        spots, before = now[:, visible].reshape(-1, 2), rest[:, visible].reshape(-1, 2)
         self._stream.log("view/markers", rr.Points2D(spots, colors=colour, radii=3.0))
         arrows = rr.Arrows2D(origins=before, vectors=spots - before, colors=colour)
         self._stream.log("view/motion", arrows)
 
     def _is_new(self, path: str, word: str) -> bool:
-        """Whether a word is another one than that of the last answer."""
+        """Whether a word differs from that of the last answer."""
         before, self._last[path] = self._last.get(path), word
         return before != word
 
@@ -122,27 +123,27 @@ class Viewing:
     def _name_states(self, path: str, colours: Mapping[Any, str]) -> None:
         import rerun as rr
 
-        values = [str(one) for one in colours]
-        shades = [int(f"{one[1:]}ff", 16) for one in colours.values()]
+        values = [str(state) for state in colours]
+        shades = [int(f"{colour[1:]}ff", 16) for colour in colours.values()]
         about = rr.StateConfiguration(values=values, labels=values, colors=shades)
         self._stream.log(path, about, static=True)
 
 
 class ViewerFile:
-    """The sink that writes a recording for Rerun's viewer."""
+    """The sink that writes a file for Rerun's viewer."""
 
     def __init__(self, path: Path, source: Source, method: str, rows: int = 0) -> None:
-        """Make the file, or go on with it.
+        """Make a file, or continue an existing one.
 
         Args:
-            path: of the file, `*.rrd`.
-            source: of the frames.
-            method: whose answers it has.
-            rows: that are kept of a file that is there; 0 makes it anew.
+            path: path of the file, `*.rrd`.
+            source: source of the frames.
+            method: method whose answers are written.
+            rows: number of rows to keep of an existing file; 0 makes a new one.
 
         Raises:
             ImportError: the extra `view` is not installed.
-            OSError: it cannot be written.
+            OSError: the file cannot be written.
         """
         require_extra("view", f"writing {path}")
         self._path, self._source, self._method = path, source, method
@@ -156,12 +157,12 @@ class ViewerFile:
         earlier.unlink(missing_ok=True)
 
     def restart(self) -> None:
-        """Begin the file anew."""
+        """Clear the file."""
         self.close()
         self._begin()
 
     def _begin(self) -> None:
-        self._path.open("wb").close()  # Rerun does not say why it cannot write
+        self._path.open("wb").close()  # raises the OSError that Rerun hides
         self._stream = open_stream(self._path)
         self._stream.save(self._path, default_blueprint=lay_out())
         self._viewing = Viewing(self._source, self._method, self._stream)
@@ -171,34 +172,34 @@ class ViewerFile:
         self._viewing.show(answer, self._find_picture(answer.frame))
 
     def close(self) -> None:
-        """Write what is not yet on the disc."""
+        """Write the remaining answers and close the file."""
         self._stream.flush()
         self._stream.disconnect()
 
 
 class LiveViewer:
-    """The sink that shows answers in a viewer while they come; it never waits for it."""
+    """The sink that shows answers in a viewer as they come, without waiting for it."""
 
     def __init__(self, source: Source, method: str, connect: Callable[[Any], None]) -> None:
-        """Begin.
+        """Connect to the viewer.
 
         Args:
-            source: of the frames.
-            method: whose answers are shown.
+            source: source of the frames.
+            method: method whose answers are shown.
             connect: connects a stream of Rerun to the viewer.
         """
         self._find_picture = keep_pictures(source)
         stream = open_stream()
         connect(stream)
         viewing, longest = Viewing(source, method, stream), 16
-        self.outlet = Outlet[Any](lambda one: viewing.show(*one), stream.disconnect, longest)
+        self.outlet = Outlet[Any](lambda item: viewing.show(*item), stream.disconnect, longest)
 
     def put(self, answer: Answer) -> None:
-        """Pass an answer on; returns at once."""
+        """Queue an answer and return at once."""
         self.outlet.send((answer, self._find_picture(answer.frame)))
 
     def restart(self) -> None:
-        """Go on: answers that are given anew take the place of the earlier ones."""
+        """Do nothing: answers that come again replace the earlier ones."""
         return
 
 
@@ -206,7 +207,7 @@ def open_stream(path: Path | None = None) -> Any:
     """A stream of Rerun.
 
     Args:
-        path: of the file that it is written to, by which it is known again.
+        path: path of the file to write, which identifies the stream; None for an open viewer.
     """
     import rerun as rr
 
@@ -218,7 +219,7 @@ def spawn_viewer(stream: Any) -> None:
     """Open a viewer and connect to it.
 
     Raises:
-        OSError: it does not start.
+        OSError: the viewer does not start.
     """
     try:
         stream.spawn(default_blueprint=lay_out())
@@ -227,19 +228,19 @@ def spawn_viewer(stream: Any) -> None:
 
 
 def connect_viewer(host: str, port: int, stream: Any) -> None:
-    """Connect to a viewer that is open, or will be.
+    """Connect to a viewer that is open or will be opened.
 
     Args:
-        host: of the viewer.
-        port: of the viewer; Rerun's own is 9876.
-        stream: that is connected.
+        host: host of the viewer.
+        port: port of the viewer; Rerun's default is 9876.
+        stream: stream to connect.
     """
     name = f"[{host}]" if ":" in host else host
     stream.connect_grpc(f"rerun+http://{name}:{port}/proxy", default_blueprint=lay_out())
 
 
 def lay_out() -> Any:
-    """How the viewer lays the answers out: the markers beside curves and states over time."""
+    """The viewer's layout: markers on the left, curves and states over time on the right."""
     import rerun.blueprint as rrb
 
     lines = {
@@ -263,7 +264,7 @@ def lay_out() -> Any:
 
 
 def _read_chunks(path: Path) -> Any:
-    """What a file holds that was perhaps not closed, of which Rerun warns."""
+    """The content of a file; Rerun's warning that it was not closed is suppressed."""
     from rerun.chunk import RrdReader
 
     with warnings.catch_warnings():
