@@ -106,8 +106,7 @@ def calibrate_sensor(
 
     Args:
         unloaded: a folder of pictures, or a video, of the pad without contact.
-        pitch_mm: distance between neighbouring dots [mm]; without it, the known scale is kept, or
-            lengths stay in px.
+        pitch_mm: distance between neighbouring dots [mm]; without it, the scale is not changed.
         lens: lens of the camera, if known.
         known: an earlier description, whose other values are kept.
 
@@ -117,10 +116,8 @@ def calibrate_sensor(
     """
     if pitch_mm is not None and not 0.0 < pitch_mm < np.inf:
         raise ValueError(f"the pitch is {pitch_mm} mm; it must be a number above 0")
-    pictures = read_pictures(unloaded)
-    images = [
-        picture.image for picture in pictures if picture.image is not None and not picture.flaw
-    ]
+    pictures = (picture for picture in read_pictures(unloaded) if not picture.flaw)
+    images = [picture.image for picture in pictures if picture.image is not None]
     if not images:
         raise ValueError(f"{unloaded} has no usable picture")
     height, width = images[0].shape[:2]

@@ -71,9 +71,8 @@ def solve_contact(
         throw: whether a failure raises an error; if False, only `result` reports it.
 
     Raises:
-        ValueError: shapes do not match, the pose is corotated while resultants are given, shear
-            force or moment is given without friction, or the tolerance is below the floating-point
-            precision.
+        ValueError: shapes do not match, resultants are given with a corotated pose or, except the
+            normal force, without friction, or rtol is below the floating-point precision.
         RuntimeError: the solve failed. If friction cannot carry the resultants, the message states
             the largest force and moment; with `throw=False`, the solution holds them.
 
@@ -112,8 +111,7 @@ def solve_path(
         contact: bodies, shape, grid and friction.
         path: poses, with the steps along the first axis (`make_path`). If resultants are given,
             the first pose is a first guess.
-        resultants: force and moment for each step, or one value for all steps; otherwise as for
-            `solve_contact`.
+        resultants: force and moment for each step, or one value for all steps.
         previous: solution before the path. Without it, the path starts from rest.
         sliding: whether the object's shape moves with the slip, one step later.
         rtol: as for `solve_contact`.

@@ -146,9 +146,8 @@ def fit_softness(
 ) -> SoftnessFit:
     """Fit k and L of one object, or of a class of objects, to one or more trials.
 
-    The fit includes the errors of both variables (functional relation, [York2004] of `regression`).
-    Readings far off the line get less weight or none. Clock offsets are fitted for trials with two
-    clocks.
+    The fit includes the errors of both variables (functional relation, [York2004] of `regression`)
+    and the offset of two clocks. Readings far off the line get less weight or none.
 
     Args:
         trials: grasps of the object.
@@ -190,9 +189,7 @@ def fit_softness(
         check_line(trial, line)
     offsets = np.array([line.clock_offsets[0] for line in single])
     models = _models(trials) if layer is None else {"none": _models(trials)["none"]}
-    lines = {
-        name: fit_line(Problem(series, columns, pad), offsets) for name, columns in models.items()
-    }
+    lines = {name: fit_line(Problem(series, terms, pad), offsets) for name, terms in models.items()}
     candidates = _rank(lines)
     chosen = model or candidates[0].model
     _expect_model(chosen, lines)

@@ -111,10 +111,7 @@ def find_tractions(
     rtol: ArrayLike,
     max_steps: ArrayLike,
 ) -> Tractions:
-    """Solve without a derivative: jointly, and in turn where the joint solve does not converge.
-
-    Arguments as for `solve_tractions`.
-    """
+    """Solve like `solve_tractions` without a derivative: jointly, and in turn if that fails."""
     if smooth:
         return _press(compliance, load, start, rtol, max_steps)
     coupled = compliance.coupling is not None
