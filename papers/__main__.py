@@ -120,7 +120,11 @@ def leaderboard(
         ),
     ] = None,
     alone: Annotated[
-        bool, typer.Option(help="Rank the entries of --angles only; run no method.")
+        bool,
+        typer.Option(
+            help="Run no method; rank the entries of --angles, in the practice round beside the "
+            "published rows."
+        ),
     ] = False,
 ) -> None:
     """Rank methods by their share of right answers in three tiers: virtual, finite strain, real.

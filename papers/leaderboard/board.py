@@ -19,6 +19,7 @@ from papers.leaderboard.entries import Entry
 from papers.leaderboard.sources import Source
 
 Row = dict[str, Any]
+Line = tuple[str, Mapping[str, float | None]]
 
 
 class Score(NamedTuple):
@@ -93,13 +94,18 @@ def _fit_length(angle: np.ndarray | None, case: Case) -> Float[np.ndarray, " fra
     return fitted
 
 
-def rank(scores: Sequence[Score]) -> list[Row]:
-    """A row for each entry: right answers by tier [%], sorted by their mean, best first."""
-    lines = []
+def rank(scores: Sequence[Score], others: Sequence[Line] = ()) -> list[Row]:
+    """A row for each entry: right answers by tier [%], sorted by their mean, best first.
+
+    Args:
+        scores: scores of all entries.
+        others: entries that were scored before, with their right answers by tier [%]; None where
+            they have none, which counts as 0.
+    """
+    lines = list(others)
     for entry in dict.fromkeys(score.entry for score in scores):
         own_scores = [score for score in scores if score.entry == entry]
         lines.append((entry, {tier: _share(own_scores, tier) for tier in settings.TIERS}))
-    # a tier without an answer counts as 0
     lines.sort(key=lambda line: -sum(share or 0.0 for share in line[1].values()))
     return [
         {"entry": entry, **{f"{tier}, right [%]": _round(share) for tier, share in shares.items()}}

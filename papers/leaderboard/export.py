@@ -1,5 +1,6 @@
 """Export for entrants: recordings of both splits, and the truth of the tuning cases only."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib.resources import files
@@ -18,7 +19,8 @@ def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -
     """Write the recordings, the rules and a list of the cases.
 
     `SPLIT/CASE.npz` is a recording; for a rendered clip, the folder `SPLIT/CASE` has its pictures.
-    `cases.csv` lists all cases, `truth.csv` has the truth of the tuning cases.
+    `cases.csv` lists all cases, `truth.csv` has the truth of the tuning cases, and `baseline.csv`
+    is an entry to compare with.
 
     Args:
         sources: the cases with their recordings.
@@ -46,8 +48,12 @@ def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -
             truths += _write_truth(source)
     write_whole(folder / "cases.csv", "\n".join(listed) + "\n")
     write_whole(folder / "truth.csv", "\n".join(truths) + "\n")
-    rules = (files("papers.leaderboard") / "README.md").read_text(encoding="utf-8")
-    write_whole(folder / "README.md", rules)
+    shipped = files("papers.leaderboard")
+    rules = (shipped / "README.md").read_text(encoding="utf-8")
+    plain = re.sub(r"\[([^]]*)\]\((?!https?:)[^)]*\)", r"\1", rules)  # its links lead elsewhere
+    write_whole(folder / "README.md", plain)
+    baseline = (shipped / "baseline.csv").read_text(encoding="utf-8")
+    write_whole(folder / "baseline.csv", baseline)
 
 
 def _write_truth(source: Source) -> list[str]:

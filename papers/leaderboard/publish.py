@@ -1,6 +1,8 @@
 """The two tasks of the command: export the cases, and rank entries."""
 
-from collections.abc import Sequence
+import csv
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +18,8 @@ from papers.leaderboard.sources import Source, open_cases
 
 BASELINE = Path(__file__).with_name("baseline.csv")
 """The entry of the rigid fit `kabsch` in the practice round."""
+PUBLISHED = Path(__file__).with_name("published.csv")
+"""Right answers of all methods in the practice round by tier [%], with all data sets."""
 
 
 class Ranking(NamedTuple):
@@ -46,7 +50,8 @@ def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: 
     Raises:
         OSError: a file cannot be written.
     """
-    sources = [source for split in splits for source in _open(split, seed, track)]
+    note = cache(_note)  # a data set that is left out is named once
+    sources = [source for split in splits for source in _open(split, seed, track, note)]
     export_cases(sources, folder, track)
 
 
@@ -62,13 +67,14 @@ def rank_entries(
         alone: whether to rank only the given entries.
         track: wraps the outer loop, to show progress.
     """
-    sources = _open(split, seed, track)
+    sources = _open(split, seed, track, _note)
     for entry in given:
         _note_missing(entry, sources)
     entries = [*([] if alone else answer_all(sources, track)), *given]
     scores = board.score_all(entries, sources)
+    practice = split == "scored" and seed in (None, settings.PRACTICE_SEED)
     tables = {
-        "leaderboard": board.rank(scores),
+        "leaderboard": board.rank(scores, read_published() if alone and practice else ()),
         "groups": board.tabulate(scores, "group"),
         "cases": board.tabulate(scores, "case"),
     }
@@ -78,10 +84,22 @@ def rank_entries(
     return Ranking(tables, texts, figure_png(board.plot(scores)))
 
 
-def _open(split: str, seed: int | None, track: Track) -> list[Source]:
+def read_published() -> list[board.Line]:
+    """The methods of the practice round with their right answers by tier [%]."""
+    with PUBLISHED.open(encoding="utf-8") as file:
+        return [
+            (
+                f"{row['entry']} (published)",
+                {t: float(row[t]) if row[t] else None for t in settings.TIERS},
+            )
+            for row in csv.DictReader(file)
+        ]
+
+
+def _open(split: str, seed: int | None, track: Track, note: Callable[[str], None]) -> list[Source]:
     scored = settings.PRACTICE_SEED if seed is None else seed
     own = settings.TUNING_SEED if split == "tuning" else scored
-    return list(track(open_cases(list_cases(split), own, _note)))
+    return list(track(open_cases(list_cases(split), own, note)))
 
 
 def _note_missing(entry: Entry, sources: Sequence[Source]) -> None:

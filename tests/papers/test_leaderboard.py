@@ -1,4 +1,5 @@
 import csv
+import re
 import subprocess
 import sys
 
@@ -217,6 +218,23 @@ def test_the_baseline_is_an_entry_to_all_simulated_cases():
     assert 0.2 < scores[0].right < 0.8  # of the practice round
 
 
+def test_the_published_rows_are_those_of_the_readme():
+    readme = publish.PUBLISHED.with_name("README.md").read_text(encoding="utf-8")
+    table = re.findall(r"^\| `([^`]+)` \| \D*([\d.]+)[^|]*\|(.*)\|(.*)\|$", readme, re.M)
+    rows = publish.read_published()
+    assert [f"{entry} (published)" for entry, *_ in table] == [entry for entry, _ in rows]
+    for (_, *cells), (_, shares) in zip(table, rows, strict=True):
+        numbers = [re.search(r"[\d.]+", cell) for cell in cells]
+        assert [found and float(found[0]) for found in numbers] == list(shares.values())
+
+
+def test_an_entry_is_ranked_among_the_published_ones():
+    score = board.Score("mine", "virtual", "one", "0", 1.0, np.zeros(0), 1, 1)
+    rows = board.rank([score], [("other", {"virtual": 99.0, "real": None})])
+    assert [row["entry"] for row in rows] == ["mine", "other"]
+    assert rows[1]["real, right [%]"] is None
+
+
 def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
     monkeypatch, tmp_path, capsys
 ):
@@ -241,9 +259,17 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
         "leaderboard.png",
     }
     assert not run(monkeypatch, "--export", tmp_path / "cases", "--seed", 9)
+    assert capsys.readouterr().err.count("slip-lifts left out") == 1
     exported = tmp_path / "cases"
+    assert not re.findall(r"\]\((?!https?:)", (exported / "README.md").read_text(encoding="utf-8"))
     shown = {path.relative_to(exported).as_posix() for path in exported.rglob("*.*")}
-    assert shown >= {"README.md", "cases.csv", "truth.csv", f"scored/{GAPPY.name}.npz"}
+    assert shown >= {
+        "README.md",
+        "baseline.csv",
+        "cases.csv",
+        "truth.csv",
+        f"scored/{GAPPY.name}.npz",
+    }
     np.testing.assert_array_equal(
         read_archive(exported / "scored" / f"{GAPPY.name}.npz").positions,
         open_one(GAPPY, 9).read().positions,
