@@ -3,14 +3,15 @@
 ========================
 
 You have a method of your own. The leaderboard gives it recordings, takes its angles as a CSV file,
-and ranks it beside ours and the published ones.
+and ranks it beside ours and those of other groups.
 """
 
 # %%
 # Get the recordings
 # ------------------
 #
-# This command writes them. Its ``README.md`` states the rules, and ``cases.csv`` lists the cases:
+# This command writes them in two to three minutes. Its ``README.md`` states the rules, and
+# ``cases.csv`` lists the cases:
 #
 # .. code-block:: bash
 #
@@ -21,7 +22,7 @@ and ranks it beside ours and the published ones.
 # are on your machine: run ``python -m estimation fetch NAME`` first, with the ``NAME`` of each data
 # set that the command names. To keep this page short, we make two tuning cases here.
 #
-# You can try the scoring without the export. Copy ``papers/leaderboard/baseline.csv``, change its
+# The export also has ``baseline.csv``, an entry of plain rigid fits. To try the scoring, change its
 # angles, and give it to the command below, without ``--split``.
 
 import tempfile
@@ -90,9 +91,10 @@ print(*rows[:3], sep="\n")
 #    python -m papers leaderboard --angles kabsch.csv --split tuning --alone
 #
 # The command checks the file first. A wrong case, frame or number ends in an error that names the
-# line. Without ``--alone`` it also runs all other methods, which takes some minutes. Without
-# ``--split tuning`` it ranks by the scored cases. Cases without rows count as wrong, and a note
-# says how many there are.
+# line. Then it makes all cases of the split, which takes about a minute, and scores the file.
+# Without ``--split tuning`` it ranks by the scored cases, beside the published rows. Without
+# ``--alone`` it runs all other methods too, which takes some minutes more. Cases without rows count
+# as wrong, and a note gives their number. The files are in ``build/papers/leaderboard``.
 #
 # In Python scoring takes two calls. The numbers printed here come from these calls, and not from
 # the command. They are of the two cases made above:

@@ -11,9 +11,10 @@ a shape of your own, and a fit of any number by a standard optimizer, take a few
 # -------
 #
 # A shape is a class with its sizes as fields and a ``height`` above the pad. Write the height with
-# ``jax.numpy``. It should be 0 where the shape first touches. This is not checked: a shape whose
-# lowest point is higher is pressed by so much less. This one is a ball with a shallow groove on
-# top, such as the seam of a tennis ball. Its lowest point is at 0.07 mm.
+# ``jax.numpy``. It should be 0 where the shape first touches. This is not checked: if the lowest
+# point has a height of 0.1 mm, an approach of 0.8 mm presses by 0.7 mm only. This shape is a
+# paraboloid with a groove along y on its contact side, such as the seam of a tennis ball. Its lowest
+# points lie beside the groove, at a height of 0.07 mm.
 
 import jax
 import jax.numpy as jnp
@@ -48,9 +49,10 @@ seam = Seam(jnp.array(12.0), jnp.array(0.15), jnp.array(0.8))
 # Press and twist
 # ---------------
 #
-# The contact has two bodies, a shape, a grid and a coefficient of friction. The pose presses by
-# 0.8 mm, which is 0.73 mm from first touch, and twists by 6°. The map shows where the object sticks
-# to the gel and where it slips. The groove carries little pressure, so it slips early.
+# The contact has two bodies, a shape, a grid and a coefficient of friction. The pose approaches by
+# 0.8 mm, which presses by 0.73 mm, and twists by 6°. Its ``twist`` is in rad. The map shows where
+# the object sticks to the gel and where it slips. The groove carries little pressure, so it slips
+# early.
 #
 # For a thin gel write ``Layer(shear_modulus=0.2, poisson_ratio=0.5, thickness=4.0)`` in place of
 # the first half-space. To press first and twist later, pass on the first solution as ``previous``
@@ -85,15 +87,17 @@ axis.title.set_fontsize(9)
 # Force and gradient
 # ------------------
 #
-# The gel is pushed down, so its force along z is negative. ``jax.grad`` gives the gradient of the
-# moment, and a small finite difference confirms it: 1.0977 N·mm for friction, both ways.
+# ``jax.grad`` gives the gradient of the moment, and a small finite difference confirms it. The first
+# gradient takes about half a minute, since it is compiled, so this page only shows what is printed:
 #
 # .. code-block:: python
 #
 #    moment = lambda friction, ratio: press(friction, ratio).moment
 #    by_friction, by_ratio = jax.grad(moment, argnums=(0, 1))(0.6, 0.3)
 #    steps = (moment(0.6 * 1.0001, 0.3) - moment(0.6 * 0.9999, 0.3)) / 0.00012
-#    print(by_friction, steps, truth.force[2])
+#    print(by_friction, steps)  # 1.0977 1.0977, in N·mm
+#    print(by_ratio)  # -1.2172 N·mm
+#    print(truth.force[2])  # -1.9193 N: the gel is pushed down, so its force along z is negative
 #
 # Keep the relative step near 1e-4. In larger steps cells change from stick to slip: a step of 0.1
 # is 6 % off here. The gradient is that of the grid's problem. It converges more slowly than the

@@ -85,9 +85,9 @@ axis.legend()
 # - *A thin gel.* One number k is exact on a thick gel only. Below a thickness of about the
 #   contact's size, give ``--thickness-mm`` to the first command. It then fits a model of the
 #   layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if
-#   forces are known. It is within 1 % on virtual data, but rejects the flat layer on a published
-#   Tac3D recording. There h varies from 6 to 16 mm with the data used
-#   (:doc:`details </papers/softness/README>`).
+#   forces are known. It is within 1 % on virtual data. On a published Tac3D recording it finds
+#   that a flat layer does not describe the pad. The fitted thickness is then between 6 and 16 mm,
+#   depending on the part of the data (:doc:`details </papers/softness/README>`).
 # - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm.
 #   A radius or a thickness needs a CSV that is zeroed at touch and on the sensor's clock. So give
 #   ``--zeroed --same-clock``. Do not give a radius for the virtual grasps above: their object turns
@@ -97,9 +97,10 @@ axis.legend()
 #   and repeat the option: ``--reference LEFT.csv --reference RIGHT.csv``. Do not use ``--flip``
 #   here, as it changes the sign in all of them.
 # - *Two fingers, no angle.* ``--second-ratio`` gives k, but only if one gel is stiffer than the
-#   other. Two equal fingers cannot give k.
+#   other. Two fingers of the same stiffness cannot determine k.
 # - *Files of a Tac3D.* See the :doc:`table of files </estimation/README>`.
 # - *No stage?* Use ``--reference outline``. The angle then comes from the object's imprint or from
 #   the contact's outline. It needs an object that prints, or a contact that is not round.
-# - *Turn far enough, and one way.* With noise of 10 µm, turn by 10° or more without a reversal.
-# - *A fit that is refused* names the cause, such as too few frames in which markers stick.
+# - *Turn far enough.* With noise of 10 µm, turn one way by 10° or more. After a reversal, such
+#   noise hides slip. The grasps above have noise of 1 µm, which permits the reversal.
+# - *A fit is refused?* The message names the cause, such as too few frames in which markers stick.
