@@ -13,8 +13,8 @@ a shape of your own, and a fit of any number by a standard optimizer, take a few
 # A shape is a class with its sizes as fields and a ``height`` above the pad. Write the height with
 # ``jax.numpy``. It should be 0 where the shape first touches. This is not checked: if the lowest
 # point has a height of 0.1 mm, an approach of 0.8 mm presses by 0.7 mm only. This shape is a
-# paraboloid with a groove along y on its contact side, such as the seam of a tennis ball. Its lowest
-# points lie beside the groove, at a height of 0.07 mm.
+# paraboloid with a groove along y on its contact side, such as the seam of a tennis ball. Its
+# lowest points lie beside the groove, at a height of 0.07 mm.
 
 import jax
 import jax.numpy as jnp
@@ -87,8 +87,8 @@ axis.title.set_fontsize(9)
 # Force and gradient
 # ------------------
 #
-# ``jax.grad`` gives the gradient of the moment, and a small finite difference confirms it. The first
-# gradient takes about half a minute, since it is compiled, so this page only shows what is printed:
+# ``jax.grad`` gives the gradient of the moment, and a small finite difference confirms it. The
+# first gradient takes about half a minute, since it is compiled. So this page only shows its output:
 #
 # .. code-block:: python
 #

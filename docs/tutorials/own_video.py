@@ -102,13 +102,13 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # - *The first pictures show the empty gel.* If not, give one of its pictures: ``--unloaded
 #   PICTURE``. Without it, the gel at rest is found from the dots that the object does not move, and
 #   the angle counts from the first frame.
-# - *Lengths are in px* unless you give the scale: ``--mm-per-px 0.06``. Angles do not need it, and a
-#   wrong scale does not change them. It makes lengths in mm wrong.
-# - *The sign.* Look from the object at the gel: a counter-clockwise turn is positive. A camera under
-#   the gel sees the same turn as clockwise.
+# - *Lengths are in px* unless you give the scale: ``--mm-per-px 0.06``. Angles do not need it. A
+#   wrong scale does not change them, but makes lengths in mm wrong.
+# - *The sign.* Look from the object at the gel: a counter-clockwise turn is positive. A camera
+#   under the gel sees the same turn as clockwise.
 # - *A frame has no angle.* Its ``reason`` says why. A reason beside an angle is a warning. The last
-#   line that the command prints gives the number of frames without an angle. The page :doc:`Recordings to angles
-#   </estimation/README>` lists the most frequent reasons.
+#   line that the command prints gives the number of frames without an angle. The page
+#   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
 # - *When it slipped.* ``macro_slip_s`` in ``summary.json`` has four times for each stretch of macro
 #   slip, in s from the first frame. They are those of the last frame before it, its first, its
 #   last, and the first frame after it.
