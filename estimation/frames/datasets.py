@@ -211,7 +211,7 @@ def _download_wheel(published: dict[str, str], cache: Path) -> Path:
 
 
 def _pip_command(published: dict[str, str], destination: str) -> list[str]:
-    """pip's arguments that download the wheel, for whatever platform it is."""
+    """pip's arguments that download the wheel, even if it is for another platform."""
     version = ["--python-version", published["python_version"]]
     if "platform" in published:
         version += ["--platform", published["platform"]]

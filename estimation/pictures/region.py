@@ -26,7 +26,7 @@ MIDDLE = 9
 NOT_SETTLED = "a contact at the edge of the view has not settled"
 """Flaw of a frame whose contact is still entering the view."""
 SETTLED, ALIKE = 8, 0.7
-"""A contact is fully in view once it keeps this share of its markers over so many frames."""
+"""A contact counts as fully in view once it keeps this share of its markers over 8 frames."""
 
 
 def region_of_dispersion(

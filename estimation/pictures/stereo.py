@@ -70,8 +70,8 @@ class StereoReader(MarkerReader):
         self.left, self.right = left.take(fitting), right.take(fitting)
         self.misfit = float(np.median(rest.misfit[fitting]))
         self.layout = lay_out(self.left, rest.points[fitting])
-        given = settings.unloaded is not None
-        self.reference = "the frame that was given" if given else "the first usable frame"
+        unloaded = settings.unloaded is not None
+        self.reference = "the frame that was given" if unloaded else "the first usable frame"
 
     def read(self, picture: Picture) -> Row:
         """Measure positions in space in the next picture; the contact follows from them."""

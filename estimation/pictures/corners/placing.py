@@ -174,9 +174,9 @@ def _by_code(plan: Plan, cells: Cells) -> tuple[int, np.ndarray] | None:
     highest = scores[best]
     chance = np.exp(-read * np.log(2.0) - highest)
     near = scores[scores > highest - hopeless]
-    others = np.exp(near - highest).sum() - 1.0
+    rivals = np.exp(near - highest).sum() - 1.0
     beyond = shift > np.array(shape) - np.array(shifts[quarter])  # negative shifts wrap to the end
-    return (quarter, shift - np.where(beyond, shape, 0)) if others + chance < doubt else None
+    return (quarter, shift - np.where(beyond, shape, 0)) if rivals + chance < doubt else None
 
 
 def _channels(cells: Cells) -> Float32[np.ndarray, "3 rows columns"]:

@@ -24,8 +24,8 @@ class CornerReader(MarkerReader):
         """
         assert first.image is not None
         self.sensor, self.origin = settings.shown, settings.part.origin
-        given = settings.unloaded is not None
-        self.tracker = CornerTracker.learn(first.image, unloaded=given, part=settings.part)
+        unloaded = settings.unloaded is not None
+        self.tracker = CornerTracker.learn(first.image, unloaded=unloaded, part=settings.part)
         plan = self.tracker.plan
         self.rest = straighten(self.sensor, self.tracker.rest)
         self.scale, self.unit = settings.scale, settings.unit

@@ -30,8 +30,8 @@ class Dots(NamedTuple):
         centre: positions [px], x right and y down, the first pixel's middle at 0.
         covariance: of the position, from the residual of the fit [px²].
         axes: symmetric matrices that map the unit circle to each dot's rim [px].
-        contrast: difference of grey level between dot and background, positive if the dot is dark
-            or bright as the style says.
+        contrast: difference of grey level between dot and background, positive for a dot of the
+            style's polarity.
         blur: standard deviation of the point spread [px].
         explained: share of the picture's variance around the dot that the fit explains [-].
     """

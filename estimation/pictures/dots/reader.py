@@ -58,15 +58,15 @@ class DotReader(MarkerReader):
         assert first.image is not None
         self.sensor, self.part, self.origin = settings.shown, settings.part, settings.part.origin
         self.style = _style(first.image, self.sensor)
-        given = settings.unloaded is not None
-        self.rest = first.image if given else None
-        self.reference = self._make_reference(first.image, given)
+        unloaded = settings.unloaded is not None
+        self.rest = first.image if unloaded else None
+        self.reference = self._make_reference(first.image, unloaded)
         self.tracker = DotTracker(self.reference)
         self.imprint, self.arrival = ImprintFollower(), Arrival(self.reference)
         self.hold = HoldFollower(self.reference)
         self.light = self.printed = self.prints = False
         self.lattice = index_lattice(self.reference.position)
-        self.provisional = not given and self.sensor.reference is None
+        self.provisional = not unloaded and self.sensor.reference is None
         self.assumed = find_irregularity(self.lattice, self.reference.position[self.lattice.dot])
         self.size = first.size
         self.by_dots: deque[int] = deque(maxlen=MOST_JUDGED)

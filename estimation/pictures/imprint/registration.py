@@ -251,8 +251,8 @@ def search_motion(
         there = (cv2.warpAffine(mask, ahead, (columns, rows)) > 0.5).astype(np.float32)
         turned = there * cv2.warpAffine(earlier, ahead, (columns, rows))
         least = settings.overlap * float(min(there.sum(), shown.sum()))
-        others = np.conj(np.asarray(rfft2(np.stack([turned, there, turned**2]), shape)))
-        score = _correlate(spectra, others, shape, least)
+        conjugate = np.conj(np.asarray(rfft2(np.stack([turned, there, turned**2]), shape)))
+        score = _correlate(spectra, conjugate, shape, least)
         if score.max() > highest:
             down, right = np.unravel_index(int(score.argmax()), score.shape)
             shift = [right - shape[1] * (right > columns), down - shape[0] * (down > rows)]
