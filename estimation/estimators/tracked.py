@@ -218,7 +218,7 @@ class Tracked:
         return f"the angle is not known to ±{self.settings.widest_deg:.0f}° any more"
 
     def _forget(self) -> None:
-        """Begin anew with the next contact."""
+        """Restart with the next contact."""
         self._turn = ImprintedTurn()
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)

@@ -86,8 +86,8 @@ def _fill_hollow(
 
 def _is_peak(stencils: Stencils, displacement: Float[np.ndarray, "n 3"], marker: int) -> bool:
     """Whether a marker and its neighbours have on average moved less than half as far as it."""
-    beside = stencils.neighbours[marker]
-    moved = displacement[[marker, *beside[beside >= 0]]]
+    neighbours = stencils.neighbours[marker]
+    moved = displacement[[marker, *neighbours[neighbours >= 0]]]
     mean = moved[np.isfinite(moved[:, 0])].mean(axis=0)
     return bool(np.linalg.norm(mean) < 0.5 * np.linalg.norm(displacement[marker]))
 

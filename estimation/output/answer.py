@@ -29,10 +29,10 @@ def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> s
         high: upper end of its 95 % interval [rad].
         most: largest number of turning points to list; with more, only the extremes are listed.
     """
-    known = np.flatnonzero(np.isfinite(angle))
-    if not len(known):
+    answered = np.flatnonzero(np.isfinite(angle))
+    if not len(answered):
         return "no angle"
-    angles, lows, highs = (np.degrees(values[known]) for values in (angle, low, high))
+    angles, lows, highs = (np.degrees(values[answered]) for values in (angle, low, high))
     half_width = float(np.nanmedian(highs - lows)) / 2.0 if np.isfinite(lows).any() else 0.0
     least = 0.2  # smallest turn [deg]
     turns = find_turns(angles, max(0.2 * float(np.ptp(angles)), 3.0 * half_width, least))
@@ -113,10 +113,10 @@ def describe_outcome(run: Run) -> str:
 
 def _describe_slide(run: Run) -> str:
     """The last known slip of the object over the gel; empty unless it is clearly above 0."""
-    known = np.flatnonzero(np.isfinite(run.shears.slip + run.shears.slip_error))
-    if not len(known):
+    rows = np.flatnonzero(np.isfinite(run.shears.slip + run.shears.slip_error))
+    if not len(rows):
         return ""
-    last = known[-1]
+    last = rows[-1]
     slip, error = float(run.shears.slip[last]), float(run.shears.slip_error[last])
     if slip < 1.5 * error:
         return ""

@@ -157,13 +157,13 @@ def _comparison(grasp: Grasp) -> str:
 
 def _sample(grasp: Grasp, count: int = 11) -> list[dict[str, float | bool | None]]:
     """The joint angle and the fingers' difference at evenly spaced frames [°, s]."""
-    known = np.flatnonzero(np.isfinite(grasp.joint))
-    spaced = np.linspace(0, len(known) - 1, min(count, len(known))).astype(int)
+    rows = np.flatnonzero(np.isfinite(grasp.joint))
+    spaced = np.linspace(0, len(rows) - 1, min(count, len(rows))).astype(int)
     difference = grasp.second - grasp.first
     angles = {"first": grasp.first, "second": grasp.second, "difference": difference}
     angles |= {"joint": grasp.joint, "low": grasp.low, "high": grasp.high}
     return [
         {"time_s": json_number(grasp.time[i]), "holds": bool(grasp.holds[i])}
         | {name: json_number(np.degrees(angle[i])) for name, angle in angles.items()}
-        for i in known[spaced]
+        for i in rows[spaced]
     ]

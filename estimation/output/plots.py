@@ -202,9 +202,9 @@ def plot_overview(
             time, np.degrees(result.low), np.degrees(result.high), color=colour, alpha=0.3, lw=0
         )
         what, outline = outlines[name]
-        both = np.nonzero(result.answered & np.isfinite(outline))[0]
-        if len(both):
-            outline = outline - outline[both[0]] + result.angle[both[0]]
+        shared = np.nonzero(result.answered & np.isfinite(outline))[0]
+        if len(shared):
+            outline = outline - outline[shared[0]] + result.angle[shared[0]]
             axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: {what}")
         slip = np.array([state == State.MACRO_SLIP for state in result.state])
         level = np.full(len(time), np.nan)

@@ -161,9 +161,9 @@ def annotate(
             mark_spot(image, spot, signs[i])
     angle, turned = np.degrees(result.angle[row]), np.degrees(run.imprint[row])
     values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
-    known = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
+    words = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
     for line, text in enumerate(
-        (_describe(run, row), f"{'  '.join(known)} deg" if known else "no angle")
+        (_describe(run, row), f"{'  '.join(words)} deg" if words else "no angle")
     ):
         place = (8, image.shape[0] - 2 * thickness + (line + 1) * thickness - 8)
         font = cv2.FONT_HERSHEY_SIMPLEX

@@ -184,15 +184,15 @@ def summarise(run: Run) -> dict[str, Any]:
 
 def _describe_margin(run: Run) -> dict[str, float | None] | None:
     """The margin in the last frame that has one, and its time; None without moments."""
-    known = [i for i, margin in enumerate(run.margin.margins) if np.isfinite(margin.angle)]
-    if not known:
+    rows = [i for i, margin in enumerate(run.margin.margins) if np.isfinite(margin.angle)]
+    if not rows:
         return None
-    margin, time = run.margin.margins[known[-1]], run.main.time
+    margin, time = run.margin.margins[rows[-1]], run.main.time
     values = (*np.degrees(margin[:3]), *margin[3:])
     cells = {
         name: json_number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)
     }
-    return {"time_s": json_number(time[known[-1]] - time[0])} | cells
+    return {"time_s": json_number(time[rows[-1]] - time[0])} | cells
 
 
 def _describe_outcome(run: Run) -> dict[str, str | float | None]:
@@ -211,11 +211,11 @@ def _describe_friction(run: Run) -> dict[str, float | None] | None:
     used = grips.friction_used[np.isfinite(grips.friction_used)]
     if not len(used):
         return None
-    known = np.flatnonzero(np.isfinite(grips.friction))
-    last = known[-1] if len(known) else 0
+    rows = np.flatnonzero(np.isfinite(grips.friction))
+    last = rows[-1] if len(rows) else 0
     return {
         "coefficient": json_number(grips.friction[last]),
-        "low": json_number(grips.friction_low[last] if len(known) else used.max()),
+        "low": json_number(grips.friction_low[last] if len(rows) else used.max()),
         "high": json_number(grips.friction_high[last]),
         "most_used": json_number(used.max()),
     }
@@ -297,8 +297,8 @@ def _outline_from(
     outline: Float[np.ndarray, " frames"], result: Track
 ) -> Float[np.ndarray, " frames"]:
     """The outline's direction, shifted to the angle in the first frame that has both."""
-    both = np.nonzero(result.answered & np.isfinite(outline))[0]
-    return outline - outline[both[0]] + result.angle[both[0]] if len(both) else outline
+    shared = np.nonzero(result.answered & np.isfinite(outline))[0]
+    return outline - outline[shared[0]] + result.angle[shared[0]] if len(shared) else outline
 
 
 def figure_png(figure: Figure) -> bytes:

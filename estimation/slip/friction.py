@@ -99,7 +99,7 @@ class FrictionWatch:
 
     def restart(self) -> None:
         """The object has left; the coefficient from its slips is kept."""
-        self._lately: deque[float] = deque(maxlen=5)
+        self._recent: deque[float] = deque(maxlen=5)
         self._most = self._used = np.nan
         self._turn = 1.0
 
@@ -122,9 +122,9 @@ class FrictionWatch:
         self._arm = pressed * HERTZ_ARM * disc_radius(contact)
         about = moment - (x * force[1] - y * force[0])
         shear, twist = np.hypot(force[0], force[1]) / pressed, about / self._arm
-        self._lately.append(float(np.hypot(shear, twist)))
+        self._recent.append(float(np.hypot(shear, twist)))
         self._turn = float(twist**2 / max(shear**2 + twist**2, 1e-12))
-        self._used = float(np.median(list(self._lately)[-3:]))
+        self._used = float(np.median(list(self._recent)[-3:]))
         self._most = float(np.fmax(self._most, self._used))
 
     @property
@@ -136,8 +136,8 @@ class FrictionWatch:
 
     def learn(self) -> None:
         """Take the friction in use as the coefficient, if the load is steady: the contact slips."""
-        recent = np.array(self._lately)
-        enough = len(recent) == self._lately.maxlen and np.isfinite(self._used)
+        recent = np.array(self._recent)
+        enough = len(recent) == self._recent.maxlen and np.isfinite(self._used)
         if enough and np.ptp(recent) < self._settings.steady * recent.mean():
             self._slips.append(self._used)
             self._turning = self._turn

@@ -137,7 +137,7 @@ def _find_doubts(track: Track, sights: Sequence[Sight], settings: SlipSettings) 
         moved = begin > 0 and track.contact_markers[begin - 1] > 0
         if last - first < settings.window or not moved:
             continue
-        lately = [
+        margins = [
             sight.disc.margin
             for sight in sights[max(begin - settings.window, 0) : first + settings.window + 1]
             if sight.disc is not None
@@ -145,7 +145,7 @@ def _find_doubts(track: Track, sights: Sequence[Sight], settings: SlipSettings) 
         ]
         if (
             _lets_go(track, begin, settings)
-            and min(lately[-4:], default=0.0) < settings.least_margin
+            and min(margins[-4:], default=0.0) < settings.least_margin
         ):
             moves_again = last < _contact_from(track, begin)[-1]
             doubts.append(

@@ -243,7 +243,7 @@ class ShearWatch:
         middle = complex(under.mean())
         return shear, abs(motion.image + motion.turn * (middle - motion.origin) - middle)
 
-    def _judge(self, signs: tuple[float, float], lately: float, weakest: float) -> Shear:
+    def _judge(self, signs: tuple[float, float], recent: float, weakest: float) -> Shear:
         settings, (since, slid) = self._settings, signs
         peaks, (shear, shifted) = np.fmax.reduce(self._shears), self._shears[-1]
         # both must fall: markers that turn can lower theirs without moving back
@@ -254,7 +254,7 @@ class ShearWatch:
             self._shears.clear()
             self._shears.append((shear, shifted))
         slipped = float(find_slip_probability(np.array([fallen, since, slid]), settings))
-        slides = slipped > 0.5 and not lately > settings.resting
+        slides = slipped > 0.5 and not recent > settings.resting
         holds = slipped < 0.5
         sticks = holds and weakest > settings.sticking
         return Shear(shear, fallen, since, slid, slipped, slides, holds, sticks)

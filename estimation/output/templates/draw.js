@@ -1,10 +1,10 @@
 // Draws frames and curves into canvases, for the window of `live` and for reports.
 //
 // A scene has `size` [width, height], `spots` [x, y, x, y, ...] in its pixels, y down, and `kinds`, a
-// letter for each spot: "o" sticks, "x" slips, "." is elsewhere. A curve has arrays of one length:
-// `time` [s], `angle`, `low`, `high` [degrees, null where unknown; the last two may be left out] and
-// `state` (words). It may have a `name`, and `lines` beside it: `name`, `values`, `colour`, `dash`, and `fit`, whether
-// the axis holds them.
+// letter for each spot: "o" sticks, "x" slips, "." has no contact. A curve has arrays of one length:
+// `time` [s], `angle`, `low`, `high` [degrees, null where unknown; the last two may be omitted] and
+// `state` (words). It may have a `name`, and further `lines`: `name`, `values`, `colour`, `dash`, and `fit`, whether
+// the axis is scaled to them.
 // `colours` is `page_colours()` of estimation/output/scene.py.
 
 // A canvas's context in CSS pixels, cleared, and its width and height.
@@ -21,7 +21,7 @@ function clearCanvas(canvas) {
   return [context, width, height];
 }
 
-// Draws a scene's markers over its picture, or over a plain ground where `picture` is null.
+// Draws a scene's markers over its picture, or over a plain background if `picture` is null.
 function drawMarkers(canvas, scene, picture, colours) {
   const [context, width, height] = clearCanvas(canvas);
   const scale = Math.min(width / scene.size[0], height / scene.size[1]);
@@ -55,7 +55,7 @@ function drawMarkers(canvas, scene, picture, colours) {
   }
 }
 
-// About how far apart a scene's markers are, in its pixels.
+// Approximate distance between a scene's markers, in its pixels.
 function spacing(scene) {
   const count = Math.max(scene.kinds.length, 1);
   return Math.sqrt(scene.size[0] * scene.size[1] / count);
@@ -125,7 +125,7 @@ function drawCurve(canvas, curve, colours, options = {}) {
   return {timeAt: (x) => from + (to - from) * (x - box.left) / (box.right - box.left)};
 }
 
-// The names of lines in their colours, beside one another.
+// The names of lines in their colours, side by side.
 function drawNames(context, lines, left, top) {
   context.font = "12px system-ui, sans-serif";
   context.textAlign = "left"; context.textBaseline = "top";
@@ -139,7 +139,7 @@ function drawNames(context, lines, left, top) {
   }
 }
 
-// The range of angles in a span of time, in which the interval may be cut off.
+// The range of angles in a span of time; wide intervals may exceed it.
 function findRange(curve, from, to) {
   let low = Infinity, high = -Infinity, lowest = Infinity, highest = -Infinity;
   for (let i = 0; i < curve.time.length; i++) {
@@ -200,7 +200,7 @@ function drawAxes(context, box, times, values, label) {
   context.restore();
 }
 
-// Round values within a range, with their texts, about `most` of them.
+// About `most` round values within a range, with their texts.
 function chooseTicks([low, high], most) {
   if (!(high > low)) return [];
   const rough = (high - low) / Math.max(most, 2), power = 10 ** Math.floor(Math.log10(rough));

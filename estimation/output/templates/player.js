@@ -1,4 +1,4 @@
-// Moves through a run: slider, arrow keys, play, and a click on the curves. draw.js draws.
+// Moves through a run by slider, arrow keys, play button, or a click on a curve. draw.js draws.
 (() => {
   const player = document.getElementById("player");
   const data = JSON.parse(document.getElementById("play").textContent);
@@ -14,7 +14,7 @@
     return runs[lastIndex(runs, ([first]) => first <= row)][1];
   }
 
-  // Index of the last one up to which a condition holds, 0 where it holds for none.
+  // Index of the last element up to which a condition holds, 0 if it holds for none.
   function lastIndex(values, holds) {
     let low = 0, high = values.length;
     while (high - low > 1) {
@@ -58,7 +58,7 @@
     if (scene && scene.size) drawMarkers(field, scene, scene.image, colours);
   }
 
-  // The last frame up to now whose markers are here.
+  // The last frame up to now that has markers.
   function shownScene() {
     return scenes[lastIndex(scenes, (scene) => scene.row <= row)];
   }
@@ -97,7 +97,7 @@
     return seconds - time[before] > time[after] - seconds ? after : before;
   }
 
-  // Begins or ends to play, at the recording's own pace.
+  // Starts or stops playing, at the recording's own pace.
   function play(begins) {
     cancelAnimationFrame(frame);
     frame = null;
