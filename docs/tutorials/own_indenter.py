@@ -88,7 +88,8 @@ axis.title.set_fontsize(9)
 # ------------------
 #
 # ``jax.grad`` gives the gradient of the moment, and a small finite difference confirms it. The
-# first gradient takes about half a minute, since it is compiled. So this page only shows its output:
+# first gradient takes about half a minute, since it is compiled. So this page only shows the
+# output:
 #
 # .. code-block:: python
 #

@@ -289,7 +289,8 @@ def make_reference(
         doubt = np.where(same.any(axis=1), 0.0, least_doubt * lattice.pitch)
         note = (
             f"The clip starts loaded: the reference is a regular lattice, fitted to "
-            f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, away from contact."
+            f"{fitted.on.sum()} of {len(fitted.on)} dots of the first frame, away from contact. "
+            "Dots that were not found are filled in."
         )
     else:
         position = centre[lattice.dot]

@@ -242,7 +242,8 @@ class Tracker:
         """Make a tracker.
 
         Args:
-            layout: the markers of the sensor.
+            layout: the markers of the sensor. Lengths are in mm, or in px: then `noise` must be in
+                px, and the threshold `onset_mm` counts px.
             method: name from `METHODS` or `RIVALS`.
             noise: noise of the markers; without it, intervals come from the misfit in each frame.
             softness: correction by Eq. (13).
@@ -269,6 +270,9 @@ class Tracker:
 
     def update_positions(self, positions: Float[np.ndarray, "n d"], time: float) -> Estimate:
         """The estimate for the next frame, from marker positions alone.
+
+        In two dimensions all markers count as in contact, so the state is never `stick`. If you
+        know which markers the object touches, call `update` with a `Frame(contact=...)` instead.
 
         Args:
             positions: positions of the layout's markers, in its order and unit; NaN for markers
