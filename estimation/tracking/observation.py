@@ -86,6 +86,12 @@ class Observer:
                 f"the frame has {frame.positions.shape[0]} markers, the layout "
                 f"{len(self.stencils.reference)}"
             )
+        found, expected = frame.positions.shape[1], self._layout.reference.shape[1]
+        if found != expected:
+            raise ValueError(
+                f"the frame's positions have {found} columns, the layout's {expected}: give both "
+                "with z, or both without"
+            )
         if flaw := frame.flaw or self._find_flaw(frame):
             return Observation(frame, None, flaw)
         contact = frame.contact

@@ -280,7 +280,7 @@ class Tracker:
             time: time stamp [s].
 
         Raises:
-            ValueError: the number of positions differs from that of the layout's markers.
+            ValueError: the positions have another shape than the layout's reference.
         """
         number, self._count = self._count, self._count + 1
         return self.update(Frame(np.asarray(positions, dtype=float), time, number))

@@ -146,6 +146,8 @@ def test_wrong_settings_are_refused():
     tracker = Tracker(layout)
     with pytest.raises(ValueError, match="196 markers, the layout 400"):
         tracker.update(next(iter(lift(ANGLES, layout=domed_pad((14, 14))))))
+    with pytest.raises(ValueError, match="2 columns, the layout's 3"):
+        tracker.update_positions(layout.reference[:, :2], 0.0)
 
 
 @pytest.mark.parametrize(
