@@ -22,7 +22,8 @@ class UnseenSlideSettings:
         over: frames over which a slowdown of the gel is measured [frames].
         slow: turn per frame, over the fastest, below which the gel has slowed down [-].
         faster: rate of a sliding object over the fastest turn [-].
-        grip_deg: turn of many markers together that shows that the object holds [°].
+        grip_deg: turn of many markers together that shows that the object holds [°]. A turn of
+            which one frame brings half or more is a jump to other markers.
         doubt_deg: possible slide above which the state is unknown [°].
     """
 
@@ -64,6 +65,7 @@ class UnseenSlide:
         self._rate = 0.0  # rate at which the object may slide
         self._slid = self._pending = 0.0  # possible slide, and its part that a grip would cancel
         self._from = np.nan  # angle since which many markers move together
+        self._largest = 0.0  # largest turn in one frame since then
 
     def update(self, angle: float, stick: int, contact: int) -> None:
         """Take the next frame.
@@ -97,9 +99,11 @@ class UnseenSlide:
 
     def _see_grip(self, angle: float, step: float) -> None:
         """Many markers stick: if they turn, the object holds; if not, it may still slide."""
+        turned = abs(angle - self._from)
+        self._largest = max(self._largest, abs(step))
         if np.isnan(self._from):
-            self._from, self._pending = angle, self._rate - step
-        elif abs(angle - self._from) > np.radians(self._settings.grip_deg):
+            self._from, self._pending, self._largest = angle, self._rate - step, 0.0
+        elif turned > max(np.radians(self._settings.grip_deg), 2.0 * self._largest):
             self._pending = 0.0
             self._behind, self._ahead = self.extent
             self._rates.clear()
