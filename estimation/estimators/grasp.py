@@ -98,7 +98,7 @@ class Grasp(NamedTuple):
         >>> grasp = compare_fingers(*tracks)
         >>> half = np.degrees(grasp.high[-1] - grasp.low[-1]) / 2
         >>> print(f"{np.degrees(grasp.joint[-1]):.1f}° ± {half:.2f}° by both fingers")
-        10.0° ± 0.02° by both fingers
+        10.0° ± 0.04° by both fingers
     """
 
     time: Float[np.ndarray, " frames"]

@@ -226,7 +226,7 @@ class Tracker:
         ...     last = tracker.update_positions(positions, time)
         >>> half = np.degrees(last.high - last.low) / 2
         >>> print(f"{last.state}, {np.degrees(last.angle):.1f}° ± {half:.2f}°")
-        incipient, 10.0° ± 0.12°
+        incipient, 10.0° ± 0.15°
     """
 
     def __init__(
@@ -349,7 +349,7 @@ def estimate_angles(
         >>> result = estimate_angles(recording)
         >>> half = np.degrees(result.high[-1] - result.low[-1]) / 2
         >>> print(f"{np.degrees(result.angle[-1]):.1f}° ± {half:.2f}°")
-        10.0° ± 0.02°
+        10.0° ± 0.04°
     """
     noise, notes = (noise, ()) if noise else find_noise(recording)
     tracker = Tracker(recording.layout, method, noise=noise, **settings)
