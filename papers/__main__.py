@@ -93,9 +93,8 @@ def leaderboard(
     angles: Annotated[
         list[Path] | None,
         typer.Option(
-            help="An entry: a CSV file named after its method, with the columns case, frame (row "
-            "of the recording, from 0; not its source_index), angle_deg [°] and, for lifts, "
-            "slipped (probability of a slip). Can be given several times.",
+            help="CSV file named after its method: columns case, frame (row of the recording, not "
+            "its source_index), angle_deg [°], slipped (of lifts). Can be given several times.",
             show_default="none",
         ),
     ] = None,
@@ -107,8 +106,7 @@ def leaderboard(
         ),
     ] = None,
     split: Annotated[
-        str,
-        typer.Option(help="Cases to rank by: scored, or tuning (their truth is exported)."),
+        str, typer.Option(help="Cases to rank by: scored, or tuning (their truth is exported).")
     ] = "scored",
     seed: Annotated[
         int | None,
@@ -148,9 +146,8 @@ def leaderboard(
             say(f"exported to {export}; its README.md has the rules")
             return
         ranking = publish.rank_entries(entries, split, seed, alone=alone, track=track)
-    folder = out / "leaderboard"
-    _write_ranking(ranking, folder)
-    print(f"written to {folder}")
+    _write_ranking(ranking, out / "leaderboard")
+    print(f"written to {out / 'leaderboard'}")
 
 
 @app.command()

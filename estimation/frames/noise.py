@@ -99,8 +99,7 @@ def estimate_noise(recording: Recording) -> Noise:
         >>> print(f"{1e3 * estimate_noise(recording).in_plane:.1f} µm")  # 2 µm are true
         2.0 µm
     """
-    # distances in frames at which errors count as independent, of which the first available one is
-    # used; the trackers' running mean is three frames long
+    # distances at which errors count as independent [frames]; trackers average over three
     white_lags = range(3, 9)
     layout = recording.layout
     displacement = recording.positions - layout.reference
