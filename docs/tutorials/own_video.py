@@ -109,10 +109,10 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # - *A frame has no angle.* Its ``reason`` says why. A reason beside an angle is a warning. The last
 #   line that the command prints gives the number of frames without an angle. The page
 #   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
-# - *When it slipped.* The printed time is the first at which a slip was more likely than not. It is
-#   the earliest sign, and a single frame can cause it: look at ``slip_probability`` around it. For
-#   the loss of the whole contact use ``macro_slip_s`` in ``summary.json``. It has four times for each
-#   stretch of macro slip, in s from the first frame: those of the last frame before it, its first
-#   frame, its last frame, and the first frame after it.
+# - *When it slipped.* The printed time is the first at which a slip was more likely than not. It
+#   is the earliest sign, and a single frame can cause it: look at ``slip_probability`` around it.
+#   For the loss of the whole contact use ``macro_slip_s`` in ``summary.json``. It has four times
+#   for each stretch of macro slip, in s from the first frame: those of the last frame before it,
+#   its first frame, its last frame, and the first frame after it.
 # - *Mirrors or frames are in the picture.* Cut them off with ``--crop`` or cover them with
 #   ``--mask``.
