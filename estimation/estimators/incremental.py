@@ -153,6 +153,7 @@ class Incremental:
         self._firm: deque[bool] = deque(maxlen=settings.mature_age)
         self._hidden = 0  # frames skipped just now
         self._slide = UnseenSlide(settings.firm_markers)
+        self._recent: deque[Keyframe] = deque(maxlen=self._slide.over)  # the last frames
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -219,25 +220,53 @@ class Incremental:
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
-        self._slide.update(now.angle, int(stick.sum()), int(fields.contact.sum()))
+        self._slide.update(
+            now.angle,
+            int(stick.sum()),
+            int(fields.contact.sum()),
+            lambda: self._turns_along(fields),
+        )
+        self._recent.append(now)
         return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
+
+    def _turns_along(self, fields: Fields) -> bool:
+        """Whether most of the contact has lately turned as one body, as it does with an object.
+
+        Then the frame that it has turned from becomes a mature keyframe: gel that rests under a
+        sliding object does not turn, and gel that springs back does not turn as one body.
+        """
+        least_turn = np.radians(0.5)
+        since = self._recent[0]
+        fit = None if since.fields is None else self.rigid.fit(fields, since.fields)
+        if fit is None or abs(fit.angle) < least_turn:
+            return False
+        count = fit.stick.sum()
+        if count < self.settings.many_markers or 2 * count < fields.contact.sum():
+            return False
+        self.keyframes.append(since._replace(number=self.number - self.settings.mature_age))
+        return True
+
+    def _restart_slide(self) -> None:
+        """Begin with an object that holds."""
+        self._slide.restart()
+        self._recent.clear()
 
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
-        self._slide.restart()
+        self._restart_slide()
         unknown = Keyframe(fields, self.number, angle=np.nan)
         self.keyframes = [k for k in self.keyframes if np.isnan(k.angle)] or [unknown]
         self._remember(unknown)
 
     def resume(self, fields: Fields, angle: float, error: float) -> None:
         """Continue from this frame with an angle and its error from another source [rad]."""
-        self._slide.restart()
+        self._restart_slide()
         number = self.number - self.settings.mature_age
         self.keyframes = [Keyframe(fields, number, angle=angle, error=error)]
 
     def restart(self) -> None:
         """Count from the unloaded shape again."""
-        self._slide.restart()
+        self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
         self.anew = 0
 

@@ -7,6 +7,7 @@ with it again.
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,7 @@ class UnseenSlide:
         self._steps: deque[float] = deque(maxlen=self._settings.over)
         self._few: deque[bool] = deque(maxlen=self._settings.over)
         self._rates: deque[float] = deque(maxlen=self._settings.memory)
+        self._slides: deque[float] = deque(maxlen=self._settings.over)  # after earlier frames
         self._last = np.nan
         self._behind = self._ahead = 0.0
         self._hold()
@@ -67,18 +69,33 @@ class UnseenSlide:
         self._from = np.nan  # angle since which many markers move together
         self._largest = 0.0  # largest turn in one frame since then
 
-    def update(self, angle: float, stick: int, contact: int) -> None:
+    def update(
+        self, angle: float, stick: int, contact: int, turns_along: Callable[[], bool] = bool
+    ) -> None:
         """Take the next frame.
 
         Args:
             angle: rotation of the sticking gel [rad].
             stick: number of markers that stick.
             contact: number of markers in contact.
+            turns_along: whether most of the contact has turned as one body since the frame `over`
+                frames before: then the object has held since. Asked only while it may slide.
         """
         step, self._last = angle - self._last, angle
         if np.isnan(step):
             return
-        few = stick < min(self._few_markers, self._settings.few_share * contact)
+        self._follow(
+            angle, step, stick < min(self._few_markers, self._settings.few_share * contact)
+        )
+        if self._rate and len(self._slides) == self._settings.over and turns_along():
+            self._slid, self._pending = self._slides[0], 0.0
+            self._behind, self._ahead = self.extent
+            self._rates.clear()
+            self._hold()
+        self._slides.append(self._slid + self._pending)
+
+    def _follow(self, angle: float, step: float, few: bool) -> None:
+        """Extend the possible slide by a frame, in which few markers stick or many do."""
         self._steps.append(step)
         self._few.append(few)
         if self._rate == 0.0:
@@ -113,6 +130,11 @@ class UnseenSlide:
             self._pending = 0.0
         else:
             self._pending += self._rate - step
+
+    @property
+    def over(self) -> int:
+        """Frames over which the gel's turn is measured [frames]."""
+        return self._settings.over
 
     @property
     def doubtful(self) -> bool:

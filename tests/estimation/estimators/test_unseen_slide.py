@@ -89,3 +89,15 @@ def test_few_is_a_share_of_small_contacts():
 def test_few_markers_at_rest_from_the_start_are_no_doubt():
     slide = UnseenSlide(9)
     assert not follow(slide, np.zeros(20), FEW).any()
+
+
+def test_contact_that_turns_back_as_one_body_has_held_since():
+    extents = []
+    for as_one in (False, True):
+        slide, last = turned(FEW)
+        for frame in range(1, 7):
+            turns_along = as_one and frame >= 3  # over the last three frames
+            slide.update(last - RATE * frame, FEW, CONTACT, lambda along=turns_along: along)
+        extents.append(slide.extent)
+    assert extents[0][1] > 6 * RATE
+    assert extents[1] == (0.0, 0.0)
