@@ -75,7 +75,7 @@ def fit_layered_softness(
         >>> stage = Reference(recording.time, truth.angle, error, **about)
         >>> fit = fit_layered_softness([Grasp(recording, stage)], Layer(thickness=100.0))
         >>> print(f"k = {fit.stiffness_ratio:.2f}")  # 0.5 is true
-        k = 0.51
+        k = 0.50
     """
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")

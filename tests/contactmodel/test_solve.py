@@ -181,7 +181,7 @@ def test_too_few_steps_are_told():
         (lambda: Pose(np.nan), "finite"),
         (lambda: Pose(0.1, twist=np.inf), "finite"),
         (lambda: HeightMap(np.full((3, 3), np.nan), (1.0, 1.0)), "9 of 9 heights"),
-        (lambda: HeightMap(np.zeros(3), (1.0, 1.0)), "2 by 2"),
+        (lambda: HeightMap(np.zeros(3), (1.0, 1.0)), "2 × 2 heights"),
         (lambda: HeightMap(np.zeros((3, 3)), (0.0, 1.0)), "spacing"),
         (lambda: Grid((1, 8), (1.0, 1.0)), "at least 2 cells"),
         (lambda: Grid((8, 8), (1.0, -1.0)), "above 0 mm"),
