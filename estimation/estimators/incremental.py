@@ -153,7 +153,7 @@ class Incremental:
         self._firm: deque[bool] = deque(maxlen=settings.mature_age)
         self._hidden = 0  # frames skipped just now
         self._slide = UnseenSlide(settings.firm_markers)
-        self._recent: deque[Keyframe] = deque(maxlen=self._slide.over)  # the last frames
+        self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -220,31 +220,26 @@ class Incremental:
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
-        self._slide.update(
-            now.angle,
-            int(stick.sum()),
-            int(fields.contact.sum()),
-            lambda: self._turns_along(fields),
-        )
+        sticking, touching = int(stick.sum()), int(fields.contact.sum())
+        if self._slide.update(now.angle, sticking, touching, lambda: self._turns_along(fields)):
+            since = self._recent[0]
+            mature = self.number - self.settings.mature_age
+            self.keyframes.append(since._replace(number=mature))
         self._recent.append(now)
         return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
 
     def _turns_along(self, fields: Fields) -> bool:
         """Whether most of the contact has lately turned as one body, as it does with an object.
 
-        Then the frame that it has turned from becomes a mature keyframe: gel that rests under a
-        sliding object does not turn, and gel that springs back does not turn as one body.
+        Gel that rests under a sliding object does not turn, and gel that springs back does not turn
+        as one body.
         """
-        least_turn = np.radians(0.5)
-        since = self._recent[0]
-        fit = None if since.fields is None else self.rigid.fit(fields, since.fields)
-        if fit is None or abs(fit.angle) < least_turn:
+        since = self._recent[0].fields
+        fit = None if since is None else self.rigid.fit(fields, since)
+        if fit is None or abs(fit.angle) < np.radians(self._slide.settings.grip_deg):
             return False
         count = fit.stick.sum()
-        if count < self.settings.many_markers or 2 * count < fields.contact.sum():
-            return False
-        self.keyframes.append(since._replace(number=self.number - self.settings.mature_age))
-        return True
+        return bool(count >= self.settings.many_markers and 2 * count >= fields.contact.sum())
 
     def _restart_slide(self) -> None:
         """Begin with an object that holds."""

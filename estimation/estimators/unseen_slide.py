@@ -49,15 +49,15 @@ class UnseenSlide:
             few_markers: number below which the sticking markers are few.
             settings: when an object may slide.
         """
-        self._few_markers, self._settings = few_markers, settings
+        self._few_markers, self.settings = few_markers, settings
         self.restart()
 
     def restart(self) -> None:
         """Begin with an object that holds."""
-        self._steps: deque[float] = deque(maxlen=self._settings.over)
-        self._few: deque[bool] = deque(maxlen=self._settings.over)
-        self._rates: deque[float] = deque(maxlen=self._settings.memory)
-        self._slides: deque[float] = deque(maxlen=self._settings.over)  # after earlier frames
+        self._steps: deque[float] = deque(maxlen=self.settings.over)
+        self._few: deque[bool] = deque(maxlen=self.settings.over)
+        self._rates: deque[float] = deque(maxlen=self.settings.memory)
+        self._slides: deque[float] = deque(maxlen=self.settings.over)  # after earlier frames
         self._last = np.nan
         self._behind = self._ahead = 0.0
         self._hold()
@@ -71,7 +71,7 @@ class UnseenSlide:
 
     def update(
         self, angle: float, stick: int, contact: int, turns_along: Callable[[], bool] = bool
-    ) -> None:
+    ) -> bool:
         """Take the next frame.
 
         Args:
@@ -80,19 +80,24 @@ class UnseenSlide:
             contact: number of markers in contact.
             turns_along: whether most of the contact has turned as one body since the frame `over`
                 frames before: then the object has held since. Asked only while it may slide.
+
+        Returns:
+            Whether the contact has turned along.
         """
         step, self._last = angle - self._last, angle
         if np.isnan(step):
-            return
-        self._follow(
-            angle, step, stick < min(self._few_markers, self._settings.few_share * contact)
-        )
-        if self._rate and len(self._slides) == self._settings.over and turns_along():
+            return False
+        few = stick < min(self._few_markers, self.settings.few_share * contact)
+        self._follow(angle, step, few)
+        full = len(self._slides) == self.settings.over
+        along = bool(self._rate) and full and turns_along()
+        if along:
             self._slid, self._pending = self._slides[0], 0.0
             self._behind, self._ahead = self.extent
             self._rates.clear()
             self._hold()
         self._slides.append(self._slid + self._pending)
+        return along
 
     def _follow(self, angle: float, step: float, few: bool) -> None:
         """Extend the possible slide by a frame, in which few markers stick or many do."""
@@ -102,10 +107,10 @@ class UnseenSlide:
             rate = float(np.mean(self._steps))
             fastest = max(self._rates, key=abs, default=step)
             along = rate * np.sign(fastest)
-            if not any(self._few) or along >= self._settings.slow * abs(fastest):
+            if not any(self._few) or along >= self.settings.slow * abs(fastest):
                 self._rates.append(rate)
                 return
-            self._rate = self._settings.faster * fastest
+            self._rate = self.settings.faster * fastest
             missed = sum(fastest - step for step in list(self._steps)[:-1])
             self._slid = missed if missed * fastest > 0.0 else 0.0
         if few:
@@ -120,26 +125,21 @@ class UnseenSlide:
         self._largest = max(self._largest, abs(step))
         if np.isnan(self._from):
             self._from, self._pending, self._largest = angle, self._rate - step, 0.0
-        elif turned > max(np.radians(self._settings.grip_deg), 2.0 * self._largest):
+        elif turned > max(np.radians(self.settings.grip_deg), 2.0 * self._largest):
             self._pending = 0.0
             self._behind, self._ahead = self.extent
             self._rates.clear()
             self._hold()
-        elif abs(step) < self._settings.slow * abs(self._rate):
+        elif abs(step) < self.settings.slow * abs(self._rate):
             self._slid += self._pending + self._rate - step
             self._pending = 0.0
         else:
             self._pending += self._rate - step
 
     @property
-    def over(self) -> int:
-        """Frames over which the gel's turn is measured [frames]."""
-        return self._settings.over
-
-    @property
     def doubtful(self) -> bool:
         """Whether the object may be sliding and may have slid by more than `doubt_deg`."""
-        return bool(self._rate and sum(self.extent) > np.radians(self._settings.doubt_deg))
+        return bool(self._rate and sum(self.extent) > np.radians(self.settings.doubt_deg))
 
     @property
     def extent(self) -> tuple[float, float]:
