@@ -16,7 +16,7 @@ def virgin(twist):
 
 legs = [(), (np.radians(15.0),), (np.radians(15.0), np.radians(-10.0))]
 ends = np.radians([0.0, 15.0, -10.0, 15.0])
-names = ("first turn", "back", "forth again")
+names = ("first turn", "back", "forward again")
 figure, axis = plt.subplots(figsize=(5.5, 3.4), layout="constrained")
 for turns, begin, end, name in zip(legs, ends[:-1], ends[1:], names, strict=True):
     twist = np.linspace(begin, end, 80)[1:-1]
