@@ -2,26 +2,29 @@
 4. Your own indenter, and a fit of friction and softness
 ========================================================
 
-The solver takes any shape whose height is a JAX function. Everything it returns has gradients. So
-a shape of your own, and a fit of any number by a standard optimizer, take a few lines.
+The solver takes any shape whose height is a JAX function. All its results have gradients. So you
+can add a shape of your own, and fit any number with a standard optimizer, in a few lines.
 """
 
 # %%
 # A shape
 # -------
 #
-# A shape is a class with its sizes as fields and a ``height`` above the pad. Write the height with
-# ``jax.numpy``. It should be 0 where the shape first touches. This is not checked: if the lowest
-# point has a height of 0.1 mm, an approach of 0.8 mm presses by 0.7 mm only. This shape is a
-# paraboloid with a groove along y on its contact side, such as the seam of a tennis ball. Its
-# lowest points lie beside the groove, at a height of 0.07 mm.
+# A shape is a subclass of ``AbstractIndenter``: its sizes are fields, and ``height`` is its height
+# above the pad. The base class is an ``equinox`` module, which makes the constructor from the
+# fields. Write the height with ``jax.numpy``. With ``numpy`` it fails with a
+# ``TracerArrayConversionError``.
+#
+# This shape is a paraboloid with a groove along y on its contact side, such as the seam of a tennis
+# ball. The approach counts from height 0, and the solver does not check that the shape reaches
+# down to it. Here the lowest points lie beside the groove, at a height of 0.07 mm. So an approach
+# of 0.8 mm presses the shape in by only 0.73 mm.
 
 import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import optimistix
-from jaxtyping import Array, Float
 from matplotlib.colors import ListedColormap
 
 from contactmodel import AbstractIndenter, Contact, Grid, HalfSpace, Pose, solve_contact
@@ -32,9 +35,9 @@ jax.config.update("jax_enable_x64", True)
 class Seam(AbstractIndenter):
     """A paraboloid with a groove along y."""
 
-    radius: Float[Array, ""]
-    depth: Float[Array, ""]
-    width: Float[Array, ""]
+    radius: float
+    depth: float
+    width: float
 
     def height(self, points):
         """Height above the pad [mm]."""
@@ -43,26 +46,28 @@ class Seam(AbstractIndenter):
         return (x**2 + y**2) / (2.0 * self.radius) + groove
 
 
-seam = Seam(jnp.array(12.0), jnp.array(0.15), jnp.array(0.8))
+seam = Seam(radius=12.0, depth=0.15, width=0.8)  # mm
 
 # %%
 # Press and twist
 # ---------------
 #
-# The contact has two bodies, a shape, a grid and a coefficient of friction. The pose approaches by
-# 0.8 mm, which presses by 0.73 mm, and twists by 6°. Its ``twist`` is in rad. The map shows where
-# the object sticks to the gel and where it slips. The groove carries little pressure, so it slips
-# early.
+# A contact has two bodies, a shape, a grid and a coefficient of friction. The pose approaches by
+# 0.8 mm and twists by 6°. Its ``twist`` is in rad. The map shows where the object sticks to the gel
+# and where it slips. The groove carries little pressure, so it slips early.
 #
 # For a thin gel write ``Layer(shear_modulus=0.2, poisson_ratio=0.5, thickness=4.0)`` in place of
-# the first half-space. To press first and twist later, pass on the first solution as ``previous``
-# (:doc:`why </docs/theory/reversals>`).
+# the first half-space.
+#
+# One step is enough here: pressing these two bodies causes no slip, since both have a Poisson's
+# ratio of 0.5. If pressing causes slip, use two steps. Press first, then pass that solution on as
+# ``previous`` when you twist (:doc:`why </docs/theory/reversals>`).
 
 grid, pose = Grid((24, 24), (12.0, 12.0)), Pose(0.8, twist=np.radians(6.0))
 
 
 def press(friction, ratio):
-    """The solved contact; ratio is k, the gel's stiffness over the object's."""
+    """Solve the contact; ratio is k, the gel's stiffness over the object's."""
     gel = HalfSpace(shear_modulus=0.2, poisson_ratio=0.5)
     body = HalfSpace(shear_modulus=0.2 / ratio, poisson_ratio=0.5)
     return solve_contact(Contact(gel, body, seam, grid, friction), pose)
@@ -87,9 +92,9 @@ axis.title.set_fontsize(9)
 # Force and gradient
 # ------------------
 #
-# ``jax.grad`` gives the gradient of the moment, and a small finite difference confirms it. The
-# first gradient takes about half a minute, since it is compiled. So this page only shows the
-# output:
+# ``jax.grad`` gives the gradient of the moment, and a small finite difference confirms it. This
+# code is not run for this page, since compiling the first gradient takes about half a minute. Its
+# output is in the comments:
 #
 # .. code-block:: python
 #
@@ -100,10 +105,14 @@ axis.title.set_fontsize(9)
 #    print(by_ratio)  # -1.2172 N·mm
 #    print(truth.force[2])  # -1.9193 N: the gel is pushed down, so its force along z is negative
 #
-# Keep the relative step near 1e-4. In larger steps cells change from stick to slip: a step of 0.1
-# is 6 % off here. The gradient is that of the grid's problem. It converges more slowly than the
-# value, so compare two grids. On 24², 48² and 96² cells the moment is 1.582, 1.584 and 1.584 N·mm,
-# and its slope is 1.098, 1.209 and 1.214.
+# Give floats: JAX rejects the integer in ``jax.grad(f)(1)``. Keep the relative step of a finite
+# difference near 1e-4. In larger steps cells change from stick to slip: a step of 0.1 is 6 % off
+# here.
+#
+# The gradient belongs to the chosen grid, and converges more slowly than the moment. On 24², 48²
+# and 96² cells the moment is 1.582, 1.584 and 1.584 N·mm. Its slope by friction is 1.098, 1.209 and
+# 1.214 N·mm, so the slope on 24² cells is 10 % too low. Compare two grids before you rely on a
+# gradient.
 #
 # Measure
 # -------
@@ -125,26 +134,26 @@ measured += np.random.default_rng(0).normal(size=measured.shape)
 # Fit
 # ---
 #
-# The residual is the model less the measurement. We fit the logarithms, which keeps both numbers
-# above 0. ``optimistix`` finds the least squares. It takes the derivatives from the solver.
+# The residual is the model minus the measurement. We fit the logarithms of the two numbers, which
+# keeps both above 0. ``optimistix`` solves the least-squares problem with the solver's derivatives.
 
 
 def residual(logs, _):
-    """Model less measurement, in units of the noise."""
+    """Model minus measurement, in units of the noise."""
     friction, ratio = jnp.exp(logs)
     return observe(press(friction, ratio)) - measured
 
 
 start = jnp.log(jnp.array([0.4, 0.1]))
 solver = optimistix.LevenbergMarquardt(rtol=1e-6, atol=1e-6)
-found = optimistix.least_squares(residual, solver, start, options={"jac": "fwd"})
+fit = optimistix.least_squares(residual, solver, start, options={"jac": "fwd"})
 
 # %%
 # The Jacobian at the solution gives the standard errors.
 
-jacobian = jax.jit(jax.jacfwd(residual))(found.value, None)
+jacobian = jax.jit(jax.jacfwd(residual))(fit.value, None)
 errors = jnp.sqrt(jnp.diag(jnp.linalg.inv(jacobian.T @ jacobian)))
-for name, true, value, error in zip("μk", (0.6, 0.3), jnp.exp(found.value), errors, strict=True):
+for name, true, value, error in zip("μk", (0.6, 0.3), jnp.exp(fit.value), errors, strict=True):
     print(f"{name} = {value:.4f} ± {1.96 * error * value:.4f}, truth {true}")
 freedom = len(measured) - 2
-print(f"χ² per degree of freedom: {jnp.sum(residual(found.value, None) ** 2) / freedom:.2f}")
+print(f"χ² per degree of freedom: {jnp.sum(residual(fit.value, None) ** 2) / freedom:.2f}")
