@@ -2,28 +2,37 @@
 6. Enter the leaderboard
 ========================
 
-You have a method of your own. The leaderboard gives it recordings, takes its angles as a CSV file,
-and ranks it beside ours and those of other groups.
+You have a method of your own. The leaderboard gives it recordings, reads its angles from a CSV
+file, and ranks it beside our methods and those of other groups.
 """
 
 # %%
 # Get the recordings
 # ------------------
 #
-# This command writes them in two to three minutes. Its ``README.md`` states the rules, and
-# ``cases.csv`` lists the cases:
+# This command writes them in one to two minutes:
 #
 # .. code-block:: bash
 #
 #    python -m papers leaderboard --export recordings
 #
-# The folder ``tuning`` has recordings to try your method on, with their truth in ``truth.csv``. The
-# folder ``scored`` has those that are ranked, without it. Real recordings are left out unless they
-# are on your machine: run ``python -m estimation fetch NAME`` first, with the ``NAME`` of each data
-# set that the command names. To keep this page short, we make two tuning cases here.
+# In the new folder, ``README.md`` states the rules and ``cases.csv`` lists the cases. The folder
+# ``tuning`` has recordings to try your method on, with their truth in ``truth.csv``. The folder
+# ``scored`` has the recordings that are ranked, without their truth.
 #
-# The export also has ``baseline.csv``, an entry of plain rigid fits. To try the scoring, change its
-# angles, and give it to the command below, without ``--split``.
+# Real recordings are left out unless they are on your machine. The command names the data sets that
+# are missing. Run ``python -m estimation fetch NAME`` for each of them, then export again. This
+# matters: entries are ordered by the mean of three tiers, and a tier without answers counts as 0.
+# Without the real tier your mean cannot exceed two thirds of 100 %.
+#
+# The export also has an entry of plain rigid fits to the scored cases. Rank it to see how the
+# scoring works. In the two simulated tiers its row equals that of the published ``kabsch``:
+#
+# .. code-block:: bash
+#
+#    python -m papers leaderboard --angles recordings/baseline.csv --alone
+#
+# To keep this page short, we make only two tuning cases here:
 
 import tempfile
 from pathlib import Path
@@ -51,8 +60,8 @@ print(*sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.*"
 # -----------
 #
 # A method takes marker positions and returns an angle in degrees for each frame. Positive is
-# counter-clockwise, seen from the object looking at the pad. The one below fits a rigid motion to
-# all markers that moved (Kabsch). It takes no account of slip.
+# counter-clockwise, seen from the object looking at the pad. The method below fits a rigid motion
+# to all markers that moved (Kabsch). It ignores slip.
 
 
 def answer(recording):
@@ -75,29 +84,34 @@ for path in sorted((folder / "tuning").rglob("*.npz")):
     angles = answer(read_recording(path))
     known = np.flatnonzero(np.isfinite(angles))
     rows += [f"{name},{frame},{angles[frame]:.4f}" for frame in known]
-entry_file = folder / "kabsch.csv"
+entry_file = folder / "my_method.csv"
 entry_file.write_text("\n".join(rows) + "\n")
 print(*rows[:3], sep="\n")
 
 # %%
 # The frame is the row of ``positions`` in the recording, from 0. A frame that you leave out counts
-# as wrong if it is scored.
+# as wrong if it is scored. Write angles with a decimal point. The entry takes the name of the file.
+#
+# Some real cases are lifts. Their ``question`` in ``cases.csv`` is ``slipped``: they ask whether
+# the object slipped out, not for an angle. Answer a lift with one row. Its frame is 0, its angle is
+# empty, and a fourth column, ``slipped``, has the probability from 0 to 1.
 #
 # See where it stands
 # -------------------
 #
 # .. code-block:: bash
 #
-#    python -m papers leaderboard --angles kabsch.csv --split tuning --alone
+#    python -m papers leaderboard --angles my_method.csv --split tuning --alone
 #
-# The command checks the file first. A wrong case, frame or number ends in an error that names the
-# line. Then it makes all cases of the split, which takes about a minute, and scores the file.
-# Without ``--split tuning`` it ranks by the scored cases, beside the published rows. Without
-# ``--alone`` it runs all other methods too, which takes some minutes more. Cases without rows count
-# as wrong, and a note gives their number. The files are in ``build/papers/leaderboard``.
+# The command checks the file first. It rejects a wrong case, frame or number with an error that
+# names the line. Then it makes all cases of the split, which takes up to a minute, and scores the
+# file. Cases without rows count as wrong, and a note gives their number. The results are in
+# ``build/papers/leaderboard``.
 #
-# In Python scoring takes two calls. The numbers printed here come from these calls, and not from
-# the command. They are of the two cases made above:
+# Without ``--split tuning`` the command ranks by the scored cases, beside the published rows.
+# Without ``--alone`` it also runs all other methods, which takes some minutes more.
+#
+# In Python, two calls score the file. Here they score the two cases made above:
 
 entry = read_entry(entry_file, cases)
 for row in tabulate(score_all([entry], sources), "case"):
@@ -112,5 +126,5 @@ for axis, source in zip(axes, sources, strict=True):
 axes[0].legend()
 
 # %%
-# Most frames are wrong by more than the 0.5° that are allowed, since slipping markers lag behind
-# the object. The ranking of all methods is on the page of the leaderboard.
+# In most frames the error exceeds the allowed 0.5°, since slipping markers lag behind the object.
+# The page of the leaderboard ranks all methods.

@@ -45,11 +45,13 @@ def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
         cases: the cases of the split, by name.
 
     Raises:
-        ValueError: a column is missing, a case or frame does not exist, a cell is not a number, a
-            frame has two answers, the angles look like radians, or there is no answer.
+        ValueError: a column is missing, a row has more cells than columns or a `slipped` beside an
+            angle, a case or frame does not exist, a cell is not a number, a frame has two answers,
+            the angles look like radians, or there is no answer.
         OSError: the file cannot be read.
     """
-    rows = read_rows(path, COLUMNS) if path.is_dir() or path.stat().st_size else []
+    given = path.is_dir() or path.stat().st_size
+    rows = read_rows(path, COLUMNS, exact=True) if given else []
     if not rows:
         raise ValueError(
             f"{path} has no answers: give a line with the columns {','.join(COLUMNS)}, then a line "
@@ -71,7 +73,7 @@ def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
             chance = _read_chance(row, where)
             slipped[case.name] = max(chance, slipped.get(case.name, 0.0))
         else:
-            value = cell_number(row["angle_deg"], f"{where}: angle_deg")
+            value = _read_angle(row, where)
             of_case = angle.setdefault(case.name, np.full(case.frames, np.nan))
             of_case[frame] = np.radians(value) if np.isfinite(value) else np.nan
     _refuse_radians(path, angle)
@@ -115,6 +117,15 @@ def _read_frame(cell: str, case: Case, where: str) -> int:
             "of `positions` in the recording, not its `source_index`"
         )
     return frame
+
+
+def _read_angle(row: Mapping[str, str], where: str) -> float:
+    if row.get("slipped", "").lower() not in ("", "nan"):
+        raise ValueError(
+            f"{where}: {row['case']} asks for an angle, but `slipped` is {show(row['slipped'])}: "
+            "leave it empty, and write the angle with a decimal point, not a comma"
+        )
+    return cell_number(row["angle_deg"], f"{where}: angle_deg")
 
 
 def _read_chance(row: Mapping[str, str], where: str) -> float:

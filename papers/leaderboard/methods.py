@@ -18,6 +18,9 @@ from papers.leaderboard.entries import Entry
 from papers.leaderboard.sources import Source
 from papers.slip_lifts.lifts import follow
 
+METHOD_NAMES = (*METHODS, *RIVALS, *pictures.METHODS)
+"""Names of all methods that are ranked."""
+
 SLIPPING = ("tracked", "incremental", "rigid", "paper", "paper_strict", "dong", "dong_corrected")
 """Methods that distinguish sticking markers from slipping ones, and so can detect a slip."""
 

@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from papers.leaderboard import alarms, board, settings
 from papers.leaderboard.cases import list_cases
 from papers.leaderboard.entries import Entry, write_entry
 from papers.leaderboard.export import export_cases
-from papers.leaderboard.methods import answer_all
+from papers.leaderboard.methods import METHOD_NAMES, answer_all
 from papers.leaderboard.sources import Source, open_cases
 
 BASELINE = Path(__file__).with_name("baseline.csv")
@@ -67,6 +68,7 @@ def rank_entries(
         alone: whether to rank only the given entries.
         track: wraps the outer loop, to show progress.
     """
+    given = rename_known(given)
     sources = _open(split, seed, track, _note)
     for entry in given:
         _note_missing(entry, sources)
@@ -82,6 +84,21 @@ def rank_entries(
         tables["warnings"] = alarms.tabulate_warnings(settings.WARNING_DRAWS)
     texts = {entry.name.replace(" ", "-"): write_entry(entry) for entry in entries}
     return Ranking(tables, texts, figure_png(board.plot(scores)))
+
+
+def rename_known(given: Sequence[Entry]) -> list[Entry]:
+    """Entries with a number after names of our methods, published ones or earlier entries."""
+    taken = {*METHOD_NAMES}
+    named = []
+    for entry in given:
+        name = entry.name
+        if name in taken:
+            numbered = (f"{entry.name} ({i})" for i in count(2))
+            name = next(each for each in numbered if each not in taken)
+            _note(f"{entry.name} is already the name of an entry; yours is ranked as {name}")
+        taken.add(name)
+        named.append(entry._replace(name=name))
+    return named
 
 
 def read_published() -> list[board.Line]:

@@ -171,6 +171,15 @@ HEADER = "case,frame,angle_deg"
         ),
         (f"{HEADER}\n{LIFT.name},0,", "is a lift and has no `slipped`: give the probability"),
         (f"{HEADER},slipped\n{LIFT.name},0,,7", "slipped is 7: give a probability from 0 to 1"),
+        (
+            f"{HEADER}\nvirtual/gappy-1,0,1,5",
+            "line 2, has 4 cells, but the file has 3 columns (case,frame,angle_deg): write numbers "
+            "with a decimal point",
+        ),
+        (
+            f"{HEADER},slipped\nvirtual/gappy-1,0,1,5",
+            "virtual/gappy-1 asks for an angle, but `slipped` is '5': leave it empty",
+        ),
     ],
 )
 def test_a_wrong_entry_is_refused_with_its_line(monkeypatch, tmp_path, capsys, text, message):
@@ -184,6 +193,20 @@ def test_an_entry_of_zeros_is_not_taken_for_radians(tmp_path):
     path = tmp_path / "zero.csv"
     path.write_text(f"{HEADER}\n" + "".join(f"virtual/gappy-1,{i},0\n" for i in range(30)))
     assert not np.nanmax(np.abs(read_entry(path, SCORED).angle[GAPPY.name]))
+
+
+def test_empty_cells_at_the_end_of_a_row_are_not_rejected(tmp_path):
+    path = tmp_path / "padded.csv"
+    path.write_text(f"{HEADER},slipped\nvirtual/gappy-1,0,1.5,nan,\nvirtual/gappy-1,1,2.5,,\n")
+    angle = read_entry(path, SCORED).angle[GAPPY.name]
+    np.testing.assert_allclose(np.degrees(angle[:2]), [1.5, 2.5])
+
+
+def test_an_entry_with_a_known_name_is_ranked_apart(capsys):
+    given = [Entry(name, {}, {}, {}) for name in ("tracked", "mine", "mine", "mine")]
+    named = [entry.name for entry in publish.rename_known(given)]
+    assert named == ["tracked (2)", "mine", "mine (2)", "mine (3)"]
+    assert "note: tracked is already the name of an entry" in capsys.readouterr().err
 
 
 def test_an_entry_that_is_no_file_is_named(monkeypatch, tmp_path, capsys):
