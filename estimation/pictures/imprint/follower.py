@@ -122,7 +122,8 @@ class ImprintFollower:
         smaller error are tried from the first on, then the last frame, and finally all rotations.
         """
         settings = self._settings
-        match = register(last.keyframe, texture, last.warp, settings)
+        lost = self.missed > 0
+        match = register(last.keyframe, texture, last.warp, settings, doubtful=lost)
         if match is not None and match.quality >= settings.new_keyframe:
             return match
         pose = before.pose if match is None else match.pose
@@ -131,11 +132,13 @@ class ImprintFollower:
                 return closed
         if match is not None:
             return match
-        match = register(before, texture, np.eye(2, 3, dtype=np.float32), settings)
+        still = np.eye(2, 3, dtype=np.float32)
+        match = register(before, texture, still, settings, doubtful=True)
         if match is None and self.confirmed:
             guess = search_motion(before.texture, texture, settings)
             if guess is not None:
-                match = register(before, texture, guess, settings, least=settings.found_again)
+                least = settings.found_again
+                match = register(before, texture, guess, settings, least=least, doubtful=True)
         return match
 
     def _register_earlier(
@@ -145,7 +148,8 @@ class ImprintFollower:
         for earlier in self.keyframes:
             if earlier is not now and earlier.error < now.error:
                 start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
-                if (closed := register(earlier, texture, start, self._settings)) is not None:
+                closed = register(earlier, texture, start, self._settings, doubtful=True)
+                if closed is not None:
                     yield closed
 
     def _close(self, texture: Texture, match: Match) -> Match:

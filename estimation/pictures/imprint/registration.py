@@ -14,7 +14,8 @@ from scipy.fft import irfft2, rfft2
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
 
-STEPS = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 25, 3e-4)
+STEPS, SMALLEST = 25, 3e-4
+"""Number of steps after which a registration ends, and the gain of correlation that ends it."""
 
 
 class Keyframe(NamedTuple):
@@ -83,6 +84,7 @@ def register(
     settings: ImprintSettings,
     *,
     least: float | None = None,
+    doubtful: bool = False,
 ) -> Match | None:
     """Estimate the rigid motion from a keyframe to a frame; None if they correlate too little.
 
@@ -92,6 +94,7 @@ def register(
         start: initial motion.
         settings: of the registration.
         least: correlation that must be exceeded [-]; `least_correlation` by default.
+        doubtful: whether to give up early, since most registrations like this one fail.
     """
     before = keyframe.texture
     shown = cv2.warpAffine(before.mask, start, before.mask.shape[::-1], flags=cv2.INTER_NEAREST)
@@ -101,18 +104,22 @@ def register(
         return None
     here, there = _box(before.mask), _box(shared)  # only these parts are registered
     here = slice(0, here[0].stop), slice(0, here[1].stop)  # steps rotate about the first corner
-    try:
-        quality, warp = cv2.findTransformECC(
-            before.value[here],
-            texture.value[there],
-            _between(start, here, there).astype(np.float32),
-            cv2.MOTION_EUCLIDEAN,
-            STEPS,
-            inputMask=shared[there],
-            gaussFiltSize=3,
-        )
-    except cv2.error:  # the registration has not converged
-        return None
+    quality, warp = 1.0, _between(start, here, there).astype(np.float32)
+    for steps in (settings.trial, STEPS) if doubtful else (STEPS,):
+        if quality < settings.hopeless:
+            return None
+        try:
+            quality, warp = cv2.findTransformECC(
+                before.value[here],
+                texture.value[there],
+                warp,
+                cv2.MOTION_EUCLIDEAN,
+                (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, steps, SMALLEST),
+                inputMask=shared[there],
+                gaussFiltSize=3,
+            )
+        except cv2.error:  # the registration has not converged
+            return None
     if quality <= (settings.least_correlation if least is None else least):
         return None
     warp = _between(np.asarray(warp), here, there, back=True).astype(np.float32)
@@ -125,9 +132,8 @@ def register(
     return Match(keyframe, warp, float(quality), error, spread)
 
 
-def _box(mask: UInt8[np.ndarray, "h w"]) -> tuple[slice, slice]:
+def _box(mask: UInt8[np.ndarray, "h w"], rim: int = 6) -> tuple[slice, slice]:
     """Rows and columns of the part of a picture that a mask shows, with a rim for gradients."""
-    rim = 6
     x, y, width, height = cv2.boundingRect(mask)
     return slice(max(y - rim, 0), y + height + rim), slice(max(x - rim, 0), x + width + rim)
 
@@ -236,39 +242,49 @@ def search_motion(
     """Search the rigid motion, within the searched range, under which two textures correlate best.
 
     For every rotation, Fourier transforms give the correlation under all shifts at once. Rotations
-    are tried in coarse steps, for which pictures of half the size suffice.
+    are tried in coarse steps, for which small pictures suffice.
     """
     step = 6.0  # between tried rotations [deg]
-    most = settings.searched_deg + 0.5 * step
-    (earlier, mask), (value, shown) = _halve(before), _halve(now)
+    few = 60  # approximate rows of the small pictures
+    part = max(round(now.mask.shape[0] / few), 1)
+    turns = np.arange(-settings.searched_deg, settings.searched_deg + 0.5 * step, step)
+    (earlier, mask), (value, shown) = _shrink(before, part), _shrink(now, part)
+    size = shown.shape[::-1]
+    middle = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    motions = [cv2.getRotationMatrix2D(middle, -turn, 1.0) for turn in turns]
+    masks = np.stack([cv2.warpAffine(mask, ahead, size) > 0.5 for ahead in motions])
+    start, end = _box(masks.any(axis=0).view(np.uint8), 0), _box(shown.astype(np.uint8), 0)
+    value, shown = value[end], shown[end]
     rows, columns = shown.shape
-    shape = cv2.getOptimalDFTSize(2 * rows), cv2.getOptimalDFTSize(2 * columns)
+    high, wide = masks[:, *start].shape[1:]
+    shape = cv2.getOptimalDFTSize(rows + high), cv2.getOptimalDFTSize(columns + wide)
     spectra = np.asarray(rfft2(np.stack([value, shown, value**2]), shape))
-    middle = (0.5 * (columns - 1), 0.5 * (rows - 1))
     best, highest = None, 0.0
-    for turn in np.arange(-settings.searched_deg, most, step):
-        ahead = cv2.getRotationMatrix2D(middle, -turn, 1.0)
-        there = (cv2.warpAffine(mask, ahead, (columns, rows)) > 0.5).astype(np.float32)
-        turned = there * cv2.warpAffine(earlier, ahead, (columns, rows))
+    for ahead, there in zip(motions, masks[:, *start].astype(np.float32), strict=True):
+        turned = there * cv2.warpAffine(earlier, ahead, size)[start]
         least = settings.overlap * float(min(there.sum(), shown.sum()))
         conjugate = np.conj(np.asarray(rfft2(np.stack([turned, there, turned**2]), shape)))
         score = _correlate(spectra, conjugate, shape, least)
         if score.max() > highest:
             down, right = np.unravel_index(int(score.argmax()), score.shape)
-            shift = [right - shape[1] * (right > columns), down - shape[0] * (down > rows)]
-            highest, best = float(score.max()), ahead + np.column_stack([np.zeros((2, 2)), shift])
+            right += end[1].start - start[1].start - shape[1] * (right > columns)
+            down += end[0].start - start[0].start - shape[0] * (down > rows)
+            motion = ahead + np.column_stack([np.zeros((2, 2)), (right, down)])
+            highest, best = float(score.max()), motion
     if best is None:
         return None
-    corner = np.full(2, 0.5)  # middle of the half-size picture's first pixel, in full-size pixels
-    best[:, 2] = 2.0 * best[:, 2] + corner - best[:, :2] @ corner
+    corner = np.full(2, 0.5 * (part - 1))  # middle of the first small pixel in the large picture
+    best[:, 2] = part * best[:, 2] + corner - best[:, :2] @ corner
     return best.astype(np.float32)
 
 
-def _halve(texture: Texture) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
-    """A texture at half the size, 0 where hidden; and its mask, 1 where shown."""
-    rows, columns = (size // 2 for size in texture.value.shape)
-    shown = (texture.mask[: 2 * rows, : 2 * columns] > 0).astype(np.float32)
-    value = shown * texture.value[: 2 * rows, : 2 * columns]
+def _shrink(
+    texture: Texture, part: int
+) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
+    """A texture scaled down by a factor, 0 where hidden; and its mask, 1 where shown."""
+    rows, columns = (size // part for size in texture.value.shape)
+    shown = (texture.mask[: part * rows, : part * columns] > 0).astype(np.float32)
+    value = shown * texture.value[: part * rows, : part * columns]
     value, shown = (
         cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA) for plane in (value, shown)
     )

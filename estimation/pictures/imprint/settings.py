@@ -18,6 +18,9 @@ class ImprintSettings:
             count as independent. The error of a rotation follows from the pull of each patch [px].
         shaded: share of the rotation that is lost by shading, the median of 72 published turns [-].
         least_correlation: correlation with the keyframe below which the imprint is lost [-].
+        trial: number of steps after which a registration that will probably fail is judged.
+        hopeless: correlation after these steps below which it is given up. In published lifts, all
+            that succeed exceed 0.7 by then [-].
         found_again: correlation from which a lost imprint counts as found by a search [-].
         new_keyframe: correlation below which another keyframe is used, an earlier or a new one [-].
         kept: number of stored keyframes, always with the first; registration with an earlier
@@ -50,6 +53,8 @@ class ImprintSettings:
     patch: int = 12
     shaded: float = 0.01
     least_correlation: float = 0.65
+    trial: int = 3
+    hopeless: float = 0.5
     found_again: float = 0.8
     new_keyframe: float = 0.85
     kept: int = 8
