@@ -56,8 +56,8 @@ from estimation.tracking.stream import Answer as Answer
 from estimation.tracking.stream import Sink as Sink
 from estimation.tracking.stream import Stream as Stream
 from estimation.tracking.tracker import Tracker as Tracker
-from estimation.tracking.tracker import Trackers as Trackers
 from estimation.tracking.tracker import estimate_angles as estimate_angles
+from estimation.tracking.trackers import Trackers as Trackers
 from estimation.virtual.clip import ClipTruth as ClipTruth
 from estimation.virtual.clip import Scene as Scene
 from estimation.virtual.clip import VirtualClip as VirtualClip

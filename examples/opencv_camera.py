@@ -1,4 +1,4 @@
-"""Angle from a camera's pictures, in your own loop: `python examples/opencv_camera.py 0`."""
+"""Angle and alert from a camera's pictures, in your loop: `python examples/opencv_camera.py 0`."""
 
 import sys
 import time
@@ -10,7 +10,7 @@ from estimation import ImageTracker
 
 
 def main(device: str) -> None:
-    """Print the angle of each picture until the camera is disconnected."""
+    """Print angle and alert of each picture until the camera is disconnected."""
     tracker = ImageTracker()
     camera = cv2.VideoCapture(int(device) if device.isdigit() else device)
     while True:
@@ -20,6 +20,8 @@ def main(device: str) -> None:
         answer = tracker.update(image, time.monotonic())
         low, angle, high = np.degrees([answer.low, answer.angle, answer.high])
         print(f"{answer.state}: {angle:.2f}° ({low:.2f} to {high:.2f}) {answer.reason}", flush=True)
+        if tracker.alert.level in ("act", "slips"):
+            print("grip harder", flush=True)
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def test_a_camera(monkeypatch, capsys):
     load("opencv_camera").main("0")
     first, *others = capsys.readouterr().out.splitlines()
     assert first == "unknown: nan° (nan to nan) the picture is black"
-    assert len(others) == 4
+    assert len([line for line in others if line != "grip harder"]) == 4
 
 
 def test_the_callback_of_pytac3d(recording, capsys):

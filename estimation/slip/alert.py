@@ -97,11 +97,20 @@ class AlertWatch:
             friction: friction in use, and its coefficient.
             slipped: probability that all of the contact has slipped recently [-]; NaN if unknown.
         """
+        self.add(time, state, angle, friction.used)
+        return self.tell(state, margin, friction, slipped)
+
+    def add(self, time: float, state: State, angle: float, used: float) -> None:
+        """Add a frame, as in `update`; `used` is the friction in use."""
         if state == State.NO_CONTACT:
             self.restart()
+        elif state != State.UNKNOWN:
+            self._past.append((time, angle, used))
+
+    def tell(self, state: State, margin: Margin, friction: Friction, slipped: float) -> Alert:
+        """The prediction after the frame added last, as in `update`."""
         if state in (State.NO_CONTACT, State.UNKNOWN):
             return Alert()
-        self._past.append((time, angle, friction.used))
         if state == State.MACRO_SLIP:
             return Alert(Level.SLIPS, 0.0, 0.0, 0.0)
         # a load levels off towards its limit and reaches it later than its rate suggests

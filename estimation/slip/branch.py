@@ -117,7 +117,8 @@ def fit_branch(
     def residual(parameters: np.ndarray) -> np.ndarray:
         return (_branch_moment(parameters, travel) - along) / largest
 
-    fit, inverse, error = _solve(residual, guess, np.array([0.1, 0.1, 0.1 * largest]), highest)
+    with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
+        fit, inverse, error = _solve(residual, guess, np.array([0.1, 0.1, 0.1 * largest]), highest)
     rms = float(np.sqrt(np.mean((error * largest) ** 2)))
     free = max(len(travel) / settings.noise_frames - 3.0, 1.0)
     covariance = inverse * rms**2 * len(travel) / free / largest**2

@@ -128,6 +128,11 @@ class FrictionWatch:
         self._most = float(np.fmax(self._most, self._used))
 
     @property
+    def used(self) -> float:
+        """Friction in use in the last frame [-]; NaN if unknown."""
+        return self._used
+
+    @property
     def holds(self) -> bool:
         """Whether too little friction is in use for a slip."""
         if self._slips:

@@ -74,6 +74,7 @@ class MarginTracker:
         self._sign = 0.0
         self._guess: Float[np.ndarray, " 3"] | None = None
         self.branch: Branch | None = None
+        self._enough = False  # whether the points suffice for a fit
 
     def follow(self, state: State, angle: float, moment: float, contact_markers: int) -> Margin:
         """The margin after a frame; NaN without contact and in macro slip.
@@ -84,10 +85,21 @@ class MarginTracker:
             moment: moment about the normal [N·mm].
             contact_markers: number of markers in contact.
         """
+        self.add(state, angle, moment)
+        return self.tell(state, angle, contact_markers)
+
+    def add(self, state: State, angle: float, moment: float) -> None:
+        """Add the point of a frame, without a fit; discard all points if the object has left."""
         if state == State.NO_CONTACT:
             self.restart()
+        else:
+            self.pass_by(angle, moment)
+
+    def tell(self, state: State, angle: float, contact_markers: int) -> Margin:
+        """The margin after the frame added last, as in `follow`."""
+        if not self._enough:
             return Margin()
-        margin = self.update(angle, moment, contact_markers)
+        margin = self._fit(angle, contact_markers)
         if state == State.MACRO_SLIP:
             return Margin()
         if np.isfinite(margin.angle):
@@ -102,8 +114,10 @@ class MarginTracker:
             moment: moment about the normal [N·mm].
             contact_markers: number of markers in contact; in macro slip fewer than three stick.
         """
-        if not self.pass_by(angle, moment):
-            return Margin()
+        self.pass_by(angle, moment)
+        return self._fit(angle, contact_markers) if self._enough else Margin()
+
+    def _fit(self, angle: float, contact_markers: int) -> Margin:
         angles, moments = np.array(self._points).T
         self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
         margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers), self.settings)
@@ -111,16 +125,17 @@ class MarginTracker:
         self._guess = self.branch.parameters if np.isfinite(margin.angle) else None
         return margin
 
-    def pass_by(self, angle: float, moment: float) -> bool:
-        """Add the point of a frame without a margin; return whether there are enough for a fit."""
+    def pass_by(self, angle: float, moment: float) -> None:
+        """Add the point of a frame in contact without a fit."""
+        self._enough = False
         if not np.isfinite(angle + moment):
-            return False
+            return
         self._points.append((angle, moment))
         self._turn()
         if len(self._points) > 2 * self.settings.most_points:
             del self._points[1:-1:2]
         self.branch = None
-        return bool(self._sign) and len(self._points) >= self.settings.least_points
+        self._enough = bool(self._sign) and len(self._points) >= self.settings.least_points
 
     def _turn(self) -> None:
         """Begin a new branch if the object has turned back."""
@@ -181,10 +196,7 @@ def follow_margin(
             margins.append(tracker.follow(state, angle, moment, contact))
             continue
         margins.append(known[row])
-        if state == State.NO_CONTACT:
-            tracker.restart()
-        else:
-            tracker.pass_by(angle, moment)
+        tracker.add(state, angle, moment)
     return MarginPath(margins, tracker.last)
 
 

@@ -12,12 +12,15 @@ from estimation.pictures.reader import MarkerReader
 from estimation.pictures.reading import make_reader
 from estimation.pictures.stream import Picture, fit_picture
 from estimation.settings import Settings
+from estimation.slip.alert import Alert
+from estimation.slip.shear import Shear
 from estimation.tracking.stream import MOST_HELD
-from estimation.tracking.tracker import Tracker, label_frame
+from estimation.tracking.tracker import Tracker
+from estimation.tracking.trackers import label_frame
 
 
 class ImageTracker:
-    """Estimates the object's angle picture by picture, causally.
+    """Estimates the object's angle picture by picture, causally, and warns of slip.
 
     Markers and their reference come from the first usable picture, unless the settings give an
     unloaded picture. If a later picture gives a better reference, the tracker re-evaluates the
@@ -38,8 +41,8 @@ class ImageTracker:
         >>> tracker = ImageTracker()
         >>> for picture in VirtualClip(Scene(contact=contact, path=path)):
         ...     answer = tracker.update(picture.image, picture.time)
-        >>> print(f"{answer.state}: {np.degrees(answer.angle):.0f}°")
-        incipient: 9°
+        >>> print(f"{answer.state}: {np.degrees(answer.angle):.0f}°, {tracker.alert.level}")
+        incipient: 9°, watch
     """
 
     def __init__(self, settings: Settings | None = None) -> None:
@@ -96,6 +99,16 @@ class ImageTracker:
             self._held.clear()
         return tracker.update(frame)
 
+    @property
+    def alert(self) -> Alert:
+        """The warning of a macro slip after the last picture."""
+        return Alert() if self.tracker is None else self.tracker.alert
+
+    @property
+    def shear(self) -> Shear:
+        """Shear of the gel in the last picture, and whether the object slips along it."""
+        return Shear() if self.tracker is None else self.tracker.shear
+
     def _follow(self, layout: MarkerLayout) -> Tracker:
         """The tracker of a layout; a new one has been given the frames held so far."""
         if self.tracker is None or layout is not self.tracker.layout:
@@ -106,6 +119,7 @@ class ImageTracker:
                 noise=settings.noise,
                 softness=settings.softness,
                 contact=settings.contact,
+                alert=settings.alert,
                 **settings.constants,
             )
             for frame in self._held:

@@ -22,13 +22,13 @@ from estimation.frames.source import Source
 from estimation.frames.state import save_state
 from estimation.pictures.reading import PictureSource, PictureState
 from estimation.settings import Settings
-from estimation.slip.alert import Alert, AlertWatch
+from estimation.slip.alert import Alert
 from estimation.slip.branch import Branch
 from estimation.slip.friction import Friction
-from estimation.slip.margin import Margin, MarginTracker
+from estimation.slip.margin import Margin
 from estimation.slip.onset import Sight, SlipWatch
 from estimation.slip.shear import Shear
-from estimation.tracking.tracker import Trackers
+from estimation.tracking.trackers import Trackers
 
 AHEAD = 96
 """Frames that are read before the first answer, to estimate the noise."""
@@ -92,6 +92,7 @@ def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None)
         noise=noise,
         softness=settings.softness,
         contact=settings.contact,
+        alert=settings.alert,
     )
 
 
@@ -160,8 +161,7 @@ class Follower:
     def _begin(self, layout: MarkerLayout) -> None:
         self.layout = layout
         self.trackers = make_trackers(layout, self._settings, self.noise)
-        self._outline, self._margin = OutlineFollower(), MarginTracker()
-        self._alert = AlertWatch(self._settings.alert)
+        self._outline = OutlineFollower()
         self._watch = None if self.noise is None else SlipWatch(layout, self.noise)
         self._digest = hashlib.sha256(np.ascontiguousarray(layout.reference).tobytes()).digest()
 
@@ -202,22 +202,17 @@ class Follower:
         if self._watch is not None:
             printed = bool(np.isfinite(frame.imprint[0]))
             sight = self._watch.update(frame.positions, main.contact, frame.time, printed)
-        margin = self._margin.follow(main.state, main.angle, main.moment, main.contact_markers)
-        friction = self.trackers.friction.tell(self._margin.branch)
-        shear = self.trackers.shear
         answer = Answer(
             row=self.row,
             frame=frame,
             estimates=estimates,
             axis=self._outline.update(observation.fields)[0],
             sight=sight,
-            margin=margin,
+            margin=self.trackers.load.margin,
             turned=main.rotation - self.trackers.counts[self._settings.method].start,
-            shear=shear,
-            friction=friction,
-            alert=self._alert.update(
-                main.time, main.state, main.angle, margin, friction, shear.slipped
-            ),
+            shear=self.trackers.shear,
+            friction=self.trackers.load.friction,
+            alert=self.trackers.load.alert,
             layout=self.layout,
         )
         self.row += 1
@@ -226,7 +221,7 @@ class Follower:
     @property
     def branch(self) -> Branch | None:
         """The moment–angle curve of the last frame with a margin."""
-        return self._margin.last
+        return self.trackers.load.branch
 
     @property
     def sha256(self) -> str:

@@ -1,213 +1,27 @@
 """Run estimators over single frames or a whole recording."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from estimation.choices import DEFAULT_CONTACT, ContactSettings
+from estimation.choices import DEFAULT_ALERT, DEFAULT_CONTACT, AlertSettings, ContactSettings
 from estimation.estimators import (
     DEFAULT_METHOD,
-    Measurement,
-    make_estimator,
-    method_constants,
-    share_fits,
 )
-from estimation.estimators.result import TOO_FEW_STICK, UNTOLD_TURN, Estimate, Result, State
-from estimation.fields.measure import Fields
+from estimation.estimators.result import Estimate, Result
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Frame, MarkerLayout, Recording
-from estimation.slip.friction import FrictionWatch
-from estimation.slip.motion import NO_COUNT, Count, Since, gel_ends
-from estimation.slip.shear import Shear, ShearWatch
-from estimation.slip.slide import Slide, SlideWatch
-from estimation.softness import RIGID_OBJECT, Contact, Softness
-from estimation.tracking.observation import Observation, Observer
-
-
-class Trackers:
-    """Estimates the object's angle by several methods at once, causally.
-
-    Each frame is inspected and its fields are measured once for all methods. Methods that fit the
-    same markers with the same settings share the fit.
-
-    Attributes:
-        estimators: estimators by method.
-        constants: constants by method.
-        counts: by method, the frame that its angle counts from.
-        observation: fields and contact of the last frame; None before the first.
-        shear: shear of the gel in the last frame, and whether the object slips along it.
-        friction: share of the friction limit in use, and the coefficient from earlier slips, by the
-            first method.
-
-    Examples:
-        >>> import numpy as np
-        >>> from estimation import Trackers, simulate_pivot
-        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> trackers = Trackers(recording.layout, {"tracked": {}, "kabsch": {}})
-        >>> *_, last = (trackers.update(frame) for frame in recording)
-        >>> for method, estimate in last.items():
-        ...     print(f"{method}: {np.degrees(estimate.angle):.1f}°")  # 10° is true
-        tracked: 10.0°
-        kabsch: 4.9°
-    """
-
-    def __init__(
-        self,
-        layout: MarkerLayout,
-        methods: Mapping[str, Mapping[str, Any]],
-        *,
-        noise: Noise | None = None,
-        softness: Softness = RIGID_OBJECT,
-        contact: ContactSettings = DEFAULT_CONTACT,
-    ) -> None:
-        """Make the trackers.
-
-        Args:
-            layout: the markers of the sensor.
-            methods: names from `METHODS` or `RIVALS`, each with the constants to change.
-            noise: noise of the markers; without it, intervals come from the misfit in each frame.
-            softness: correction by Eq. (13).
-            contact: thresholds of contact and state.
-
-        Raises:
-            ValueError: an unknown method or constant, a value out of range, or too few markers.
-        """
-        self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
-        self.softness = softness
-        self._observer = Observer(layout, softness, contact)
-        gain = 1.0 + softness.stiffness_ratio
-        self.estimators = {
-            name: make_estimator(name, self._observer.stencils, noise, gain, own)
-            for name, own in methods.items()
-        }
-        share_fits(self.estimators.values())
-        self._since = dict.fromkeys(methods, Since())
-        self.counts = {name: Count() for name in methods}
-        self.observation: Observation | None = None
-        self.shear = Shear()
-        self._shear, self._slide = ShearWatch(layout), SlideWatch(layout)
-        self.friction = FrictionWatch()
-
-    def update(self, frame: Frame) -> dict[str, Estimate]:
-        """The estimates for the next frame, by method.
-
-        An unusable frame gets an estimate without an angle that gives the reason, and has no
-        further effect. A frame is unusable if its source flagged it, if its time stamp is missing
-        or not after the last frame's, if all positions are zero, or if it has too few markers.
-
-        Raises:
-            ValueError: `frame` is not a frame of this layout.
-        """
-        observation = self.observation = self._observer.observe(frame)
-        self.shear = self._follow_shear(observation)
-        fields = observation.fields
-        if fields is None:
-            # the source detects the contact; only the angle suffers from the flaw
-            by_source = bool(frame.flaw) or observation.cut
-            state = self.shear.state if by_source else State.UNKNOWN
-            if frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
-                self.shear = Shear()
-            return {
-                name: label_frame(frame, observation.flaw, since, state)
-                for name, since in self._since.items()
-            }
-        points = fields.positions[fields.contact, :2]
-        self.friction.update(frame.wrench, points)
-        estimates = dict[str, Estimate]()
-        for name, estimator in self.estimators.items():
-            gel = estimator.update(fields)
-            self._since[name] = self._since[name].update(gel, fields, frame.time)
-            estimates[name] = self._answer(observation, fields, gel, name)
-        if next(iter(estimates.values())).state == State.MACRO_SLIP:
-            self.friction.learn()
-        return estimates
-
-    def _follow_shear(self, observation: Observation) -> Shear:
-        """The gel's shear, also in frames whose contact is too little in view for an angle."""
-        frame, fields = observation.frame, observation.fields
-        contact = frame.contact if fields is None else fields.contact
-        if contact is None or (frame.flaw and not contact.any()):
-            return Shear()
-        slide = Slide()
-        if not frame.flaw:
-            slide = self._slide.update(
-                frame.positions[:, :2], contact, frame.imprint, frame.print_point, frame.time
-            )
-        return self._shear.update(frame.positions, contact, frame.hold, slide)
-
-    def _answer(
-        self, observation: Observation, fields: Fields, gel: Measurement, method: str
-    ) -> Estimate:
-        """The estimate from one method's measurement."""
-        frame, since = observation.frame, self._since[method]
-        state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
-        if observation.cut:
-            reason = reason or "the contact reaches the edge of the view"
-        contact = Contact(fields, frame.normal_force, gel.stick, observation.as_seen)
-        try:
-            softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
-        except ValueError as error:
-            return label_frame(frame, str(error), since)
-        angle, low, high = softness.correct(gel)
-        turned = self.counts[method].turned(state, since.anew, fields.rotation)
-        gel_low, gel_high = gel_ends(turned, fields.contact)
-        stick = fields.contact if self.shear.sticks else gel.stick & (not self.shear.slides)
-        return Estimate(
-            time=frame.time,
-            source_index=frame.source_index,
-            state=state,
-            reason=reason,
-            angle=angle,
-            low=low,
-            high=high,
-            since=since.since,
-            anew=since.anew,
-            moment=frame.moment,
-            rotation=fields.rotation,
-            contact=fields.contact,
-            stick=stick,
-            stick_markers=int(stick.sum()),
-            contact_markers=int(fields.contact.sum()),
-            gel_low=gel_low,
-            gel_high=gel_high,
-            stiffness_ratio=softness.stiffness_ratio,
-            load_term=softness.load_term,
-            covered=softness.validity.covers(gel.angle, contact),
-        )
-
-    def _judge(self, fields: Fields, gel: Measurement, by_source: bool) -> tuple[State, str]:
-        """State of the contact, and the reason for a missing angle.
-
-        Args:
-            fields: fields of the frame.
-            gel: measurement of the gel's rotation.
-            by_source: whether the source detected the contact.
-        """
-        if not fields.contact.any():
-            if by_source:
-                return State.NO_CONTACT, "no contact"
-            onset = self._observer.contact.onset_mm
-            return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
-        if gel.reason:
-            return State.MACRO_SLIP if self.shear.slides else State.UNKNOWN, gel.reason
-        why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
-        if self.shear.slides:
-            return State.MACRO_SLIP, why
-        if self.shear.sticks:
-            return State.STICK, why and UNTOLD_TURN
-        if why or not gel.stick.any():
-            if self.shear.holds or self.friction.holds:
-                return State.INCIPIENT, why and UNTOLD_TURN
-            return State.MACRO_SLIP, why
-        if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
-            return State.STICK, ""
-        return State.INCIPIENT, ""
+from estimation.slip.alert import Alert
+from estimation.slip.friction import Friction
+from estimation.slip.margin import Margin
+from estimation.slip.shear import Shear
+from estimation.softness import RIGID_OBJECT, Softness
+from estimation.tracking.trackers import Trackers
 
 
 class Tracker:
-    """Estimates the object's angle frame by frame, causally.
+    """Estimates the object's angle frame by frame, causally, and warns of slip.
 
     Over the frames of a recording, it gives the same numbers as `estimate_angles` with the same
     noise.
@@ -225,8 +39,8 @@ class Tracker:
         >>> for positions, time in zip(recording.positions, recording.time):
         ...     last = tracker.update_positions(positions, time)
         >>> half = np.degrees(last.high - last.low) / 2
-        >>> print(f"{last.state}, {np.degrees(last.angle):.1f}° ± {half:.2f}°")
-        incipient, 10.0° ± 0.15°
+        >>> print(f"{tracker.alert.level}: {np.degrees(last.angle):.1f}° ± {half:.2f}°")
+        watch: 10.0° ± 0.15°
     """
 
     def __init__(
@@ -237,6 +51,7 @@ class Tracker:
         noise: Noise | None = None,
         softness: Softness = RIGID_OBJECT,
         contact: ContactSettings = DEFAULT_CONTACT,
+        alert: AlertSettings = DEFAULT_ALERT,
         **constants: Any,
     ) -> None:
         """Make a tracker.
@@ -248,13 +63,19 @@ class Tracker:
             noise: noise of the markers; without it, intervals come from the misfit in each frame.
             softness: correction by Eq. (13).
             contact: thresholds of contact and state.
+            alert: thresholds of the alerts.
             **constants: constants of the method to change.
 
         Raises:
             ValueError: an unknown method or constant, a value out of range, or too few markers.
         """
         self._trackers = Trackers(
-            layout, {method: constants}, noise=noise, softness=softness, contact=contact
+            layout,
+            {method: constants},
+            noise=noise,
+            softness=softness,
+            contact=contact,
+            alert=alert,
         )
         self.layout, self._method, self._count = layout, method, 0
         self.estimator = self._trackers.estimators[method]
@@ -267,6 +88,26 @@ class Tracker:
             ValueError: `frame` is not a frame of this layout.
         """
         return self._trackers.update(frame)[self._method]
+
+    @property
+    def alert(self) -> Alert:
+        """The warning of a macro slip after the last frame."""
+        return self._trackers.load.alert
+
+    @property
+    def shear(self) -> Shear:
+        """Shear of the gel in the last frame, and whether the object slips along it."""
+        return self._trackers.shear
+
+    @property
+    def margin(self) -> Margin:
+        """Angle and moment that remain before macro slip; NaN without moments."""
+        return self._trackers.load.margin
+
+    @property
+    def friction(self) -> Friction:
+        """Friction in use and its coefficient after the last frame; NaN without forces."""
+        return self._trackers.load.friction
 
     def update_positions(self, positions: Float[np.ndarray, "n d"], time: float) -> Estimate:
         """The estimate for the next frame, from marker positions alone.
@@ -284,43 +125,6 @@ class Tracker:
         """
         number, self._count = self._count, self._count + 1
         return self.update(Frame(np.asarray(positions, dtype=float), time, number))
-
-
-def label_frame(
-    frame: Frame, reason: str, since: Since = NO_COUNT, state: State = State.UNKNOWN
-) -> Estimate:
-    """An estimate without an angle, with the reason.
-
-    Args:
-        frame: the frame.
-        reason: reason for the missing angle.
-        since: frame that the method's angles count from.
-        state: state of the contact, if the source detects it.
-    """
-    none = np.zeros(len(frame.positions), dtype=bool)
-    contact = none if state == State.UNKNOWN or frame.contact is None else frame.contact
-    return Estimate(
-        time=frame.time,
-        source_index=frame.source_index,
-        state=state,
-        reason=reason,
-        angle=np.nan,
-        low=np.nan,
-        high=np.nan,
-        since=since.since,
-        anew=since.anew,
-        moment=frame.moment,
-        rotation=np.full(len(none), np.nan),
-        contact=contact,
-        stick=none,
-        stick_markers=0,
-        contact_markers=int(contact.sum()),
-        gel_low=np.nan,
-        gel_high=np.nan,
-        stiffness_ratio=0.0,
-        load_term=0.0,
-        covered=True,
-    )
 
 
 def estimate_angles(

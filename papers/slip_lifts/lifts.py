@@ -25,7 +25,7 @@ from estimation.frames.recording import Recording
 from estimation.slip.shear import Outcome, Shear, ShearSettings, conclude, find_slip_probability
 from estimation.slip.warnings import WARNINGS
 from estimation.sources import read_recording
-from estimation.tracking.tracker import Trackers
+from estimation.tracking.trackers import Trackers
 from papers.items import Track
 from papers.slip_lifts import settings
 from papers.slip_lifts.scores import (

@@ -41,7 +41,7 @@ from estimation.slip.margin import MarginTracker
 from estimation.slip.onset import SlipWatch
 from estimation.tracking.observation import Observer
 from estimation.tracking.stream import Stream
-from estimation.tracking.tracker import Trackers
+from estimation.tracking.trackers import Trackers
 from tests.benchmarks.arguments import make_parser
 
 STAGES: tuple[tuple[str, ModuleType | type, str], ...] = (

@@ -15,7 +15,8 @@ from estimation.output.explain import explain_settings
 from estimation.output.table import GRIP_COLUMNS, MARGIN_COLUMNS
 from estimation.run import UNFINISHED, Input, run_all
 from estimation.settings import Settings
-from estimation.tracking.tracker import Trackers, estimate_angles
+from estimation.tracking.tracker import estimate_angles
+from estimation.tracking.trackers import Trackers
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from tests.cases import domed_pad, lift
 

@@ -23,7 +23,8 @@ from estimation.run import report_all, run_all
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, open_inputs
 from estimation.tracking.stream import AHEAD, AHEAD_LIVE, Checkpoint, Stream
-from estimation.tracking.tracker import Trackers, estimate_angles
+from estimation.tracking.tracker import estimate_angles
+from estimation.tracking.trackers import Trackers
 from tests.cases import lift
 
 SETTINGS = Settings(noise=Noise.given(1e-3))

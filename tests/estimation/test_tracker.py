@@ -10,7 +10,8 @@ from estimation.estimators import METHODS
 from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
-from estimation.tracking.tracker import Tracker, Trackers, estimate_angles
+from estimation.tracking.tracker import Tracker, estimate_angles
+from estimation.tracking.trackers import Trackers
 from tests.cases import domed_pad, lift
 
 MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)

@@ -13,6 +13,7 @@ from estimation.pictures.sensor import Sensor
 from estimation.pictures.still import Still
 from estimation.settings import Settings
 from estimation.tracking.image_tracker import ImageTracker
+from estimation.tracking.stream import Stream
 from estimation.tracking.tracker import Tracker
 from tests.fuzz.inputs import GRID, RADIUS, dots
 
@@ -45,6 +46,23 @@ def test_pictures_one_by_one_are_a_folder_of_them(tmp_path):
     )
     assert [one.source_index for one in found] == list(range(len(found)))
     assert [one.state for one in found] == [one.state for one in expected]
+
+
+def test_alert_and_shear_are_those_of_a_stream(tmp_path):
+    for i, image in enumerate(dots()):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), image)
+    tracker = ImageTracker(settings())
+    assert (tracker.alert.level, tracker.shear.slides) == ("unknown", False)
+    found = []
+    for i, image in enumerate(dots()):
+        tracker.update(image, i / 30.0)
+        found.append((tracker.alert, tracker.shear))
+    answers = Stream(PictureSource(tmp_path, settings().images), settings()).answers()
+    for (alert, shear), expected in zip(found, answers, strict=True):
+        assert alert.level == expected.alert.level
+        np.testing.assert_allclose(alert[1:], expected.alert[1:], rtol=1e-6)
+        np.testing.assert_allclose(shear, expected.shear, rtol=1e-5)
+    assert len({alert.level for alert, _ in found}) > 1
 
 
 def test_an_unloaded_picture_is_the_reference(tmp_path):

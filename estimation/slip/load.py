@@ -1,0 +1,84 @@
+"""Margin, friction and alert after each frame, fitted when asked for."""
+
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from estimation.choices import DEFAULT_ALERT, AlertSettings
+from estimation.estimators.result import Estimate, State
+from estimation.slip.alert import Alert, AlertWatch
+from estimation.slip.branch import Branch
+from estimation.slip.friction import Friction, FrictionWatch
+from estimation.slip.margin import Margin, MarginTracker
+
+
+class LoadWatch:
+    """Follows the load of a contact towards macro slip.
+
+    The fits behind margin, friction and alert are made when one of these is first asked for after a
+    frame, so a loop that reads the angle alone does not pay for them.
+    """
+
+    def __init__(self, settings: AlertSettings = DEFAULT_ALERT) -> None:
+        """Begin without any frame.
+
+        Args:
+            settings: thresholds of the alerts.
+        """
+        self._margin, self._friction = MarginTracker(), FrictionWatch()
+        self._alert = AlertWatch(settings)
+        self._last: Estimate | None = None
+        self._slipped = np.nan
+
+    def press(self, wrench: tuple[float, ...], contact: Float[np.ndarray, "n 2"]) -> None:
+        """Take the forces of the next frame, before its state is known; see `FrictionWatch`."""
+        self._friction.update(wrench, contact)
+
+    @property
+    def holds(self) -> bool:
+        """Whether too little friction is in use for a slip."""
+        return self._friction.holds
+
+    def follow(self, estimate: Estimate, slipped: float, *, usable: bool) -> None:
+        """Take the estimate of the next frame.
+
+        Args:
+            estimate: by the chosen method.
+            slipped: probability that all of the contact has slipped recently [-]; NaN if unknown.
+            usable: whether the frame was usable, so that the friction may be learnt from it.
+        """
+        state, angle = estimate.state, estimate.angle
+        if usable and state == State.MACRO_SLIP:
+            self._friction.learn()
+        self._margin.add(state, angle, estimate.moment)
+        self._alert.add(estimate.time, state, angle, self._friction.used)
+        self._last, self._slipped = estimate, slipped
+        for name in ("margin", "friction", "alert"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
+    def margin(self) -> Margin:
+        """Angle and moment that remain before macro slip."""
+        last = self._last
+        if last is None:
+            return Margin()
+        return self._margin.tell(last.state, last.angle, last.contact_markers)
+
+    @cached_property
+    def friction(self) -> Friction:
+        """Friction in use and its coefficient."""
+        _ = self.margin  # its fit gives the coefficient before the first slip
+        return self._friction.tell(self._margin.branch)
+
+    @cached_property
+    def alert(self) -> Alert:
+        """Predicted time to macro slip, and the level of the alert to a gripper."""
+        if self._last is None:
+            return Alert()
+        return self._alert.tell(self._last.state, self.margin, self.friction, self._slipped)
+
+    @property
+    def branch(self) -> Branch | None:
+        """The moment–angle curve of the last frame with a margin."""
+        return self._margin.last

@@ -1,0 +1,241 @@
+"""Run several estimators over frames, one by one."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from estimation.choices import DEFAULT_ALERT, DEFAULT_CONTACT, AlertSettings, ContactSettings
+from estimation.estimators import (
+    Measurement,
+    make_estimator,
+    method_constants,
+    share_fits,
+)
+from estimation.estimators.result import TOO_FEW_STICK, UNTOLD_TURN, Estimate, State
+from estimation.fields.measure import Fields
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Frame, MarkerLayout
+from estimation.slip.load import LoadWatch
+from estimation.slip.motion import NO_COUNT, Count, Since, gel_ends
+from estimation.slip.shear import Shear, ShearWatch
+from estimation.slip.slide import Slide, SlideWatch
+from estimation.softness import RIGID_OBJECT, Contact, Softness
+from estimation.tracking.observation import Observation, Observer
+
+
+class Trackers:
+    """Estimates the object's angle by several methods at once, causally.
+
+    Each frame is inspected and its fields are measured once for all methods. Methods that fit the
+    same markers with the same settings share the fit.
+
+    Attributes:
+        estimators: estimators by method.
+        constants: constants by method.
+        counts: by method, the frame that its angle counts from.
+        observation: fields and contact of the last frame; None before the first.
+        shear: shear of the gel in the last frame, and whether the object slips along it.
+        load: margin, friction and alert after the last frame, by the first method.
+
+    Examples:
+        >>> import numpy as np
+        >>> from estimation import Trackers, simulate_pivot
+        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
+        >>> trackers = Trackers(recording.layout, {"tracked": {}, "kabsch": {}})
+        >>> *_, last = (trackers.update(frame) for frame in recording)
+        >>> for method, estimate in last.items():
+        ...     print(f"{method}: {np.degrees(estimate.angle):.1f}°")  # 10° is true
+        tracked: 10.0°
+        kabsch: 4.9°
+    """
+
+    def __init__(
+        self,
+        layout: MarkerLayout,
+        methods: Mapping[str, Mapping[str, Any]],
+        *,
+        noise: Noise | None = None,
+        softness: Softness = RIGID_OBJECT,
+        contact: ContactSettings = DEFAULT_CONTACT,
+        alert: AlertSettings = DEFAULT_ALERT,
+    ) -> None:
+        """Make the trackers.
+
+        Args:
+            layout: the markers of the sensor.
+            methods: names from `METHODS` or `RIVALS`, each with the constants to change.
+            noise: noise of the markers; without it, intervals come from the misfit in each frame.
+            softness: correction by Eq. (13).
+            contact: thresholds of contact and state.
+            alert: thresholds of the alerts.
+
+        Raises:
+            ValueError: an unknown method or constant, a value out of range, or too few markers.
+        """
+        self.constants = {name: method_constants(name) | dict(own) for name, own in methods.items()}
+        self.softness = softness
+        self._observer = Observer(layout, softness, contact)
+        gain = 1.0 + softness.stiffness_ratio
+        self.estimators = {
+            name: make_estimator(name, self._observer.stencils, noise, gain, own)
+            for name, own in methods.items()
+        }
+        share_fits(self.estimators.values())
+        self._since = dict.fromkeys(methods, Since())
+        self.counts = {name: Count() for name in methods}
+        self.observation: Observation | None = None
+        self.shear, self.load = Shear(), LoadWatch(alert)
+        self._shear, self._slide = ShearWatch(layout), SlideWatch(layout)
+
+    def update(self, frame: Frame) -> dict[str, Estimate]:
+        """The estimates for the next frame, by method.
+
+        An unusable frame gets an estimate without an angle that gives the reason, and has no
+        further effect. A frame is unusable if its source flagged it, if its time stamp is missing
+        or not after the last frame's, if all positions are zero, or if it has too few markers.
+
+        Raises:
+            ValueError: `frame` is not a frame of this layout.
+        """
+        observation = self.observation = self._observer.observe(frame)
+        self.shear = self._follow_shear(observation)
+        fields = observation.fields
+        if fields is None:
+            estimates = self._label(observation)
+        else:
+            self.load.press(frame.wrench, fields.positions[fields.contact, :2])
+            estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
+        main = next(iter(estimates.values()))
+        self.load.follow(main, self.shear.slipped, usable=fields is not None)
+        return estimates
+
+    def _label(self, observation: Observation) -> dict[str, Estimate]:
+        """Estimates without an angle, for a frame that cannot be used."""
+        frame = observation.frame
+        # the source detects the contact; only the angle suffers from the flaw
+        by_source = bool(frame.flaw) or observation.cut
+        state = self.shear.state if by_source else State.UNKNOWN
+        if frame.flaw:  # the object's print in this frame is no evidence of a grasp yet
+            self.shear = Shear()
+        return {
+            name: label_frame(frame, observation.flaw, since, state)
+            for name, since in self._since.items()
+        }
+
+    def _follow_shear(self, observation: Observation) -> Shear:
+        """The gel's shear, also in frames whose contact is too little in view for an angle."""
+        frame, fields = observation.frame, observation.fields
+        contact = frame.contact if fields is None else fields.contact
+        if contact is None or (frame.flaw and not contact.any()):
+            return Shear()
+        slide = Slide()
+        if not frame.flaw:
+            slide = self._slide.update(
+                frame.positions[:, :2], contact, frame.imprint, frame.print_point, frame.time
+            )
+        return self._shear.update(frame.positions, contact, frame.hold, slide)
+
+    def _answer(self, observation: Observation, fields: Fields, method: str) -> Estimate:
+        """The estimate by one method."""
+        frame, gel = observation.frame, self.estimators[method].update(fields)
+        since = self._since[method] = self._since[method].update(gel, fields, frame.time)
+        state, reason = self._judge(fields, gel, by_source=frame.contact is not None)
+        if observation.cut:
+            reason = reason or "the contact reaches the edge of the view"
+        contact = Contact(fields, frame.normal_force, gel.stick, observation.as_seen)
+        try:
+            softness = self.softness.at(contact) if np.isfinite(gel.angle) else RIGID_OBJECT
+        except ValueError as error:
+            return label_frame(frame, str(error), since)
+        angle, low, high = softness.correct(gel)
+        turned = self.counts[method].turned(state, since.anew, fields.rotation)
+        gel_low, gel_high = gel_ends(turned, fields.contact)
+        stick = fields.contact if self.shear.sticks else gel.stick & (not self.shear.slides)
+        return Estimate(
+            time=frame.time,
+            source_index=frame.source_index,
+            state=state,
+            reason=reason,
+            angle=angle,
+            low=low,
+            high=high,
+            since=since.since,
+            anew=since.anew,
+            moment=frame.moment,
+            rotation=fields.rotation,
+            contact=fields.contact,
+            stick=stick,
+            stick_markers=int(stick.sum()),
+            contact_markers=int(fields.contact.sum()),
+            gel_low=gel_low,
+            gel_high=gel_high,
+            stiffness_ratio=softness.stiffness_ratio,
+            load_term=softness.load_term,
+            covered=softness.validity.covers(gel.angle, contact),
+        )
+
+    def _judge(self, fields: Fields, gel: Measurement, by_source: bool) -> tuple[State, str]:
+        """State of the contact, and the reason for a missing angle.
+
+        Args:
+            fields: fields of the frame.
+            gel: measurement of the gel's rotation.
+            by_source: whether the source detected the contact.
+        """
+        if not fields.contact.any():
+            if by_source:
+                return State.NO_CONTACT, "no contact"
+            onset = self._observer.contact.onset_mm
+            return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
+        if gel.reason:
+            return State.MACRO_SLIP if self.shear.slides else State.UNKNOWN, gel.reason
+        why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
+        if self.shear.slides:
+            return State.MACRO_SLIP, why
+        if self.shear.sticks:
+            return State.STICK, why and UNTOLD_TURN
+        if why or not gel.stick.any():
+            if self.shear.holds or self.load.holds:
+                return State.INCIPIENT, why and UNTOLD_TURN
+            return State.MACRO_SLIP, why
+        if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
+            return State.STICK, ""
+        return State.INCIPIENT, ""
+
+
+def label_frame(
+    frame: Frame, reason: str, since: Since = NO_COUNT, state: State = State.UNKNOWN
+) -> Estimate:
+    """An estimate without an angle, with the reason.
+
+    Args:
+        frame: the frame.
+        reason: reason for the missing angle.
+        since: frame that the method's angles count from.
+        state: state of the contact, if the source detects it.
+    """
+    none = np.zeros(len(frame.positions), dtype=bool)
+    contact = none if state == State.UNKNOWN or frame.contact is None else frame.contact
+    return Estimate(
+        time=frame.time,
+        source_index=frame.source_index,
+        state=state,
+        reason=reason,
+        angle=np.nan,
+        low=np.nan,
+        high=np.nan,
+        since=since.since,
+        anew=since.anew,
+        moment=frame.moment,
+        rotation=np.full(len(none), np.nan),
+        contact=contact,
+        stick=none,
+        stick_markers=0,
+        contact_markers=int(contact.sum()),
+        gel_low=np.nan,
+        gel_high=np.nan,
+        stiffness_ratio=0.0,
+        load_term=0.0,
+        covered=True,
+    )
