@@ -139,14 +139,15 @@ def paint_out(
     rows, smallest_dot = 120, 2.0
     part = max(min(round(picture.shape[0] / rows), int(radius / smallest_dot)), 1)
     size = (picture.shape[1] // part, picture.shape[0] // part)
-    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    whole = picture[: part * size[1], : part * size[0]]  # other factors would shift its far side
+    small = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
     image = small.astype(np.float32) * np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
     dots, radius = dots / part, radius / part
     shown = np.ones(image.shape[:2], np.float32)
     for x, y in np.rint(dots * 16).astype(int).tolist():
         cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
     if seen is not None:
-        shown[cv2.resize(seen.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0] = 0.0
+        shown[~seen[: part * size[1] : part, : part * size[0] : part]] = 0.0
     rim = round(1.6 * radius)  # width of the edge, where dots may be cut and so not detected
     clear = np.zeros_like(shown)
     clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
