@@ -39,7 +39,7 @@ class IncrementalSettings(RigidSettings):
         keyframe_interval: frames between two keyframes [frames].
         mature_age: frames over which markers must move together to count as sticking, and over
             which gel and outline are compared. More frames report slip later [frames].
-        most_keyframes: largest number of keyframes in memory [-].
+        most_keyframes: largest number of keyframes in memory; as many more after signs of a grip [-].
         firm_markers: number of markers still sticking since a keyframe, from which newer keyframes
             are not tried [-].
         many_markers: number of sticking markers, from which a next frame without any counts as
@@ -95,6 +95,35 @@ class Keyframe(NamedTuple):
     def agrees(self, other: "Keyframe") -> bool:
         """Whether the intervals of two angles of the same frame overlap."""
         return not (self.high < other.low or other.high < self.low)
+
+    def lags(self, other: "Keyframe", noise: float) -> bool:
+        """Whether the angle differs from another one of the same frame, which its interval holds.
+
+        The intervals reach to the side to which slip that was not noticed would shift the truth.
+
+        Args:
+            other: the other angle.
+            noise: standard error of the difference [rad].
+        """
+        inside = self.low < other.angle < self.high
+        return inside and abs(self.angle - other.angle) > Z95 * noise
+
+    def correct(self, older: "Keyframe", now: "Keyframe") -> "Keyframe":
+        """The keyframe with the angle that it must have had for an older one's angle of now.
+
+        The interval covers the uncorrected angle too.
+
+        Args:
+            older: the older keyframe, counted on to now.
+            now: this keyframe, counted on to now.
+        """
+        apart = older.angle - now.angle
+        return self._replace(
+            angle=self.angle + apart,
+            error=older.error,
+            lag_low=max(older.lag_low, apart),
+            lag_high=max(older.lag_high, -apart),
+        )
 
     def doubt(self, apart: float) -> "Keyframe":
         """The keyframe with its lags widened to the difference from another keyframe's angle."""
@@ -225,6 +254,8 @@ class Incremental:
             since = self._recent[0]
             mature = self.number - self.settings.mature_age
             self.keyframes.append(since._replace(number=mature))
+            if len(self.keyframes) > 2 * self.settings.most_keyframes:
+                self._thin_out()
         self._recent.append(now)
         return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
 
@@ -270,10 +301,11 @@ class Incremental:
 
         The oldest keyframe is used while nine markers or more still stick since then; otherwise the
         one with the narrowest interval. Markers that stick since an older keyframe stick since a
-        newer one too. If the two intervals do not overlap, the newer keyframe was made while all
-        markers but these slipped, and the object has rested since. While the angle is lost, the
-        newest keyframe is used, which forgets the slip soonest. Keyframes that no longer hold are
-        removed.
+        newer one too. If the newer one was made while most markers slipped unnoticed, it lags, and
+        its angle is corrected to the older one's. If their intervals do not even overlap, the
+        object has rested since, and the newer one's is widened to the older one's. While the angle
+        is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that no
+        longer hold are removed.
         """
         mature = [
             i for i, k in enumerate(self.keyframes) if self._age(k) >= self.settings.mature_age
@@ -290,6 +322,11 @@ class Incremental:
             now = self.keyframes[i].advance(fields, self.number, fit)
             if best is not None and not best[2].agrees(now):
                 self.keyframes[i] = self.keyframes[i].doubt(best[2].angle - now.angle)
+                continue
+            if best is not None and now.lags(
+                best[2], float(np.hypot(best[3].standard_error, fit.standard_error))
+            ):
+                self.keyframes[i] = self.keyframes[i].correct(best[2], now)
                 continue
             width = np.inf if np.isnan(now.angle) else now.high - now.low
             if best is None or width < best[0]:
@@ -313,8 +350,10 @@ class Incremental:
             return
         self.keyframes.append(now)
         if len(self.keyframes) > self.settings.most_keyframes:
-            ages = [self._age(keyframe) for keyframe in self.keyframes]
-            crowding = [
-                (ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)
-            ]
-            del self.keyframes[1 + int(np.argmin(crowding))]
+            self._thin_out()
+
+    def _thin_out(self) -> None:
+        """Remove the keyframe whose neighbours are closest for its age."""
+        ages = [self._age(keyframe) for keyframe in self.keyframes]
+        crowding = [(ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)]
+        del self.keyframes[1 + int(np.argmin(crowding))]

@@ -14,6 +14,8 @@ from estimation.slip.motion import accumulate_slip
 from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
+from papers.leaderboard.cases import list_cases
+from papers.leaderboard.strained import simulate
 from tests.cases import domed_pad, recording_of, turn_about_z
 from tests.estimation.fields.test_outline import pressed_by_an_ellipsoid
 
@@ -61,6 +63,19 @@ def test_a_keyframe_made_while_all_but_four_markers_slipped_is_not_believed():
     assert error.max() < 0.25
     inside = (result.low <= truth.angle) & (truth.angle <= result.high)
     assert inside[turned].mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", [901, 905])
+def test_a_newer_keyframe_takes_the_angle_of_an_older_one_that_still_holds(seed):
+    """On the way back of a large turn, keyframes made near its end cut off 1 to 2° of it."""
+    sphere = next(c for c in list_cases("tuning").values() if c.group == "sphere")
+    recording, truth = simulate(sphere, seed)
+    result = estimate_angles(recording, "incremental", noise=MICRON)
+    back = np.arange(len(recording.time)) > np.nanargmax(np.abs(truth.angle))
+    error = np.degrees(np.abs(result.angle - truth.angle))[back]
+    assert error.max() < 0.5
+    inside = (result.low <= truth.angle) & (truth.angle <= result.high)
+    assert inside[back].mean() > 0.9
 
 
 def test_macro_slip_is_seen_when_the_last_markers_slip(pivot):
