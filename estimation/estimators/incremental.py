@@ -39,7 +39,8 @@ class IncrementalSettings(RigidSettings):
         keyframe_interval: frames between two keyframes [frames].
         mature_age: frames over which markers must move together to count as sticking, and over
             which gel and outline are compared. More frames report slip later [frames].
-        most_keyframes: largest number of keyframes in memory; as many more after signs of a grip [-].
+        most_keyframes: largest number of keyframes in memory, at least 2; as many more after signs
+            of a grip [-].
         firm_markers: number of markers still sticking since a keyframe, from which newer keyframes
             are not tried [-].
         many_markers: number of sticking markers, from which a next frame without any counts as
@@ -58,7 +59,8 @@ class IncrementalSettings(RigidSettings):
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
-        for name in ("keyframe_interval", "mature_age", "most_keyframes"):
+        check_count("most_keyframes", self.most_keyframes, 2)
+        for name in ("keyframe_interval", "mature_age"):
             check_count(name, getattr(self, name))
 
 

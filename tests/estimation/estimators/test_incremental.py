@@ -229,6 +229,11 @@ def test_keyframes_stay_few(pivot):
         assert len(tracker.estimator.incremental.keyframes) <= IncrementalSettings.most_keyframes
 
 
+def test_a_single_keyframe_is_refused():
+    with pytest.raises(ValueError, match="most_keyframes is 1; it must be at least 2"):
+        IncrementalSettings(most_keyframes=1)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_an_outline_that_turns_less_does_not_take_over_from_a_gel_that_turns(share):
     layout, angle = domed_pad(), np.concatenate([[0.0], np.linspace(0.0, 24.0, 25)])
