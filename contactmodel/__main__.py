@@ -9,7 +9,13 @@ from rich.markup import escape
 from rich.progress import track
 from rich.table import Column, Table
 
-from contactmodel.common.command_line import errors, make_app, run_app, say_error
+from contactmodel.common.command_line import (
+    describe_error,
+    errors,
+    make_app,
+    run_app,
+    say_error,
+)
 
 app = make_app("Contact of two elastic bodies with friction.")
 console = Console()
@@ -53,7 +59,7 @@ def simulate(
         ]
         write_results(stack_steps(solutions), out)
     except (OSError, ValueError, RuntimeError) as error:
-        say_error(str(error))
+        say_error(describe_error(error))
         raise typer.Exit(2) from error
     apart = sum(not bool(solution.contact.any()) for solution in solutions)
     if apart:

@@ -8,16 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from rich.progress import Progress
 
 from estimation.estimators.grasp import compare_fingers
 from estimation.frames.inspection import list_flaws
-from estimation.frames.noise import expect_unit
+from estimation.frames.noise import Noise, expect_unit
 from estimation.output.answer import describe_run
 from estimation.output.found import Run, find_in_record
 from estimation.output.missing import describe_answers
-from estimation.output.overview import write_overview
+from estimation.output.overview import describe_evidence, describe_fits, write_overview
 from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
@@ -242,9 +241,7 @@ class _Job:
             looks_back=noise is not None,
             settings={
                 "seed": settings.seed if self.input.truth is not None else None,
-                "noise_in_plane_um" if source.unit == "mm" else "noise_in_plane_millipx": (
-                    None if noise is None else round(1e3 * noise.in_plane, 4)
-                ),
+                **_describe_noise(noise, source.unit),
                 "noise_from": "given" if settings.noise else "recording" if noise else "misfit",
                 "softness": settings.softness.content(),
                 **vars(settings.contact),
@@ -340,21 +337,13 @@ def _put_side_by_side(
         grasp = compare_fingers(done[0][0].main, done[1][0].main)
     except ValueError as error:
         note = f"no comparison: {error}"
-        write_overview(done, folder, note=note)
+        write_overview(done, folder, notes=[note])
         return [], [note]
-    first = [grasp.raw.describe()] if grasp.raw is not None and grasp.raw.clear else []
-    write_overview(done, folder, grasp, note="".join(first))
-    lines = [
-        f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip, {what}, clock "
-        f"offset {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s"
-        for fit, what in (
-            (grasp.fixed, "slope 1"),
-            (grasp.free, f"slope {grasp.free.slope:.3f} ± {grasp.free.errors[0]:.3f}"),
-        )
-    ]
-    if grasp.own_clocks:
-        lines.append("the recordings' own clocks are used: the angles show no offset between them")
-    return first, lines
+    first: list[str] = []
+    if grasp.raw is not None and grasp.raw.clear:
+        first = [grasp.raw.describe(), *describe_evidence([run for run, _ in done])]
+    write_overview(done, folder, grasp, notes=first)
+    return [*first[:1], *(f"  {line}" for line in first[1:])], describe_fits(grasp)
 
 
 def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
@@ -374,6 +363,12 @@ def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
     except ValueError as error:
         return f"no preview: {error}"
     return f"annotated video: {shown / name}"
+
+
+def _describe_noise(noise: Noise | None, unit: str) -> dict[str, float | None]:
+    """The noise for the summary, in µm or px."""
+    name, factor = ("noise_in_plane_um", 1e3) if unit == "mm" else ("noise_in_plane_px", 1.0)
+    return {name: None if noise is None else float(f"{factor * noise.in_plane:.4g}")}
 
 
 def _describe_results(run: Run, summary: dict[str, Any], folder: Path) -> list[str]:

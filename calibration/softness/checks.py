@@ -21,6 +21,9 @@ MOST_COVERED = 0.5
 LEAST_FAR = 0.02
 """Share of the reference's range; readings closer to the line count as readings of the object."""
 
+LEAST_NOISE = 1e-4
+"""Share of 1 + k by which noise must lower it to be remarked on."""
+
 LEAST_RATIO = -0.02
 """Smallest k that counts as 0 rather than impossible, given the errors of scales and tilts."""
 
@@ -86,15 +89,17 @@ def check_points(
         error = float(np.median(points.rotation_error))
         if turned < max(LEAST_TURN, 8.0 * error):
             away = float(np.abs(np.median(points.rotation)))
-            state = "the object does not turn"
+            state = "the object does not turn while markers stick"
             if turned >= LEAST_TURN:
                 state = "the rotation of the elastomer is too uncertain to fit k"
             elif away >= LEAST_TURN:
                 state = f"all its readings are at one angle, {np.degrees(away):.1f}°"
             raise ValueError(
                 f"{trial.name}: {state}: the elastomer turned by {np.degrees(turned):.2g}°, with a "
-                f"standard error of {np.degrees(error):.2g}°. Turn the object one way by 10° or "
-                "more without slip, and read the angle meanwhile"
+                f"standard error of {np.degrees(error):.2g}°, in the frames that can be used, "
+                f"{readings.frame_time[0]:.2f} to {readings.frame_time[-1]:.2f} s after the first"
+                f"{_left_out(trial)}. Turn the object one way by 10° or more without slip, and read "
+                "the angle meanwhile"
             )
         if readings.search > 0.0 and abs(offset) > 0.97 * readings.search:
             raise ValueError(
@@ -276,7 +281,8 @@ def _note_readings(line: Line) -> Iterator[str]:
     if outliers := int((line.weight == 0).sum()):
         yield f"{outliers} of {len(line.weight)} readings lie far off the line and have no weight"
     noise = float(np.median(line.points.rotation_error**2) / np.var(line.points.rotation))
-    yield (
-        "the fit includes the errors of the elastomer's rotation; without them 1 + k would be "
-        f"{100.0 * noise:.2g} % too small"
-    )
+    if noise > LEAST_NOISE:
+        yield (
+            "the fit corrects for the noise of the elastomer's rotation, which would make 1 + k "
+            f"{100.0 * noise:.2g} % too small"
+        )

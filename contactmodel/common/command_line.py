@@ -57,8 +57,15 @@ def run_app(app: typer.Typer) -> None:
     try:
         app()
     except (ValueError, OSError, RuntimeError) as error:
-        say_error(str(error))
+        say_error(describe_error(error))
         sys.exit(2)
+
+
+def describe_error(error: Exception) -> str:
+    """The message of an error; the file first, if the system reports one."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror.lower()}"
+    return str(error)
 
 
 def say_error(message: str) -> None:

@@ -99,9 +99,9 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # What to check
 # -------------
 #
-# - *The first pictures show the empty gel.* If not, give one of its pictures: ``--unloaded
-#   PICTURE``. Without it, the gel at rest is found from the dots that the object does not move, and
-#   the angle counts from the first frame.
+# - *The first pictures show the empty gel.* Otherwise give a picture of the empty gel:
+#   ``--unloaded PICTURE``. Without it, the gel at rest is found from the dots that the object does
+#   not move. A note in the report says what the angle then counts from.
 # - *Lengths are in px* unless you give the scale: ``--mm-per-px 0.06``. Angles do not need it. A
 #   wrong scale does not change them, but makes lengths in mm wrong.
 # - *The sign.* Look from the object at the gel: a counter-clockwise turn is positive. A camera
@@ -109,8 +109,13 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # - *A frame has no angle.* Its ``reason`` says why. A reason beside an angle is a warning. The last
 #   line that the command prints gives the number of frames without an angle. The page
 #   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
+# - *Which clock.* Printed times and those of the report count from the first frame. ``time_s`` in
+#   ``angles.csv`` is the recording's own time stamp. If the first frame has another ``time_s``
+#   than 0, both times are printed.
+# - *How far it turned.* The printed angles are the turning points, such as the largest angle. The
+#   last row of ``angles.csv`` has the angle at the end.
 # - *When it slipped.* The printed time is the first at which a slip was more likely than not. It
-#   is the earliest sign, and a single frame can cause it: look at ``slip_probability`` around it.
+#   is the earliest sign, and a single frame can trigger it: look at ``slip_probability`` around it.
 #   For the loss of the whole contact use ``macro_slip_s`` in ``summary.json``. It has four times
 #   for each stretch of macro slip, in s from the first frame: those of the last frame before it,
 #   its first frame, its last frame, and the first frame after it.

@@ -3,22 +3,27 @@
 ============================
 
 A soft object twists inside the grasp. The gel then turns less than the object, by a constant
-factor. You measure that factor once, and later runs correct for it.
+factor. You measure that factor in three grasps or more, and later runs correct for it.
 """
 
 # %%
-# Two grasps of one object
-# ------------------------
+# Four grasps of one object
+# -------------------------
 #
-# The first grasp has a reference angle, from a rotary stage for example. The second one has none.
-# Here both are simulated. The object is twice as stiff as the gel, so k is 0.5.
+# The first three grasps have a reference angle, from a rotary stage for example. The fourth one has
+# none. Here all are simulated. The object is twice as stiff as the gel, so k is 0.5.
+# ``friction_ratio`` is the friction over the stiffness of the gel, μp₀/2G*. A larger value holds
+# more of the contact.
+
+import tempfile
+from pathlib import Path
 
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
 
 from calibration import Reference, fit_softness, make_trials
-from estimation import PivotModel, estimate_angles, simulate_pivot
+from estimation import PivotModel, estimate_angles, simulate_pivot, write_softness
 
 jax.config.update("jax_enable_x64", True)
 
@@ -29,48 +34,76 @@ def grasp(radius, seed):
     return simulate_pivot(model, angles_deg=(0, 10, -6), frames=(25, 35), seed=seed)
 
 
-recording, truth = grasp(radius=5.0, seed=0)
+def measure(recording, truth):
+    """The stage's angle of a grasp."""
+    seen = np.isfinite(truth.angle)
+    return Reference(
+        time=recording.time[seen],
+        angle=truth.angle[seen],
+        error=np.full(seen.sum(), np.radians(0.05)),
+        zeroed=True,
+        same_clock=True,
+        source="virtual stage",
+    )
+
 
 # %%
 # Fit k
 # -----
 #
-# A reference has times, angles and their errors. ``zeroed`` means that the angle counts from the
-# moment of contact. ``same_clock`` means that the stage and the sensor share a clock. If they do
-# not, the fit finds the offset.
+# A reference has times, angles and their errors. ``zeroed`` means that the angle is 0 at the moment
+# of contact. ``same_clock`` means that the stage and the sensor share a clock. If they do not, the
+# fit finds the offset.
 
-seen = np.isfinite(truth.angle)
-reference = Reference(
-    time=recording.time[seen],
-    angle=truth.angle[seen],
-    error=np.full(seen.sum(), np.radians(0.05)),
-    zeroed=True,
-    same_clock=True,
-    source="virtual stage",
-)
-fit = fit_softness(make_trials(recording, reference))
-low, high = fit.low, fit.high
-print(f"k = {fit.stiffness_ratio:.4f}, 95 % interval {low:.4f} to {high:.4f}")
+trials = []
+for seed, radius in enumerate((5.0, 4.5, 5.5)):
+    recording, truth = grasp(radius, seed)
+    trials += make_trials(recording, measure(recording, truth))
+fit = fit_softness(trials)
+print(f"k = {fit.stiffness_ratio:.4f}, 95 % interval {fit.low:.4f} to {fit.high:.4f}")
 
 # %%
-# The same on the command line, for a stage that writes ``time_s`` and ``angle_deg`` to a table:
+# With one grasp the interval would leave out how k differs between grasps. Save the fit for later
+# runs:
+
+write_softness(fit.softness, Path(tempfile.mkdtemp()) / "softness.toml")
+
+# %%
+# The same on the command line:
 #
 # .. code-block:: bash
 #
-#    python -m calibration softness GRASP --reference STAGE.csv --zeroed --same-clock --out soft
+#    python -m calibration softness GRASP1 GRASP2 GRASP3 --reference STAGE1.csv
+#        --reference STAGE2.csv --reference STAGE3.csv --zeroed --same-clock --out soft
+#
+# A ``GRASP`` is any recording that ``run`` reads, such as a video, a folder of pictures or a bag.
+# The stage's table looks like this::
+#
+#    time_s,angle_deg,error_deg
+#    0.00,0.00,0.05
+#    0.04,0.12,0.05
+#    0.08,0.25,0.05
+#
+# - ``time_s``: with ``--same-clock``, on the recording's clock, as in the column ``time_s`` of
+#   ``angles.csv``. Most videos start at 0. Without it, the zero of the times does not matter.
+# - ``angle_deg``: or ``angle_rad``. With ``--zeroed`` it must be 0 at the moment of contact. The
+#   table may start earlier, as rows before the contact are not used.
+# - ``error_deg``: the standard error, or ``error_rad``. Without it, the error is estimated from the
+#   scatter.
 #
 # Correct a later grasp
 # ---------------------
 #
-# The second grasp has another contact size. We answer it without and with the fit.
+# The fourth grasp has another contact size. We answer it without and with the fit. The printed
+# errors are those of the frames in which ten or more markers have stuck since full load.
 
-recording, truth = grasp(radius=4.0, seed=1)
-firm = truth.stick.sum(axis=1) >= 10
+recording, truth = grasp(radius=4.0, seed=3)
+many_stick = truth.stick.sum(axis=1) >= 10
 figure, axis = plt.subplots(figsize=(7, 3.2), layout="constrained")
 axis.plot(recording.time, np.degrees(truth.angle), "k--", label="truth")
 for name, options in {"uncorrected": {}, "corrected": {"softness": fit.softness}}.items():
     result = estimate_angles(recording, **options)
-    error = np.degrees(np.abs(result.angle - truth.angle))[firm]
+    error = np.degrees(np.abs(result.angle - truth.angle))[many_stick]
     axis.plot(recording.time, np.degrees(result.angle), label=name)
     print(f"{name}: mean error {np.nanmean(error):.3f}°, largest {np.nanmax(error):.2f}°")
 axis.set(xlabel="time [s]", ylabel="angle [°]")
@@ -82,9 +115,8 @@ axis.legend()
 # What to check
 # -------------
 #
-# - *A thin gel.* One number k is exact on a thick gel only. Below a thickness of about the
-#   contact's size, give ``--thickness-mm`` to the first command. It then fits a model of the
-#   layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if
+# - *A thin gel.* One number k is exact on a thick gel only. If the gel is thinner than the contact
+#   is wide, give ``--thickness-mm`` to the first command. It then fits a model of the layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if
 #   forces are known. It is within 1 % on virtual data. On a published Tac3D recording it finds
 #   that a flat layer does not describe the pad. The fitted thickness is then between 6 and 16 mm,
 #   depending on the part of the data (:doc:`details </papers/softness/README>`).
@@ -96,11 +128,13 @@ axis.legend()
 #   for each finger, and change the sign of the angles in the second. Then give both recordings,
 #   and repeat the option: ``--reference LEFT.csv --reference RIGHT.csv``. Do not use ``--flip``
 #   here, as it changes the sign in all of them.
-# - *Two fingers, no angle.* ``--second-ratio`` gives k, but only if one gel is stiffer than the
-#   other. Two fingers of the same stiffness cannot determine k.
+# - *Two fingers, no angle.* If one gel is stiffer than the other, give the ratio of their k by
+#   ``--second-ratio``: k on the first finger over k on the second. The two recordings then
+#   determine k. Two fingers of the same stiffness cannot.
 # - *Files of a Tac3D.* See the :doc:`table of files </estimation/README>`.
 # - *No stage?* Use ``--reference outline``. The angle then comes from the object's imprint or from
 #   the contact's outline. It needs an object that prints, or a contact that is not round.
-# - *Turn far enough.* With noise of 10 µm, turn one way by 10° or more. After a reversal, such
-#   noise hides slip. The grasps above have noise of 1 µm, which permits the reversal.
-# - *A fit is refused?* The message names the cause, such as too few frames in which markers stick.
+# - *Turn far enough.* With noise of 10 µm, rotate in one direction by 10° or more. After a reversal,
+#   such noise hides slip. The grasps above have noise of 1 µm, which permits the reversal.
+# - *A fit is refused.* The message says why. The most frequent cause is that the object turned only
+#   in frames in which few markers stick. Only frames before macro slip are used, so press harder.

@@ -64,9 +64,9 @@ class Disagreement(NamedTuple):
         return (
             f"the fingers disagree: on the recordings' own clocks, their turns since the common "
             f"start differ by {np.degrees(self.rms):.2f}° rms and by up to "
-            f"{abs(np.degrees(self.largest)):.2f}° at {self.time:.2f} s (95 % interval "
-            f"±{np.degrees(self.interval):.2f}°); the difference exceeds its interval in "
-            f"{self.share:.0%} of the frames"
+            f"{abs(np.degrees(self.largest)):.2f}° (95 % interval "
+            f"±{np.degrees(self.interval):.2f}°) {self.time:.2f} s after the first finger's first "
+            f"frame; the difference exceeds its interval in {100 * self.share:.0f} % of the frames"
         )
 
 
@@ -220,6 +220,17 @@ def _compare_raw(first: Track, second: Track, least: float) -> Disagreement | No
         share=share,
         rms=rms,
         clear=rms > least and (share > 0.05 or abs(difference[worst]) > 2.0 * interval[worst]),
+    )
+
+
+def describe_clocks(grasp: Grasp) -> str:
+    """The clocks that a comparison uses, in a sentence."""
+    if not grasp.own_clocks:
+        return "The clock offset is fitted to motions of 0.4 s"
+    most = Z95 * grasp.fixed.errors[1]
+    return (
+        "The recordings' own clocks are used: the angles show no offset between them, but do not "
+        f"exclude one of up to {most:.2g} s"
     )
 
 

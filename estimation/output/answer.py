@@ -41,7 +41,7 @@ def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> s
         return show_angle(angles[row], lows[row], highs[row])
 
     if not any(lows[row] > 0.0 or highs[row] < 0.0 or np.isnan(lows[row]) for row in turns):
-        return f"no clear turn (at most {show(int(np.abs(angles).argmax()))})"
+        return f"no clear turn (largest angle {show(int(np.abs(angles).argmax()))})"
     if len(turns) > most:
         ends = (int(angles.argmin()), int(angles.argmax()))
         swings = f"turned back and forth between {show(ends[0])} and {show(ends[1])}"
@@ -99,16 +99,36 @@ def describe_outcome(run: Run) -> str:
     if np.isfinite(outcome.probability):
         likely = f" (probability of a slip {outcome.probability:.2f})"
     if outcome.word == "held":
-        return f"held to the end{likely}"
+        return f"held to the end{likely}{_describe_gaps(run)}"
     word = "first slipped" if outcome.slips > 1 else "slipped"
     dated = [slip for slip in run.slips if slip.certain and slip.onset <= outcome.onset]
     if np.isnan(outcome.probability) and dated:
         # the slip during which macro slip was first detected
         slip = dated[-1]
-        words = f"{word} at {slip.onset - start:.2f} s"
+        words = f"{word} {show_time(slip.onset, start)}"
         return words + (f", held again from {slip.regained - start:.2f} s" if slip.ended else "")
-    when = f"{word} at" if likely else "slipped, first seen at"
-    return f"{when} {outcome.onset - start:.2f} s{_describe_slide(run)}{likely}"
+    when = word if likely else "slipped, first seen"
+    return f"{when} {show_time(outcome.onset, start)}{_describe_slide(run)}{likely}"
+
+
+def show_time(time: float, start: float) -> str:
+    """A time since the first frame in words, with the time stamp if that differs.
+
+    Args:
+        time: time stamp [s].
+        start: time stamp of the first frame [s].
+    """
+    stamp = f" (time_s {time:.2f})" if start else ""
+    return f"{time - start:.2f} s after the first frame{stamp}"
+
+
+def _describe_gaps(run: Run) -> str:
+    """The number of frames in contact without an angle, in which a turn may have gone unseen."""
+    touching = [state not in (State.NO_CONTACT, State.UNKNOWN) for state in run.main.state]
+    gaps = int((np.array(touching) & ~run.main.answered).sum())
+    if not gaps or not run.main.answered.any():
+        return ""
+    return f", but without an angle in {counted(gaps, 'frame', 'frames')} of the contact"
 
 
 def _describe_slide(run: Run) -> str:
@@ -136,8 +156,8 @@ def _describe_turns_of(run: Run) -> str:
     for anew in np.unique(track.anew[track.answered]):
         rows = track.anew == anew
         turns = describe_turns(track.angle[rows], track.low[rows], track.high[rows])
-        since = track.since[rows & track.answered][0] - track.time[0]
-        words.append(f"angle restarted at {since:.2f} s: {turns}" if words else turns)
+        since = show_time(track.since[rows & track.answered][0], track.time[0])
+        words.append(f"angle restarted {since}: {turns}" if words else turns)
     text = "; ".join(words[:3]) + ("; …" if len(words) > 3 else "")
     return text[0].upper() + text[1:]
 

@@ -56,10 +56,9 @@ def _explain(name: str, value: Any, meanings: Mapping[str, str]) -> Explained:
     unit = re.search(r"\s*\[([^\[\]]+)\]", meaning)
     if unit is not None:
         meaning = meaning.replace(unit[0], "", 1)
-    in_name = ""
-    if key not in meanings and plain in meanings:
-        in_name = {"millipx": "px/1000"}.get(suffix, suffix)
-    shown = in_name.replace("um", "µm") or (unit[1] if unit else "")
+    in_name = suffix if key not in meanings and plain in meanings else ""
+    in_name = {"um": "µm", "millipx": "px/1000"}.get(in_name, in_name)  # px/1000: older records
+    shown = in_name or (unit[1] if unit else "")
     meaning = re.sub(r"^\w\w", lambda start: start[0].capitalize(), meaning)  # not single symbols
     return Explained(name, _show(value), shown.strip("-"), meaning)
 

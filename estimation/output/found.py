@@ -149,7 +149,7 @@ def find_in_record(record: RecordReader) -> Run:
     else:
         margin = MarginPath(margins, None if branch is None else Branch.read(branch))
     notes = [*about["warnings"], *about["source_notes"], *about["notes"]]
-    notes += [*_progress_notes(about, len(record)), *_reference_notes(main)]
+    notes += [*_progress_notes(about, len(record)), *_clock_notes(main), *_reference_notes(main)]
     notes += [*describe_counts(main), *_softness_notes(main), *describe_slips(slips, main.time[0])]
     truth = about.get("truth")
     rows = slice(len(main.time))
@@ -183,6 +183,15 @@ def _progress_notes(about: Mapping[str, Any], frames: int) -> tuple[str, ...]:
     return (f"Interrupted: {done} frames were done.",)
 
 
+def _clock_notes(track: Track) -> tuple[str, ...]:
+    """The time stamp of the first frame, unless it is 0."""
+    if not abs(track.time[0]) > 0.0:
+        return ()
+    return (
+        f"Times in this report count from the first frame, whose time_s is {track.time[0]:.3f} s.",
+    )
+
+
 def _reference_notes(track: Track) -> tuple[str, ...]:
     """The shape or frame that the angles are relative to."""
     states = [state for state in track.state if state != State.UNKNOWN]
@@ -195,12 +204,13 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
         first = next(i for i, state in enumerate(track.state) if state != State.UNKNOWN)
         if track.anew[first]:
             return (
-                start + ", and the object's earlier rotation is unknown: all angles count from "
-                "that frame.",
+                start + ", and its markers have not turned as one body since the gel was unloaded: "
+                "the object's earlier rotation is unknown, and all angles count from that frame.",
             )
         return (
-            start + ": angles are relative to the unloaded reference shape that came with the "
-            "recording, not to that frame, and exclude rotation before the object stuck.",
+            start + ", and its markers have turned as one body since the gel was unloaded: angles "
+            "are relative to the unloaded reference shape, not to that frame, and exclude rotation "
+            "before the object stuck.",
         )
     return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
 

@@ -27,7 +27,7 @@ def describe_answers(result: Track, most: int = 3) -> str:
     states = Counter(state for state, has in zip(result.state, answered, strict=True) if has)
     text = f"{answered.sum()} of {len(answered)} frames answered"
     if states:
-        text += f" ({_list({str(state): n for state, n in states.most_common()})})"
+        text += f" (of these, {_list({str(state): n for state, n in states.most_common()})})"
     missing = list(count_missing(result).items())
     if not missing:
         return text

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.estimators.grasp import Disagreement, Fit, Grasp
+from estimation.estimators.grasp import Disagreement, Fit, Grasp, describe_clocks
 from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
 from estimation.output.answer import describe_run, describe_turns
@@ -23,13 +23,14 @@ from estimation.output.report import (
     json_number,
     render_page,
 )
+from estimation.slip.motion import find_restarts
 
 
 def write_overview(
     done: Sequence[tuple[Run, Mapping[str, Any]]],
     folder: Path,
     grasp: Grasp | None = None,
-    note: str = "",
+    notes: Sequence[str] = (),
 ) -> None:
     """Write `overview.png` and `report.html`: the angles of several recordings side by side.
 
@@ -40,7 +41,7 @@ def write_overview(
             `folder` that hold their reports.
         folder: folder to write to.
         grasp: the two recordings compared as the fingers of a grasp, on the first one's clock.
-        note: a sentence for the head of the report.
+        notes: sentences for the head of the report.
 
     Raises:
         OSError: a file cannot be written.
@@ -56,7 +57,8 @@ def write_overview(
         figures = _describe_grasp(grasp, named)
         text = json.dumps(figures, indent=2, ensure_ascii=False) + "\n"
         write_whole(folder / "grasp.json", text)
-        write_whole(folder / "comparison.csv", _comparison(grasp))
+        start = float(done[0][0].main.time[0])
+        write_whole(folder / "comparison.csv", _comparison(grasp, start))
         branches = {name: (run.main, run.margin.last) for name, run in named.items()}
         images["grasp.png"] = figure_png(plot_grasp(grasp, list(named)))
         images["moment.png"] = figure_png(plot_moment(branches))
@@ -72,7 +74,8 @@ def write_overview(
         answers=[describe_run(run) for run, _ in done],
         grasp=figures,
         angles=[] if grasp is None else _sample(grasp),
-        note=note,
+        clocks="" if grasp is None else describe_clocks(grasp),
+        notes=notes,
     )
     write_whole(folder / "report.html", page)
 
@@ -83,6 +86,40 @@ def describe_grasp(grasp: Grasp) -> str:
     differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
     aligned = "" if grasp.own_clocks else ", their clocks aligned"
     return f"{turns[0].upper()}{turns[1:]} by both fingers; {differ}{aligned}"
+
+
+def describe_evidence(runs: Sequence[Run]) -> list[str]:
+    """What helps to choose between fingers that disagree: prints and restarts, a sentence each."""
+    lines = []
+    for run in runs:
+        touching = run.main.contact_markers > 0
+        printed = int((touching & np.isfinite(run.imprint)).sum())
+        restarts = find_restarts(run.main)
+        times = ", ".join(f"{time:.2f}" for time in restarts[:3]) + (", …" if restarts[3:] else "")
+        counts = "its angle was not restarted"
+        if restarts:
+            counts = (
+                f"its angle was lost and restarted {times} s after its first frame, which leaves "
+                "out earlier rotation"
+            )
+        lines.append(
+            f"{run.name}: the print is visible in {printed} of {touching.sum()} frames of contact; "
+            f"{counts}"
+        )
+    return [*lines, "trust the finger that shows a print and was not restarted"]
+
+
+def describe_fits(grasp: Grasp) -> list[str]:
+    """Differences of the fingers after the fits, and the clocks in use, a line each."""
+    free = f"{grasp.free.slope:.3f} ± {grasp.free.errors[0]:.3f} (standard error)"
+    lines = [
+        f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip with slope {slope}"
+        for fit, slope in ((grasp.fixed, "1"), (grasp.free, free))
+    ]
+    clocks, fit = describe_clocks(grasp), grasp.fixed
+    if not grasp.own_clocks:
+        clocks += f": {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s (standard error)"
+    return [*lines, clocks]
 
 
 def _count_outcomes(runs: Sequence[Run]) -> str:
@@ -134,8 +171,13 @@ def _describe_fit(fit: Fit) -> dict[str, Any]:
     }
 
 
-def _comparison(grasp: Grasp) -> str:
-    """Both fingers' angles and the joint angle as CSV, one row for each frame of the first."""
+def _comparison(grasp: Grasp, start: float) -> str:
+    """Both fingers' angles and the joint angle as CSV, one row for each frame of the first.
+
+    Args:
+        grasp: the comparison.
+        start: time stamp of the first finger's first frame [s].
+    """
     comparison_columns = (
         "time_s",
         "first_deg",
@@ -150,7 +192,7 @@ def _comparison(grasp: Grasp) -> str:
     writer.writerow(comparison_columns)
     columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
     degrees = np.degrees(np.stack(columns, axis=1))
-    cells = [show_numbers(values) for values in (grasp.time, *degrees.T)]
+    cells = [show_numbers(values) for values in (start + grasp.time, *degrees.T)]
     writer.writerows(zip(*cells, grasp.holds.astype(int), strict=True))
     return text.getvalue()
 

@@ -1,6 +1,6 @@
 """Figures of recordings and results; each function returns a Matplotlib figure."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,7 +16,13 @@ from estimation.estimators.grasp import Grasp
 from estimation.estimators.result import Result, State, Track
 from estimation.frames.recording import Recording
 from estimation.output.record import KeptMarkers
-from estimation.output.scene import MARKER_COLOURS, STATE_COLOURS, marker_signs, points_down
+from estimation.output.scene import (
+    MARKER_COLOURS,
+    STATE_COLOURS,
+    marker_signs,
+    points_down,
+    show_state,
+)
 from estimation.slip.motion import slip_curl, turned_since_counted
 
 
@@ -56,15 +62,11 @@ def plot_angles(
     for axis in axes:
         _shade_states(axis, time, main.state)
     top = axes[0]
-    for style, (label, angle) in zip(("--", "-.", ":"), (references or {}).items(), strict=False):
-        top.plot(time, np.degrees(angle), "k", ls=style, lw=1.1, label=label)
-    for name, result in results.items():
-        if name != method:
-            top.plot(time, np.degrees(result.angle), lw=0.9, alpha=0.8, label=name)
+    _draw_others(top, time, references or {}, [results[name] for name in results if name != method])
     line = top.plot(time, np.degrees(main.angle), lw=1.8, color="#08306b", label=method)[0]
-    top.fill_between(
-        time, np.degrees(main.low), np.degrees(main.high), color=line.get_color(), alpha=0.3, lw=0
-    )
+    ends = np.degrees(main.low), np.degrees(main.high)
+    shade = {"color": line.get_color(), "alpha": 0.3, "lw": 0}
+    top.fill_between(time, *ends, label=f"{method}, 95 % interval", **shade)
     if main.withdrawn is not None and main.withdrawn.rows.any():
         gone = np.degrees(main.withdrawn.angle)
         top.plot(time, gone, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
@@ -82,12 +84,28 @@ def plot_angles(
     return figure
 
 
+def _draw_others(
+    axis: Axes,
+    time: Float[np.ndarray, " frames"],
+    references: Mapping[str, Float[np.ndarray, " frames"]],
+    tracks: Sequence[Track],
+) -> None:
+    """Draw references, above the chosen method, and the other methods that have an angle."""
+    styles = {"gel": ("-.", "#8c510a"), "truth": (":", "k")}
+    for label, angle in references.items():
+        style, colour = styles.get(label, ("--", "#e7298a"))
+        axis.plot(time, np.degrees(angle), color=colour, ls=style, lw=1.1, label=label, zorder=3)
+    for track in tracks:
+        if track.answered.any():
+            axis.plot(time, np.degrees(track.angle), lw=0.9, alpha=0.8, label=track.method)
+
+
 def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> None:
     """Add a legend of an axis's curves and background colours, beside the axes."""
     handles, labels = axis.get_legend_handles_labels()
     present = [state for state in STATE_COLOURS if state in states]
     handles += [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in present]
-    labels += [str(state) for state in present]
+    labels += [show_state(state) for state in present]
     figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
 
 
@@ -150,7 +168,7 @@ def plot_markers(
     for column, frame in enumerate(markers):
         top, middle, bottom = axes[:, column]
         since = track.time[frame.row] - track.time[0]
-        top.set_title(f"{since:.2f} s\n{track.state[frame.row]}", fontsize=9)
+        top.set_title(f"{since:.2f} s\n{show_state(track.state[frame.row])}", fontsize=9)
         for kind, sign in zip(MARKER_COLOURS, "ox.", strict=True):
             which = marker_signs(frame.stick, frame.contact) == sign
             middle.scatter(x[which], y[which], c=MARKER_COLOURS[kind], marker=sign, s=14)
@@ -263,24 +281,6 @@ def _curl(track: Track, markers: KeptMarkers) -> Float[np.ndarray, " n"]:
     row = markers.row
     softness = float(track.stiffness_ratio[row]), float(track.load_term[row])
     return slip_curl(markers.turned, markers.contact, float(track.angle[row]), softness)
-
-
-def choose_frames(
-    track: Track, markers: Callable[[], Iterable[KeptMarkers]], size: int, count: int = 5
-) -> list[KeptMarkers]:
-    """Markers of the frames to draw maps of, evenly spread over those with contact, or over all.
-
-    Args:
-        track: track of the method to draw.
-        markers: returns the stored markers, frame by frame.
-        size: final number of markers; earlier frames of a resumed camera may have another.
-        count: largest number of frames.
-    """
-    rows = [frame.row for frame in markers() if len(frame.turned) == size]
-    touching = [row for row in rows if track.contact_markers[row]] or rows
-    spread = np.linspace(0, len(touching) - 1, count).astype(int).tolist()
-    chosen = {touching[i] for i in spread}
-    return [frame for frame in markers() if frame.row in chosen]
 
 
 def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:

@@ -23,8 +23,9 @@ from estimation.output.explain import explain_settings
 from estimation.output.found import Known, Run
 from estimation.output.load_plots import plot_friction, plot_moment
 from estimation.output.missing import count_missing
+from estimation.output.moments import choose_frames
 from estimation.output.player import describe_play
-from estimation.output.plots import choose_frames, plot_angles, plot_markers
+from estimation.output.plots import plot_angles, plot_markers
 from estimation.output.scene import page_colours, points_down
 from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
 from estimation.slip.alert import Level
@@ -165,6 +166,7 @@ def summarise(run: Run) -> dict[str, Any]:
         "settings": dict(run.settings),
         "method": run.method,
         "frames": len(main.time),
+        "first_time_s": json_number(main.time[0]),
         "duration_s": json_number(np.ptp(main.time)),
         "dropped_frames": int(np.clip(np.diff(main.source_index) - 1, 0, None).sum()),
         "branch": describe_branch(run.margin.last),

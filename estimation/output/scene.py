@@ -30,6 +30,11 @@ MARKER_COLOURS = {"sticks": "#009e73", "slips": "#d55e00", "no contact": "#d9d9d
 """Colours of markers, by their state."""
 
 
+def show_state(state: str) -> str:
+    """A state in words: `macro slip`."""
+    return state.replace("_", " ")
+
+
 def page_colours() -> dict[str, Mapping[str, str]]:
     """The colours in the form that `draw.js` takes."""
     kinds = zip("ox.", MARKER_COLOURS.values(), strict=True)

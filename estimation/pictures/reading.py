@@ -81,7 +81,7 @@ class PictureSource:
 
     def __init__(
         self,
-        path: Path,
+        path: str | Path,
         settings: ImageSettings | None = None,
         *,
         name: str = "",
@@ -107,7 +107,7 @@ class PictureSource:
                 does not fit the pictures.
             OSError: the source cannot be opened.
         """
-        settings = ImageSettings() if settings is None else settings
+        path, settings = Path(path), ImageSettings() if settings is None else settings
         self.path, self.live = path, feed is not None or is_camera(path)
         self.name = name or name_recordings([path])[0]
         self.source, self.convention = str(path), CONVENTION
@@ -272,7 +272,7 @@ class PictureSource:
             yield self._inspector.inspect(frame, self.layout.reference)
 
 
-def read_images(path: Path, settings: ImageSettings | None = None) -> Recording:
+def read_images(path: str | Path, settings: ImageSettings | None = None) -> Recording:
     """Read a video, a folder of images, a bag or a camera as a recording of markers.
 
     Ctrl-C ends a camera's recording; the frames read so far are returned.

@@ -179,8 +179,15 @@ def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> P
         size: width and height of the earlier pictures [px]; None for the first picture.
 
     Raises:
-        ValueError: the first picture does not contain the part.
+        ValueError: the picture has neither 8 nor 16 bit, or the first picture does not contain the
+            part.
     """
+    if picture.image is not None and picture.image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(
+            f"the picture has values of type {picture.image.dtype}, expected uint8 (0 to 255) or "
+            "uint16 (0 to 65535): convert it, for example (255 * image).astype(np.uint8) for "
+            "values from 0 to 1"
+        )
     width, height = picture.size
     if min(width, height) < SMALLEST:
         return picture._replace(flaw=f"the picture is {width}×{height}, too small to show markers")

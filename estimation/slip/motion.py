@@ -167,18 +167,24 @@ def follow_gel(track: Track) -> Float[np.ndarray, " frames"]:
     return np.where(np.isfinite(followed), np.clip(followed, low, high), further)
 
 
-def describe_counts(track: Track) -> tuple[str, ...]:
-    """A sentence with the times at which the count of a lost angle was restarted, if any.
+def find_restarts(track: Track) -> list[float]:
+    """Times at which the count of a lost angle was restarted, since the first frame [s].
 
     A contact that counts from the first frame of the recording is not included.
     """
     first = track.time[0] if len(track.time) else np.nan
     times = {float(t) for t, n in zip(track.since, track.anew, strict=True) if n and t > first}
+    return sorted(time - float(first) for time in times)
+
+
+def describe_counts(track: Track) -> tuple[str, ...]:
+    """A sentence with the times at which the count of a lost angle was restarted, if any."""
+    times = find_restarts(track)
     if not times:
         return ()
-    shown = ", ".join(f"{time:.2f}" for time in sorted(times)[:5])
+    shown = ", ".join(f"{time:.2f}" for time in times[:5])
     more = ", …" if len(times) > 5 else ""
     return (
-        f"The angle was lost and restarted at {shown}{more} s (columns since_s and counted_anew): "
-        "earlier rotation is not included.",
+        f"The angle was lost and restarted {shown}{more} s after the first frame (columns since_s "
+        "and counted_anew): earlier rotation is not included.",
     )

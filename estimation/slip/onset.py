@@ -78,15 +78,15 @@ def date_slips(discs: Sequence[Disc], settings: SlipSettings = DEFAULT_SETTINGS)
 
 
 def describe_slips(slips: Sequence[MacroSlip], start: float) -> tuple[str, ...]:
-    """A sentence about each slip, in seconds since a start [s]."""
+    """A sentence about each slip, in seconds since the first frame, whose time is `start` [s]."""
     return tuple(_describe(slip, start) for slip in slips)
 
 
 def _describe(slip: MacroSlip, start: float) -> str:
     if not slip.certain:
         return (
-            f"From {slip.onset - start:.3f} to {slip.high - start:.3f} s the gel rests, after few "
-            "markers stuck: the object may have rested with it or slid on."
+            f"From {slip.onset - start:.3f} to {slip.high - start:.3f} s after the first frame the "
+            "gel rests, after few markers stuck: the object may have rested with it or slid on."
         )
     return (
         f"Macro slip began at {slip.onset - start:.3f} s "

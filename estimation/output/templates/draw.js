@@ -191,7 +191,7 @@ function drawAxes(context, box, times, values, label) {
     context.fillText(text, x, box.bottom + 5);
     context.fillRect(x, box.bottom, 1, 3);
   }
-  if (times) context.fillText("time [s]", (box.left + box.right) / 2, box.bottom + 19);
+  if (times) context.fillText("time since the first frame [s]", (box.left + box.right) / 2, box.bottom + 19);
   context.save();
   context.translate(12, (box.top + box.bottom) / 2);
   context.rotate(-Math.PI / 2);
