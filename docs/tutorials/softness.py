@@ -115,11 +115,12 @@ axis.legend()
 # What to check
 # -------------
 #
-# - *A thin gel.* One number k is exact on a thick gel only. If the gel is thinner than the contact
-#   is wide, give ``--thickness-mm`` to the first command. It then fits a model of the layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if
-#   forces are known. It is within 1 % on virtual data. On a published Tac3D recording it finds
-#   that a flat layer does not describe the pad. The fitted thickness is then between 6 and 16 mm,
-#   depending on the part of the data (:doc:`details </papers/softness/README>`).
+# - *A thin gel.* One number k is exact on a thick gel only. Unless the gel is much thicker than the
+#   contact is wide, give ``--thickness-mm`` to the first command. It then fits a model of the
+#   layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if forces are
+#   known. It is within 1 % on virtual data. On a published Tac3D recording it finds that a flat
+#   layer does not describe the pad. The fitted thickness is then between 6 and 16 mm, depending on
+#   the part of the data (:doc:`details </papers/softness/README>`).
 # - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm.
 #   A radius or a thickness needs a CSV that is zeroed at touch and on the sensor's clock. So give
 #   ``--zeroed --same-clock``. Do not give a radius for the virtual grasps above: their object turns
@@ -134,7 +135,8 @@ axis.legend()
 # - *Files of a Tac3D.* See the :doc:`table of files </estimation/README>`.
 # - *No stage?* Use ``--reference outline``. The angle then comes from the object's imprint or from
 #   the contact's outline. It needs an object that prints, or a contact that is not round.
-# - *Turn far enough.* With noise of 10 µm, rotate in one direction by 10° or more. After a reversal,
-#   such noise hides slip. The grasps above have noise of 1 µm, which permits the reversal.
-# - *A fit is refused.* The message says why. The most frequent cause is that the object turned only
-#   in frames in which few markers stick. Only frames before macro slip are used, so press harder.
+# - *Turn far enough.* With noise of 10 µm, rotate in one direction by 10° or more. After a
+#   reversal, such noise hides slip. The grasps above have noise of 1 µm, which permits the
+#   reversal.
+# - *A refused fit.* If a fit is refused, the message says why, for example too few frames in which
+#   markers stick. Frames in macro slip are never used.
