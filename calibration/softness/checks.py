@@ -96,10 +96,10 @@ def check_points(
                 state = f"all its readings are at one angle, {np.degrees(away):.1f}°"
             raise ValueError(
                 f"{trial.name}: {state}: the elastomer turned by {np.degrees(turned):.2g}°, with a "
-                f"standard error of {np.degrees(error):.2g}°, in the frames that can be used, "
-                f"{readings.frame_time[0]:.2f} to {readings.frame_time[-1]:.2f} s after the first"
-                f"{_left_out(trial)}. Turn the object one way by 10° or more without slip, and "
-                "read the angle meanwhile"
+                f"standard error of {np.degrees(error):.2g}°, in the usable frames, "
+                f"{readings.frame_time[0]:.2f} to {readings.frame_time[-1]:.2f} s after the first "
+                f"frame{_left_out(trial)}. Turn the object one way by 10° or more without slip, "
+                "and read the angle meanwhile"
             )
         if readings.search > 0.0 and abs(offset) > 0.97 * readings.search:
             raise ValueError(

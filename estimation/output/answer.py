@@ -118,7 +118,7 @@ def show_time(time: float, start: float) -> str:
         time: time stamp [s].
         start: time stamp of the first frame [s].
     """
-    stamp = f" (time_s {time:.2f})" if start else ""
+    stamp = f", at time_s {time:.2f}" if start else ""
     return f"{time - start:.2f} s after the first frame{stamp}"
 
 

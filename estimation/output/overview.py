@@ -106,7 +106,8 @@ def describe_evidence(runs: Sequence[Run]) -> list[str]:
             f"{run.name}: the print is visible in {printed} of {touching.sum()} frames of contact; "
             f"{counts}"
         )
-    return [*lines, "trust the finger that shows a print and was not restarted"]
+    advice = "prefer the finger whose print is always visible and whose angle was not restarted"
+    return [*lines, f"{advice} (documentation: Fingers that disagree)"]
 
 
 def describe_fits(grasp: Grasp) -> list[str]:

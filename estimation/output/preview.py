@@ -195,9 +195,9 @@ def _describe(run: Run, row: int) -> str:
     result, shears, level = run.main, run.shears, run.grips.level[row]
     words = [f"frame {result.source_index[row]}", str(result.state[row])]
     if np.isfinite(slipped := shears.slipped[row]):
-        words.append(f"slips now {slipped:.0%}")
+        words.append(f"slips {slipped:.0%}")
     if np.isfinite(slip := shears.slip[row]):
-        words.append(f"slid so far {slip:.2g} +- {shears.slip_error[row]:.1g} {run.unit}")
+        words.append(f"slid {slip:.2g} +- {shears.slip_error[row]:.1g} {run.unit}")
     if level in (Level.WATCH, Level.ACT):
         words.append(f"alert {level}")
     return "  ".join([*words, result.reason[row]])
