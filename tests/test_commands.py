@@ -11,6 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 import papers
+from contactmodel.common.command_line import describe_error
 from papers import console
 
 PACKAGES = ("contactmodel", "estimation", "calibration", "papers")
@@ -80,6 +81,14 @@ def test_lists_of_commands_are_not_cut(monkeypatch):
 def test_version_is_told(words):
     shown = CliRunner().invoke(console.app, [*words, "--version"])
     assert (shown.exit_code, shown.output) == (0, f"contactmodel {papers.__version__}\n")
+
+
+def test_a_missing_file_is_named_first(tmp_path):
+    path = tmp_path / "nope.csv"
+    with pytest.raises(FileNotFoundError) as caught:
+        path.read_text()
+    assert describe_error(caught.value) == f"{path}: no such file or directory"
+    assert describe_error(OSError("the disk is full")) == "the disk is full"
 
 
 def compile_with(folder, **environment):

@@ -117,10 +117,10 @@ axis.legend()
 #
 # - *A thin gel.* One number k is exact on a thick gel only. Unless the gel is much thicker than the
 #   contact is wide, give ``--thickness-mm`` to the first command. It then fits a model of the
-#   layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if forces are
-#   known. It is within 1 % on virtual data. On a published Tac3D recording it finds that a flat
-#   layer does not describe the pad. The fitted thickness is then between 6 and 16 mm, depending on
-#   the part of the data (:doc:`details </papers/softness/README>`).
+#   layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if
+#   forces are known. It is within 1 % on virtual data. On a published Tac3D recording it finds that
+#   a flat layer does not describe the pad. The fitted thickness is then between 6 and 16 mm,
+#   depending on the part of the data (:doc:`details </papers/softness/README>`).
 # - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm.
 #   A radius or a thickness needs a CSV that is zeroed at touch and on the sensor's clock. So give
 #   ``--zeroed --same-clock``. Do not give a radius for the virtual grasps above: their object turns

@@ -102,10 +102,10 @@ def describe_evidence(runs: Sequence[Run]) -> list[str]:
                 f"its angle was lost and restarted {times} s after its first frame, which leaves "
                 "out earlier rotation"
             )
-        lines.append(
-            f"{run.name}: the print is visible in {printed} of {touching.sum()} frames of contact; "
-            f"{counts}"
-        )
+        prints = "no print is visible"
+        if printed:
+            prints = f"the print is visible in {printed} of {touching.sum()} frames of contact"
+        lines.append(f"{run.name}: {prints}; {counts}")
     advice = "prefer the finger whose print is always visible and whose angle was not restarted"
     return [*lines, f"{advice} (documentation: Fingers that disagree)"]
 

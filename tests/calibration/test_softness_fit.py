@@ -225,7 +225,7 @@ def _broken():
         "too uncertain to fit k: the elastomer turned by": [
             replace(good, error=np.full_like(good.error, np.ptp(good.rotation))),
         ],
-        "does not turn": [trial(rng, span=0.0)],
+        "does not turn while .* s after the first frame": [trial(rng, span=0.0)],
         "turns the other way": [_with(good, angle=-angle)],
         "seems to be in degrees": [_with(good, angle=np.degrees(angle))],
         "seems to be in rad": [_with(good, angle=np.radians(angle))],
@@ -241,6 +241,15 @@ def _broken():
 def test_what_cannot_give_k_says_what_to_measure(message):
     with pytest.raises(ValueError, match=message):
         fit_softness(_broken()[message], clock_search=0.1)
+
+
+def test_an_object_that_only_slips_is_told_from_one_at_rest():
+    rng = np.random.default_rng(0)
+    slips = replace(trial(rng, span=0.0), excluded={"in macro slip": 31})
+    with pytest.raises(
+        ValueError, match=r"first frame \(left out: 31 frames in macro slip\)\. Turn"
+    ):
+        fit_softness([slips])
 
 
 def test_what_a_fit_leaves_out_and_cannot_tell_is_said():

@@ -39,6 +39,20 @@ def test_the_axis_of_the_angle_holds_the_chosen_method_and_no_more(answered):
     plt.close(figure)
 
 
+def test_the_legend_names_what_is_drawn(answered):
+    _, result = answered
+    none = replace(result, method="rigid", angle=np.full(len(result.time), np.nan))
+    imprint = np.radians(np.linspace(0.0, 10.0, len(result.time)))
+    figure = plot_angles({"tracked": result, "rigid": none}, "tracked", {"imprint": imprint})
+    (legend,) = figure.legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert {"imprint", "tracked", "tracked, 95 % interval"} <= set(names)
+    assert "rigid" not in names
+    lines = {line.get_label(): line.get_zorder() for line in figure.axes[0].get_lines()}
+    assert lines["imprint"] > lines["tracked"]  # else it is hidden under the angle
+    plt.close(figure)
+
+
 def test_the_axis_of_the_angle_holds_the_truth(answered):
     _, result = answered
     truth = np.radians(np.linspace(0.0, -40.0, len(result.time)))

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
-from estimation.output.answer import describe_run, describe_turns, find_turns
+from estimation.output.answer import describe_run, describe_turns, find_turns, show_time
 from estimation.output.explain import explain_settings
-from estimation.output.found import Run
+from estimation.output.found import Run, _clock_notes, _reference_notes
+from estimation.output.moments import choose_frames
 from estimation.output.record import KeptMarkers
 from estimation.output.report import render_report, summarise
 from estimation.pictures.still import Album, copy_picture
@@ -113,18 +114,20 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
         (
             UP_AND_BACK,
             {"states": SLIPS, "slips": (MacroSlip(5.25, 5.2, 5.3),)},
-            "Turned to +10.0° ± 0.1°, back to −18.4° ± 0.1°; slipped at 0.25 s",
+            "Turned to +10.0° ± 0.1°, back to −18.4° ± 0.1°; slipped 0.25 s after the first "
+            "frame, at time_s 5.25",
         ),
         (
             UP_AND_BACK,
             {"states": SLIPS, "slips": (MacroSlip(5.25, 5.2, 5.3, 5.4),), "half": 0.023},
-            "Turned to +10.00° ± 0.02°, back to −18.40° ± 0.02°; slipped at 0.25 s, held again "
-            "from 0.40 s",
+            "Turned to +10.00° ± 0.02°, back to −18.40° ± 0.02°; slipped 0.25 s after the first "
+            "frame, at time_s 5.25, held again from 0.40 s",
         ),
         (
             UP_AND_BACK,
             {"states": SLIPS},
-            "Turned to +10.0° ± 0.1°, back to −18.4° ± 0.1°; slipped, first seen at 0.30 s",
+            "Turned to +10.0° ± 0.1°, back to −18.4° ± 0.1°; slipped, first seen 0.30 s "
+            "after the first frame, at time_s 5.30",
         ),
         (
             [0, 12.34],
@@ -134,20 +137,21 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
         (
             [0, 9, 0, 9],
             {"slipped": [0, 0, 0.9, 0]},
-            "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; slipped at 0.20 s "
-            "(probability of a slip 0.90)",
+            "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; slipped 0.20 s "
+            "after the first frame, at time_s 5.20 (probability of a slip 0.90)",
         ),
         (
             [0, 9, 0, 9],
             {"slipped": [0, 0.9, 0, 0.9], "slide": {"slip": 0.734, "slip_error": 0.06}},
-            "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; first slipped at "
-            "0.10 s, slid by 0.73 ± 0.06 mm by the end (probability of a slip 0.90)",
+            "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; first slipped "
+            "0.10 s after the first frame, at time_s 5.10, slid by 0.73 ± 0.06 mm by the end "
+            "(probability of a slip 0.90)",
         ),
         (
             [0, 9],
             {"slipped": 0.9, "slide": {"slip": 0.734, "slip_error": 0.06}},
-            "Turned to +9.0° ± 0.1°; slipped at 0.00 s, slid by 0.73 ± 0.06 mm (probability of a "
-            "slip 0.90)",
+            "Turned to +9.0° ± 0.1°; slipped 0.00 s after the first frame, at time_s 5.00, slid by "
+            "0.73 ± 0.06 mm (probability of a slip 0.90)",
         ),
         (
             [0, 9, 0, 9, 0, 9, -1],
@@ -155,12 +159,17 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             "Turned back and forth between −1.0° ± 0.1° and +9.0° ± 0.1°; last −1.0° ± 0.1°; held "
             "to the end",
         ),
-        ([0, 0.1, -0.3], {"half": 0.5}, "No clear turn (at most −0.3° ± 0.5°); held to the end"),
+        (
+            [0, 0.1, -0.3],
+            {"half": 0.5},
+            "No clear turn (largest angle −0.3° ± 0.5°); held to the end",
+        ),
         (
             [0, 5, np.nan, 0, -7],
             {"anew": [0, 0, 0, 1, 1]},
-            "Turned to +5.0° ± 0.1°; angle restarted at 0.00 s: turned to −7.0° ± 0.1°; held to "
-            "the end",
+            "Turned to +5.0° ± 0.1°; angle restarted 0.00 s after the first frame, at time_s 5.00: "
+            "turned to −7.0° ± 0.1°; held to the end, but without an angle in 1 frame of the "
+            "contact",
         ),
         (
             [np.nan] * 3,
@@ -187,6 +196,40 @@ def test_the_answer_comes_first_in_words(answered, angles, others, words):
     assert page.index(words) < page.index("<canvas") < page.index("<img") < page.index("Glossary")
 
 
+def test_printed_times_count_from_the_first_frame(answered):
+    assert show_time(5.25, 5.0) == "0.25 s after the first frame, at time_s 5.25"
+    assert show_time(0.25, 0.0) == "0.25 s after the first frame"
+    run = make_run(answered, UP_AND_BACK, states=SLIPS)
+    assert summarise(run)["first_time_s"] == 5.0
+    page = " ".join(render(run).split())
+    assert "Times count from the first frame; add 5.000 s" in page
+
+
+def test_a_loaded_start_says_what_angles_count_from(answered):
+    for anew, words in ((0, "have turned as one body"), (1, "have not turned as one body")):
+        run = make_run(answered, UP_AND_BACK, anew=[anew] * 5)
+        clock, reference = _clock_notes(run.main) + _reference_notes(run.main)
+        assert "whose time_s is 5.000 s" in clock
+        assert words in reference
+    assert _clock_notes(replace(run.main, time=run.main.time - 5.0)) == ()
+
+
+def test_maps_show_the_slip_and_the_largest_angle(answered):
+    states = [State.STICK] * 40
+    states[17:21] = [State.MACRO_SLIP] * 4
+    angles = np.linspace(0.0, 1.0, 40)
+    angles[33] = -7.0
+    run = make_run(answered, angles, states=states)
+    shown = choose_frames(run.main, run.markers, len(run.reference))
+    assert [frame.row for frame in shown] == [0, 17, 20, 33, 39]
+    some = keep_markers(run.reference, range(0, 40, 8))  # the slip is not stored, only around it
+    shown = choose_frames(run.main, some, len(run.reference))
+    assert {16, 32} <= {frame.row for frame in shown}
+    still = make_run(answered, [np.nan] * 6, states=State.UNKNOWN)
+    shown = choose_frames(still.main, still.markers, len(run.reference))
+    assert [frame.row for frame in shown] == [0, 1, 2, 3, 5]
+
+
 def test_intervals_that_lie_askew_are_given_by_their_ends():
     angle, low, high = np.radians([[0.0, -18.4], [0.0, -21.5], [0.0, -18.3]])
     assert describe_turns(angle, low, high) == "turned to −18.4° (−21.5° to −18.3°)"
@@ -201,6 +244,10 @@ def test_settings_have_units_and_meaning():
     settings |= {"softness": {"kind": "layered", "thickness_mm": 3.0}, "keep_withdrawn": True}
     shown = {one.name: one for one in explain_settings(settings, "tracked")}
     assert shown["noise_in_plane_um"][1:3] == ("1.5", "µm")
+    (in_px,) = explain_settings({"noise_in_plane_px": 0.01277}, "tracked")
+    assert in_px[1:3] == ("0.01277", "px")
+    (earlier,) = explain_settings({"noise_in_plane_millipx": 12.77}, "tracked")
+    assert earlier[1:3] == ("12.77", "px/1000")
     assert shown["onset_mm"].unit == "mm"
     assert "stick centre" in shown["onset_mm"].meaning
     assert shown["crop_px"].value == "1, 2, 3, 4"

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from rich.progress import Progress
 
-from estimation.estimators.grasp import compare_fingers
+from estimation.estimators.grasp import compare_fingers, describe_clocks
 from estimation.estimators.result import State, Track
+from estimation.output.found import find_in_record
+from estimation.output.overview import describe_evidence
+from estimation.output.record import RecordReader
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import Input
@@ -107,6 +110,10 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     assert not figures["own_clocks"]
     rows = (tmp_path / "comparison.csv").read_text().splitlines()
     assert len(rows) == len(first) + 1
+    assert float(rows[1].split(",")[0]) == pytest.approx(first.time[0], abs=1e-6)  # own time stamps
+    assert outcome.lines[1].endswith(": no print is visible; its angle was not restarted")
+    assert "Fingers that disagree" in outcome.lines[3]
+    assert any(line.startswith("The clock offset is fitted") for line in outcome.lines)
     page = (tmp_path / "report.html").read_text()
     assert outcome.lines[0] in html.unescape(page)
     assert page.index("the fingers disagree") < page.index("The grasp")
@@ -187,10 +194,33 @@ def test_a_slip_shows_in_the_joint_interval_and_before_the_fit(turns):
     assert np.all((grasp.low <= raw + 1e-9) & (raw <= grasp.high + 1e-9))
 
 
+def test_restarts_of_a_finger_are_told(turns, fingers, tmp_path):
+    make, time = turns
+    track = make()[0]
+    run_all([Input(fingers[0])], tmp_path, Settings(), Progress(disable=True))
+    with RecordReader(tmp_path / "record.sqlite") as record:
+        run = find_in_record(record)
+    later = (time > 7.0).astype(int)
+    touching = np.full(len(time), 40)
+    track = replace(
+        track,
+        contact_markers=touching,
+        anew=later,
+        since=np.where(later, time[later.argmax()], 0.0),
+    )
+    printed = {"imprint": 0.0 * time, "outline": 0.0 * time}
+    line, advice = describe_evidence([replace(run, results={"tracked": track}, **printed)])
+    assert "the print is visible in 300 of 300 frames" in line
+    assert "lost and restarted 7.04 s after its first frame" in line
+    assert "not restarted" in advice
+
+
 def test_fingers_that_hardly_turn_keep_their_clocks(turns):
     make, _ = turns
     grasp = compare_fingers(*make(late=0.24, turned=0.005))
     assert grasp.own_clocks
+    half = 1.96 * grasp.fixed.errors[1]
+    assert describe_clocks(grasp).endswith(f"do not exclude one of up to {half:.2g} s")
     assert grasp.fixed.clock_offset == 0.0
     assert grasp.fixed.errors[1] > 0.05
     assert not grasp.raw.clear

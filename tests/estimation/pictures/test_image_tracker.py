@@ -99,6 +99,9 @@ def test_what_is_no_picture_frame_or_layout_is_named():
     for wrong, got in ((3.0, "float"), ("clip.avi", "str"), (np.zeros(4), r"\(4,\)")):
         with pytest.raises(ValueError, match=rf"a picture is expected, .* got {got}"):
             tracker.update(wrong, 0.0)
+    for light in (dots()[0] / 255.0, dots()[0].astype(np.int64)):
+        with pytest.raises(ValueError, match=rf"type {light.dtype}, expected uint8 .*astype"):
+            tracker.update(light, 0.0)
     assert tracker.update(dots()[0], 0.1).reason
     smaller = tracker.update(dots()[0][:-8], 0.2)
     assert smaller.reason == "the picture is 128×100, the first was 128×108"

@@ -21,7 +21,7 @@ from estimation.output.sinks.lines import HEADER, LineWriter
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.reader import ImageSettings
-from estimation.pictures.reading import read_images
+from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture, read_pictures
 from estimation.run import run_all
@@ -71,6 +71,8 @@ def test_video_and_folder_give_the_same(pictures, tmp_path):
     video = read_recording(write_video(tmp_path / "clip.mkv", pictures))
     folder = read_recording(write_folder(tmp_path / "clip", pictures))
     assert np.array_equal(video.positions, folder.positions)
+    source = PictureSource(str(tmp_path / "clip"))  # as text, as `read_recording` takes it
+    assert (source.path, source.name) == (tmp_path / "clip", "clip")
     assert video.unit == "px"
     assert video.time == pytest.approx(np.arange(len(ANGLES)) / 25.0)
     # 13 dots with a lever of 35 px and 0.01 px of noise: 0.005°, five times that
