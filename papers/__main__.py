@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
+from rich.progress import MofNCompleteColumn, Progress, Task, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from contactmodel.common.command_line import errors, make_app, run_app, say, say_error
 from estimation.frames.extras import MissingExtraError, require_extra
@@ -258,11 +259,20 @@ def _without_their_extra(chosen: list[tuple[str, str]]) -> dict[tuple[str, str],
     return left_out
 
 
+class _Cases(MofNCompleteColumn):
+    """The number of finished cases, and of all if it is known."""
+
+    def render(self, task: Task) -> Text:
+        """The text of a task: `14 of 20`, or `14 done`."""
+        if task.total is None:
+            return Text(f"{int(task.completed)} done", style="progress.download")
+        return Text(f"{int(task.completed)} of {int(task.total)}", style="progress.download")
+
+
 def _progress() -> Progress:
     """A progress bar with cases, elapsed and remaining time."""
-    return Progress(
-        *Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn(), console=errors
-    )
+    columns = (*Progress.get_default_columns(), _Cases(), TimeElapsedColumn())
+    return Progress(*columns, console=errors)
 
 
 def _csv(rows: list[dict[str, object]]) -> str:

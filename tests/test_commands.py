@@ -8,11 +8,13 @@ from importlib import import_module
 
 import pytest
 import typer
+from rich.progress import Progress
 from typer.testing import CliRunner
 
 import papers
 from contactmodel.common.command_line import describe_error
 from papers import console
+from papers.__main__ import _Cases
 
 PACKAGES = ("contactmodel", "estimation", "calibration", "papers")
 HEAVY = {"cv2", "jax", "matplotlib", "scipy.optimize", "scipy.spatial", "scipy.stats"}
@@ -89,6 +91,14 @@ def test_a_missing_file_is_named_first(tmp_path):
         path.read_text()
     assert describe_error(caught.value) == f"{path}: no such file or directory"
     assert describe_error(OSError("the disk is full")) == "the disk is full"
+
+
+def test_progress_without_a_known_end_counts_what_is_done():
+    progress = Progress(disable=True)
+    unknown = progress.add_task("cases", total=None, completed=14)
+    known = progress.add_task("cases", total=20, completed=14)
+    shown = {task.id: _Cases().render(task).plain for task in progress.tasks}
+    assert shown == {unknown: "14 done", known: "14 of 20"}
 
 
 def compile_with(folder, **environment):

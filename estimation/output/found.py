@@ -209,8 +209,8 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
             )
         return (
             start + ", and its markers have turned as one body since the gel was unloaded: angles "
-            "are relative to the unloaded reference shape, not to that frame, and exclude rotation "
-            "before the object stuck.",
+            "are relative to the reference (the gel's unloaded shape, recorded or estimated), not "
+            "to that frame, and exclude rotation before the object stuck.",
         )
     return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
 
