@@ -225,9 +225,15 @@ def _compare_raw(first: Track, second: Track, least: float) -> Disagreement | No
 
 def describe_clocks(grasp: Grasp) -> str:
     """The clocks that a comparison uses, in a sentence."""
+    fit = grasp.fixed
     if not grasp.own_clocks:
-        return "The clock offset is fitted to motions of 0.4 s"
-    most = Z95 * grasp.fixed.errors[1]
+        useless = grasp.raw is not None and fit.rms > 0.5 * grasp.raw.rms
+        doubt = "; it removes less than half of their difference: check the clocks"
+        return (
+            f"The clock offset of {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s (standard error) "
+            f"is fitted to the fingers' motions over 0.4 s{doubt if useless else ''}"
+        )
+    most = Z95 * fit.errors[1]
     return (
         "The recordings' own clocks are used: the angles show no offset between them, but do not "
         f"exclude one of up to {most:.2g} s"

@@ -117,10 +117,7 @@ def describe_fits(grasp: Grasp) -> list[str]:
         f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip with slope {slope}"
         for fit, slope in ((grasp.fixed, "1"), (grasp.free, free))
     ]
-    clocks, fit = describe_clocks(grasp), grasp.fixed
-    if not grasp.own_clocks:
-        clocks += f": {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s (standard error)"
-    return [*lines, clocks]
+    return [*lines, describe_clocks(grasp)]
 
 
 def _count_outcomes(runs: Sequence[Run]) -> str:

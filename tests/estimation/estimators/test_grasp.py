@@ -113,7 +113,8 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     assert float(rows[1].split(",")[0]) == pytest.approx(first.time[0], abs=1e-6)  # own time stamps
     assert outcome.lines[1].endswith(": no print is visible; its angle was not restarted")
     assert "Fingers that disagree" in outcome.lines[3]
-    assert any(line.startswith("The clock offset is fitted") for line in outcome.lines)
+    assert any(line.startswith("The clock offset of ") for line in outcome.lines)
+    assert not any("check the clocks" in line for line in outcome.lines)
     page = (tmp_path / "report.html").read_text()
     assert outcome.lines[0] in html.unescape(page)
     assert page.index("the fingers disagree") < page.index("The grasp")
@@ -190,6 +191,9 @@ def test_a_slip_shows_in_the_joint_interval_and_before_the_fit(turns):
     assert grasp.raw.clear
     assert grasp.raw.share > 0.8
     assert abs(np.degrees(grasp.raw.largest)) == pytest.approx(3.0, abs=0.8)
+    wrong = grasp.fixed._replace(rms=grasp.raw.rms)
+    doubted = describe_clocks(grasp._replace(fixed=wrong, own_clocks=False))
+    assert doubted.endswith("less than half of their difference: check the clocks")
     raw = -second.angle + second.angle[0] + first.angle[0]
     assert np.all((grasp.low <= raw + 1e-9) & (raw <= grasp.high + 1e-9))
 
