@@ -99,12 +99,12 @@ print(f"probability of a slip in the last picture: {tracker.shear.slipped:.2f}")
 # Before you rely on a tracker, know these:
 #
 # - *The interval.* It needs the noise of the markers. Without it, the misfit of each frame is used
-#   instead. Take it from a run on a recording of your sensor: its report and ``summary.json`` give
-#   it. Then pass ``Settings(noise=Noise.given(0.02, unit="px"))`` to the tracker.
+#   instead. Run a recording of your sensor once: its ``summary.json`` has ``noise_in_plane_px``.
+#   Give that number to the tracker: ``ImageTracker(Settings(noise=Noise.given(0.02, unit="px")))``.
 # - *A jump.* The angle can jump once, when a better picture of the gel at rest is found. Then
 #   ``tracker.reader.layout`` is a new object.
 # - *A restart.* An angle that was lost starts again. ``since`` is the time from which the angle
-#   counts, and ``anew`` the number of restarts since the object touched.
+#   counts, and ``restarts`` counts the restarts since the object touched.
 # - *Speed.* Latencies and memory are on the page :doc:`speed and sizes </docs/speed>`.
 
 # %%

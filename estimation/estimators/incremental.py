@@ -177,7 +177,7 @@ class Incremental:
         self.keyframes = [Keyframe(None, -settings.mature_age)]
         self.number = 0
         self.increment: Increment | None = None
-        self.anew = 0
+        self.restarts = 0
         """Number of restarts of the angle's count since the object touched."""
         self._free = 0  # the last frame without contact
         # whether many markers stuck, frame by frame
@@ -231,7 +231,7 @@ class Incremental:
         ):
             self._hidden += 1
             reason = "no marker seems to stick, but a dozen or more did just before"
-            return Measurement.none(np.zeros_like(fields.contact), reason, self.anew)
+            return Measurement.none(np.zeros_like(fields.contact), reason, self.restarts)
         self._hidden = 0
         if counted is None and self.number - self._free <= self.settings.patience:
             self.restart()  # the first frames may have been noise
@@ -240,16 +240,18 @@ class Incremental:
             error = self.rigid.reading_error(fields)
             start = Keyframe(fields, self.number - self.settings.mature_age, error=error)
             self.keyframes = [start]
-            self.anew += 1
-            return Measurement(start.angle, start.low, start.high, fields.contact, anew=self.anew)
+            self.restarts += 1
+            return Measurement(
+                start.angle, start.low, start.high, fields.contact, restarts=self.restarts
+            )
         if counted is None:
             self._firm.clear()
             self.lose(fields)
-            return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
+            return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         now, stick = counted
         self._remember(now)
         if np.isnan(now.angle):
-            return Measurement.none(np.zeros_like(fields.contact), anew=self.anew)
+            return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
         if self._slide.update(now.angle, sticking, touching, lambda: self._turns_along(fields)):
@@ -259,7 +261,7 @@ class Incremental:
             if len(self.keyframes) > 2 * self.settings.most_keyframes:
                 self._thin_out()
         self._recent.append(now)
-        return Measurement(now.angle, now.low, now.high, stick, anew=self.anew)
+        return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
 
     def _turns_along(self, fields: Fields) -> bool:
         """Whether most of the contact has lately turned as one body, as it does with an object.
@@ -296,7 +298,7 @@ class Incremental:
         """Count from the unloaded shape again."""
         self._restart_slide()
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
-        self.anew = 0
+        self.restarts = 0
 
     def _count_on(self, fields: Fields) -> tuple[Keyframe, np.ndarray] | None:
         """The present keyframe, counted from the best mature one, and the sticking markers.

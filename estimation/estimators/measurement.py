@@ -18,7 +18,7 @@ class Measurement(NamedTuple):
         high: upper end of the 95 % interval [rad].
         stick: the markers that stick.
         reason: reason for a missing angle; empty if too few markers stick.
-        anew: number of times that the count of the angle was restarted, in a frame in which the
+        restarts: number of times that the count of the angle was restarted, in a frame in which the
             angle was unknown, since the object touched; 0 while it counts from the unloaded shape.
     """
 
@@ -27,9 +27,11 @@ class Measurement(NamedTuple):
     high: float
     stick: Bool[np.ndarray, " n"]
     reason: str = ""
-    anew: int = 0
+    restarts: int = 0
 
     @classmethod
-    def none(cls, stick: Bool[np.ndarray, " n"], reason: str = "", anew: int = 0) -> "Measurement":
+    def none(
+        cls, stick: Bool[np.ndarray, " n"], reason: str = "", restarts: int = 0
+    ) -> "Measurement":
         """A measurement without an angle; an empty reason means that too few markers stick."""
-        return cls(np.nan, np.nan, np.nan, stick, reason, anew)
+        return cls(np.nan, np.nan, np.nan, stick, reason, restarts)

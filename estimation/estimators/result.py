@@ -111,7 +111,7 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         since: time stamp of the frame that the angle counts from [s]: the last frame without
             contact, or the frame in which the count restarted. NaN in a recording that starts in
             contact, whose angles count from the unloaded shape.
-        anew: number of restarts of the angle's count since the object touched.
+        restarts: number of restarts of the angle's count since the object touched.
         stick_markers: number of markers that stick.
         contact_markers: number of markers in the contact region.
         moment: moment about the contact normal [N·mm]; NaN if unknown.
@@ -131,7 +131,7 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
     low: Number = field(metadata=per_frame("angle_low_deg", show_degrees, answer=True))
     high: Number = field(metadata=per_frame("angle_high_deg", show_degrees, answer=True))
     since: Number = field(metadata=per_frame("since_s", show_numbers))
-    anew: Whole = field(metadata=per_frame("counted_anew"))
+    restarts: Whole = field(metadata=per_frame("restarts"))
     stick_markers: Whole = field(metadata=per_frame("stick_markers", answer=True))
     contact_markers: Whole = field(metadata=per_frame("contact_markers"))
     moment: Number = field(metadata=per_frame("moment_Nmm", show_numbers))

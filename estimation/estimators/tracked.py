@@ -102,7 +102,7 @@ class Tracked:
         self.slip = float(np.radians(settings.slip_deg))
         self.widest = float(np.radians(settings.widest_deg))
         self.gain = gain
-        self._anew = 0
+        self._restarts = 0
         self._forget()
 
     def update(self, fields: Fields) -> Measurement:
@@ -110,13 +110,13 @@ class Tracked:
         gel = self.incremental.follow(fields)
         if not fields.contact.any():
             self._forget()
-            self._anew = 0
+            self._restarts = 0
             return gel
         if np.isfinite(fields.imprint[0]) or self._turn.known:
             return self._by_imprint(fields, gel)
         if np.isfinite(gel.angle):
-            self._anew = gel.anew
-        return self._by_outline(fields, gel)._replace(anew=self._anew)
+            self._restarts = gel.restarts
+        return self._by_outline(fields, gel)._replace(restarts=self._restarts)
 
     def _by_outline(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from the gel where it sticks, and from the outline elsewhere."""
@@ -142,8 +142,11 @@ class Tracked:
 
     def _by_imprint(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from imprint and gel together, and the markers that move with the imprint."""
-        was_known, lasting = self._turn.known, gel.anew == self._gel_anew and not self._resumed
-        self._gel_anew, self._resumed = gel.anew, False
+        was_known, lasting = (
+            self._turn.known,
+            gel.restarts == self._gel_restarts and not self._resumed,
+        )
+        self._gel_restarts, self._resumed = gel.restarts, False
         turn = self._turn.update(
             self.gain * gel.angle,
             self.gain * 0.5 * (gel.high - gel.low) / Z95,
@@ -153,9 +156,9 @@ class Tracked:
         if turn.error > self.widest / Z95:
             self._forget()
             self.incremental.lose(fields)
-            return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._anew)
+            return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if not was_known:
-            self._anew = gel.anew if np.isfinite(gel.angle) else self._anew + 1
+            self._restarts = gel.restarts if np.isfinite(gel.angle) else self._restarts + 1
         ahead = self._held_back(turn.angle, self.gain * gel.angle)
         if ahead:
             turn = self._turn.shift(ahead)
@@ -174,7 +177,11 @@ class Tracked:
                 self._resumed = True
         low, high = turn.interval
         return Measurement(
-            turn.angle / self.gain, low / self.gain, high / self.gain, stick, anew=self._anew
+            turn.angle / self.gain,
+            low / self.gain,
+            high / self.gain,
+            stick,
+            restarts=self._restarts,
         )
 
     def _slides(self, turned: float, gel: float) -> bool:
@@ -222,7 +229,7 @@ class Tracked:
         self._turn = ImprintedTurn()
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
-        self._gel_anew, self._resumed = 0, False
+        self._gel_restarts, self._resumed = 0, False
         self._may_slide = False  # over gel at rest, for so long that the angle is lost
         self._sights: deque[_Sight] = deque(maxlen=self.settings.memory)
         self._last = np.nan

@@ -153,8 +153,8 @@ def _describe_turns_of(run: Run) -> str:
         missing = ", ".join(f"{counted(n, 'frame', 'frames')} {why}" for why, n in counts)
         return f"No angle in any of {counted(len(track.time), 'frame', 'frames')} ({missing})"
     words = []
-    for anew in np.unique(track.anew[track.answered]):
-        rows = track.anew == anew
+    for restarts in np.unique(track.restarts[track.answered]):
+        rows = track.restarts == restarts
         turns = describe_turns(track.angle[rows], track.low[rows], track.high[rows])
         since = show_time(track.since[rows & track.answered][0], track.time[0])
         words.append(f"angle restarted {since}: {turns}" if words else turns)

@@ -202,7 +202,7 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
     if states[0] != State.NO_CONTACT:
         start = "There is contact from the first usable frame on"
         first = next(i for i, state in enumerate(track.state) if state != State.UNKNOWN)
-        if track.anew[first]:
+        if track.restarts[first]:
             return (
                 start + ", and its markers have not turned as one body since the gel was unloaded: "
                 "the object's earlier rotation is unknown, and all angles count from that frame.",

@@ -161,7 +161,7 @@ def annotate(
             mark_spot(image, spot, signs[i])
     angle, turned = np.degrees(result.angle[row]), np.degrees(run.imprint[row])
     values = {"angle": angle, "gel": gel_deg, "imprint": turned, "imprint - gel": turned - gel_deg}
-    words = [f"{name} {value:.1f}" for name, value in values.items() if np.isfinite(value)]
+    words = [f"{name} {value:z.1f}" for name, value in values.items() if np.isfinite(value)]
     for line, text in enumerate(
         (_describe(run, row), f"{'  '.join(words)} deg" if words else "no angle")
     ):
@@ -197,7 +197,9 @@ def _describe(run: Run, row: int) -> str:
     if np.isfinite(slipped := shears.slipped[row]):
         words.append(f"slips {slipped:.0%}")
     if np.isfinite(slip := shears.slip[row]):
-        words.append(f"slid {slip:.2g} +- {shears.slip_error[row]:.1g} {run.unit}")
+        places = 2 if run.unit == "mm" else 1
+        half = shears.slip_error[row]
+        words.append(f"slid {slip:z.{places}f} +- {half:.{places}f} {run.unit}")
     if level in (Level.WATCH, Level.ACT):
         words.append(f"alert {level}")
     return "  ".join([*words, result.reason[row]])

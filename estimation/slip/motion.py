@@ -19,18 +19,18 @@ class Since(NamedTuple):
     """The frame that a method's angle counts from.
 
     Attributes:
-        anew: number of restarts of the count since the object touched.
+        restarts: number of restarts of the count since the object touched.
         since: time stamp of the frame that the angle counts from [s].
     """
 
-    anew: int = 0
+    restarts: int = 0
     since: float = float("nan")
 
     def update(self, gel: Measurement, fields: Fields, time: float) -> "Since":
         """The value after the next frame."""
         if not fields.contact.any():
             return Since(0, time)
-        return self if gel.anew == self.anew else Since(gel.anew, time)
+        return self if gel.restarts == self.restarts else Since(gel.restarts, time)
 
 
 NO_COUNT = Since()
@@ -52,23 +52,23 @@ class Count:
     def __init__(self) -> None:
         """Begin with the unloaded shape."""
         self.start: Float[np.ndarray, " n"] | float = 0.0
-        self._anew = 0
+        self._restarts = 0
 
     def turned(
-        self, state: State, anew: int, rotation: Float[np.ndarray, " n"]
+        self, state: State, restarts: int, rotation: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
         """Rotation of the gel at each marker since the frame that the angle counts from [rad].
 
         Args:
             state: state of the next frame's contact.
-            anew: number of restarts of the count since the object touched.
+            restarts: number of restarts of the count since the object touched.
             rotation: φ of each marker [rad].
         """
-        if state == State.NO_CONTACT or not anew:
+        if state == State.NO_CONTACT or not restarts:
             self.start = 0.0
-        elif anew != self._anew:
+        elif restarts != self._restarts:
             self.start = rotation
-        self._anew = anew
+        self._restarts = restarts
         return rotation - self.start
 
 
@@ -117,7 +117,7 @@ def find_slip_curl(result: Result, frame: int) -> Float[np.ndarray, " n"]:
 def turned_since_counted(result: Result) -> Float[np.ndarray, "frames n"]:
     """Rotation of the gel at each marker since the frame that the angle counts from [rad]."""
     count = Count()
-    frames = zip(result.state, result.anew.tolist(), result.rotation, strict=True)
+    frames = zip(result.state, result.restarts.tolist(), result.rotation, strict=True)
     return np.stack([count.turned(*frame) for frame in frames])
 
 
@@ -173,7 +173,7 @@ def find_restarts(track: Track) -> list[float]:
     A contact that counts from the first frame of the recording is not included.
     """
     first = track.time[0] if len(track.time) else np.nan
-    times = {float(t) for t, n in zip(track.since, track.anew, strict=True) if n and t > first}
+    times = {float(t) for t, n in zip(track.since, track.restarts, strict=True) if n and t > first}
     return sorted(time - float(first) for time in times)
 
 
@@ -186,5 +186,5 @@ def describe_counts(track: Track) -> tuple[str, ...]:
     more = ", …" if len(times) > 5 else ""
     return (
         f"The angle was lost and restarted {shown}{more} s after the first frame (columns since_s "
-        "and counted_anew): earlier rotation is not included.",
+        "and restarts): earlier rotation is not included.",
     )

@@ -149,7 +149,7 @@ class Trackers:
         except ValueError as error:
             return label_frame(frame, str(error), since)
         angle, low, high = softness.correct(gel)
-        turned = self.counts[method].turned(state, since.anew, fields.rotation)
+        turned = self.counts[method].turned(state, since.restarts, fields.rotation)
         gel_low, gel_high = gel_ends(turned, fields.contact)
         stick = fields.contact if self.shear.sticks else gel.stick & (not self.shear.slides)
         return Estimate(
@@ -161,7 +161,7 @@ class Trackers:
             low=low,
             high=high,
             since=since.since,
-            anew=since.anew,
+            restarts=since.restarts,
             moment=frame.moment,
             rotation=fields.rotation,
             contact=fields.contact,
@@ -226,7 +226,7 @@ def label_frame(
         low=np.nan,
         high=np.nan,
         since=since.since,
-        anew=since.anew,
+        restarts=since.restarts,
         moment=frame.moment,
         rotation=np.full(len(none), np.nan),
         contact=contact,

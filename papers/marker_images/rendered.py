@@ -90,7 +90,7 @@ def judge(clip: ClipAnswers) -> Judged:
     zero, slip_zero = np.zeros((2, len(touching)))
     anew, first_count = np.zeros(len(touching), dtype=bool), {}
     touch = np.cumsum(np.diff(touching, prepend=False) & touching)
-    counts = np.column_stack([touch, track.anew, np.nan_to_num(track.since)])
+    counts = np.column_stack([touch, track.restarts, np.nan_to_num(track.since)])
     for count in np.unique(counts[touching & answered], axis=0):
         rows = (counts == count).all(axis=1) & touching & answered
         first = int(np.argmax(rows))

@@ -50,7 +50,7 @@ def make_run(answered, angles, half=0.1, states=State.STICK, slipped=np.nan, **o
         "state": (states,) * count if isinstance(states, str) else tuple(states),
         "reason": (others.pop("reason", ""),) * count,
         "since": np.full(count, 5.0),
-        "anew": np.asarray(others.pop("anew", np.zeros(count, dtype=int))),
+        "restarts": np.asarray(others.pop("restarts", np.zeros(count, dtype=int))),
         "contact_markers": np.full(count, others.pop("contact", 20)),
     }
     track = Track(method="tracked", **columns)
@@ -166,7 +166,7 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
         ),
         (
             [0, 5, np.nan, 0, -7],
-            {"anew": [0, 0, 0, 1, 1]},
+            {"restarts": [0, 0, 0, 1, 1]},
             "Turned to +5.0° ± 0.1°; angle restarted 0.00 s after the first frame, at time_s 5.00: "
             "turned to −7.0° ± 0.1°; held to the end, but without an angle in 1 frame of the "
             "contact",
@@ -207,7 +207,7 @@ def test_printed_times_count_from_the_first_frame(answered):
 
 def test_a_loaded_start_says_what_angles_count_from(answered):
     for anew, words in ((0, "have turned as one body"), (1, "have not turned as one body")):
-        run = make_run(answered, UP_AND_BACK, anew=[anew] * 5)
+        run = make_run(answered, UP_AND_BACK, restarts=[anew] * 5)
         clock, reference = _clock_notes(run.main) + _reference_notes(run.main)
         assert "whose time_s is 5.000 s" in clock
         assert words in reference

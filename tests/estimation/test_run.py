@@ -39,7 +39,7 @@ COLUMNS = (
     "angle_low_deg",
     "angle_high_deg",
     "since_s",
-    "counted_anew",
+    "restarts",
     "stick_markers",
     "contact_markers",
     "moment_Nmm",

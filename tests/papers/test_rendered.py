@@ -40,7 +40,7 @@ def answers(angle, anew=0, since=0.04, state=(State.STICK,) * N, true=(State.STI
             "angle": angle,
             "low": angle - np.radians(0.5),
             "high": angle + np.radians(0.5),
-            "anew": np.broadcast_to(anew, N),
+            "restarts": np.broadcast_to(anew, N),
             "since": np.broadcast_to(float(since) if np.isscalar(since) else since, N),
             "stiffness_ratio": np.zeros(N),
             "load_term": np.zeros(N),

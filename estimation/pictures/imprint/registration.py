@@ -253,7 +253,7 @@ def search_motion(
     middle = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
     motions = [cv2.getRotationMatrix2D(middle, -turn, 1.0) for turn in turns]
     masks = np.stack([cv2.warpAffine(mask, ahead, size) > 0.5 for ahead in motions])
-    start, end = _box(masks.any(axis=0).view(np.uint8), 0), _box(shown.astype(np.uint8), 0)
+    start, end = _box(masks.max(axis=0).astype(np.uint8), 0), _box(shown.astype(np.uint8), 0)
     value, shown = value[end], shown[end]
     rows, columns = shown.shape
     high, wide = masks[:, *start].shape[1:]

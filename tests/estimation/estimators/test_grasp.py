@@ -209,7 +209,7 @@ def test_restarts_of_a_finger_are_told(turns, fingers, tmp_path):
     track = replace(
         track,
         contact_markers=touching,
-        anew=later,
+        restarts=later,
         since=np.where(later, time[later.argmax()], 0.0),
     )
     printed = {"imprint": 0.0 * time, "outline": 0.0 * time}

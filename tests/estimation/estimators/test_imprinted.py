@@ -53,7 +53,7 @@ def test_where_imprint_and_gel_part_at_once_the_interval_holds_both():
     assert np.abs(angle[20:] - 5.0).max() < 0.2
 
 
-def test_an_imprint_that_is_counted_anew_is_counted_on():
+def test_an_imprint_that_is_restarts_is_counted_on():
     turn, degree = ImprintedTurn(), np.radians(1.0)
     for i in range(5):
         turn.update(i * degree, 0.0, (i * degree, ERROR), lasting=True)
@@ -74,13 +74,13 @@ def test_slow_slip_under_markers_that_seem_to_stick_is_in_the_angle_and_in_the_s
     assert slip[-1] - slip[0] == pytest.approx(0.7 * angle[-1], abs=0.6)
 
 
-def test_an_angle_that_is_counted_anew_says_since_when_and_is_never_exact():
+def test_an_angle_that_is_restarts_says_since_when_and_is_never_exact():
     recording, _ = ellipsoid_slips(20, slip_from=20, slip_to=20, rate=0.2)
     moved = recording.positions.copy()
     gone = recording.layout.reference[:, 0] > 0.0  # half the pad is elsewhere: it has slipped
     moved[:, gone, 1] += 0.7
     result = estimate_angles(replace(recording, positions=moved), "tracked", noise=MICRON)
-    anew = result.anew > 0
+    anew = result.restarts > 0
     assert anew.any()
     assert (result.since[anew] >= recording.time[0]).all()
     assert (result.high - result.low)[result.answered].min() > 0.0

@@ -51,7 +51,7 @@ def gather(count: int = 10) -> Result:
             low=0.01 * i - 1e-3,
             high=0.01 * i + 1e-3,
             since=0.0,
-            anew=0,
+            restarts=0,
             stick=np.arange(4) >= i,
             stick_markers=max(4 - i, 0),
             contact=~NONE,
