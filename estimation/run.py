@@ -26,6 +26,7 @@ from estimation.output.table import TableWriter
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
+from estimation.softness import expect_scale
 from estimation.sources import UNFINISHED, Input, identity_of, name_folders
 from estimation.tracking.stream import Sink, Stream, make_trackers
 
@@ -105,6 +106,7 @@ def _check_all(inputs: Sequence[Input], settings: Settings) -> None:
         find_encoder()
     for item in inputs:
         expect_unit(settings.noise, item.source)
+        expect_scale(settings.softness, item.source)
         make_trackers(item.source.layout, settings, settings.noise)
 
 

@@ -20,7 +20,7 @@ from calibration.softness.trials import (
 from estimation.frames.names import counted
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
-from estimation.softness import LayeredSoftness
+from estimation.softness import LayeredSoftness, expect_scale
 
 SELECTION = Selection(least_stick=6, least_turn_deg=0.5)
 """Frames with few markers are used, because hard objects slip early; they count little."""
@@ -59,7 +59,8 @@ def fit_layered_softness(
         clock_search: largest offset between two clocks [s].
 
     Raises:
-        ValueError: the grasps cannot determine k; the message states what to measure instead.
+        ValueError: the grasps cannot determine k; the message states what to measure instead. Or
+            lengths are in px, so that a thickness or radius in mm cannot be used.
 
     Examples:
         >>> import numpy as np
@@ -79,9 +80,10 @@ def fit_layered_softness(
     """
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")
-    finite = np.isfinite([layer.thickness, layer.object_radius]).any()
-    lifts = finite or layer.depth > 0.0  # otherwise frames are the same for all k
     rigid = LayeredSoftness(0.0, layer.thickness, layer.depth, object_radius=layer.object_radius)
+    for grasp in grasps:
+        expect_scale(rigid, grasp.recording)
+    lifts = rigid.in_mm  # otherwise frames are the same for all k
     guesses = [replace(rigid, stiffness_ratio=k) for k in _GUESSES]
     candidates = [_gather(grasps, guess) for guess in (guesses if lifts else guesses[:1])]
     trials = max(candidates, key=lambda each: sum(trial.held for trial in each))

@@ -7,16 +7,17 @@ A reader is made from the first usable picture and turns each picture into a `Ro
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.pictures.part import WHOLE, Part
 from estimation.pictures.rig import Rig
 from estimation.pictures.sensor import Sensor
-from estimation.pictures.still import Still
+from estimation.pictures.still import Still, read_still
 from estimation.pictures.stream import Picture
 
 
@@ -28,7 +29,7 @@ class ImageSettings:
         sensor: the sensor that took the pictures.
         unloaded: the reference: either the number of an unloaded frame (as in
             `Recording.source_index`: from the picture's name, or counted from 0), or a picture of
-            the same sensor with nothing on it.
+            the same sensor with nothing on it, as an array or a file.
         rig: calibration of both views, if mirrors split the picture.
         rate: pictures per second of a folder without a table of times [1/s].
         part: the part of each picture that is read; positions refer to the whole picture.
@@ -52,13 +53,18 @@ class ImageSettings:
     """
 
     sensor: Sensor = field(default_factory=Sensor)
-    unloaded: int | Still | None = None
+    unloaded: int | Still | Path | str | Shaped[np.ndarray, "h w *colour"] | None = None
     rig: Rig | None = None
     rate: float | None = None
     part: Part = WHOLE
 
     def __post_init__(self) -> None:
-        """Check rate and part."""
+        """Check rate and part, and read the unloaded picture."""
+        if isinstance(self.unloaded, np.ndarray):
+            object.__setattr__(self, "unloaded", Still(Path("array"), self.unloaded))
+        elif isinstance(self.unloaded, (str, Path)):
+            still = read_still(Path(self.unloaded), "the unloaded picture")
+            object.__setattr__(self, "unloaded", still)
         if self.rate is not None and not 0.0 < self.rate < float("inf"):
             raise ValueError(
                 f"got {self.rate:g} pictures per second (--fps): it must be a number above 0"
@@ -68,6 +74,11 @@ class ImageSettings:
                 "the calibration of two views (--stereo) applies to whole pictures: leave out "
                 "--crop and --mask"
             )
+
+    @property
+    def rest(self) -> Still | None:
+        """The picture with nothing on the sensor, if one is given."""
+        return self.unloaded if isinstance(self.unloaded, Still) else None
 
     @property
     def shown(self) -> Sensor:
@@ -93,9 +104,9 @@ class ImageSettings:
 
     def content(self) -> dict[str, Any]:
         """The reference and the part of the pictures that is read, for a summary."""
-        part, unloaded = self.part, self.unloaded
+        part, rest = self.part, self.rest
         content = {
-            "unloaded": str(unloaded.path) if isinstance(unloaded, Still) else unloaded,
+            "unloaded": self.unloaded if rest is None else str(rest.path),
             "crop_px": None if part.crop is None else list(part.crop),
             "mask": None if part.mask is None else str(part.mask.path),
         }

@@ -1,7 +1,7 @@
 """Softness of the object as it is applied to angles; `calibration.softness` fits it."""
 
 from estimation.softness.contact import Contact, Lifting, Validity, disc_radius
-from estimation.softness.files import Softness, read_softness, write_softness
+from estimation.softness.files import Softness, expect_scale, read_softness, write_softness
 from estimation.softness.layered import LayeredSoftness
 from estimation.softness.scalar import RIGID_OBJECT, ScalarSoftness
 
@@ -14,6 +14,7 @@ __all__ = [
     "Softness",
     "Validity",
     "disc_radius",
+    "expect_scale",
     "read_softness",
     "write_softness",
 ]

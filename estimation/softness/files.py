@@ -9,6 +9,7 @@ from jaxtyping import Float
 from contactmodel.common.inputs import naming
 from contactmodel.common.settings import from_table, read_toml, toml_text
 from estimation.frames.files import write_whole
+from estimation.frames.source import Source
 from estimation.softness.contact import Contact, Lifting
 from estimation.softness.layered import LayeredSoftness
 from estimation.softness.scalar import ScalarSoftness
@@ -65,6 +66,20 @@ KINDS: dict[str, type[ScalarSoftness | LayeredSoftness]] = {
 """Softnesses by their `kind` in a file."""
 RENAMED = {"validity.normal_force_N": "validity.normal_force_n"}
 """Keys of version 0.1.0, and what they are called now."""
+
+
+def expect_scale(softness: Softness, source: Source) -> None:
+    """Check that a source's lengths are in mm if a correction depends on lengths.
+
+    Raises:
+        ValueError: they are in px.
+    """
+    if isinstance(softness, LayeredSoftness) and softness.in_mm and source.unit != "mm":
+        raise ValueError(
+            f"{source.name}: lengths are in px, but the softness correction has a thickness, depth "
+            "or radius in mm: give the scale of the pictures (--mm-per-px, or mm_per_px in the "
+            "sensor description)"
+        )
 
 
 def write_softness(softness: Softness, path: Path) -> None:

@@ -92,13 +92,18 @@ class LayeredSoftness:
             )
         check_covariance(self.covariance, ("k", "h", "z"))
 
+    @property
+    def in_mm(self) -> bool:
+        """Whether the correction depends on lengths, which must then be in mm."""
+        return bool(np.isfinite([self.thickness, self.object_radius]).any() or self.depth > 0.0)
+
     def lifting(self, points: Float[np.ndarray, "n 2"]) -> Lifting | None:
         """Displacements to add to those of the markers.
 
         Args:
             points: the markers in the unloaded elastomer [mm].
         """
-        if np.isinf(self.thickness) and self.depth == 0.0 and np.isinf(self.object_radius):
+        if not self.in_mm:
             return None
         share = self.stiffness_ratio / (1.0 + self.stiffness_ratio)
         sizes = self.thickness, self.depth, self.object_radius

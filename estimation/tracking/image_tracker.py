@@ -52,7 +52,8 @@ class ImageTracker:
             settings: settings as of a run; the defaults if None.
 
         Raises:
-            ValueError: a wrong setting, or no markers in the unloaded picture.
+            ValueError: a wrong setting, noise in another unit than the lengths, or no markers in
+                the unloaded picture.
         """
         self.settings = Settings() if settings is None else settings
         self.reader: MarkerReader | None = None
@@ -65,10 +66,16 @@ class ImageTracker:
         if isinstance(images.unloaded, int):
             raise ValueError(
                 "the number of an unloaded frame cannot be used with pictures that come one by "
-                "one: give the unloaded picture, ImageSettings(unloaded=read_still(path, …))"
+                "one: give the unloaded picture, ImageSettings(unloaded=picture)"
             )
-        if images.unloaded is not None:
-            rest = fit_picture(Picture(images.unloaded.image, np.nan, -1), images.part, None)
+        noise = self.settings.noise
+        if noise is not None and noise.unit != images.unit:
+            raise ValueError(
+                f"the noise is given in {noise.unit}, but the pictures' lengths are in "
+                f'{images.unit}: use Noise.given(…, unit="{images.unit}")'
+            )
+        if images.rest is not None:
+            rest = fit_picture(Picture(images.rest.image, np.nan, -1), images.part, None)
             self.reader, self._size = make_reader(rest, images), rest.whole
 
     def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:

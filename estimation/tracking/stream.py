@@ -28,6 +28,7 @@ from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
 from estimation.slip.onset import Sight, SlipWatch
 from estimation.slip.shear import Shear
+from estimation.softness import expect_scale
 from estimation.tracking.trackers import Trackers
 
 AHEAD = 96
@@ -299,6 +300,7 @@ class Stream:
             return
         noise, notes = settings.noise, ()
         expect_unit(noise, source)
+        expect_scale(settings.softness, source)
         if noise is None and isinstance(source, Recording):
             noise, notes = find_noise(source)
         elif noise is None:

@@ -3,6 +3,8 @@
 That k found on some grasps holds on others is tested with the study (`tests/papers`).
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import j1
@@ -12,7 +14,7 @@ from calibration.softness.layered import Grasp, fit_layered_softness
 from calibration.softness.readings import HALF_SPACE, Layer
 from calibration.softness.references import Reference
 from calibration.softness.trials import Trial, make_trials
-from estimation import LayeredSoftness
+from estimation import LayeredSoftness, Settings, Stream, simulate_pivot
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
 from estimation.softness import Contact, read_softness, write_softness
@@ -227,6 +229,19 @@ def test_errors_of_k_thickness_and_depth_widen_the_interval():
     assert gradient @ np.array(found.covariance) @ gradient == pytest.approx(expected, rel=1e-2)
     with pytest.raises(ValueError, match="0 grasps"):
         fit_layered_softness([], Layer(4.0))
+
+
+def test_lengths_in_px_and_sizes_in_mm_are_refused():
+    recording, truth = simulate_pivot(angles_deg=(0.0, 4.0), frames=(4,))
+    pixels = replace(recording, unit="px", name="clip")
+    known = 1e-3 + 0.0 * recording.time
+    stage = Reference(recording.time, truth.angle, known, True, True, "stage")
+    with pytest.raises(ValueError, match=r"clip: lengths are in px, but .* give the scale"):
+        fit_layered_softness([Grasp(pixels, stage)], Layer(3.0))
+    thin = Settings(softness=LayeredSoftness(0.5, 3.0))
+    with pytest.raises(ValueError, match=r"clip: lengths are in px, but .* give the scale"):
+        Stream(pixels, thin)
+    assert Stream(recording, thin)
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,23 @@ def test_a_better_reference_takes_the_frames_so_far_with_it():
     assert answer.source_index == 2
 
 
+def test_an_unloaded_picture_is_an_array_or_a_file(tmp_path):
+    first, second, *_ = dots()
+    cv2.imwrite(str(tmp_path / "rest.png"), first)
+    angles = []
+    for unloaded in (first, tmp_path / "rest.png", str(tmp_path / "rest.png")):
+        tracker = ImageTracker(settings(unloaded=unloaded))
+        angles.append(tracker.update(second, 0.1).angle)
+    assert np.array_equal(angles, angles[:1] * 3, equal_nan=True)
+    with pytest.raises(FileNotFoundError, match="given as the unloaded picture"):
+        settings(unloaded="nowhere.png")
+
+
+def test_noise_in_another_unit_than_the_lengths_is_refused():
+    with pytest.raises(ValueError, match=r"given in mm, but .* in px: use Noise.given"):
+        ImageTracker(Settings(noise=Noise.given(0.02), images=ImageSettings(SENSOR)))
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_what_is_no_picture_frame_or_layout_is_named():
     tracker = ImageTracker(settings())
