@@ -108,7 +108,8 @@ print(*rows[:3], sep="\n")
 # file. Cases without rows count as wrong, and a note gives their number. The results are in
 # ``build/papers/leaderboard``.
 #
-# Without ``--split tuning`` the command ranks by the scored cases, beside the published rows.
+# Write one file for each split. Without ``--split tuning`` the command ranks a file for the scored
+# cases, beside the published rows. Entries are ordered by the mean of the three tiers.
 # Without ``--alone`` it also runs all other methods, which takes some minutes more.
 #
 # In Python, two calls score the file. Here they score the two cases made above:

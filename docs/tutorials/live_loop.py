@@ -57,6 +57,12 @@ for picture in clip:
         print(f"{answer.time:.2f} s {answer.state:10} {angle} {tracker.alert.level}")
 
 # %%
+# The object slips at 1.36 s here, and yet the state is ``stick`` in some frames after that. Use the
+# alert for decisions. If your clip does not begin with the empty gel, give a picture of it:
+# ``ImageTracker(Settings(images=ImageSettings(unloaded=empty)))``. The picture ``empty`` is an
+# array or the path of a file. ``Settings`` and ``ImageSettings`` come from ``estimation`` too.
+
+# %%
 # What an answer holds
 # --------------------
 #
@@ -84,7 +90,8 @@ axis.legend()
 # ``alert.level`` is ``none``, ``watch``, ``act``, ``slips`` or ``unknown``. Grip harder at the
 # first ``act`` or ``slips``, and keep that force. The level can fall back to ``none``: while an
 # object slides steadily, gel and markers are at rest. A fast slip shows as ``slips`` first, and as
-# ``act`` in the frames after it.
+# ``act`` in the frames after it. ``watch`` means that part of the contact slips. ``unknown`` means
+# that there is no contact, or that the picture cannot be used: keep what you do.
 
 alarm = next(row for row, level in enumerate(levels) if level in ("act", "slips"))
 print(f"{levels[alarm]} at {times[alarm]:.2f} s, turned by {angle[alarm]:.1f}°")
@@ -101,6 +108,7 @@ print(f"probability of a slip in the last picture: {tracker.shear.slipped:.2f}")
 # - *The interval.* It needs the noise of the markers. Without it, the misfit of each frame is used
 #   instead. Run a recording of your sensor once: its ``summary.json`` has ``noise_in_plane_px``.
 #   Give that number to the tracker: ``ImageTracker(Settings(noise=Noise.given(0.02, unit="px")))``.
+#   Noise in another unit than the lengths is refused.
 # - *A jump.* The angle can jump once, when a better picture of the gel at rest is found. Then
 #   ``tracker.reader.layout`` is a new object.
 # - *A restart.* An angle that was lost starts again. ``since`` is the time from which the angle
@@ -139,12 +147,12 @@ for number, positions in enumerate(sensor.positions):
 # Other ways
 # ----------
 #
-# - *All methods at once, files and recordings.* ``Stream(source, Settings())`` answers what
-#   ``read_recording``, ``PictureSource`` or ``FrameStream`` give. Each of its answers has
+# - *All methods at once, files and recordings.* ``Stream(source, Settings())`` processes any
+#   source: ``read_recording``, ``PictureSource`` or ``FrameStream``. Each of its answers has
 #   ``estimates["tracked"]`` and the alert. It first reads some frames to measure the noise: 24 of a
 #   live source, else 96.
 # - *A camera from the terminal.* ``python -m estimation live camera:0`` prints a line for each
-#   picture. ``--window`` shows it on a page in your browser. ``--sink udp:9000`` sends the lines as
-#   packets, for a controller in another language.
+#   picture, without the alert. ``--window`` shows it on a page in your browser. ``--sink udp:9000``
+#   sends the lines as packets, for a controller in another language.
 # - *ROS 2, PyTac3D, two fingers.* Each has a script of at most 30 lines among the
 #   :doc:`short examples </examples/README>`.

@@ -60,8 +60,8 @@ seam = Seam(radius=12.0, depth=0.15, width=0.8)  # mm
 # the first half-space.
 #
 # One step is enough here: pressing these two bodies causes no slip, since both have a Poisson's
-# ratio of 0.5. If pressing causes slip, use two steps. Press first, then pass that solution on as
-# ``previous`` when you twist (:doc:`why </docs/theory/reversals>`).
+# ratio of 0.5. Otherwise, or when in doubt, use two steps. Press first, then pass that solution on
+# as ``previous`` when you twist (:doc:`why </docs/theory/reversals>`).
 
 grid, pose = Grid((24, 24), (12.0, 12.0)), Pose(0.8, twist=np.radians(6.0))
 
@@ -111,8 +111,8 @@ axis.title.set_fontsize(9)
 #
 # The gradient belongs to the chosen grid, and converges more slowly than the moment. On 24², 48²
 # and 96² cells the moment is 1.582, 1.584 and 1.584 N·mm. Its slope by friction is 1.098, 1.209 and
-# 1.214 N·mm, so the slope on 24² cells is 10 % too low. Compare two grids before you rely on a
-# gradient.
+# 1.214 N·mm, so the slope on 24² cells is off by 10 % for this shape. Compare two grids before you
+# rely on a gradient.
 #
 # Measure
 # -------

@@ -106,8 +106,8 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 #   wrong scale does not change them, but makes lengths in mm wrong.
 # - *The sign.* Look from the object at the gel: a counter-clockwise turn is positive. A camera
 #   under the gel sees the same turn as clockwise.
-# - *A frame has no angle.* Its ``reason`` says why. A reason beside an angle is a warning. The last
-#   line that the command prints gives the number of frames without an angle. The page
+# - *A frame has no angle.* Then ``reason`` says why. A reason beside an angle is a warning. The
+#   last line that the command prints gives the number of frames without an angle. The page
 #   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
 # - *Which clock.* Printed times and those of the report count from the first frame. ``time_s`` in
 #   ``angles.csv`` is the recording's own time stamp. If the first frame has another ``time_s``
@@ -116,8 +116,9 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 #   last row of ``angles.csv`` has the angle at the end.
 # - *When it slipped.* The printed time is the first at which a slip was more likely than not. It
 #   is the earliest sign, and a single frame can trigger it: look at ``slip_probability`` around it.
-#   For the loss of the whole contact use ``macro_slip_s`` in ``summary.json``. It has four times
-#   for each stretch of macro slip, in s from the first frame: those of the last frame before it,
-#   its first frame, its last frame, and the first frame after it.
+#   For the loss of the whole contact read ``macro_slip_s`` under ``methods`` and ``tracked`` in
+#   ``summary.json``. Each stretch of macro slip has four times there, in s from the first frame:
+#   last frame before it, first frame, last frame, first frame after it. The list ``macro_slips``
+#   at the top is another estimate, for round contacts without a print, and is empty elsewhere.
 # - *Mirrors or frames are in the picture.* Cut them off with ``--crop`` or cover them with
 #   ``--mask``.

@@ -12,8 +12,8 @@ factor. You measure that factor in three grasps or more, and later runs correct 
 #
 # The first three grasps have a reference angle, from a rotary stage for example. The fourth one has
 # none. Here all are simulated. The object is twice as stiff as the gel, so k is 0.5.
-# ``friction_ratio`` is the friction over the stiffness of the gel, μp₀/2G*. A larger value holds
-# more of the contact.
+# ``friction_ratio`` is μp₀/2G*: the coefficient of friction times the peak pressure, over twice the
+# combined shear modulus of both bodies. With a larger value, more of the contact holds.
 
 import tempfile
 from pathlib import Path
@@ -63,8 +63,8 @@ fit = fit_softness(trials)
 print(f"k = {fit.stiffness_ratio:.4f}, 95 % interval {fit.low:.4f} to {fit.high:.4f}")
 
 # %%
-# With one grasp the interval would leave out how k differs between grasps. Save the fit for later
-# runs:
+# From a single grasp, the interval would not include how k varies between grasps. Save the fit for
+# later runs:
 
 write_softness(fit.softness, Path(tempfile.mkdtemp()) / "softness.toml")
 
@@ -94,8 +94,9 @@ write_softness(fit.softness, Path(tempfile.mkdtemp()) / "softness.toml")
 # Correct a later grasp
 # ---------------------
 #
-# The fourth grasp has another contact size. We answer it without and with the fit. The printed
-# errors are those of the frames in which ten or more markers have stuck since full load.
+# The fourth grasp has another contact size. We estimate its angle without and with the
+# correction. The printed errors are those of the frames in which ten or more markers have stuck
+# since the object was fully pressed on.
 
 recording, truth = grasp(radius=4.0, seed=3)
 many_stick = truth.stick.sum(axis=1) >= 10
@@ -116,11 +117,12 @@ axis.legend()
 # -------------
 #
 # - *A thin gel.* One number k is exact on a thick gel only. Unless the gel is much thicker than the
-#   contact is wide, give ``--thickness-mm`` to the first command. It then fits a model of the
-#   layer. Take the thickness from the maker. ``python -m calibration field`` can measure it if
-#   forces are known. It is within 1 % on virtual data. On a published Tac3D recording it finds that
-#   a flat layer does not describe the pad. The fitted thickness is then between 6 and 16 mm,
-#   depending on the part of the data (:doc:`details </papers/softness/README>`).
+#   contact is wide, give ``--thickness-mm``, ``--zeroed`` and ``--same-clock`` to the first
+#   command. It then fits a model of the layer. Pictures need a scale for that (``mm_per_px`` in the
+#   sensor description). Take the thickness from the maker. ``python -m calibration field`` can
+#   measure it if forces are known. It is within 1 % on virtual data. On a published Tac3D recording
+#   it finds that a flat layer does not describe the pad. The fitted thickness is then between 6 and
+#   16 mm, depending on the part of the data (:doc:`details </papers/softness/README>`).
 # - *A ball.* Its surface turns more than a flat one. Give ``--radius-mm`` with its radius in mm.
 #   A radius or a thickness needs a CSV that is zeroed at touch and on the sensor's clock. So give
 #   ``--zeroed --same-clock``. Do not give a radius for the virtual grasps above: their object turns
@@ -134,9 +136,10 @@ axis.legend()
 #   determine k. Two fingers of the same stiffness cannot.
 # - *Files of a Tac3D.* See the :doc:`table of files </estimation/README>`.
 # - *No stage?* Use ``--reference outline``. The angle then comes from the object's imprint or from
-#   the contact's outline. It needs an object that prints, or a contact that is not round.
-# - *Turn far enough.* With noise of 10 µm, rotate in one direction by 10° or more. After a
-#   reversal, such noise hides slip. The grasps above have noise of 1 µm, which permits the
-#   reversal.
+#   the contact's outline. This requires edges or texture that show through the gel, or a contact
+#   that is not round.
+# - *Turn far enough.* With noise of 10 µm (``noise_in_plane_px`` times ``mm_per_px``), rotate in
+#   one direction by 10° or more. After a reversal, such noise hides slip. The grasps above have
+#   noise of 1 µm, which permits the reversal.
 # - *A refused fit.* If a fit is refused, the message says why, for example too few frames in which
 #   markers stick. Frames in macro slip are never used.
