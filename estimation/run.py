@@ -106,7 +106,7 @@ def _check_all(inputs: Sequence[Input], settings: Settings) -> None:
         find_encoder()
     for item in inputs:
         expect_unit(settings.noise, item.source)
-        expect_scale(settings.softness, item.source)
+        expect_scale(settings.softness, item.source.unit, item.source.name)
         make_trackers(item.source.layout, settings, settings.noise)
 
 

@@ -82,7 +82,7 @@ def fit_layered_softness(
         raise ValueError(f"0 grasps: {NO_REFERENCE}")
     rigid = LayeredSoftness(0.0, layer.thickness, layer.depth, object_radius=layer.object_radius)
     for grasp in grasps:
-        expect_scale(rigid, grasp.recording)
+        expect_scale(rigid, grasp.recording.unit, grasp.recording.name)
     lifts = rigid.in_mm  # otherwise frames are the same for all k
     guesses = [replace(rigid, stiffness_ratio=k) for k in _GUESSES]
     candidates = [_gather(grasps, guess) for guess in (guesses if lifts else guesses[:1])]

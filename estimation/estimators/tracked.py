@@ -142,10 +142,8 @@ class Tracked:
 
     def _by_imprint(self, fields: Fields, gel: Measurement) -> Measurement:
         """The angle from imprint and gel together, and the markers that move with the imprint."""
-        was_known, lasting = (
-            self._turn.known,
-            gel.restarts == self._gel_restarts and not self._resumed,
-        )
+        was_known = self._turn.known
+        lasting = gel.restarts == self._gel_restarts and not self._resumed
         self._gel_restarts, self._resumed = gel.restarts, False
         turn = self._turn.update(
             self.gain * gel.angle,

@@ -78,37 +78,29 @@ class AlertWatch:
         """Discard all frames: the object has left."""
         self._past: deque[tuple[float, float, float]] = deque(maxlen=self._settings.rate_frames)
 
-    def update(
-        self,
-        time: float,
-        state: State,
-        angle: float,
-        margin: Margin,
-        friction: Friction,
-        slipped: float,
-    ) -> Alert:
-        """The prediction after a frame.
+    def add(self, time: float, state: State, angle: float, used: float) -> None:
+        """Add a frame.
 
         Args:
             time: time stamp [s].
             state: state of the contact.
             angle: angle of the object [rad].
-            margin: remaining angle and moment.
-            friction: friction in use, and its coefficient.
-            slipped: probability that all of the contact has slipped recently [-]; NaN if unknown.
+            used: friction in use [-].
         """
-        self.add(time, state, angle, friction.used)
-        return self.tell(state, margin, friction, slipped)
-
-    def add(self, time: float, state: State, angle: float, used: float) -> None:
-        """Add a frame, as in `update`; `used` is the friction in use."""
         if state == State.NO_CONTACT:
             self.restart()
         elif state != State.UNKNOWN:
             self._past.append((time, angle, used))
 
     def tell(self, state: State, margin: Margin, friction: Friction, slipped: float) -> Alert:
-        """The prediction after the frame added last, as in `update`."""
+        """The prediction after the frame added last.
+
+        Args:
+            state: state of the contact.
+            margin: remaining angle and moment.
+            friction: friction in use, and its coefficient.
+            slipped: probability that all of the contact has slipped recently [-]; NaN if unknown.
+        """
         if state in (State.NO_CONTACT, State.UNKNOWN):
             return Alert()
         if state == State.MACRO_SLIP:

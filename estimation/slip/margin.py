@@ -83,7 +83,7 @@ class MarginTracker:
             state: state of the contact.
             angle: angle of the object [rad].
             moment: moment about the normal [N·mm].
-            contact_markers: number of markers in contact.
+            contact_markers: number of markers in contact; in macro slip fewer than three stick.
         """
         self.add(state, angle, moment)
         return self.tell(state, angle, contact_markers)
@@ -92,41 +92,7 @@ class MarginTracker:
         """Add the point of a frame, without a fit; discard all points if the object has left."""
         if state == State.NO_CONTACT:
             self.restart()
-        else:
-            self.pass_by(angle, moment)
-
-    def tell(self, state: State, angle: float, contact_markers: int) -> Margin:
-        """The margin after the frame added last, as in `follow`."""
-        if not self._enough:
-            return Margin()
-        margin = self._fit(angle, contact_markers)
-        if state == State.MACRO_SLIP:
-            return Margin()
-        if np.isfinite(margin.angle):
-            self.last = self.branch
-        return margin
-
-    def update(self, angle: float, moment: float, contact_markers: int) -> Margin:
-        """The margin after a frame in contact.
-
-        Args:
-            angle: angle of the object [rad].
-            moment: moment about the normal [N·mm].
-            contact_markers: number of markers in contact; in macro slip fewer than three stick.
-        """
-        self.pass_by(angle, moment)
-        return self._fit(angle, contact_markers) if self._enough else Margin()
-
-    def _fit(self, angle: float, contact_markers: int) -> Margin:
-        angles, moments = np.array(self._points).T
-        self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
-        margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers), self.settings)
-        # an undetermined fit is no good initial guess
-        self._guess = self.branch.parameters if np.isfinite(margin.angle) else None
-        return margin
-
-    def pass_by(self, angle: float, moment: float) -> None:
-        """Add the point of a frame in contact without a fit."""
+            return
         self._enough = False
         if not np.isfinite(angle + moment):
             return
@@ -136,6 +102,21 @@ class MarginTracker:
             del self._points[1:-1:2]
         self.branch = None
         self._enough = bool(self._sign) and len(self._points) >= self.settings.least_points
+
+    def tell(self, state: State, angle: float, contact_markers: int) -> Margin:
+        """The margin after the frame added last, as in `follow`."""
+        if not self._enough:
+            return Margin()
+        angles, moments = np.array(self._points).T
+        self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
+        margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers), self.settings)
+        # an undetermined fit is no good initial guess
+        self._guess = self.branch.parameters if np.isfinite(margin.angle) else None
+        if state == State.MACRO_SLIP:
+            return Margin()
+        if np.isfinite(margin.angle):
+            self.last = self.branch
+        return margin
 
     def _turn(self) -> None:
         """Begin a new branch if the object has turned back."""

@@ -9,7 +9,6 @@ from jaxtyping import Float
 from contactmodel.common.inputs import naming
 from contactmodel.common.settings import from_table, read_toml, toml_text
 from estimation.frames.files import write_whole
-from estimation.frames.source import Source
 from estimation.softness.contact import Contact, Lifting
 from estimation.softness.layered import LayeredSoftness
 from estimation.softness.scalar import ScalarSoftness
@@ -68,15 +67,20 @@ RENAMED = {"validity.normal_force_N": "validity.normal_force_n"}
 """Keys of version 0.1.0, and what they are called now."""
 
 
-def expect_scale(softness: Softness, source: Source) -> None:
-    """Check that a source's lengths are in mm if a correction depends on lengths.
+def expect_scale(softness: Softness, unit: str, name: str) -> None:
+    """Check that lengths are in mm if a correction depends on lengths.
+
+    Args:
+        softness: the correction.
+        unit: of the lengths.
+        name: of the source of the lengths.
 
     Raises:
         ValueError: they are in px.
     """
-    if isinstance(softness, LayeredSoftness) and softness.in_mm and source.unit != "mm":
+    if isinstance(softness, LayeredSoftness) and softness.in_mm and unit != "mm":
         raise ValueError(
-            f"{source.name}: lengths are in px, but the softness correction has a thickness, depth "
+            f"{name}: lengths are in px, but the softness correction has a thickness, depth "
             "or radius in mm: give the scale of the pictures (--mm-per-px, or mm_per_px in the "
             "sensor description)"
         )

@@ -14,6 +14,7 @@ from estimation.pictures.stream import Picture, fit_picture
 from estimation.settings import Settings
 from estimation.slip.alert import Alert
 from estimation.slip.shear import Shear
+from estimation.softness import expect_scale
 from estimation.tracking.stream import MOST_HELD
 from estimation.tracking.tracker import Tracker
 from estimation.tracking.trackers import label_frame
@@ -52,8 +53,8 @@ class ImageTracker:
             settings: settings as of a run; the defaults if None.
 
         Raises:
-            ValueError: a wrong setting, noise in another unit than the lengths, or no markers in
-                the unloaded picture.
+            ValueError: a wrong setting, noise or softness in another unit than the lengths, or no
+                markers in the unloaded picture.
         """
         self.settings = Settings() if settings is None else settings
         self.reader: MarkerReader | None = None
@@ -68,6 +69,7 @@ class ImageTracker:
                 "the number of an unloaded frame cannot be used with pictures that come one by "
                 "one: give the unloaded picture, ImageSettings(unloaded=picture)"
             )
+        expect_scale(self.settings.softness, images.unit, "the pictures")
         noise = self.settings.noise
         if noise is not None and noise.unit != images.unit:
             raise ValueError(

@@ -300,7 +300,7 @@ class Stream:
             return
         noise, notes = settings.noise, ()
         expect_unit(noise, source)
-        expect_scale(settings.softness, source)
+        expect_scale(settings.softness, source.unit, source.name)
         if noise is None and isinstance(source, Recording):
             noise, notes = find_noise(source)
         elif noise is None:

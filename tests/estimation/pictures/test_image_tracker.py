@@ -12,6 +12,7 @@ from estimation.pictures.reading import PictureSource
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.still import Still
 from estimation.settings import Settings
+from estimation.softness import LayeredSoftness
 from estimation.tracking.image_tracker import ImageTracker
 from estimation.tracking.stream import Stream
 from estimation.tracking.tracker import Tracker
@@ -103,9 +104,11 @@ def test_an_unloaded_picture_is_an_array_or_a_file(tmp_path):
         settings(unloaded="nowhere.png")
 
 
-def test_noise_in_another_unit_than_the_lengths_is_refused():
+def test_noise_and_softness_in_another_unit_than_the_lengths_are_refused():
     with pytest.raises(ValueError, match=r"given in mm, but .* in px: use Noise.given"):
         ImageTracker(Settings(noise=Noise.given(0.02), images=ImageSettings(SENSOR)))
+    with pytest.raises(ValueError, match="the pictures: lengths are in px"):
+        ImageTracker(Settings(softness=LayeredSoftness(0.5, 3.0), images=ImageSettings(SENSOR)))
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -12,6 +12,11 @@ RATE = 0.2  # rad/s
 NOTHING = (Margin(), Friction(), np.nan)
 
 
+def update(watch, time, state, angle, margin, friction, slipped):
+    watch.add(time, state, angle, friction.used)
+    return watch.tell(state, margin, friction, slipped)
+
+
 def turn(limit, frames, way=1.0):
     """Alerts to an object that turns steadily, with a margin known to 10 %."""
     watch, alerts = AlertWatch(), []
@@ -19,7 +24,7 @@ def turn(limit, frames, way=1.0):
         left = limit - RATE * time
         margin = Margin(left, 0.9 * left, 1.1 * left)
         angle = float(way * RATE * time)
-        alerts.append(watch.update(time, State.STICK, angle, margin, Friction(), np.nan))
+        alerts.append(update(watch, time, State.STICK, angle, margin, Friction(), np.nan))
     return alerts
 
 
@@ -46,7 +51,7 @@ def test_shear_towards_a_known_friction_is_foreseen():
     watch, alert = AlertWatch(), Alert()
     for time in (np.arange(20) / 25.0).tolist():
         friction = Friction(0.2 * time, 0.4, 0.36, 0.44)
-        alert = watch.update(time, State.STICK, np.nan, Margin(), friction, np.nan)
+        alert = update(watch, time, State.STICK, np.nan, Margin(), friction, np.nan)
     assert alert.time_to_slip == pytest.approx(0.4 / 0.2 - 19 / 25.0, rel=1e-6)
     assert alert.high == np.inf  # a load levels off
 
@@ -57,7 +62,7 @@ def test_at_rest_no_slip_is_foreseen():
         angle = 0.3 + 1e-4 * rng.standard_normal()
         friction = Friction(0.2, 0.4, 0.36, 0.44)
         margin = Margin(0.5, 0.4, 0.6)
-        alert = watch.update(time, State.STICK, angle, margin, friction, np.nan)
+        alert = update(watch, time, State.STICK, angle, margin, friction, np.nan)
     assert np.isnan(alert.time_to_slip)
     assert alert.level == Level.NONE
 
@@ -66,7 +71,7 @@ def test_word_follows_state_share_and_print():
     watch = AlertWatch()
 
     def level(state, *known):
-        return watch.update(0.1, state, np.nan, *known).level
+        return update(watch, 0.1, state, np.nan, *known).level
 
     assert level(State.NO_CONTACT, *NOTHING) == Level.UNKNOWN
     assert level(State.STICK, *NOTHING) == Level.NONE

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from estimation.estimators.result import State
 from estimation.slip.branch import Branch, fit_branch
 from estimation.slip.margin import MarginTracker, margin_at
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
@@ -20,7 +21,7 @@ def _follow(truth, noise, seed=0):
     tracker, margins = MarginTracker(), []
     for angle, moment in zip(truth.angle[25:], truth.moment[25:], strict=True):
         measured = float(moment + noise * rng.standard_normal())
-        margins.append(tracker.update(float(angle), measured, contact_markers=78))
+        margins.append(tracker.follow(State.INCIPIENT, float(angle), measured, 78))
     return margins
 
 
@@ -50,7 +51,8 @@ def test_says_nothing_while_linear():
     angle = np.linspace(0.0, np.radians(6.0), 40)
     tracker, rng = MarginTracker(), np.random.default_rng(3)
     for one in angle:
-        margin = tracker.update(float(one), float(20.0 * one + 0.02 * rng.standard_normal()), 78)
+        moment = float(20.0 * one + 0.02 * rng.standard_normal())
+        margin = tracker.follow(State.INCIPIENT, float(one), moment, 78)
         assert np.isnan(margin.angle)
 
 
