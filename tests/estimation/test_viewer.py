@@ -1,12 +1,11 @@
 """What Rerun's viewer is given: every quantity of every answer, also after a kill; no one waits."""
 
 import os
-import shutil
 import threading
 import time
 import warnings
 from collections import defaultdict
-from contextlib import closing
+from contextlib import closing, suppress
 
 import cv2
 import numpy as np
@@ -16,7 +15,7 @@ from rerun.chunk import RrdReader
 from estimation.frames.noise import Noise
 from estimation.output.sinks.bag import BagWriter
 from estimation.output.sinks.by_name import FILES
-from estimation.output.sinks.viewer import LiveViewer, ViewerFile, Viewing
+from estimation.output.sinks.viewer import FILE_HEADER, LiveViewer, ViewerFile, Viewing
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.sensor import Sensor
@@ -98,20 +97,50 @@ def test_pictures_are_in_the_file_of_the_viewer_and_in_mcap(tmp_path):
     assert len(list(open_source(files[1], settings.images, "frames"))) == len(pictures)
 
 
-def test_a_killed_file_is_whole_and_gone_on_with(tmp_path, recording, answers):
+def wait_for_rows(path, count):
+    """Wait until a file that grows has its rows; until then it may end in part of a message."""
+    patience = time.monotonic() + 20.0
+    while time.monotonic() < patience:
+        with suppress(RuntimeError, ValueError):
+            if len(read_rrd(path).get("/angle", [])) >= count:
+                return
+        time.sleep(0.05)
+    raise AssertionError(f"{path} has no {count} rows after 20 s")
+
+
+@pytest.mark.parametrize("torn", [0, 8, 50], ids="{} bytes of a message".format)
+def test_a_killed_file_is_whole_and_gone_on_with(tmp_path, recording, answers, torn):
     path, killed = tmp_path / "frames.rrd", tmp_path / "killed.rrd"
     with closing(ViewerFile(path, recording, "tracked")) as sink:
         for answer in answers[:7]:
             sink.put(answer)
-        patience = time.monotonic() + 20.0
-        while len(read_rrd(path).get("/angle", [])) < 7 and time.monotonic() < patience:
-            time.sleep(0.05)
-        shutil.copy(path, killed)  # as it is on the disc before it is closed
+        wait_for_rows(path, 7)
+        sink._stream.flush()  # of other quantities
+        on_disc = path.read_bytes()  # before it is closed
+        killed.write_bytes(on_disc + on_disc[FILE_HEADER : FILE_HEADER + torn])
     with closing(ViewerFile(killed, recording, "tracked", rows=7)) as sink:
         for answer in answers[7:]:
             sink.put(answer)
     assert len(read_rrd(killed)["/angle"]) == len(answers)
     assert sorted(os.listdir(tmp_path)) == ["frames.rrd", "killed.rrd"]
+
+
+def test_a_closed_file_is_gone_on_with(tmp_path, recording, answers):
+    path = tmp_path / "frames.rrd"
+    for first, last in ((0, 7), (7, len(answers))):
+        with closing(ViewerFile(path, recording, "tracked", rows=first)) as sink:
+            for answer in answers[first:last]:
+                sink.put(answer)
+    assert len(read_rrd(path)["/angle"]) == len(answers)
+
+
+def test_a_file_killed_before_its_first_message_is_begun_again(tmp_path, recording, answers):
+    path = tmp_path / "frames.rrd"
+    path.write_bytes(b"RRF2")
+    with closing(ViewerFile(path, recording, "tracked", rows=1)) as sink:
+        for answer in answers[1:]:
+            sink.put(answer)
+    assert len(read_rrd(path)["/angle"]) == len(answers) - 1
 
 
 def test_no_one_waits_for_a_viewer(recording, answers, monkeypatch):

@@ -1,7 +1,9 @@
 """Answers for Rerun's viewer: a file, or an open viewer."""
 
+import os
+import struct
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from uuid import NAMESPACE_URL, uuid5
@@ -26,6 +28,11 @@ APPLICATION = "contactmodel"
 LEVEL_COLOURS = dict(
     zip(Level, ("#d4ecd0", "#fbeebf", "#f0b27a", "#f6cfc9", "#c9c9e8"), strict=True)
 )
+
+FILE_HEADER, MESSAGE_HEADER = 12, struct.Struct("<QQ")
+"""Bytes before the first message of a file; kind and length of a message, before its content."""
+END = 0
+"""Kind of the message that ends a closed file."""
 
 
 class Viewing:
@@ -263,10 +270,31 @@ def lay_out() -> Any:
     )
 
 
-def _read_chunks(path: Path) -> Any:
+def _read_chunks(path: Path) -> Iterable[Any]:
     """The content of a file; Rerun's warning that it was not closed is suppressed."""
     from rerun.chunk import RrdReader
 
+    if not _drop_torn_message(path):
+        return ()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return RrdReader(path).stream()
+
+
+def _drop_torn_message(path: Path) -> bool:
+    """Cut off a last message of which a kill left only a part; Rerun refuses files with one.
+
+    Returns:
+        Whether the file has messages.
+    """
+    with path.open("r+b") as file:
+        size, whole, kind = os.fstat(file.fileno()).st_size, FILE_HEADER, None
+        file.seek(whole)
+        while kind != END and len(header := file.read(MESSAGE_HEADER.size)) == MESSAGE_HEADER.size:
+            kind, length = MESSAGE_HEADER.unpack(header)
+            if file.seek(length, os.SEEK_CUR) > size:
+                break
+            whole = file.tell()
+        if kind != END:
+            file.truncate(min(whole, size))
+        return whole > FILE_HEADER
