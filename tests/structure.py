@@ -10,9 +10,23 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("contactmodel", "estimation", "calibration", "papers")
+"""Packages in the order in which they may import each other."""
+
+
+def is_checkout(folder: Path) -> bool:
+    """Whether a folder is a checkout or an unpacked source archive, rather than a copy of tests."""
+    return any((folder / name).exists() for name in (".git", *PACKAGES))
+
+
+needs_sources = pytest.mark.skipif(
+    not is_checkout(ROOT), reason="it reads the sources, which are not beside the tests"
+)
+"""Mark of tests that read sources; they run in every checkout and unpacked source archive."""
 
 Rooms = dict[str, set[str]]
 """Rooms of a level, and the rooms of it that each imports."""
@@ -84,8 +98,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("level", type=Path, help="a package, or a folder of it")
     parser.add_argument("--out", type=Path, default=Path("structure.png"), help="the picture")
-    told = parser.parse_args()
-    draw_rooms(told.level).savefig(told.out, dpi=130)
+    arguments = parser.parse_args()
+    draw_rooms(arguments.level).savefig(arguments.out, dpi=130)
 
 
 if __name__ == "__main__":

@@ -5,17 +5,16 @@ import doctest
 import inspect
 import re
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
 from contactmodel import equations
+from tests.structure import PACKAGES, ROOT, needs_sources
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("contactmodel", "estimation", "calibration")
-PUBLIC = [(package, name) for package in PACKAGES for name in import_module(package).__all__]
+LIBRARIES = ("contactmodel", "estimation", "calibration")
+PUBLIC = [(package, name) for package in LIBRARIES for name in import_module(package).__all__]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.py"))
-FOLDERS = ("calibration", "contactmodel", "estimation", "examples", "papers")
+FOLDERS = ("examples", *PACKAGES)
 PAGES = sorted(
     page
     for pattern in ("*.md", "docs/**/*.md", *(f"{name}/**/README.md" for name in FOLDERS))
@@ -28,7 +27,7 @@ def read(*path):
     return ROOT.joinpath(*path).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", LIBRARIES)
 def test_every_public_name_is_in_the_reference_once(package):
     listed = re.findall(
         r"^\.\. (?:auto|py:)\w+:: (\w+)$", read("docs/reference", f"{package}.md"), re.M
@@ -64,6 +63,7 @@ def anchors(page):
     return {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
 
 
+@needs_sources
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
@@ -84,6 +84,7 @@ def test_pages_are_listed():
         assert inner or name in ("README", "docs/contents") or f"\n{name}\n" in contents
 
 
+@needs_sources
 def test_commands_of_the_readme_are_those_that_are_checked():
     first, _, test = re.findall(r"```bash\n(.*?)\n```", read("README.md"))
     assert first.endswith("pip install -q . && .venv/bin/python -m estimation run --out pivot")

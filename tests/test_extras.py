@@ -5,7 +5,6 @@ import re
 import sys
 import tomllib
 from functools import cache
-from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
@@ -15,8 +14,8 @@ from estimation.sources import read_recording
 from papers import items
 from papers.__main__ import main
 from papers.leaderboard import real
+from tests.structure import PACKAGES, ROOT, needs_sources
 
-ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 IMPORTED_AS = {
     "opencv-contrib-python-headless": "cv2",
@@ -61,19 +60,17 @@ def test_extras_are_those_of_the_project():
         assert set(names) == packages(PROJECT["optional-dependencies"][extra])
 
 
-@pytest.mark.parametrize("package", ["contactmodel", "estimation", "calibration", "papers"])
+@needs_sources
+@pytest.mark.parametrize("package", PACKAGES)
 def test_every_package_imported_is_required_or_in_an_extra(package):
-    own = {"contactmodel", "estimation", "calibration", "papers"}
-    known = (
-        own
-        | packages(PROJECT["dependencies"])
-        | {one for names in EXTRAS.values() for one in names}
-    )
+    extra = {one for names in EXTRAS.values() for one in names}
+    known = {*PACKAGES} | packages(PROJECT["dependencies"]) | extra
     for path in sorted((ROOT / package).rglob("*.py")):
         roots = {name.split(".")[0] for name in imported_modules(path)}
         assert roots <= known | set(sys.stdlib_module_names), path
 
 
+@needs_sources
 def test_the_conda_recipe_requires_what_the_project_does():
     recipe = YAML(typ="safe").load(ROOT / ".github" / "conda" / "recipe.yaml")["requirements"]
     renamed = {"opencv-contrib-python-headless": "py-opencv", "matplotlib": "matplotlib-base"}
@@ -84,6 +81,7 @@ def test_the_conda_recipe_requires_what_the_project_does():
     assert sorted(recipe["run"]) == sorted(wanted)
 
 
+@needs_sources
 def test_items_that_sweep_say_so():
     for paper, parts in items.ITEMS.items():
         for part in parts:
@@ -91,6 +89,7 @@ def test_items_that_sweep_say_so():
             assert (items.EXTRAS.get((paper, part)) == "sweeps") == sweeps, part
 
 
+@needs_sources
 def test_the_studies_listed_are_those_there_are():
     there = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts)

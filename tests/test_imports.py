@@ -2,26 +2,51 @@
 
 import ast
 from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 
-from tests.structure import ROOT, draw_rooms, find_levels, find_rooms, imported_modules
+import contactmodel
+from tests.structure import (
+    PACKAGES,
+    ROOT,
+    draw_rooms,
+    find_levels,
+    find_rooms,
+    imported_modules,
+    is_checkout,
+    needs_sources,
+)
 
-ORDER = ("contactmodel", "estimation", "calibration", "papers")
 MOST_ENTRIES = 20
 LONGEST_FILE, LONGEST_FUNCTION = 400, 60  # lines
 
 
-@pytest.mark.parametrize("package", ORDER)
+@pytest.mark.parametrize("name", [".git", *PACKAGES])
+def test_no_test_of_the_sources_is_skipped_beside_any_of_them(name, tmp_path):
+    assert not is_checkout(tmp_path)
+    (tmp_path / name).mkdir()
+    assert is_checkout(tmp_path)
+
+
+def test_no_test_of_the_sources_is_skipped_where_they_are_imported():
+    if Path(contactmodel.__file__).is_relative_to(ROOT):
+        assert is_checkout(ROOT)
+        assert not needs_sources.args[0]
+
+
+@needs_sources
+@pytest.mark.parametrize("package", PACKAGES)
 def test_imports_go_one_way(package):
-    later = {*ORDER[ORDER.index(package) + 1 :], "tests"}
+    later = {*PACKAGES[PACKAGES.index(package) + 1 :], "tests"}
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     for path in files:
         assert not {name.split(".")[0] for name in imported_modules(path)} & later, path
 
 
-@pytest.mark.parametrize("package", ORDER)
+@needs_sources
+@pytest.mark.parametrize("package", PACKAGES)
 def test_no_files_and_folders_of_a_level_import_each_other(package):
     for level in find_levels(package):
         TopologicalSorter(find_rooms(level)).prepare()  # raises where there is a circle
@@ -29,7 +54,8 @@ def test_no_files_and_folders_of_a_level_import_each_other(package):
         assert len(entries) <= MOST_ENTRIES, level
 
 
-@pytest.mark.parametrize("package", ORDER)
+@needs_sources
+@pytest.mark.parametrize("package", PACKAGES)
 def test_files_and_functions_stay_short(package):
     for path in (ROOT / package).rglob("*.py"):
         text = path.read_text(encoding="utf-8")
@@ -40,6 +66,7 @@ def test_files_and_functions_stay_short(package):
                 assert lines <= LONGEST_FUNCTION, f"{path}: {node.name}"
 
 
+@needs_sources
 def test_a_picture_shows_every_room():
     level = find_levels("estimation")[0]
     words = {text.get_text() for text in draw_rooms(level).axes[0].texts}

@@ -3,16 +3,16 @@
 import ast
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-PACKAGES = ("contactmodel", "estimation", "calibration", "papers")
-ROOT = Path(__file__).parents[1]
+from tests.structure import PACKAGES, ROOT, needs_sources
+
 # of the standard library's index, marked "Availability: Unix"
 POSIX = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"}
 
 
+@needs_sources
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_module_is_imported_that_windows_lacks(package):
     for path in sorted((ROOT / package).rglob("*.py")):
