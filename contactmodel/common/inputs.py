@@ -90,15 +90,12 @@ def show(value: Any) -> str:
     return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
-def read_rows(
-    path: Path, columns: Collection[str] = (), *, exact: bool = False
-) -> list[tuple[str, dict[str, str]]]:
+def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict[str, str]]]:
     """Read the rows of a CSV file.
 
     Args:
         path: path of the file.
         columns: names of required columns.
-        exact: whether to reject rows with more filled cells than the file has columns.
 
     Returns:
         For each row, its place in the file, for errors, and its cells by column name. Missing
@@ -106,7 +103,8 @@ def read_rows(
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the file is not CSV, lacks a required column, or has a row that is too long.
+        ValueError: the file is not CSV, lacks a required column, or has a row with more filled
+            cells than columns, as decimal commas make them.
     """
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     try:
@@ -119,7 +117,7 @@ def read_rows(
             f"{path} lacks the columns {', '.join(missing)}: it needs {' and '.join(columns)}, and "
             f"has {show(names)}"
         )
-    for where, line in lines if exact else ():
+    for where, line in lines:
         if any(cell.strip() for cell in line[len(names) :]):
             raise ValueError(
                 f"{where}, has {len(line)} cells, but the file has {len(names)} columns "

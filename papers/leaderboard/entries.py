@@ -51,7 +51,7 @@ def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
         OSError: the file cannot be read.
     """
     given = path.is_dir() or path.stat().st_size
-    rows = read_rows(path, COLUMNS, exact=True) if given else []
+    rows = read_rows(path, COLUMNS) if given else []
     if not rows:
         raise ValueError(
             f"{path} has no answers: give a line with the columns {','.join(COLUMNS)}, then a line "

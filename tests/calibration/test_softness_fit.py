@@ -302,6 +302,7 @@ def test_a_gel_that_stands_still_under_a_turning_object_slips():
         ("time_s,angle_deg\n0,1\n", "1 reading with"),
         ("time_s,angle_deg\n0,1\n0,2\n", "must increase"),
         ("time_s,angle_deg\n0,1\n1,x\n", "line 3: angle_deg is 'x'"),
+        ("time_s,angle_deg\n0,5,2\n1,5,4\n", "line 2, has 3 cells, but the file has 2 columns"),
     ],
 )
 def test_bad_reference_files(tmp_path, text, message):

@@ -56,6 +56,9 @@ def test_bad_pressings(tmp_path):
     path.write_text("travel,indentation\n1,2\n")
     with pytest.raises(ValueError, match="travel_mm and indentation_mm"):
         read_travel(path)
+    path.write_text("travel_mm,indentation_mm\n3,1,1,0\n")
+    with pytest.raises(ValueError, match=r"travel\.csv, line 2, has 4 cells"):
+        read_travel(path)
     recording, _ = simulate_pivot(angles_deg=(0.0, 0.1), frames=(2,), pressing=1)
     with pytest.raises(ValueError, match="press deeper"):
         squeeze_by_curvature(recording.head(9), 20.0, KNOWN)

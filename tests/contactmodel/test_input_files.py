@@ -119,6 +119,19 @@ def test_tables_are_read_with_their_lines(tmp_path):
             inputs.read_rows(path, ("time",))
 
 
+def test_rows_with_more_cells_than_columns_are_refused(tmp_path):
+    path = tmp_path / "some.csv"
+    path.write_text("time,angle\n1,2,,\n3,4,\n")  # empty cells at the end mean nothing
+    assert [row for _, row in inputs.read_rows(path)] == [
+        {"time": "1", "angle": "2"},
+        {"time": "3", "angle": "4"},
+    ]
+    path.write_text("time,angle\n1,2\n3,4,5\n")
+    message = "some.csv, line 3, has 3 cells, but the file has 2 columns (time,angle)"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        inputs.read_rows(path)
+
+
 def test_arrays_are_read_whole_or_not_at_all(tmp_path):
     path, stored = tmp_path / "one.npy", np.arange(12.0).reshape(3, 4)
     np.save(path, stored)
