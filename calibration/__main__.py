@@ -92,13 +92,13 @@ def softness(
 
     check_writable(out)
     known, search = _describe(sensor), choices.clock_search
-    noise = known.noise if choices.noise_um is None else Noise.given(choices.noise_um * 1e-3)
+    noise = known.noise if choices.noise_um is None else Noise.from_std(choices.noise_um * 1e-3)
     pad = Pad(thickness=choices.thickness_mm, marker_depth=choices.depth_mm)
     layer = layer_of(complete_pad(pad, known.pad), choices.radius_mm)
     loaded, files = _read(recordings, known), ["softness.toml"]
     with _results(out, "softness") as folder:
-        if choices.second_ratio is not None:
-            lines = write_two_fingers(loaded, choices.second_ratio, noise, search, folder)
+        if choices.k_ratio is not None:
+            lines = write_two_fingers(loaded, choices.k_ratio, noise, search, folder)
             files = ["first.toml", "second.toml"]
         else:
             grasps = gather_grasps(

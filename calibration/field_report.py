@@ -92,7 +92,7 @@ def format_numbers(fit: FieldFit) -> list[str]:
         ends = (row["low"], row["high"]) if fit.trusted else row["left_out_range"]
         what = "95 % interval" if fit.trusted else "with a part of the data left out"
         lost = (
-            "" if fit.trusted else "".join(f"; undetermined without {n}" for n in row["hangs_on"])
+            "" if fit.trusted else "".join(f"; undetermined without {n}" for n in row["depends_on"])
         )
         shown = f"{what} {ends[0]:.4g} to {ends[1]:.4g}{lost}"
         lines.append(f"{row['name']} = {row['value']:.4g} {row['unit']} ({shown})")
@@ -186,7 +186,7 @@ def _row(fit: FieldFit, i: int) -> dict[str, Any]:
         "high": _figure(fit.high[i]),
         "left_out": {what: _figure(values[i]) for what, values in fit.left_out.items()},
         "left_out_range": [_figure(end[i]) for end in fit.span],
-        "hangs_on": fit.hangs_on(i),
+        "depends_on": fit.depends_on(i),
     }
 
 

@@ -101,12 +101,12 @@ class FieldFit:
     def span(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Smallest and largest estimate, from all data and with one part left out.
 
-        Parts without which a number is undetermined do not count; see `hangs_on`.
+        Parts without which a number is undetermined do not count; see `depends_on`.
         """
         every = np.stack([self.values, *self.left_out.values()])
         return np.fmin.reduce(every), np.fmax.reduce(every)
 
-    def hangs_on(self, index: int) -> list[str]:
+    def depends_on(self, index: int) -> list[str]:
         """Parts of the data without which a determined number would be undetermined."""
         lost = [name for name, values in self.left_out.items() if np.isnan(values[index])]
         return lost if self.determined[index] else []

@@ -148,7 +148,7 @@ def calibrate_sensor(
     noise = known.noise
     if len(track) >= FEWEST_STILLS:
         scatter = float(np.sqrt(track.var(axis=0, ddof=1).mean()))
-        noise = Noise.given(sensor.scale * scatter, sensor.unit)
+        noise = Noise.from_std(sensor.scale * scatter, sensor.unit)
         remarks.append(f"Noise {noise.in_plane:.2g} {noise.unit} in {len(track)} pictures.")
     else:
         remarks.append(

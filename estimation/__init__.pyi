@@ -1,7 +1,7 @@
 from contactmodel.common.version import __version__ as __version__
 from estimation.choices import ContactSettings as ContactSettings
 from estimation.estimators import METHODS as METHODS
-from estimation.estimators import RIVALS as RIVALS
+from estimation.estimators import PUBLISHED_METHODS as PUBLISHED_METHODS
 from estimation.estimators.grasp import Grasp as Grasp
 from estimation.estimators.grasp import compare_fingers as compare_fingers
 from estimation.estimators.result import Estimate as Estimate
@@ -40,7 +40,7 @@ from estimation.pictures.sensor import read_sensor as read_sensor
 from estimation.pictures.sensor import write_sensor as write_sensor
 from estimation.settings import Settings as Settings
 from estimation.slip.alert import Alert as Alert
-from estimation.slip.alert import Level as Level
+from estimation.slip.alert import AlertLevel as AlertLevel
 from estimation.slip.friction import Friction as Friction
 from estimation.slip.margin import Margin as Margin
 from estimation.slip.shear import Shear as Shear

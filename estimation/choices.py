@@ -5,7 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from contactmodel.common.options import describe_parameters, option
-from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS, method_constants, method_settings
+from estimation.estimators import (
+    DEFAULT_METHOD,
+    METHODS,
+    PUBLISHED_METHODS,
+    method_constants,
+    method_settings,
+)
 from estimation.fields.contact import SHARE
 from estimation.fields.stick import check_positive, check_share
 from estimation.frames.recording import ONSET_MM
@@ -49,15 +55,16 @@ class ContactSettings:
 
 @dataclass(frozen=True)
 class AlertSettings:
-    """Thresholds of the alerts to a gripper; see `estimation.slip.alert.Level`.
+    """Thresholds of the alerts to a gripper; see `estimation.slip.alert.AlertLevel`.
 
     Attributes:
         watch_s: predicted time to slip below which the alert is `watch`. Larger values warn earlier
             [s].
         act_s: predicted time to slip below which the alert is `act`. Larger values warn earlier
             [s].
-        watch_used: share of the friction limit in use above which the alert is `watch` [-].
-        act_used: share of the friction limit in use above which the alert is `act` [-].
+        watch_friction_share: share of the friction limit in use above which the alert is `watch`
+            [-].
+        act_friction_share: share of the friction limit in use above which the alert is `act` [-].
         act_probability: probability of a slip above which the alert is `act` [-].
         rate_frames: frames over which the rates of angle and load are computed, 5 or more. More
             frames give smoother, later alerts [frames].
@@ -68,8 +75,8 @@ class AlertSettings:
 
     watch_s: float = 1.5
     act_s: float = 0.4
-    watch_used: float = 0.7
-    act_used: float = 0.9
+    watch_friction_share: float = 0.7
+    act_friction_share: float = 0.9
     act_probability: float = 0.2
     rate_frames: int = 10
 
@@ -111,7 +118,8 @@ class Choices:
     """
 
     method: str = field(
-        default=DEFAULT_METHOD, metadata=option(more=f" One of {', '.join(METHODS | RIVALS)}.")
+        default=DEFAULT_METHOD,
+        metadata=option(more=f" One of {', '.join(METHODS | PUBLISHED_METHODS)}."),
     )
     keep_withdrawn: bool = False
     topic: tuple[str, ...] = field(default=(), metadata=option("the only topic that can be read"))
@@ -224,7 +232,7 @@ def _make_constants() -> type:
     """A dataclass of the constants of all methods, with the methods' own descriptions."""
     described: dict[str, str] = {}
     defaults: dict[str, dict[Any, list[str]]] = {}
-    for name in METHODS | RIVALS:
+    for name in METHODS | PUBLISHED_METHODS:
         docs = describe_parameters(type(method_settings(name)))
         for constant, value in method_constants(name).items():
             described[constant] = described.get(constant) or docs.get(constant, "")

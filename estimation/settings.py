@@ -27,7 +27,7 @@ class Settings(RunChoices):
 
     Examples:
         >>> from estimation import Noise, Settings, Stream, simulate_pivot
-        >>> settings = Settings(method="rigid", noise=Noise.given(1e-3))
+        >>> settings = Settings(method="rigid", noise=Noise.from_std(1e-3))
         >>> print(*settings.methods)  # all are run, the chosen one first
         rigid tracked incremental paper paper_strict
     """
@@ -89,5 +89,5 @@ def _given_noise(known: Known) -> Noise | None:
     if known.noise_um is not None and known.noise_px is not None:
         raise ValueError("the noise is given in µm and in px: give one of --noise-um, --noise-px")
     if known.noise_px is not None:
-        return Noise.given(known.noise_px, "px")
-    return None if known.noise_um is None else Noise.given(known.noise_um * 1e-3)
+        return Noise.from_std(known.noise_px, "px")
+    return None if known.noise_um is None else Noise.from_std(known.noise_um * 1e-3)

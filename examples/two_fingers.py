@@ -18,7 +18,7 @@ def main() -> None:
     """Print the joint angle of every tenth frame."""
     recording, mirror = simulate_pivot(frames=(20, 5, 60))[0], np.array([-1.0, 1.0, 1.0])
     layouts = [layout_markers(side * recording.layout.reference) for side in (1.0, mirror)]
-    trackers = [Tracker(layout, noise=Noise.given(3e-3)) for layout in layouts]
+    trackers = [Tracker(layout, noise=Noise.from_std(3e-3)) for layout in layouts]
     for row, frame in enumerate(recording):
         sides = (frame.positions, mirror * frame.positions)
         answers = [t.update_positions(p, frame.time) for t, p in zip(trackers, sides)]

@@ -30,7 +30,7 @@ class Browser:
         program = next(filter(None, map(shutil.which, names)), None)
         if program is None:
             pytest.skip("no Chromium is on the path")
-        hear, told = os.pipe()
+        hear, speak = os.pipe()
         tell, heard = os.pipe()
         flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe"]
         flags += [f"--user-data-dir={folder}", "about:blank"]
@@ -46,7 +46,7 @@ class Browser:
         )
         os.close(hear)
         os.close(heard)
-        self._to, self._from = os.fdopen(told, "wb"), os.fdopen(tell, "rb")
+        self._to, self._from = os.fdopen(speak, "wb"), os.fdopen(tell, "rb")
         self._number, self._rest = 0, b""
         self._events: list[dict[str, Any]] = []
         self.complaints: list[str] = []
@@ -74,11 +74,11 @@ class Browser:
 
     def run(self, script: str) -> Any:
         """The value of an expression in the page; a promise is waited for."""
-        told = self.ask(
+        answer = self.ask(
             "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
         )
-        assert "exceptionDetails" not in told, told["exceptionDetails"]
-        return told["result"].get("value")
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
 
     def press(self, key: str) -> None:
         """Press a key."""
@@ -130,14 +130,14 @@ class Browser:
             self._note(message["method"], message["params"])
         return message
 
-    def _note(self, method: str, told: dict[str, Any]) -> None:
+    def _note(self, method: str, event: dict[str, Any]) -> None:
         if method == "Runtime.exceptionThrown":
-            self.complaints.append(str(told["exceptionDetails"]))
-        elif method == "Runtime.consoleAPICalled" and told["type"] in (
+            self.complaints.append(str(event["exceptionDetails"]))
+        elif method == "Runtime.consoleAPICalled" and event["type"] in (
             "error",
             "warning",
             "assert",
         ):
-            self.complaints.append(str(told["args"]))
-        elif method == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
-            self.complaints.append(told["entry"]["text"])
+            self.complaints.append(str(event["args"]))
+        elif method == "Log.entryAdded" and event["entry"]["level"] in ("error", "warning"):
+            self.complaints.append(event["entry"]["text"])

@@ -111,9 +111,9 @@ def compile_with(folder, **environment):
         "print(float(jax.jit(lambda x: jnp.sin(x) + 1.0)(0.0)), jnp.ones(1).dtype)"
     )
     own = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
-    told = {**own, "CONTACTMODEL_CACHE": str(folder), **environment}
+    everything = {**own, "CONTACTMODEL_CACHE": str(folder), **environment}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=told, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code], env=everything, capture_output=True, text=True, check=True
     )
     assert done.stdout == "1.0 float64\n"
     return done.stderr

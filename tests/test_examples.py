@@ -72,8 +72,8 @@ def test_the_callback_of_pytac3d(recording, capsys):
     example = load("pytac3d_callback")
     for frame in recording:
         moved = frame.positions - recording.layout.reference
-        told = {"SN": "HDL1", "sendTimestamp": frame.time, "3D_Positions": frame.positions}
-        example.receive(told | {"3D_Displacements": moved * (frame.source_index >= 3)}, None)
+        message = {"SN": "HDL1", "sendTimestamp": frame.time, "3D_Positions": frame.positions}
+        example.receive(message | {"3D_Displacements": moved * (frame.source_index >= 3)}, None)
     found = degrees(capsys.readouterr().out)
     assert len(found) == len(ANGLES)
     assert found[-1] == pytest.approx(6.0, abs=0.5)

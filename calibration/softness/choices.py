@@ -31,7 +31,7 @@ class SoftnessChoices:
             search longer [s].
         load: model of the load term L.
         noise_um: standard deviation of a marker's in-plane coordinates [µm].
-        second_ratio: ratio of the k of the first finger to that of the second. Fits both from one
+        k_ratio: ratio of the k of the first finger to that of the second. Fits both from one
             grasp, without a reference [-].
         thickness_mm: thickness of the elastomer; inf if it is much thicker than the contact is
             wide. A finite thickness requires CSVs with --zeroed and --same-clock [mm].
@@ -51,7 +51,7 @@ class SoftnessChoices:
     noise_um: float | None = field(
         default=None, metadata=option("from --sensor, or from each recording")
     )
-    second_ratio: float | None = field(default=None, metadata=option("none"))
+    k_ratio: float | None = field(default=None, metadata=option("none"))
     thickness_mm: float | None = field(default=None, metadata=option("from --sensor, or inf"))
     depth_mm: float | None = field(default=None, metadata=option("from --sensor, or 0"))
     radius_mm: float = float("inf")

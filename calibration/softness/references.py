@@ -16,7 +16,7 @@ NO_REFERENCE = (
     "depends only on θ/(1+k), so a soft object turned far looks like a rigid object turned less. "
     "Give the angle of a rotary stage or an inertial sensor as a CSV (--reference), use an object "
     "long enough for its contact outline to show its direction (--reference outline), hold it with "
-    "a second finger of another stiffness (--second-ratio), or measure k by pressing (python -m "
+    "a second finger of another stiffness (--k-ratio), or measure k by pressing (python -m "
     "calibration squeeze)"
 )
 FEWEST_READINGS = 2

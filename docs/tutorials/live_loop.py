@@ -96,7 +96,7 @@ axis.legend()
 alarm = next(row for row, level in enumerate(levels) if level in ("act", "slips"))
 print(f"{levels[alarm]} at {times[alarm]:.2f} s, turned by {angle[alarm]:.1f}°")
 print(f"true macro slip from {times[clip.truth.onset]:.2f} s on")
-print(f"probability of a slip in the last picture: {tracker.shear.slipped:.2f}")
+print(f"probability of a slip in the last picture: {tracker.shear.slip_probability:.2f}")
 
 # %%
 # Do not count on an early warning. Pictures show partial slip poorly, so the alert usually comes
@@ -107,7 +107,8 @@ print(f"probability of a slip in the last picture: {tracker.shear.slipped:.2f}")
 #
 # - *The interval.* It needs the noise of the markers. Without it, the misfit of each frame is used
 #   instead. Run a recording of your sensor once: its ``summary.json`` has ``noise_in_plane_px``.
-#   Give that number to the tracker: ``ImageTracker(Settings(noise=Noise.given(0.02, unit="px")))``.
+#   Give that number to the tracker:
+#   ``ImageTracker(Settings(noise=Noise.from_std(0.02, unit="px")))``.
 #   Noise in another unit than the lengths is refused.
 # - *A jump.* The angle can jump once, when a better picture of the gel at rest is found. Then
 #   ``tracker.reader.layout`` is a new object.
@@ -125,7 +126,7 @@ print(f"probability of a slip in the last picture: {tracker.shear.slipped:.2f}")
 # value, and for the position of a marker that was not seen.
 
 sensor, _ = simulate_pivot(angles_deg=(0, 10), frames=(20,))  # in place of your own
-tracker = Tracker(layout_markers(sensor.layout.reference), noise=Noise.given(1e-3))  # 1 µm
+tracker = Tracker(layout_markers(sensor.layout.reference), noise=Noise.from_std(1e-3))  # 1 µm
 for number, positions in enumerate(sensor.positions):
     wrench = (*sensor.force[number], *sensor.moment[number])
     answer = tracker.update(Frame(positions, sensor.time[number], number, wrench=wrench))
@@ -137,7 +138,7 @@ for number, positions in enumerate(sensor.positions):
 # ``margin.angle`` is the angle [rad] that remains before macro slip. It needs moments. ``friction``
 # needs forces as well. So both are NaN for pictures. ``alert.time_to_slip`` is in s. The
 # :doc:`reference </docs/reference/estimation>` has all fields. For lengths in px give
-# ``unit="px"`` to ``Noise.given``. Then ``onset_mm`` of ``ContactSettings`` is in px too.
+# ``unit="px"`` to ``Noise.from_std``. Then ``onset_mm`` of ``ContactSettings`` is in px too.
 #
 # Positions without z show no indentation. All markers then count as in contact, and the state is
 # never ``stick``. If you know which markers the object touches, say so: ``Frame(positions, time,

@@ -132,7 +132,7 @@ axis.legend()
 #   and repeat the option: ``--reference LEFT.csv --reference RIGHT.csv``. Do not use ``--flip``
 #   here, as it changes the sign in all of them.
 # - *Two fingers, no angle.* If one gel is stiffer than the other, give the ratio of their k by
-#   ``--second-ratio``: k on the first finger over k on the second. The two recordings then
+#   ``--k-ratio``: k on the first finger over k on the second. The two recordings then
 #   determine k. Two fingers of the same stiffness cannot.
 # - *Files of a Tac3D.* See the :doc:`table of files </estimation/README>`.
 # - *No stage?* Use ``--reference outline``. The angle then comes from the object's imprint or from

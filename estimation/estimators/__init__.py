@@ -9,8 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 from estimation.estimators.incremental import Incremental
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.paper import STRICT_THRESHOLD, Paper, PaperSettings
-from estimation.estimators.rigid import Rigid
-from estimation.estimators.rivals import (
+from estimation.estimators.published import (
     Castano,
     Dong,
     DongSettings,
@@ -18,6 +17,7 @@ from estimation.estimators.rivals import (
     Kabsch,
     Kolamuri,
 )
+from estimation.estimators.rigid import Rigid
 from estimation.estimators.tracked import Tracked
 from estimation.fields.measure import Fields
 from estimation.fields.stencils import Stencils
@@ -26,7 +26,7 @@ from estimation.frames.noise import Noise
 __all__ = [
     "DEFAULT_METHOD",
     "METHODS",
-    "RIVALS",
+    "PUBLISHED_METHODS",
     "Estimator",
     "Incremental",
     "Measurement",
@@ -58,7 +58,7 @@ METHODS: dict[str, Callable[..., Estimator]] = {
 }
 """Estimators by name; each is made from the layout's stencils, the noise and its settings."""
 
-RIVALS: dict[str, Callable[..., Estimator]] = {
+PUBLISHED_METHODS: dict[str, Callable[..., Estimator]] = {
     "kolamuri": Kolamuri,
     "dong": Dong,
     "dong_corrected": partial(Dong, settings=DongSettings(exact=True)),
@@ -88,14 +88,15 @@ def method_settings(method: str) -> Any:
     """The default settings of a method, a dataclass; None if it has no settings.
 
     Args:
-        method: name from `METHODS` or `RIVALS`.
+        method: name from `METHODS` or `PUBLISHED_METHODS`.
 
     Raises:
         ValueError: an unknown method.
     """
-    if method not in METHODS | RIVALS:
-        raise ValueError(f"unknown method {method!r}; choose from {', '.join(METHODS | RIVALS)}")
-    settings = signature((METHODS | RIVALS)[method]).parameters.get("settings")
+    known = METHODS | PUBLISHED_METHODS
+    if method not in known:
+        raise ValueError(f"unknown method {method!r}; choose from {', '.join(known)}")
+    settings = signature(known[method]).parameters.get("settings")
     return None if settings is None else settings.default
 
 
@@ -103,7 +104,7 @@ def method_constants(method: str) -> dict[str, Any]:
     """The default values of a method's settings, by name.
 
     Args:
-        method: name from `METHODS` or `RIVALS`.
+        method: name from `METHODS` or `PUBLISHED_METHODS`.
 
     Raises:
         ValueError: an unknown method.
@@ -122,7 +123,7 @@ def make_estimator(
     """Make the estimator of a method.
 
     Args:
-        method: name from `METHODS` or `RIVALS`.
+        method: name from `METHODS` or `PUBLISHED_METHODS`.
         stencils: stencils of the layout.
         noise: noise of the markers; None if unknown.
         gain: 1 + k [-].
@@ -131,7 +132,7 @@ def make_estimator(
     Raises:
         ValueError: an unknown method or constant, or a value out of range.
     """
-    make, own = (METHODS | RIVALS)[method], method_constants(method)
+    make, own = (METHODS | PUBLISHED_METHODS)[method], method_constants(method)
     for name in constants:
         if name not in own:
             raise ValueError(

@@ -298,7 +298,7 @@ def _take(record: Track | Withdrawn, rows: slice) -> dict[str, Any]:
 def _blank(values: Any, rows: Bool[np.ndarray, " frames"]) -> Any:
     """Values over frames, with None, NaN, False or 0 in the given rows."""
     if isinstance(values, tuple):
-        return tuple(None if gone else value for value, gone in zip(values, rows, strict=True))
+        return tuple(None if blank else value for value, blank in zip(values, rows, strict=True))
     blank = values.copy()
     blank[rows] = np.nan if values.dtype.kind == "f" else 0
     return blank

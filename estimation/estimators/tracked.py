@@ -56,7 +56,7 @@ class TrackedSettings(IncrementalSettings):
             outline, above which the outline belongs to another face and is not used [-].
         memory: frames of outline and imprint in memory [frames].
         widest_deg: half-width of the interval above which no angle is reported [deg].
-        held_back_deg: turn of the sticking gel beyond the imprint's, from which the imprint is
+        imprint_lag_deg: turn of the sticking gel beyond the imprint's, from which the imprint is
             rejected [deg].
         together_deg: difference between the turns of imprint and gel over three frames, up to which
             they count as sticking together [deg].
@@ -66,13 +66,13 @@ class TrackedSettings(IncrementalSettings):
     shape_change: float = 0.3
     memory: int = 60
     widest_deg: float = 10.0
-    held_back_deg: float = 5.0
+    imprint_lag_deg: float = 5.0
     together_deg: float = 0.5
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         super().__post_init__()
-        for name in ("slip_deg", "shape_change", "widest_deg", "held_back_deg", "together_deg"):
+        for name in ("slip_deg", "shape_change", "widest_deg", "imprint_lag_deg", "together_deg"):
             check_positive(name, getattr(self, name))
         check_count("memory", self.memory)
 
@@ -157,7 +157,7 @@ class Tracked:
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if not was_known:
             self._restarts = gel.restarts if np.isfinite(gel.angle) else self._restarts + 1
-        ahead = self._held_back(turn.angle, self.gain * gel.angle)
+        ahead = self._find_imprint_lag(turn.angle, self.gain * gel.angle)
         if ahead:
             turn = self._turn.shift(ahead)
             self._turned.clear()
@@ -190,7 +190,7 @@ class Tracked:
         apart = (turned - before) - (gel - gel_before)
         return bool(min(abs(apart), abs(turned - before)) > self.slip)
 
-    def _held_back(self, turned: float, gel: float) -> float:
+    def _find_imprint_lag(self, turned: float, gel: float) -> float:
         """Recent turn of the sticking gel beyond the imprint's [rad]; 0 if it is tolerable."""
         if len(self._turned) < self.mature_age:
             return 0.0
@@ -199,7 +199,7 @@ class Tracked:
         ahead_along = ahead * (gel - gel_before) > 0.0
         return (
             float(ahead)
-            if ahead_along and abs(ahead) > np.radians(self.settings.held_back_deg)
+            if ahead_along and abs(ahead) > np.radians(self.settings.imprint_lag_deg)
             else 0.0
         )
 

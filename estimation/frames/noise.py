@@ -44,7 +44,7 @@ class Noise:
         >>> from estimation import Noise, Tracker, simulate_pivot
         >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
         >>> for noise in (1e-3, 1e-2):  # mm
-        ...     tracker = Tracker(recording.layout, noise=Noise.given(noise))
+        ...     tracker = Tracker(recording.layout, noise=Noise.from_std(noise))
         ...     *_, last = (tracker.update(frame) for frame in recording)
         ...     print(f"{1e3 * noise:.0f} µm: ± {np.degrees(last.high - last.low) / 2:.2f}°")
         1 µm: ± 0.04°
@@ -58,7 +58,7 @@ class Noise:
     unit: str = "mm"
 
     @classmethod
-    def given(cls, in_plane: float, unit: str = "mm") -> "Noise":
+    def from_std(cls, in_plane: float, unit: str = "mm") -> "Noise":
         """Make a noise of which only the standard deviation in the plane is known.
 
         Args:

@@ -176,7 +176,7 @@ class Window:
         rows: list[tuple[str, float, float, str]] = [
             ("angle", angle[0], angle[1], "°"),
             ("slip", shear.slip, shear.slip_error, unit),
-            ("probability of a slip", shear.slipped, np.nan, ""),
+            ("probability of a slip", shear.slip_probability, np.nan, ""),
             ("remaining angle", remaining[0], remaining[1], "°"),
             ("time to slip", alert.time_to_slip, (alert.high - alert.low) / 2.0, "s"),
             ("friction in use", answer.friction.used, np.nan, ""),

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from contactmodel.common.options import describe_parameters
 from estimation.choices import AlertSettings, ContactSettings, Known
-from estimation.estimators import METHODS, RIVALS, method_settings
+from estimation.estimators import METHODS, PUBLISHED_METHODS, method_settings
 from estimation.settings import Settings
 from estimation.softness.files import KINDS
 
@@ -37,7 +37,7 @@ def explain_settings(settings: Mapping[str, Any], method: str) -> list[Explained
     owners: list[object] = [Settings, ContactSettings, AlertSettings, Known]
     kind = settings.get("softness", {}).get("kind")
     owners += [KINDS[kind]] if kind in KINDS else []
-    owners += [type(method_settings(method))] if method in METHODS | RIVALS else []
+    owners += [type(method_settings(method))] if method in METHODS | PUBLISHED_METHODS else []
     meanings = {name: text for owner in owners for name, text in describe_parameters(owner).items()}
     meanings |= {
         "noise_in_plane": meanings["noise_um"],

@@ -7,10 +7,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimation.estimators.result import State, Track
-from estimation.slip.alert import GripPath, Level
+from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.branch import Branch
 
-ALERT_COLOURS = {Level.WATCH: "#f2c14e", Level.ACT: "#f2803a", Level.SLIPS: "#c92a2a"}
+ALERT_COLOURS = {
+    AlertLevel.WATCH: "#f2c14e",
+    AlertLevel.ACT: "#f2803a",
+    AlertLevel.SLIPS: "#c92a2a",
+}
 
 
 def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:

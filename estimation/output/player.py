@@ -81,9 +81,9 @@ def _describe_curves(
         for name, values in references.items()
     ]
     if main.withdrawn is not None and main.withdrawn.rows.any():
-        gone = show_numbers(np.degrees(main.withdrawn.angle[rows]))
+        withdrawn = show_numbers(np.degrees(main.withdrawn.angle[rows]))
         shown = {"colour": "#4292c6", "dash": [2, 2], "fit": True}
-        lines.append({"name": "withdrawn", "values": gone, **shown})
+        lines.append({"name": "withdrawn", "values": withdrawn, **shown})
     angle, low, high = (
         show_numbers(np.degrees(values[rows])) for values in (main.angle, main.low, main.high)
     )
@@ -95,7 +95,7 @@ def _describe_curves(
     ]
     if np.isfinite(main.moment).any():
         curves.append({"label": "moment [N·mm]", "angle": show_numbers(main.moment[rows])})
-    if np.isfinite(slipped := run.shears.slipped).any():
+    if np.isfinite(slipped := run.shears.slip_probability).any():
         shown = show_numbers(slipped[rows])
         curves.append({"label": "probability", "name": "of a slip", "angle": shown})
     if np.isfinite(run.shears.slip).any():

@@ -68,8 +68,8 @@ def plot_angles(
     shade = {"color": line.get_color(), "alpha": 0.3, "lw": 0}
     top.fill_between(time, *ends, label=f"{method}, 95 % interval", **shade)
     if main.withdrawn is not None and main.withdrawn.rows.any():
-        gone = np.degrees(main.withdrawn.angle)
-        top.plot(time, gone, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
+        withdrawn = np.degrees(main.withdrawn.angle)
+        top.plot(time, withdrawn, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
     top.set_ylabel("object's angle [°]")
     _scale_to(top, main, (references or {}).get("truth", np.empty(0)))
     _explain(figure, top, main.state)

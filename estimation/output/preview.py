@@ -17,7 +17,7 @@ from estimation.output.record import KeptMarkers
 from estimation.output.scene import MARKER_COLOURS, marker_signs
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import RATE, is_camera, read_pictures
-from estimation.slip.alert import Level
+from estimation.slip.alert import AlertLevel
 from estimation.slip.motion import follow_gel
 
 ENCODERS = ("libx264", "libopenh264")
@@ -194,12 +194,12 @@ def _describe(run: Run, row: int) -> str:
     """A line with a frame's state, slip, alert and reason."""
     result, shears, level = run.main, run.shears, run.grips.level[row]
     words = [f"frame {result.source_index[row]}", str(result.state[row])]
-    if np.isfinite(slipped := shears.slipped[row]):
+    if np.isfinite(slipped := shears.slip_probability[row]):
         words.append(f"slips {slipped:.0%}")
     if np.isfinite(slip := shears.slip[row]):
         places = 2 if run.unit == "mm" else 1
         half = shears.slip_error[row]
         words.append(f"slid {slip:z.{places}f} +- {half:.{places}f} {run.unit}")
-    if level in (Level.WATCH, Level.ACT):
+    if level in (AlertLevel.WATCH, AlertLevel.ACT):
         words.append(f"alert {level}")
     return "  ".join([*words, result.reason[row]])

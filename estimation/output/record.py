@@ -28,7 +28,7 @@ from estimation.estimators.result import (
     Whole,
 )
 from estimation.pictures.reading import PictureSource
-from estimation.slip.alert import GripPath, Level
+from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin
 from estimation.slip.onset import Sight
@@ -42,13 +42,17 @@ PATIENCE_S = 60.0
 MOST_KEPT = 256
 """Largest number of evenly spread frames whose markers are stored, unless all are."""
 
+_SHEAR: dict[str, str] = dict.fromkeys(
+    ("shear", "hold", "slipped", "slip", "slip_error", "slip_since"), "REAL"
+)
+"""Columns of the fields of `ShearPath`, in their order; the format keeps these names."""
 _OTHERS = {
     "axis": "REAL",
     "imprint": "REAL",
     "rests": "INTEGER",
     **{f"disc_{name}": "REAL" for name in Disc._fields},
     **{name: "REAL" for name in Margin._fields},
-    **dict.fromkeys(ShearPath._fields, "REAL"),
+    **_SHEAR,
     **dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"},
 }
 """Columns of each frame in addition to the methods' answers."""
@@ -307,12 +311,12 @@ class RecordReader:
 
     def shears(self) -> ShearPath:
         """Shear of the gel and slip of the object along it, by frame."""
-        return ShearPath(*self._arrays(dict.fromkeys(ShearPath._fields, "REAL")))
+        return ShearPath(*self._arrays(_SHEAR))
 
     def grips(self) -> GripPath:
         """Friction and alerts, by frame."""
         *numbers, levels = self._arrays(dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"})
-        return GripPath(*numbers, level=tuple(map(Level, levels)))
+        return GripPath(*numbers, level=tuple(map(AlertLevel, levels)))
 
     def markers(self) -> Iterator[KeptMarkers]:
         """The stored markers, frame by frame."""

@@ -28,7 +28,7 @@ from estimation.output.player import describe_play
 from estimation.output.plots import plot_angles, plot_markers
 from estimation.output.scene import page_colours, points_down
 from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
-from estimation.slip.alert import Level
+from estimation.slip.alert import AlertLevel
 from estimation.slip.branch import Branch
 from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.onset import MacroSlip
@@ -175,7 +175,7 @@ def summarise(run: Run) -> dict[str, Any]:
         "friction": _describe_friction(run),
         "first_alerts_s": {
             str(level): json_number(run.main.time[run.grips.level.index(level)] - run.main.time[0])
-            for level in (Level.WATCH, Level.ACT, Level.SLIPS)
+            for level in (AlertLevel.WATCH, AlertLevel.ACT, AlertLevel.SLIPS)
             if level in run.grips.level
         },
         "macro_slips": [_describe_slip(slip, main.time[0]) for slip in run.slips],

@@ -217,16 +217,14 @@ def tabulate(
     series = {"slip_deg": accumulate_slip(track), "gel_deg": follow_gel(track)}
     series["imprint_deg"] = np.full(len(frames), np.nan) if imprint is None else imprint
     table |= {name: show_degrees(angles) for name, angles in series.items()}
-    gone = track.withdrawn
+    withdrawn = track.withdrawn
     for name, column in Withdrawn.columns().items():
         if not (column.name and column.answer):
             continue
         cells = [""] * len(frames)
-        if gone is not None and gone.rows.any():
-            shown = column.show(getattr(gone, name))
-            cells = [
-                cell if is_gone else "" for cell, is_gone in zip(shown, gone.rows, strict=True)
-            ]
+        if withdrawn is not None and withdrawn.rows.any():
+            shown = column.show(getattr(withdrawn, name))
+            cells = [cell if row else "" for cell, row in zip(shown, withdrawn.rows, strict=True)]
         table[f"withdrawn_{column.name}"] = cells
     return table
 
@@ -246,7 +244,7 @@ def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[s
 def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
     """The cells of the gel's shear and the slip along it, by column; empty for NaN."""
     lengths = f"slip_{unit}", f"slip_error_{unit}", "slip_since_s"
-    names = (f"shear_{unit}", "print_hold", "slip_probability", *lengths)
+    names = (f"shear_{unit}", "print_correlation", "slip_probability", *lengths)
     return {
         name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
         for name, values in zip(names, shears, strict=True)

@@ -14,7 +14,7 @@ from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
 
 
-class Level(StrEnum):
+class AlertLevel(StrEnum):
     """What a gripper should do, as a string.
 
     - `none`: nothing.
@@ -25,8 +25,8 @@ class Level(StrEnum):
     - `unknown`: there is no contact, or the frame cannot be used.
 
     Examples:
-        >>> from estimation import Level
-        >>> print(*Level)
+        >>> from estimation import AlertLevel
+        >>> print(*AlertLevel)
         none watch act slips unknown
     """
 
@@ -50,13 +50,13 @@ class Alert(NamedTuple):
     Examples:
         >>> from estimation import Alert, Noise, Settings, Stream, simulate_pivot
         >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> *_, last = Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers()
         >>> alert: Alert = last.alert
         >>> print(f"{alert.level}: slips in {alert.time_to_slip:.1f} s")
         act: slips in 0.5 s
     """
 
-    level: Level = Level.UNKNOWN
+    level: AlertLevel = AlertLevel.UNKNOWN
     time_to_slip: float = np.nan
     low: float = np.nan
     high: float = np.nan
@@ -92,25 +92,28 @@ class AlertWatch:
         elif state != State.UNKNOWN:
             self._past.append((time, angle, used))
 
-    def tell(self, state: State, margin: Margin, friction: Friction, slipped: float) -> Alert:
+    def tell(
+        self, state: State, margin: Margin, friction: Friction, slip_probability: float
+    ) -> Alert:
         """The prediction after the frame added last.
 
         Args:
             state: state of the contact.
             margin: remaining angle and moment.
             friction: friction in use, and its coefficient.
-            slipped: probability that all of the contact has slipped recently [-]; NaN if unknown.
+            slip_probability: probability that all of the contact has slipped recently [-]; NaN if
+                unknown.
         """
         if state in (State.NO_CONTACT, State.UNKNOWN):
             return Alert()
         if state == State.MACRO_SLIP:
-            return Alert(Level.SLIPS, 0.0, 0.0, 0.0)
+            return Alert(AlertLevel.SLIPS, 0.0, 0.0, 0.0)
         # a load levels off towards its limit and reaches it later than its rate suggests
         grip = np.array([friction.coefficient, friction.low, np.inf]) - friction.used
         times = self._time_to(1, (margin.angle, margin.angle_low, margin.angle_high))
         if np.isnan(times[0]):
             times = self._time_to(2, tuple(np.maximum(grip, 0.0)))
-        return Alert(self._judge(times[0], friction.share, slipped, state), *times)
+        return Alert(self._judge(times[0], friction.share, slip_probability, state), *times)
 
     def _time_to(self, column: int, margin: tuple[float, ...]) -> tuple[float, float, float]:
         """Time to the limit and its 95 % interval [s]; NaN at rest or away from the limit.
@@ -131,12 +134,18 @@ class AlertWatch:
         middle, low, high = margin
         return float(middle / rate), float(low / (rate + half)), float(high / (rate - half))
 
-    def _judge(self, time: float, share: float, slipped: float, state: State) -> Level:
+    def _judge(
+        self, time: float, share: float, slip_probability: float, state: State
+    ) -> AlertLevel:
         limits = self._settings
-        if time <= limits.act_s or share >= limits.act_used or slipped >= limits.act_probability:
-            return Level.ACT
-        near = time <= limits.watch_s or share >= limits.watch_used
-        return Level.WATCH if near or state == State.INCIPIENT else Level.NONE
+        if (
+            time <= limits.act_s
+            or share >= limits.act_friction_share
+            or slip_probability >= limits.act_probability
+        ):
+            return AlertLevel.ACT
+        near = time <= limits.watch_s or share >= limits.watch_friction_share
+        return AlertLevel.WATCH if near or state == State.INCIPIENT else AlertLevel.NONE
 
 
 class GripPath(NamedTuple):
@@ -149,7 +158,7 @@ class GripPath(NamedTuple):
     time_to_slip: Float[np.ndarray, " frames"]
     time_to_slip_low: Float[np.ndarray, " frames"]
     time_to_slip_high: Float[np.ndarray, " frames"]
-    level: tuple[Level, ...]
+    level: tuple[AlertLevel, ...]
 
     @classmethod
     def of(cls, *frames: tuple[Friction, Alert]) -> "GripPath":

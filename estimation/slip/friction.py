@@ -65,7 +65,7 @@ class Friction(NamedTuple):
     Examples:
         >>> from estimation import Friction, Noise, Settings, Stream, simulate_pivot
         >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> *_, last = Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers()
         >>> friction: Friction = last.friction
         >>> print(f"{friction.used:.2f} in use of {friction.coefficient:.2f}: {friction.share:.0%}")
         0.48 in use of 0.52: 93%

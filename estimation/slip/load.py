@@ -29,7 +29,7 @@ class LoadWatch:
         self._margin, self._friction = MarginTracker(), FrictionWatch()
         self._alert = AlertWatch(settings)
         self._last: Estimate | None = None
-        self._slipped = np.nan
+        self._slip_probability = np.nan
 
     def press(self, wrench: tuple[float, ...], contact: Float[np.ndarray, "n 2"]) -> None:
         """Take the forces of the next frame, before its state is known; see `FrictionWatch`."""
@@ -40,12 +40,13 @@ class LoadWatch:
         """Whether too little friction is in use for a slip."""
         return self._friction.holds
 
-    def follow(self, estimate: Estimate, slipped: float, *, usable: bool) -> None:
+    def follow(self, estimate: Estimate, slip_probability: float, *, usable: bool) -> None:
         """Take the estimate of the next frame.
 
         Args:
             estimate: by the chosen method.
-            slipped: probability that all of the contact has slipped recently [-]; NaN if unknown.
+            slip_probability: probability that all of the contact has slipped recently [-]; NaN if
+                unknown.
             usable: whether the frame was usable, so that the friction may be learnt from it.
         """
         state, angle = estimate.state, estimate.angle
@@ -53,7 +54,7 @@ class LoadWatch:
             self._friction.learn()
         self._margin.add(state, angle, estimate.moment)
         self._alert.add(estimate.time, state, angle, self._friction.used)
-        self._last, self._slipped = estimate, slipped
+        self._last, self._slip_probability = estimate, slip_probability
         for name in ("margin", "friction", "alert"):
             self.__dict__.pop(name, None)
 
@@ -76,7 +77,9 @@ class LoadWatch:
         """Predicted time to macro slip, and the level of the alert to a gripper."""
         if self._last is None:
             return Alert()
-        return self._alert.tell(self._last.state, self.margin, self.friction, self._slipped)
+        return self._alert.tell(
+            self._last.state, self.margin, self.friction, self._slip_probability
+        )
 
     @property
     def branch(self) -> Branch | None:

@@ -98,7 +98,7 @@ def withdraw(
         withdrawn answers.
     """
     state, reason = list(result.state), list(result.reason)
-    gone, answered = np.zeros(len(result.time), dtype=bool), result.answered
+    doubtful, answered = np.zeros(len(result.time), dtype=bool), result.answered
     for slip in slips:
         begun = np.flatnonzero(result.time >= slip.onset)
         if not len(begun) or not _lets_go(result, int(begun[0]), settings):
@@ -108,25 +108,25 @@ def withdraw(
         if np.isfinite(outline[rows][sliding]).sum() > 0.5 * sliding.sum():
             continue
         for row, slides in zip(rows, sliding, strict=True):
-            if not answered[row] or gone[row]:
+            if not answered[row] or doubtful[row]:
                 continue
-            gone[row] = True
+            doubtful[row] = True
             if slides and slip.certain:
                 state[row], reason[row] = State.MACRO_SLIP, TOO_FEW_STICK
             else:
                 state[row], reason[row] = State.UNKNOWN, RESTS_OR_SLIDES if slides else UNSEEN_TURN
-    quantities = result.quantities() | result.without(~gone)
+    quantities = result.quantities() | result.without(~doubtful)
     withdrawn = Withdrawn(**{name: quantities[name] for name in Withdrawn.columns()})
     result = replace(result, reason=tuple(reason), withdrawn=withdrawn)
     if keep:
         return result
-    slips_now = gone & np.array([s == State.MACRO_SLIP for s in state])
+    slips_now = doubtful & np.array([s == State.MACRO_SLIP for s in state])
     sticking = {  # gel that rests may stick
         name: values
         for name, values in result.without(slips_now).items()
         if name in ("stick", "stick_markers")
     }
-    return replace(result, **(result.without(gone) | {"state": tuple(state)} | sticking))
+    return replace(result, **(result.without(doubtful) | {"state": tuple(state)} | sticking))
 
 
 def _find_doubts(track: Track, sights: Sequence[Sight], settings: SlipSettings) -> list[MacroSlip]:

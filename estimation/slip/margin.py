@@ -39,7 +39,7 @@ class Margin(NamedTuple):
         >>> import numpy as np
         >>> from estimation import Margin, Noise, Settings, Stream, simulate_pivot
         >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> *_, last = Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers()
         >>> margin: Margin = last.margin
         >>> low, angle, high = np.degrees([margin.angle_low, margin.angle, margin.angle_high])
         >>> print(f"{angle:.1f}° ({low:.1f}° to {high:.1f}°) and {margin.moment:.1f} N·mm remain")

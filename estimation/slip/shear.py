@@ -77,11 +77,12 @@ class Shear(NamedTuple):
     Attributes:
         shear: how far the gel under the object has moved since touch [mm].
         fallen: share of its peak by which the shear has fallen since [-].
-        hold: correlation of the object's print on the gel with an earlier one [-]; NaN if unknown.
+        print_correlation: correlation of the object's print on the gel with an earlier one [-]; NaN
+            if unknown.
         slid: sliding distance within the memory over the half-width of its 95 % interval [-]; NaN
             if unknown.
-        slipped: probability that all of the contact has slipped lately [-]; NaN without contact or
-            without a print.
+        slip_probability: probability that all of the contact has slipped lately [-]; NaN without
+            contact or without a print.
         slides: whether the print shows that the object slides.
         holds: whether the print shows that the object has not slid lately.
         sticks: whether the print shows that all of the contact sticks.
@@ -92,17 +93,17 @@ class Shear(NamedTuple):
     Examples:
         >>> from estimation import Noise, Settings, Shear, Stream, simulate_pivot
         >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> *_, last = Stream(recording, Settings(noise=Noise.given(1e-3))).answers()
+        >>> *_, last = Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers()
         >>> shear: Shear = last.shear
-        >>> print(f"{shear.shear:.2f} mm, probability of a slip {shear.slipped}")  # no print
-        0.08 mm, probability of a slip nan
+        >>> print(f"{shear.shear:.2f} mm, slip probability {shear.slip_probability}")  # no print
+        0.08 mm, slip probability nan
     """
 
     shear: float = float("nan")
     fallen: float = float("nan")
-    hold: float = float("nan")
+    print_correlation: float = float("nan")
     slid: float = float("nan")
-    slipped: float = float("nan")
+    slip_probability: float = float("nan")
     slides: bool = False
     holds: bool = False
     sticks: bool = False
@@ -117,15 +118,15 @@ class Shear(NamedTuple):
             return State.MACRO_SLIP
         if self.sticks:
             return State.STICK
-        return State.INCIPIENT if np.isfinite(self.slipped) else State.UNKNOWN
+        return State.INCIPIENT if np.isfinite(self.slip_probability) else State.UNKNOWN
 
 
 class ShearPath(NamedTuple):
     """Shear of a recording; fields as in `Shear`, over frames."""
 
     shear: Float[np.ndarray, " frames"]
-    hold: Float[np.ndarray, " frames"]
-    slipped: Float[np.ndarray, " frames"]
+    print_correlation: Float[np.ndarray, " frames"]
+    slip_probability: Float[np.ndarray, " frames"]
     slip: Float[np.ndarray, " frames"]
     slip_error: Float[np.ndarray, " frames"]
     slip_since: Float[np.ndarray, " frames"]
@@ -253,11 +254,11 @@ class ShearWatch:
         if since > settings.unloaded:  # the load is smaller now: measure later falls from here
             self._shears.clear()
             self._shears.append((shear, shifted))
-        slipped = float(find_slip_probability(np.array([fallen, since, slid]), settings))
-        slides = slipped > 0.5 and not recent > settings.resting
-        holds = slipped < 0.5
+        probability = float(find_slip_probability(np.array([fallen, since, slid]), settings))
+        slides = probability > 0.5 and not recent > settings.resting
+        holds = probability < 0.5
         sticks = holds and weakest > settings.sticking
-        return Shear(shear, fallen, since, slid, slipped, slides, holds, sticks)
+        return Shear(shear, fallen, since, slid, probability, slides, holds, sticks)
 
 
 def find_slip_probability(
@@ -271,23 +272,23 @@ def find_slip_probability(
             the probability is NaN without the second sign.
         settings: how a slip is recognised.
     """
-    fallen, hold, slid = signs
-    by_print = expit((settings.kept - hold) / settings.kept_spread)
+    fallen, correlation, slid = signs
+    by_print = expit((settings.kept - correlation) / settings.kept_spread)
     by_fall = expit((fallen - settings.fallen) / settings.fallen_spread)
-    by_fall = np.where(hold > settings.unloaded, 0.0, by_fall)
+    by_fall = np.where(correlation > settings.unloaded, 0.0, by_fall)
     by_slip = np.nan_to_num(expit((slid - settings.slid) / settings.slid_spread))
     return np.asarray(1.0 - (1.0 - by_fall) * (1.0 - by_print) * (1.0 - by_slip))
 
 
-def conclude(slipped: Float[np.ndarray, " frames"], track: Track) -> Outcome:
+def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Outcome:
     """The outcome of a recording's grasp; without any print, from the states of the contact.
 
     Args:
-        slipped: probability of a slip in each frame [-].
+        slip_probability: probability of a slip in each frame [-].
         track: track of the chosen method.
     """
-    if np.isfinite(slipped).any():
-        probability, over = float(np.nanmax(slipped)), slipped > 0.5
+    if np.isfinite(slip_probability).any():
+        probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan
         over = np.array([state == State.MACRO_SLIP for state in track.state])

@@ -74,7 +74,7 @@ class ImageTracker:
         if noise is not None and noise.unit != images.unit:
             raise ValueError(
                 f"the noise is given in {noise.unit}, but the pictures' lengths are in "
-                f'{images.unit}: use Noise.given(…, unit="{images.unit}")'
+                f'{images.unit}: use Noise.from_std(…, unit="{images.unit}")'
             )
         if images.rest is not None:
             rest = fit_picture(Picture(images.rest.image, np.nan, -1), images.part, None)

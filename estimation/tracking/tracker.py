@@ -35,7 +35,8 @@ class Tracker:
         >>> import numpy as np
         >>> from estimation import Noise, Tracker, layout_markers, simulate_pivot
         >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> tracker = Tracker(layout_markers(recording.layout.reference), noise=Noise.given(5e-3))
+        >>> layout = layout_markers(recording.layout.reference)
+        >>> tracker = Tracker(layout, noise=Noise.from_std(5e-3))
         >>> for positions, time in zip(recording.positions, recording.time):
         ...     last = tracker.update_positions(positions, time)
         >>> half = np.degrees(last.high - last.low) / 2
@@ -59,7 +60,7 @@ class Tracker:
         Args:
             layout: the markers of the sensor. Lengths are in mm, or in px: then `noise` must be in
                 px, and the threshold `onset_mm` counts px.
-            method: name from `METHODS` or `RIVALS`.
+            method: name from `METHODS` or `PUBLISHED_METHODS`.
             noise: noise of the markers; without it, intervals come from the misfit in each frame.
             softness: correction by Eq. (13).
             contact: thresholds of contact and state.
@@ -138,7 +139,7 @@ def estimate_angles(
 
     Args:
         recording: the recording.
-        method: name from `METHODS` or `RIVALS`.
+        method: name from `METHODS` or `PUBLISHED_METHODS`.
         noise: noise of the markers; estimated from the recording unless given. If the recording is
             too short for that, intervals come from the misfit in each frame, and a note reports it.
         **settings: further arguments of `Tracker`.

@@ -64,7 +64,7 @@ class Trackers:
 
         Args:
             layout: the markers of the sensor.
-            methods: names from `METHODS` or `RIVALS`, each with the constants to change.
+            methods: names from `METHODS` or `PUBLISHED_METHODS`, each with the constants to change.
             noise: noise of the markers; without it, intervals come from the misfit in each frame.
             softness: correction by Eq. (13).
             contact: thresholds of contact and state.
@@ -107,7 +107,7 @@ class Trackers:
             self.load.press(frame.wrench, fields.positions[fields.contact, :2])
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
         main = next(iter(estimates.values()))
-        self.load.follow(main, self.shear.slipped, usable=fields is not None)
+        self.load.follow(main, self.shear.slip_probability, usable=fields is not None)
         return estimates
 
     def _label(self, observation: Observation) -> dict[str, Estimate]:

@@ -1,4 +1,4 @@
-"""Entries of our methods, of published rivals, and of standard methods on pictures."""
+"""Entries of our methods, of other groups' published ones, and of standard ones on pictures."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.estimators import DEFAULT_METHOD, METHODS, RIVALS
+from estimation.estimators import DEFAULT_METHOD, METHODS, PUBLISHED_METHODS
 from estimation.estimators.result import State
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Recording
@@ -18,7 +18,7 @@ from papers.leaderboard.entries import Entry
 from papers.leaderboard.sources import Source
 from papers.slip_lifts.lifts import follow
 
-METHOD_NAMES = (*METHODS, *RIVALS, *pictures.METHODS)
+METHOD_NAMES = (*METHODS, *PUBLISHED_METHODS, *pictures.METHODS)
 """Names of all methods that are ranked."""
 
 SLIPPING = ("tracked", "incremental", "rigid", "paper", "paper_strict", "dong", "dong_corrected")
@@ -32,12 +32,12 @@ def answer_all(sources: Sequence[Source], track: Track = iter) -> list[Entry]:
         sources: the cases with their recordings.
         track: wraps the outer loop, to show progress.
     """
-    entries = {name: Entry(name, {}, {}, {}) for name in METHODS | RIVALS}
+    entries = {name: Entry(name, {}, {}, {}) for name in METHODS | PUBLISHED_METHODS}
     entries |= {name: Entry(name, {}, {}, {}, pictures=True) for name in pictures.METHODS}
     for source in track(sources):
         recording = source.read()
         noise, _ = find_noise(recording)
-        for method in METHODS | RIVALS:
+        for method in METHODS | PUBLISHED_METHODS:
             if not source.case.lift:
                 _answer(entries[method], method, source, recording, noise)
             elif method in SLIPPING:
@@ -62,7 +62,7 @@ def call_slip(method: str, recording: Recording, noise: Noise | None) -> float:
     """
     if method == DEFAULT_METHOD:
         _, shears = follow(recording, noise)
-        return float(np.nanmax([shear.slipped for shear in shears], initial=0.0))
+        return float(np.nanmax([shear.slip_probability for shear in shears], initial=0.0))
     tracker = Tracker(recording.layout, method, noise=noise)
     states = [tracker.update(frame).state for frame in replace(recording, hold=None)]
     return float(State.MACRO_SLIP in states)

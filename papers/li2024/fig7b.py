@@ -72,7 +72,7 @@ def _repeat(
         layout, frame, stick = simulate_frame(model, float(np.radians(angle)), rng)
         if stick.sum() >= settings.FIRM_MARKERS:
             break
-    noise = Noise.given(1e-3 * noise_um)
+    noise = Noise.from_std(1e-3 * noise_um)
     answers = [Tracker(layout, method, noise=noise).update(frame).angle for method in METHODS]
     error = (np.degrees(np.nan_to_num(answers)) - angle).tolist()
     limit = angle_limit(layout.reference[:, :2], stick, noise.in_plane)

@@ -128,7 +128,7 @@ def photograph(setup: Setup, move: Motion, pattern: Pattern, rng: np.random.Gene
 
 def _estimate(setup: Setup, reader: MarkerReader, picture: Picture) -> list[float]:
     frame = reader.frame(reader.read(picture))
-    noise = Noise.given(setup.noise)
+    noise = Noise.from_std(setup.noise)
     return [Tracker(reader.layout, method, noise=noise).update(frame).angle for method in METHODS]
 
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from contactmodel.analytic import lubkin_twist
 from estimation.estimators.paper import STRICT_THRESHOLD
-from estimation.estimators.rivals import erode
+from estimation.estimators.published import erode
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region

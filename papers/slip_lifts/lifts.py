@@ -82,12 +82,12 @@ class Lift:
     @property
     def slipped(self) -> Float[np.ndarray, " frames"]:
         """Probability of a slip in each frame [-]."""
-        return np.array([shear.slipped for shear in self.shears])
+        return np.array([shear.slip_probability for shear in self.shears])
 
     @property
     def signs(self) -> Float[np.ndarray, "3 frames"]:
         """Inputs of the probability: fall of the shear, hold and slip of the print [-]."""
-        names = ("fallen", "hold", "slid")
+        names = ("fallen", "print_correlation", "slid")
         return np.array([[getattr(shear, name) for shear in self.shears] for name in names])
 
 
@@ -191,7 +191,7 @@ def answer(root: Path, label: Label) -> Lift:
     for name, warn in WARNINGS.items():
         scores[f"warning: {name.replace('_', ' ')}"] = float(warn(recording).warned.mean())
     frames = tuple(map(int, recording.source_index))
-    outcome = conclude(np.array([shear.slipped for shear in shears]), track)
+    outcome = conclude(np.array([shear.slip_probability for shear in shears]), track)
     return Lift(label, folder, frames, shears, outcome, scores, _share_of_macro_slip(track))
 
 

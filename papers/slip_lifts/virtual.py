@@ -115,7 +115,7 @@ def answer_lift(slips: bool, draw: int) -> VirtualLift:
         scene.relief,
         clip.truth.onset is not None,
         clip.truth.onset,
-        np.array([answer.shear.slipped for answer in answers]),
+        np.array([answer.shear.slip_probability for answer in answers]),
         tuple(answer.estimates[DEFAULT_METHOD].state for answer in answers),
         compare_slips(clip, [answer.shear for answer in answers]),
     )

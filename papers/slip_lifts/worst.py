@@ -34,7 +34,9 @@ def tables(result: Study) -> dict[str, list[dict[str, object]]]:
                 float(np.nanmax([shear.shear for shear in lift.shears])), 1
             ),
             "fallen by": round(float(np.nanmax([shear.fallen for shear in lift.shears])), 2),
-            "least print_hold": round(float(np.nanmin([shear.hold for shear in lift.shears])), 2),
+            "least print correlation": round(
+                float(np.nanmin([shear.print_correlation for shear in lift.shears])), 2
+            ),
         }
         shown = {n: result.scores[n][i] for n in (OURS, LEFT_OUT) if n in result.scores}
         rows.append(row | {name: round(float(score), 2) for name, score in shown.items()})
@@ -70,8 +72,8 @@ def _draw_below(axis: Axes, shears: Sequence) -> None:
     size = np.array([shear.shear for shear in shears])
     most = np.nanmax(size)
     axis.plot(size / max(most, 1e-9), "C0", label=f"shear, over {most:.1f} px")
-    axis.plot([shear.hold for shear in shears], "C2", label="print_hold")
-    axis.plot([shear.slipped for shear in shears], "C3", label="probability of a slip")
+    axis.plot([shear.print_correlation for shear in shears], "C2", label="print correlation")
+    axis.plot([shear.slip_probability for shear in shears], "C3", label="probability of a slip")
     axis.axhline(0.5, color="0.7", lw=0.6)
     axis.set(ylim=(-0.05, 1.05), xlim=(0, len(shears) - 1))
     axis.legend(fontsize=7, loc="center left")

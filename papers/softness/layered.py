@@ -131,7 +131,7 @@ def _make(values: Values, table: Values, row: int, noise: float) -> _Seen:
 
 
 def _test(first: dict, grasps: list[_Seen], noise_mm: float) -> Cell:
-    noise = Noise.given(noise_mm)
+    noise = Noise.from_std(noise_mm)
     k, h = first["stiffness_ratio"], first["thickness"]
     fitted = [grasps[i] for i in contacts.FITTED]
     ways: dict[str, Softness | None] = {

@@ -116,7 +116,7 @@ def _show(fit: FieldFit, name: str) -> str:
         return "undetermined"
     scale = 180.0 / np.pi if name == "twist" else 1.0
     value, low, high = (scale * float(part[i]) for part in (fit.values, *fit.span))
-    return f"{value:.3g} ({low:.3g} to {high:.3g}{', or none' if fit.hangs_on(i) else ''})"
+    return f"{value:.3g} ({low:.3g} to {high:.3g}{', or none' if fit.depends_on(i) else ''})"
 
 
 def plot(result: list[Press]) -> Figure:

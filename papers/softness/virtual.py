@@ -60,7 +60,7 @@ def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -
 
 
 def _case(k: float, noise_mm: float) -> Case:
-    noise = Noise.given(noise_mm)
+    noise = Noise.from_std(noise_mm)
     trials = []
     for seed, radius in enumerate(FITTED_RADII):
         recording, truth = _pivot(k, radius, noise_mm, seed)

@@ -73,7 +73,7 @@ def compute(quick: bool = False, track: Track = iter) -> Accuracy:
         points = layout.reference[:, :2]
         limit[case] = MEAN_ABSOLUTE * np.degrees(angle_limit(points, stick, model.noise))
         for i, method in enumerate(METHODS):
-            noise = Noise.given(1e-3 * noise_um)
+            noise = Noise.from_std(1e-3 * noise_um)
             estimate = Tracker(layout, method, noise=noise).update(frame)
             answered[(*case, i)] = np.isfinite(estimate.angle)
             error[(*case, i)] = np.degrees(np.nan_to_num(estimate.angle)) - truth

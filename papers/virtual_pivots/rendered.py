@@ -70,7 +70,9 @@ def compute(quick: bool = False, track: Track = iter) -> Rendered:
         counts[case] = stick >= settings.FIRM_MARKERS
         seen[case] = frame.valid.sum()
         for i, method in enumerate(METHODS):
-            angle = Tracker(layout, method, noise=Noise.given(POSITION_NOISE)).update(frame).angle
+            angle = (
+                Tracker(layout, method, noise=Noise.from_std(POSITION_NOISE)).update(frame).angle
+            )
             answered[(*case, i)] = np.isfinite(angle)
             error[(*case, i)] = np.degrees(np.nan_to_num(angle)) - truth
     return Rendered(np.array(angles, dtype=float), error, answered, counts, seen)

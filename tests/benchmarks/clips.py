@@ -107,15 +107,15 @@ def main() -> None:
     parser.add_argument(
         "--pictures", type=int, default=200, help="largest number of timed pictures"
     )
-    told = parser.parse_args()
+    arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     cv2.setNumThreads(1)
-    for clip in told.clips:
+    for clip in arguments.clips:
         with tempfile.TemporaryDirectory() as folder:
-            path, most = clip, told.warm_up + told.pictures
-            if told.scale != 1.0:
-                path = enlarge(clip, told.scale, Path(folder) / "enlarged", most)
-            measure(clip, path, Path(folder), told.warm_up, most)
+            path, most = clip, arguments.warm_up + arguments.pictures
+            if arguments.scale != 1.0:
+                path = enlarge(clip, arguments.scale, Path(folder) / "enlarged", most)
+            measure(clip, path, Path(folder), arguments.warm_up, most)
 
 
 def enlarge(clip: Path, scale: float, folder: Path, most: int) -> Path:
@@ -131,7 +131,7 @@ def enlarge(clip: Path, scale: float, folder: Path, most: int) -> Path:
 def measure(clip: Path, path: Path, folder: Path, warm_up: int, most: int) -> None:
     """Time a run over the first pictures, and print the times."""
     warm_up = min(warm_up, (count_pictures(path) or most) // 2)
-    clock, settings = Clock(), Settings(noise=Noise.given(0.01, "px"))
+    clock, settings = Clock(), Settings(noise=Noise.from_std(0.01, "px"))
     with ExitStack() as opened:
         for stage, owner, name in STAGES:
             timed = clock.wrap(stage, getattr(owner, name))

@@ -35,14 +35,14 @@ def main() -> None:
     parser = make_parser(__doc__)
     parser.add_argument("--kills", type=int, default=20, help="number of killed runs")
     parser.add_argument("--seed", type=int, default=0, help="seed of the moments")
-    told = parser.parse_args()
-    rng, worst = np.random.default_rng(told.seed), np.zeros(3)
+    arguments = parser.parse_args()
+    rng, worst = np.random.default_rng(arguments.seed), np.zeros(3)
     table = Table("run [s]", "lines", "lost of table [s]", "of record [s]", "of MCAP file [s]")
     recording, _ = simulate_pivot(seed=0)
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "long.npz"
         write_archive(record_frames(recording.layout, list(repeat(recording, FRAMES))), path)
-        for number in range(told.kills):
+        for number in range(arguments.kills):
             alive = float(rng.uniform(0.1, 6.0))
             stamps, files = kill_after(alive, path, Path(name) / f"out{number}")
             lost = [stamps[-1] - stamps[min(rows, len(stamps)) - 1] for rows in files]
@@ -58,8 +58,8 @@ def kill_after(alive: float, path: Path, out: Path) -> tuple[list[float], list[i
     Returns:
         Times of its lines [s], and the numbers of rows in the table, the record and the MCAP file.
     """
-    told = [str(path), "--fast", "--noise-um", "1", "--sink", "mcap", "--out", str(out)]
-    command = [sys.executable, "-m", "estimation", "live", *told]
+    arguments = [str(path), "--fast", "--noise-um", "1", "--sink", "mcap", "--out", str(out)]
+    command = [sys.executable, "-m", "estimation", "live", *arguments]
     stamps: list[float] = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as run:
         assert run.stdout is not None

@@ -81,29 +81,29 @@ def main() -> None:
     parser.add_argument("--chosen", action="store_true", help="run the chosen method only")
     parser.add_argument("--live", action="store_true", help="use the thread of `live`")
     parser.add_argument("--pictures", action="store_true", help="track pictures live")
-    told = parser.parse_args()
+    arguments = parser.parse_args()
     recording, _ = simulate_pivot(seed=0)
-    if told.answered:
+    if arguments.answered:
         answer_from(recording)
-    if told.chosen:
+    if arguments.chosen:
         Settings.methods = property(lambda self: {self.method: self.constants})
     console, out = Console(), Outlet[str](lambda line: None)
     with tempfile.TemporaryDirectory() as name:
         folder, settings = Path(name) / "out", Settings()
-        one = Input(FrameStream(recording.layout, repeat(recording, told.frames)))
-        if told.pictures:
-            write_loop(Path(name) / "clip", told.frames)
+        one = Input(FrameStream(recording.layout, repeat(recording, arguments.frames)))
+        if arguments.pictures:
+            write_loop(Path(name) / "clip", arguments.frames)
             one, _ = open_live(f"{name}/clip", settings, LiveChoices(fast=True), print)
-        elif told.live:
+        elif arguments.live:
             feed = Feed("stream", LiveChoices(fast=True), print, recorded=True)
             one = Input(play(one.source, feed), notes=feed.notes)
-        watch = Watch(told.frames)
+        watch = Watch(arguments.frames)
         sinks = [watch, JsonWriter(out.send, settings.method)]
         try:
             run_all([one], folder, settings, Progress(disable=True), sinks)
         finally:
             console.print(watch.table())
-        size = (folder / NAME).stat().st_size / told.frames
+        size = (folder / NAME).stat().st_size / arguments.frames
     out.close()
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0 - watch.start_mib
     console.print(f"record: {size:.0f} bytes per frame")

@@ -193,7 +193,7 @@ CASES: dict[str, Callable[[], Case]] = {
 def measure(case: Case) -> None:
     """Time every frame and every stage, and print them."""
     images = ImageSettings(Sensor(marker=case.kind, mm_per_px=case.mm_per_px))
-    noise = Noise.given(0.01 * images.scale, images.unit)
+    noise = Noise.from_std(0.01 * images.scale, images.unit)
     tracker = ImageTracker(Settings(noise=noise, images=images))
     there_and_back = [*case.pictures, *case.pictures[:0:-1]]
     number, spent, wall = 0, [], []

@@ -38,7 +38,7 @@ def main() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     recording, _ = simulate_pivot(seed=0)
     markers = recording.positions.shape[1]
-    noise = Noise.given(1e-3)
+    noise = Noise.from_std(1e-3)
     console = Console()
     whole = Table("method", "frames/s", "median [ms]", "99th percentile [ms]", "largest [ms]")
     for method in METHODS:

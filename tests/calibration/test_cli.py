@@ -36,8 +36,8 @@ def test_noise_of_a_sensor_at_rest(at_rest, tmp_path):
 def test_noise_keeps_the_rest_of_a_description(at_rest, tmp_path):
     known = Sensor(pad=Pad(thickness=3.0, marker_depth=0.4))
     write_sensor(known, tmp_path / "before.toml")
-    told = ["--sensor", str(tmp_path / "before.toml"), "--out", str(tmp_path / "out")]
-    result = CliRunner().invoke(app, ["noise", str(at_rest), *told])
+    arguments = ["--sensor", str(tmp_path / "before.toml"), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["noise", str(at_rest), *arguments])
     assert result.exit_code == 0, result.output
     assert read_sensor(tmp_path / "out" / "sensor.toml").pad == known.pad
 
@@ -67,8 +67,8 @@ def grasps(tmp_path_factory):
 def arguments(folder, out, *more):
     files = [str(folder / f"{name}.npz") for name in "ab"]
     references = [x for name in "ab" for x in ("--reference", str(folder / f"{name}.csv"))]
-    told = ["--same-clock", "--noise-um", "1", "--out", str(out)]
-    return ["softness", *files, *references, *told, *more]
+    arguments = ["--same-clock", "--noise-um", "1", "--out", str(out)]
+    return ["softness", *files, *references, *arguments, *more]
 
 
 def test_softness_of_two_grasps(grasps, tmp_path):
@@ -112,7 +112,7 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
         (("--flip",), "turns the other way"),
         (("--object", "a", "--object", "b", "--object", "c"), "3 objects for 2 recordings"),
         (("--reference", "outline"), "3 references for 2 recordings"),
-        (("--second-ratio", "1"), "equal fingers"),
+        (("--k-ratio", "1"), "equal fingers"),
         (("--radius-mm", "0"), "above 0, or inf for a flat surface"),
         (("--thickness-mm", "3"), "--zeroed --same-clock"),
     ],

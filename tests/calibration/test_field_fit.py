@@ -92,8 +92,8 @@ def test_without_forces_the_modulus_is_flagged_and_the_rest_is_not(blind):
 def wrong(model, data):
     """Data that the model does not describe, and their fit."""
     moved = data.displacement + 0.01 * np.sin(3.0 * np.arange(600)).reshape(2, 100, 3)
-    told = data._replace(displacement=moved)
-    return told, fit_fields(model, TRUTH | SOUGHT, told)
+    measured = data._replace(displacement=moved)
+    return measured, fit_fields(model, TRUTH | SOUGHT, measured)
 
 
 def test_a_wrong_model_is_not_trusted(wrong):
@@ -136,9 +136,9 @@ def test_two_wrong_moments_are_enough_to_reject_the_model(model, data):
     assert not fit.trusted
 
 
-def test_what_is_left_out_tells_what_a_number_hangs_on(fit, blind):
+def test_what_is_left_out_tells_what_a_number_depends_on(fit, blind):
     """To first order the estimates without forces, or without a third of the markers."""
-    assert fit.hangs_on(0) == ["forces"]  # only they tell the modulus
+    assert fit.depends_on(0) == ["forces"]  # only they tell the modulus
     assert (fit.span[0] <= fit.values).all()
     assert (fit.values <= fit.span[1]).all()
     assert set(fit.left_out) > {
@@ -167,7 +167,7 @@ def test_friction_is_flagged_where_no_ring_of_cells_slips(model, data):
     """μ = 2 and a twist of 0.5°: what slips is narrower than a cell, and what it tells is wrong."""
     held = TRUTH | {"friction_coefficient": 2.0, "twist": np.radians([0.0, 0.5])}
     seen = model.predict(held)
-    told = data._replace(displacement=seen.displacement, force=seen.force, moment=seen.moment)
-    fit = fit_fields(model, held | SOUGHT, told)
+    measured = data._replace(displacement=seen.displacement, force=seen.force, moment=seen.moment)
+    fit = fit_fields(model, held | SOUGHT, measured)
     flags = dict(zip(fit.names, fit.determined, strict=True))
     assert flags == {name: name != "friction_coefficient" for name in SOUGHT}

@@ -147,7 +147,7 @@ def test_longitudinal_waves_add_to_the_turn_of_long_contacts_only():
 def grasp_of(recording, angle):
     unknown = np.full(len(recording), np.nan)
     reference = Reference(recording.time, angle, unknown, True, True, "stage")
-    return Grasp(recording, reference, Noise.given(1e-3))
+    return Grasp(recording, reference, Noise.from_std(1e-3))
 
 
 def test_gel_that_stands_still_under_the_object_tells_nothing_of_k():

@@ -86,8 +86,15 @@ def test_layout_scale_and_noise(stills):
 def test_the_command_writes_what_run_reads(stills, tmp_path):
     known = Sensor(pad=Pad(thickness=3.0))
     write_sensor(known, tmp_path / "known.toml")
-    told = ["--pitch-mm", "1.2", "--sensor", str(tmp_path / "known.toml"), "--out", str(tmp_path)]
-    done = CliRunner().invoke(app, ["sensor", str(stills), *told])
+    arguments = [
+        "--pitch-mm",
+        "1.2",
+        "--sensor",
+        str(tmp_path / "known.toml"),
+        "--out",
+        str(tmp_path),
+    ]
+    done = CliRunner().invoke(app, ["sensor", str(stills), *arguments])
     assert done.exit_code == 0, done.output
     written = read_sensor(tmp_path / "sensor.toml")
     assert written.size == (320, 240)

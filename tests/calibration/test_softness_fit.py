@@ -14,7 +14,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from tests.cases import lift, recording_of
 
-MICRON = Noise.given(1e-3)
+MICRON = Noise.from_std(1e-3)
 
 
 def trial(

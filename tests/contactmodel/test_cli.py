@@ -192,8 +192,8 @@ def test_simulate_reads_the_pad_of_a_sensor_description(config, tmp_path):
     sensor.write_text("format_version = 1\n[markers]\nkind = 'dots'\n[pad]\nthickness_mm = 3.0\n")
     assert read_pad(sensor) == Pad(thickness=3.0)
     sensor.write_text("format_version = 1\n[pad]\nthickness_mm = -3.0\n")
-    told = ["--sensor", str(sensor), "--out", str(tmp_path / "out")]
-    result = RUN.invoke(cli.app, ["simulate", str(config), *told])
+    arguments = ["--sensor", str(sensor), "--out", str(tmp_path / "out")]
+    result = RUN.invoke(cli.app, ["simulate", str(config), *arguments])
     assert result.exit_code == 2
     words = "sensor.toml: pad: thickness_mm is -3.0; it must be a number above 0"
     assert words in " ".join(result.stderr.split())

@@ -12,7 +12,7 @@ from estimation.slip.margin import follow_margin
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
-MICRON = Noise.given(1e-3)
+MICRON = Noise.from_std(1e-3)
 WHOLE = Timing(dropped=0.0)
 FIRM, LOOSE = PivotModel(friction_ratio=1.0), PivotModel(friction_ratio=0.05)
 

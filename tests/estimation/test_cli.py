@@ -51,10 +51,10 @@ def test_lines_of_json_are_all_there_is_on_standard_output(tmp_path, monkeypatch
     )
     with pytest.raises(SystemExit) as stop:
         main()
-    told = capfd.readouterr()
+    printed = capfd.readouterr()
     assert not stop.value.code
-    assert [json.loads(line)["frame"] for line in told.out.splitlines()] == list(range(9))
-    assert "4 of 9 frames answered" in " ".join(told.err.split())
+    assert [json.loads(line)["frame"] for line in printed.out.splitlines()] == list(range(9))
+    assert "4 of 9 frames answered" in " ".join(printed.err.split())
     assert (tmp_path / "out" / "frames.mcap").is_file()
 
 

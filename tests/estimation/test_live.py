@@ -38,7 +38,7 @@ from tests.cases import domed_pad, lift
 from tests.estimation.pictures.test_reading import write_folder
 from tests.test_examples import pictures as turned_pictures
 
-SETTINGS = Settings(noise=Noise.given(1e-3))
+SETTINGS = Settings(noise=Noise.from_std(1e-3))
 FAST = LiveChoices(fast=True)
 
 
@@ -190,7 +190,7 @@ def test_rows_are_those_of_run_and_on_standard_output(archive, tmp_path, plain, 
 def test_rows_of_pictures_are_those_of_run(tmp_path, plain):
     path = write_folder(tmp_path / "clip", list(turned_pictures()))
     known = ImageSettings(Sensor(dark=True), rate=30.0)
-    rows = compare(tmp_path, str(path), Settings(noise=Noise.given(0.01, "px"), images=known))
+    rows = compare(tmp_path, str(path), Settings(noise=Noise.from_std(0.01, "px"), images=known))
     assert rows[3]["angle_deg"] != "nan"
 
 
@@ -205,8 +205,8 @@ def test_json_has_standard_output_for_itself_and_ctrl_c_makes_the_report(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(TableWriter, "put", put_until)
-    told = replace(SETTINGS, sink=("json",))
-    outcome = follow(str(archive), tmp_path, told, FAST, print)
+    settings = replace(SETTINGS, sink=("json",))
+    outcome = follow(str(archive), tmp_path, settings, FAST, print)
     assert not outcome.interrupted
     assert (tmp_path / "report.html").is_file()
     lines = [line for line in capfd.readouterr().out.splitlines() if line.startswith("{")]
@@ -240,7 +240,7 @@ def test_an_unplugged_camera_ends_with_its_report(tmp_path, plain, monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", Camera)
     said = []
     known = ImageSettings(Sensor(dark=True))
-    settings = Settings(noise=Noise.given(0.01, "px"), images=known)
+    settings = Settings(noise=Noise.from_std(0.01, "px"), images=known)
     follow("camera:0", tmp_path, settings, LiveChoices(), said.append)
     assert said == ["camera-0: the camera was disconnected"]
     assert released
@@ -254,15 +254,15 @@ def test_a_full_disc_is_said_with_the_file(archive, tmp_path, monkeypatch):
     begin = TableWriter.__init__
     with Path("/dev/full").open("w") as full:
 
-        def begin_on_full_disc(self, *told):
-            begin(self, *told)
+        def begin_on_full_disc(self, *arguments):
+            begin(self, *arguments)
             self._file.close()
             self._file = full
 
         monkeypatch.setattr(TableWriter, "__init__", begin_on_full_disc)
-        with pytest.raises(OSError, match=r"angles\.csv cannot be written to \(No space") as told:
+        with pytest.raises(OSError, match=r"angles\.csv cannot be written to \(No space") as raised:
             follow(str(archive), tmp_path, SETTINGS, FAST, print)
-    assert "`python -m estimation report`" in str(told.value)
+    assert "`python -m estimation report`" in str(raised.value)
 
 
 def test_what_cannot_be_followed_is_refused(archive, tmp_path):

@@ -16,7 +16,7 @@ from tests.cases import lift
 @pytest.fixture(scope="module")
 def answered():
     recording = lift(np.radians(np.linspace(0.0, 10.0, 4)))
-    return recording, estimate_angles(recording, noise=Noise.given(1e-3))
+    return recording, estimate_angles(recording, noise=Noise.from_std(1e-3))
 
 
 def test_maps_of_pictures_lie_as_the_pictures_do(answered):

@@ -16,7 +16,7 @@ from estimation.output.moments import choose_frames
 from estimation.output.record import KeptMarkers
 from estimation.output.report import render_report, summarise
 from estimation.pictures.still import Album, copy_picture
-from estimation.slip.alert import GripPath, Level
+from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.onset import MacroSlip
 from estimation.slip.shear import Shear, ShearPath
 from estimation.tracking.tracker import estimate_angles
@@ -32,7 +32,7 @@ def answered():
     return recording, estimate_angles(recording)
 
 
-def make_run(answered, angles, half=0.1, states=State.STICK, slipped=np.nan, **others):
+def make_run(answered, angles, half=0.1, states=State.STICK, slip_probability=np.nan, **others):
     """A run of frames 0.1 s apart, with these angles of the object [deg]."""
     _, result = answered
     count, angle = len(angles), np.radians(np.asarray(angles, dtype=float))
@@ -56,7 +56,10 @@ def make_run(answered, angles, half=0.1, states=State.STICK, slipped=np.nan, **o
     track = Track(method="tracked", **columns)
     reference = np.random.default_rng(0).uniform(0.0, 20.0, (400, 3))
     slide = others.pop("slide", {})
-    shears = [Shear(slipped=one, **slide) for one in np.broadcast_to(slipped, count).tolist()]
+    shears = [
+        Shear(slip_probability=one, **slide)
+        for one in np.broadcast_to(slip_probability, count).tolist()
+    ]
     return Run(
         name="pivot",
         source="a test",
@@ -71,7 +74,7 @@ def make_run(answered, angles, half=0.1, states=State.STICK, slipped=np.nan, **o
         outline=np.full(count, np.nan),
         imprint=np.full(count, np.nan),
         shears=ShearPath.of(*shears),
-        grips=GripPath(*np.full((7, count), np.nan), level=(Level.WATCH,) * count),
+        grips=GripPath(*np.full((7, count), np.nan), level=(AlertLevel.WATCH,) * count),
         **{"markers": keep_markers(reference, range(count)), **others},
     )
 
@@ -131,25 +134,25 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
         ),
         (
             [0, 12.34],
-            {"half": 0.012, "slipped": 0.02},
+            {"half": 0.012, "slip_probability": 0.02},
             "Turned to +12.34° ± 0.01°; held to the end (probability of a slip 0.02)",
         ),
         (
             [0, 9, 0, 9],
-            {"slipped": [0, 0, 0.9, 0]},
+            {"slip_probability": [0, 0, 0.9, 0]},
             "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; slipped 0.20 s "
             "after the first frame, at time_s 5.20 (probability of a slip 0.90)",
         ),
         (
             [0, 9, 0, 9],
-            {"slipped": [0, 0.9, 0, 0.9], "slide": {"slip": 0.734, "slip_error": 0.06}},
+            {"slip_probability": [0, 0.9, 0, 0.9], "slide": {"slip": 0.734, "slip_error": 0.06}},
             "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; first slipped "
             "0.10 s after the first frame, at time_s 5.10, slid by 0.73 ± 0.06 mm by the end "
             "(probability of a slip 0.90)",
         ),
         (
             [0, 9],
-            {"slipped": 0.9, "slide": {"slip": 0.734, "slip_error": 0.06}},
+            {"slip_probability": 0.9, "slide": {"slip": 0.734, "slip_error": 0.06}},
             "Turned to +9.0° ± 0.1°; slipped 0.00 s after the first frame, at time_s 5.00, slid by "
             "0.73 ± 0.06 mm (probability of a slip 0.90)",
         ),

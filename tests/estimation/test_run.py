@@ -22,7 +22,7 @@ from tests.cases import domed_pad, lift
 
 SHEAR_COLUMNS = (
     "shear_mm",
-    "print_hold",
+    "print_correlation",
     "slip_probability",
     "slip_mm",
     "slip_error_mm",
@@ -104,7 +104,7 @@ def test_everything_is_written(tmp_path, progress):
 
 def test_summary_says_what_was_done(tmp_path, progress):
     recording = lift(ANGLES)
-    settings = Settings(method="paper", noise=Noise.given(2e-3), constants={"threshold": 0.3})
+    settings = Settings(method="paper", noise=Noise.from_std(2e-3), constants={"threshold": 0.3})
     run_all([Input(recording)], tmp_path, settings, progress)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["method"] == "paper"
@@ -124,15 +124,15 @@ def test_withdrawn_answers_have_columns_of_their_own(tmp_path, progress):
     recording, _ = simulate_pivot(
         slides, timing=Timing(dropped=0.0), unloaded=3, pressing=8, **legs
     )
-    settings = Settings(noise=Noise.given(2e-4), keep_withdrawn=True)
+    settings = Settings(noise=Noise.from_std(2e-4), keep_withdrawn=True)
     outcome = run_all([Input(recording)], tmp_path, settings, progress)
     rows = rows_of(tmp_path / "angles.csv")
-    gone = [row for row in rows if row["withdrawn_angle_deg"]]
-    assert gone
-    assert all(row["angle_deg"] == row["withdrawn_angle_deg"] for row in gone)  # left in
-    assert all(row["state"] == row["withdrawn_state"] and row["reason"] for row in gone)
+    withdrawn = [row for row in rows if row["withdrawn_angle_deg"]]
+    assert withdrawn
+    assert all(row["angle_deg"] == row["withdrawn_angle_deg"] for row in withdrawn)  # left in
+    assert all(row["state"] == row["withdrawn_state"] and row["reason"] for row in withdrawn)
     figures = json.loads((tmp_path / "summary.json").read_text())["methods"]["tracked"]
-    assert figures["withdrawn"] == len(gone)
+    assert figures["withdrawn"] == len(withdrawn)
     assert figures["without_angle"] == {"before contact": len(rows) - figures["answered"]}
     assert f"{len(rows) - figures['answered']} before contact; see" in outcome.lines[0]
 
@@ -222,7 +222,7 @@ def test_a_recording_may_be_called_as_the_folder_of_the_run(tmp_path, progress, 
     inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", UNFINISHED)]
     monkeypatch.setattr("estimation.run.write_run", lambda run, folder: {})
     monkeypatch.setattr("estimation.run.write_overview", lambda done, folder: None)
-    run_all(inputs, tmp_path, Settings(noise=Noise.given(1e-3)), progress)
+    run_all(inputs, tmp_path, Settings(noise=Noise.from_std(1e-3)), progress)
     folders = {path.name for path in tmp_path.iterdir() if path.is_dir()}
     assert folders == {"left", f"{UNFINISHED}-2"}
 

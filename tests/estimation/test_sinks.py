@@ -42,7 +42,7 @@ from tests.cases import lift
 from tests.estimation.frames.test_archive import assert_same
 from tests.estimation.test_viewer import read_rrd
 
-SETTINGS = Settings(noise=Noise.given(1e-3))
+SETTINGS = Settings(noise=Noise.from_std(1e-3))
 ABOUT = ("name", "source", "notes", "warnings")
 """What a recording says of its file, and of what was found in it."""
 FORMATS = ("mcap", "zarr", "lerobot")
@@ -90,7 +90,7 @@ def pressed(flat: bool = False) -> Recording:
 
 
 def settings_of(recording):
-    return replace(SETTINGS, noise=Noise.given(1e-3, recording.unit))
+    return replace(SETTINGS, noise=Noise.from_std(1e-3, recording.unit))
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from estimation.tracking.tracker import estimate_angles
 from tests.cases import domed_pad, frame_of, lift
 
 ANGLES = np.radians(np.linspace(0.0, 10.0, 11))
-MICRON = Noise.given(1e-3)
+MICRON = Noise.from_std(1e-3)
 
 
 def test_softness_scales_the_angle_and_widens_the_interval():

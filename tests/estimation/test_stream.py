@@ -27,7 +27,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
 from tests.cases import lift
 
-SETTINGS = Settings(noise=Noise.given(1e-3))
+SETTINGS = Settings(noise=Noise.from_std(1e-3))
 ANGLES = np.radians(np.linspace(0.0, 8.0, 12))
 TABLES = ("angles.csv", "angles_all.csv", "summary.json")
 
@@ -160,8 +160,8 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
     assert {path.name for path in out.iterdir()} == {"unfinished"}
     rows = (out / "unfinished" / "angles.csv").read_text().splitlines()
     assert len(rows) == 1 + 9
-    told = report_all(out)
-    assert f"{out / 'unfinished' / 'report.html'}" in told[0]
+    lines = report_all(out)
+    assert f"{out / 'unfinished' / 'report.html'}" in lines[0]
     page = (out / "unfinished" / "report.html").read_text()
     assert f"Interrupted: 10 of {len(recording)} frames were done." in page
     with pytest.raises(ValueError, match="continue it with the same command and --resume"):

@@ -57,9 +57,9 @@ def test_states_and_their_bounds():
 
 def test_noise_is_estimated_unless_given():
     recording = lift(np.radians(np.linspace(0, 5, 40)), unloaded=10)
-    told = estimate_angles(recording, noise=MICRON)
+    given = estimate_angles(recording, noise=MICRON)
     found = estimate_angles(recording)
-    width = (found.high - found.low)[20:] / (told.high - told.low)[20:]
+    width = (found.high - found.low)[20:] / (given.high - given.low)[20:]
     assert np.median(width) == pytest.approx(1.0, abs=0.15)
 
 
@@ -141,8 +141,8 @@ def test_wrong_settings_are_refused():
         Tracker(layout, "tracked", min_stick_markers=0)
     with pytest.raises(ValueError, match="threshold"):
         Tracker(layout, "rigid", threshold=0.0)
-    told = "rigid has no constant 'window_frames'; it has angle_floor_deg"
-    with pytest.raises(ValueError, match=told):
+    message = "rigid has no constant 'window_frames'; it has angle_floor_deg"
+    with pytest.raises(ValueError, match=message):
         Tracker(layout, "rigid", window_frames=3)
     tracker = Tracker(layout)
     with pytest.raises(ValueError, match="196 markers, the layout 400"):
@@ -172,7 +172,7 @@ def test_a_live_frame_that_cannot_be_used_does_not_end_the_contact(change, reaso
 
 
 def test_what_strains_as_no_one_body_is_unknown_not_slip():
-    result = estimate_angles(lift(ANGLES), "rigid", noise=Noise.given(1e-5), max_strain=1e-5)
+    result = estimate_angles(lift(ANGLES), "rigid", noise=Noise.from_std(1e-5), max_strain=1e-5)
     refused = [i for i, reason in enumerate(result.reason) if reason.startswith("no rigid core")]
     assert refused
     assert all(result.state[i] == State.UNKNOWN for i in refused)
@@ -224,4 +224,6 @@ def test_a_contact_that_has_not_settled_has_the_state_that_its_print_tells(hold,
     found = trackers.update(replace(list(recording)[10], **unsettled))["tracked"]
     assert (found.state, found.reason) == (state, "it has not settled")
     assert np.isnan(found.angle)
-    assert np.isnan(trackers.shear.slipped)  # it may come in sliding, and is no slip of a grasp
+    assert np.isnan(
+        trackers.shear.slip_probability
+    )  # it may come in sliding, and is no slip of a grasp

@@ -37,7 +37,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def answers(recording):
-    return list(Stream(recording, Settings(noise=Noise.given(1e-3))).answers())
+    return list(Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers())
 
 
 def read_rrd(path):
@@ -81,7 +81,7 @@ def test_pictures_are_in_the_file_of_the_viewer_and_in_mcap(tmp_path):
     pictures = list(turned_pictures())[:3]
     source = PictureSource(write_folder(tmp_path / "clip", pictures), KNOWN)
     files = [tmp_path / FILES[one] for one in ("rrd", "mcap")]
-    settings = Settings(noise=Noise.given(0.01, "px"), images=KNOWN)
+    settings = Settings(noise=Noise.from_std(0.01, "px"), images=KNOWN)
     with (
         closing(ViewerFile(files[0], source, "tracked")) as viewer,
         closing(BagWriter(files[1], source, "tracked")) as bag,
@@ -145,7 +145,7 @@ def test_a_file_killed_before_its_first_message_is_begun_again(tmp_path, recordi
 
 def test_no_one_waits_for_a_viewer(recording, answers, monkeypatch):
     go_on, asked = threading.Event(), []
-    monkeypatch.setattr(Viewing, "show", lambda *told: go_on.wait())
+    monkeypatch.setattr(Viewing, "show", lambda *arguments: go_on.wait())
     sink = LiveViewer(recording, "tracked", asked.append)
     began = time.monotonic()
     for answer in answers * 10:

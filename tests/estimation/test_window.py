@@ -39,7 +39,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def answers(recording):
-    return list(Stream(recording, Settings(noise=Noise.given(1e-3))).answers())
+    return list(Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers())
 
 
 def opened(source):
@@ -67,7 +67,7 @@ def ask(port, method="GET", path="/", host="127.0.0.1"):
     return answer.status, dict(answer.getheaders()), answer.read().decode()
 
 
-def told(window):
+def read_frame(window):
     return json.loads(next(window.follow()))
 
 
@@ -75,7 +75,7 @@ def test_an_event_has_markers_angle_state_and_alert(recording, answers):
     window = opened(recording)
     for answer in answers:
         window.put(answer)
-    seen, last = told(window), answers[-1]
+    seen, last = read_frame(window), answers[-1]
     found = last.estimates["tracked"]
     assert (seen["state"], seen["alert"]) == (found.state, last.alert.level)
     assert seen["scene"]["kinds"].count("o") == found.stick.sum()
@@ -117,8 +117,10 @@ def test_the_picture_is_the_one_that_the_answer_is_of(tmp_path):
     known = ImageSettings(Sensor(dark=True), rate=30.0, part=part)
     source = PictureSource(write_folder(tmp_path / "clip", pictures), known)
     window, seen = opened(source), []
-    for _ in Stream(source, Settings(noise=Noise.given(0.01, "px"), images=known)).answers(window):
-        seen.append(told(window))
+    for _ in Stream(source, Settings(noise=Noise.from_std(0.01, "px"), images=known)).answers(
+        window
+    ):
+        seen.append(read_frame(window))
     for one, picture in zip(seen, pictures, strict=True):
         data = base64.b64decode(one["picture"].removeprefix("data:image/jpeg;base64,"))
         shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)

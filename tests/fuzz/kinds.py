@@ -12,7 +12,7 @@ from calibration.experiment import read_experiment
 from calibration.softness.references import read_reference
 from calibration.softness.squeeze import Bodies, read_travel, squeeze_by_travel
 from contactmodel.simulate.configuration import read_simulation
-from estimation.estimators import METHODS, RIVALS
+from estimation.estimators import METHODS, PUBLISHED_METHODS
 from estimation.estimators.result import Result
 from estimation.frames.noise import Noise
 from estimation.pictures.reader import ImageSettings
@@ -28,9 +28,9 @@ from papers.leaderboard.sources import Source
 from tests.fuzz import inputs
 from tests.fuzz.contents import Input
 
-NOISE = Noise.given(1e-3)
+NOISE = Noise.from_std(1e-3)
 SENSOR = Sensor(marker="dots", radius=inputs.RADIUS, dark=True, reference=inputs.GRID)
-METHOD_NAMES = (*METHODS, *RIVALS)
+METHOD_NAMES = (*METHODS, *PUBLISHED_METHODS)
 
 
 class Kind(NamedTuple):

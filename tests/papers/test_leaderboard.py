@@ -89,7 +89,9 @@ def test_markers_on_the_gel_turn_with_the_object_near_its_axis():
 
 def test_methods_answer_and_a_mirror_turns_the_other_way(monkeypatch):
     monkeypatch.setattr(methods, "METHODS", {})
-    monkeypatch.setattr(methods, "RIVALS", {"kabsch": methods.RIVALS["kabsch"]})
+    monkeypatch.setattr(
+        methods, "PUBLISHED_METHODS", {"kabsch": methods.PUBLISHED_METHODS["kabsch"]}
+    )
     source = open_one(GAPPY)
     recording, truth = mirror(source.read(), source.truth)
     mirrored = source._replace(read=lambda: recording, truth=truth)
@@ -352,7 +354,7 @@ def test_slip_warnings_come_before_macro_slip(monkeypatch):
 def test_intervals_hold_while_the_last_markers_of_a_punch_slip(seed):
     case = SCORED["finite-strain/punch-1"]
     recording, truth = strained.simulate(case, seed)
-    track = estimate_angles(recording, noise=Noise.given(settings.GEL_NOISES_MM[0]))
+    track = estimate_angles(recording, noise=Noise.from_std(settings.GEL_NOISES_MM[0]))
     counts = truth.counts[case.group]  # at least three markers stick
     missed = np.maximum(track.low - truth.angle, truth.angle - track.high)[counts]
     assert np.isfinite(missed).sum() >= counts.sum() - 1
@@ -362,7 +364,7 @@ def test_intervals_hold_while_the_last_markers_of_a_punch_slip(seed):
 @pytest.mark.parametrize("case", ["finite-strain/small-sphere-1", "finite-strain/small-sphere-2"])
 def test_a_few_last_markers_carry_the_angle_through_a_turn_back(case):
     recording, truth = strained.simulate(SCORED[case], settings.PRACTICE_SEED)
-    track = estimate_angles(recording, noise=Noise.given(settings.GEL_NOISES_MM[0]))
+    track = estimate_angles(recording, noise=Noise.from_std(settings.GEL_NOISES_MM[0]))
     counts = truth.counts[SCORED[case].group]
     assert np.isfinite(track.angle[counts]).all()  # about half of them before
     missed = np.maximum(track.low - truth.angle, truth.angle - track.high)[counts]

@@ -122,7 +122,7 @@ def make_lift(object_, name, slipped, hold, folder):
     signs = np.array([np.zeros(len(hold)), hold, np.zeros(len(hold))])
     odds = find_slip_probability(signs, ShearSettings())
     shears = tuple(
-        Shear(float(i), 0.0, one, slipped=float(p))
+        Shear(float(i), 0.0, one, slip_probability=float(p))
         for i, (one, p) in enumerate(zip(hold, odds, strict=True))
     )
     outcome = Outcome("slipped" if odds.max() > 0.5 else "held", float(odds.max()), np.nan)

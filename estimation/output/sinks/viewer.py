@@ -21,12 +21,12 @@ from estimation.output.scene import (
 )
 from estimation.output.sinks.outlet import Outlet
 from estimation.pictures.still import Shown
-from estimation.slip.alert import Level
+from estimation.slip.alert import AlertLevel
 from estimation.tracking.stream import Answer
 
 APPLICATION = "contactmodel"
 LEVEL_COLOURS = dict(
-    zip(Level, ("#d4ecd0", "#fbeebf", "#f0b27a", "#f6cfc9", "#c9c9e8"), strict=True)
+    zip(AlertLevel, ("#d4ecd0", "#fbeebf", "#f0b27a", "#f6cfc9", "#c9c9e8"), strict=True)
 )
 
 FILE_HEADER, MESSAGE_HEADER = 12, struct.Struct("<QQ")
@@ -87,7 +87,7 @@ class Viewing:
         for path, values in {
             "angle": np.degrees([estimate.angle, estimate.low, estimate.high]),
             "margin": np.degrees([margin.angle, margin.angle_low, margin.angle_high]),
-            "slip": [answer.shear.slipped],
+            "slip": [answer.shear.slip_probability],
             "markers": [estimate.stick_markers, estimate.contact_markers],
         }.items():
             log(path, rr.Scalars(values))

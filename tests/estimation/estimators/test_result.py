@@ -97,14 +97,14 @@ def test_an_answer_is_withdrawn_as_a_whole():
     result = gather()
     slip = MacroSlip(onset=0.55, low=0.5, high=0.6)
     back = withdraw(result, [slip], np.full(10, np.nan))
-    gone = result.time >= slip.onset
-    np.testing.assert_array_equal(np.isnan(back.warmth), gone)
-    np.testing.assert_array_equal(back.withdrawn.rows, gone)
-    np.testing.assert_array_equal(back.withdrawn.angle[gone], result.angle[gone])
-    assert back.withdrawn.state == tuple(State.INCIPIENT if one else None for one in gone)
-    assert not back.withdrawn.stick_markers[~gone].any()
+    doubtful = result.time >= slip.onset
+    np.testing.assert_array_equal(np.isnan(back.warmth), doubtful)
+    np.testing.assert_array_equal(back.withdrawn.rows, doubtful)
+    np.testing.assert_array_equal(back.withdrawn.angle[doubtful], result.angle[doubtful])
+    assert back.withdrawn.state == tuple(State.INCIPIENT if one else None for one in doubtful)
+    assert not back.withdrawn.stick_markers[~doubtful].any()
     later = back.take(slice(5, None))
-    np.testing.assert_array_equal(later.withdrawn.rows, gone[5:])
+    np.testing.assert_array_equal(later.withdrawn.rows, doubtful[5:])
     assert tabulate(later)["withdrawn_angle_deg"][:2] == ["", f"{np.degrees(0.06):.6f}"]
 
 

@@ -22,7 +22,7 @@ from tests.cases import domed_pad, lift
 from tests.estimation.frames.test_tac3d import press
 from tests.estimation.frames.test_tac3d import write as write_tac3d
 
-SETTINGS = Settings(noise=Noise.given(1e-3))
+SETTINGS = Settings(noise=Noise.from_std(1e-3))
 STEP = 33_333_333
 """Between messages [ns]."""
 

@@ -40,7 +40,7 @@ def expect_same_answers(recording, path):
     """An archive of a recording is answered like the recording, the rotations it holds included."""
     write_archive(recording, path)
     asked = (recording, read_recording(path), replace(recording, rotation=None))
-    same, again, bare = (estimate_angles(one, noise=Noise.given(1e-3)) for one in asked)
+    same, again, bare = (estimate_angles(one, noise=Noise.from_std(1e-3)) for one in asked)
     assert same.answered.any()
     assert same.state == again.state
     assert np.array_equal(same.angle, again.angle, equal_nan=True)

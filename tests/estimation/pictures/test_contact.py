@@ -92,7 +92,7 @@ def test_the_way_is_chosen_and_told(tmp_path):
     rng = np.random.default_rng(3)
     images = [picture(REST, rng), lit(picture(twisted(4.0, rigid=50.0), rng), 25.0)]
     sensor = Sensor(dark=True, radius=4.3)
-    told = {
+    notes = {
         unloaded: " ".join(
             read_recording(
                 write_folder(tmp_path / str(unloaded), images), ImageSettings(sensor, unloaded)
@@ -100,8 +100,8 @@ def test_the_way_is_chosen_and_told(tmp_path):
         )
         for unloaded in (0, None)
     }
-    assert "estimated from the change of light" in told[0]
-    assert "estimated from how far" in told[None]
+    assert "estimated from the change of light" in notes[0]
+    assert "estimated from how far" in notes[None]
 
 
 def test_a_contact_whose_middle_is_not_seen_is_not_judged():

@@ -18,7 +18,7 @@ from estimation.tracking.stream import Stream
 from estimation.tracking.tracker import Tracker
 from tests.fuzz.inputs import GRID, RADIUS, dots
 
-NOISE = Noise.given(0.02, "px")
+NOISE = Noise.from_std(0.02, "px")
 SENSOR = Sensor(marker="dots", radius=RADIUS, dark=True)
 
 
@@ -105,8 +105,8 @@ def test_an_unloaded_picture_is_an_array_or_a_file(tmp_path):
 
 
 def test_noise_and_softness_in_another_unit_than_the_lengths_are_refused():
-    with pytest.raises(ValueError, match=r"given in mm, but .* in px: use Noise.given"):
-        ImageTracker(Settings(noise=Noise.given(0.02), images=ImageSettings(SENSOR)))
+    with pytest.raises(ValueError, match=r"given in mm, but .* in px: use Noise.from_std"):
+        ImageTracker(Settings(noise=Noise.from_std(0.02), images=ImageSettings(SENSOR)))
     with pytest.raises(ValueError, match="the pictures: lengths are in px"):
         ImageTracker(Settings(softness=LayeredSoftness(0.5, 3.0), images=ImageSettings(SENSOR)))
 

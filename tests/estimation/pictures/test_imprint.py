@@ -94,7 +94,7 @@ def test_the_error_of_a_registration_is_that_of_many():
     before = cv2.GaussianBlur(relief, (0, 0), 1.0)
     before *= 20.0 / before.std()
     mask = np.where(AWAY < 62.0, 255, 0).astype(np.uint8)
-    still, errors, told = np.eye(2, 3, dtype=np.float32), [], []
+    still, errors, stated = np.eye(2, 3, dtype=np.float32), [], []
     for _ in range(25):
         # a print that differs in places of its own, as where more of the object touches
         changed = cv2.GaussianBlur(rng.normal(size=before.shape), (0, 0), 3.0)
@@ -104,10 +104,10 @@ def test_the_error_of_a_registration_is_that_of_many():
         found = register(keyframe, second, still, ImprintSettings())
         assert found is not None
         errors.append(found.turned)
-        told.append(found.own_error)
+        stated.append(found.own_error)
     scatter = np.sqrt(np.mean(np.square(errors)))
-    # 25 draws know their scatter to a seventh; the floor of a reading is in what is told
-    assert 0.7 < np.median(told) / scatter < 1.7
+    # 25 draws know their scatter to a seventh; the stated error includes the floor of a reading
+    assert 0.7 < np.median(stated) / scatter < 1.7
 
 
 def test_a_lost_print_is_looked_for_under_all_turns_and_shifts():

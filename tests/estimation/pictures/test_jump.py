@@ -44,6 +44,6 @@ def test_twenty_degrees_at_once(motions, kind, tolerance):
     row = reader.read(turned)  # the first picture that it is asked about
     assert not row.flaw
     assert np.isfinite(row.position[:, 0]).mean() > 0.9
-    tracker = Tracker(reader.layout, noise=Noise.given(0.01 * CAMERA.mm_per_px))
+    tracker = Tracker(reader.layout, noise=Noise.from_std(0.01 * CAMERA.mm_per_px))
     found = tracker.update(reader.frame(row))
     assert np.degrees(found.angle) == pytest.approx(20.0, abs=tolerance)

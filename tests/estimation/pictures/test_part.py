@@ -109,8 +109,8 @@ def test_a_crop_keeps_scale_and_lens_right(tmp_path):
     assert inside.sum() > 50
     moved = part.positions[1][inside] - whole.positions[1][same[inside]]
     assert np.nanmax(np.abs(moved)) < 1e-3
-    told = replace(sensor, reference=whole.layout.reference)
-    described = read_images(folder, ImageSettings(told, part=Part((30, 20, 250, 190))))
+    known = replace(sensor, reference=whole.layout.reference)
+    described = read_images(folder, ImageSettings(known, part=Part((30, 20, 250, 190))))
     assert np.allclose(described.layout.reference, whole.layout.reference, atol=1e-9)
 
 
@@ -169,9 +169,9 @@ def test_run_takes_crop_mask_and_unloaded_picture_and_shows_them(tmp_path):
     cv2.imwrite(str(tmp_path / "mask.png"), shown)
     cv2.imwrite(str(tmp_path / "rest.png"), images[0])
     out = tmp_path / "out"
-    told = ["--mask", str(tmp_path / "mask.png"), "--unloaded", str(tmp_path / "rest.png")]
-    told += ["--crop", "20", "20", "360", "252", "--noise-px", "0.01", "--preview"]
-    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(out), "--fps", "30", *told])
+    options = ["--mask", str(tmp_path / "mask.png"), "--unloaded", str(tmp_path / "rest.png")]
+    options += ["--crop", "20", "20", "360", "252", "--noise-px", "0.01", "--preview"]
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(out), "--fps", "30", *options])
     assert done.exit_code == 0, done.output
     summary = (out / "summary.json").read_text()
     for text in ('"mask": ', '"unloaded": ', '"crop_px": [', "positions are in the whole picture"):
@@ -193,7 +193,7 @@ def test_run_takes_crop_mask_and_unloaded_picture_and_shows_them(tmp_path):
 def test_another_part_or_unloaded_picture_is_another_command(tmp_path):
     dark = Still(tmp_path / "mask.png", np.full((24, 32), 255, np.uint8))
     grey = Still(tmp_path / "mask.png", np.full((24, 32), 250, np.uint8))
-    told = [
+    identities = [
         identity_of("", Settings(images=images))["images"]
         for images in (
             ImageSettings(),
@@ -203,4 +203,4 @@ def test_another_part_or_unloaded_picture_is_another_command(tmp_path):
             ImageSettings(unloaded=dark),
         )
     ]
-    assert len(set(told)) == len(told)
+    assert len(set(identities)) == len(identities)

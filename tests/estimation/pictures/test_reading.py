@@ -255,7 +255,7 @@ def test_nothing_usable_is_refused(tmp_path):
 def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
     pictures, monkeypatch, tmp_path, capsys
 ):
-    told = []
+    printed = []
 
     class Unplugged:
         def __init__(self, device):
@@ -266,7 +266,7 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
             return True
 
         def read(self):
-            told.append(capsys.readouterr().out)  # what has been answered before this picture
+            printed.append(capsys.readouterr().out)  # what has been answered before this picture
             return (True, self.left.pop(0)) if self.left else (False, None)
 
         def release(self):
@@ -274,14 +274,14 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
 
     monkeypatch.setattr(cv2, "VideoCapture", Unplugged)
     known = ImageSettings(Sensor(dark=True, radius=4.3))
-    settings = Settings(images=known, noise=Noise.given(0.01, "px"))
+    settings = Settings(images=known, noise=Noise.from_std(0.01, "px"))
     source = open_source(Path("camera:0"), known, "camera")
     lines = [LineWriter(print, "tracked")]
     outcome = run_all([Input(source)], tmp_path, settings, Progress(disable=True), lines)
     assert not outcome.interrupted
     with RecordReader(tmp_path / "record.sqlite") as record:
         assert record.track("tracked").reason[4] == "the camera was disconnected"
-    lines = [text.strip().splitlines() for text in (*told, capsys.readouterr().out)]
+    lines = [text.strip().splitlines() for text in (*printed, capsys.readouterr().out)]
     assert lines[0] == []
     assert lines[1][0] == HEADER
     assert [len(one) for one in lines[1:]] == [2, 1, 1, 1, 1]
@@ -294,10 +294,10 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
 
 def test_a_noise_in_another_unit_is_refused(pictures, tmp_path):
     folder = write_folder(tmp_path / "clip", pictures)
-    told = ["run", str(folder), "--out", str(tmp_path / "out"), "--noise-um", "10"]
-    refused = CliRunner().invoke(app, told)
+    arguments = ["run", str(folder), "--out", str(tmp_path / "out"), "--noise-um", "10"]
+    refused = CliRunner().invoke(app, arguments)
     assert "noise is given in mm, lengths are in px" in str(refused.exception)
-    refused = CliRunner().invoke(app, [*told, "--noise-px", "0.01"])
+    refused = CliRunner().invoke(app, [*arguments, "--noise-px", "0.01"])
     assert "give one of --noise-um, --noise-px" in str(refused.exception)
     assert not (tmp_path / "out").exists()
 
@@ -319,8 +319,8 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
     folder = write_folder(tmp_path / "clip", odd, "frame{}.png", start=7)
     (folder / "frame13.png").rename(folder / "frame15.png")
     numbers, out = [7, 8, 9, 10, 11, 12, 15], tmp_path / "out"
-    told = ["--out", str(out), "--preview", "--noise-px", "0.01", "--unloaded-frame", "8"]
-    done = CliRunner().invoke(app, ["run", str(folder), *told])
+    options = ["--out", str(out), "--preview", "--noise-px", "0.01", "--unloaded-frame", "8"]
+    done = CliRunner().invoke(app, ["run", str(folder), *options])
     assert done.exit_code == 0, done.output
     with (out / "angles.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

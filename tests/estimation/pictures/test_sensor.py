@@ -58,7 +58,7 @@ def test_lengths_are_in_mm_or_in_px_as_their_keys_say(tmp_path):
     assert scaled.noise.unit == "mm"
     assert scaled.noise.in_plane == pytest.approx(0.001, rel=1e-12)
     np.testing.assert_allclose(scaled.reference, [[0.5, 1.0]])
-    write_sensor(Sensor(noise=Noise.given(1e-3)), path)  # of a sensor that gives mm itself
+    write_sensor(Sensor(noise=Noise.from_std(1e-3)), path)  # of a sensor that gives mm itself
     assert read_sensor(path).noise.in_plane == 1e-3
 
 
@@ -205,17 +205,17 @@ def test_the_lens_is_taken_off(bent):
 
 def test_a_described_layout_is_the_reference_of_a_loaded_clip(bent, tmp_path):
     _, sensor = bent
-    told = replace(sensor, reference=0.05 * REST)
+    known = replace(sensor, reference=0.05 * REST)
     rng = np.random.default_rng(1)
     for i, angle in enumerate((6.0, 6.0)):
-        image = picture(told.lens.bend(twisted(angle, rigid=50.0)), rng)
+        image = picture(known.lens.bend(twisted(angle, rigid=50.0)), rng)
         cv2.imwrite(str(tmp_path / f"{i}.png"), image)
-    recording = read_images(tmp_path, ImageSettings(told))
-    assert np.array_equal(recording.layout.reference, told.reference)
+    recording = read_images(tmp_path, ImageSettings(known))
+    assert np.array_equal(recording.layout.reference, known.reference)
     assert "description" in " ".join(recording.notes)
     inner = np.linalg.norm(REST - np.array([160.0, 120.0]), axis=1) < 50.0
     to_complex = np.array([1.0, 1.0j])
-    before, after = (p[inner] @ to_complex for p in (told.reference, recording.positions[0]))
+    before, after = (p[inner] @ to_complex for p in (known.reference, recording.positions[0]))
     turn = np.angle(np.sum(np.conj(before - before.mean()) * (after - after.mean())))
     # 13 dots with a lever of 35 px and 0.01 px of noise: 0.005°, five times that
     assert np.degrees(turn) == pytest.approx(6.0, abs=0.025)

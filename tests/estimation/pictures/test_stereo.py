@@ -239,14 +239,14 @@ def test_a_mirrored_view_is_turned_round_or_refused(pictures, tmp_path):
     mirrored = [np.concatenate([one[:, :320], one[:, :319:-1]], axis=1) for one in pictures[:3]]
     with pytest.raises(ValueError, match="is one mirrored"):
         read(tmp_path / "refused", mirrored)
-    told = replace(SMALL, mirrored=("right",))
-    write_rig(told, tmp_path / "rig.toml")
-    folder = write_folder(tmp_path / "told", mirrored)
+    mirrored_rig = replace(SMALL, mirrored=("right",))
+    write_rig(mirrored_rig, tmp_path / "rig.toml")
+    folder = write_folder(tmp_path / "mirrored", mirrored)
     turned = read_recording(folder, ImageSettings(Sensor(), rig=read_rig(tmp_path / "rig.toml")))
     plain = read(tmp_path / "plain", pictures[:3])
     np.testing.assert_array_equal(turned.positions, plain.positions)
     there = turned.positions[0]
-    spots, unturned = told.locate(there), SMALL.locate(there)
+    spots, unturned = mirrored_rig.locate(there), SMALL.locate(there)
     np.testing.assert_allclose(spots[1, :, 0] + unturned[1, :, 0], 2 * 320 + 319)
     with pytest.raises(ValueError, match="left or right"):
         replace(SMALL, mirrored=("top",))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.slip.alert import Alert, AlertSettings, AlertWatch, Level
+from estimation.slip.alert import Alert, AlertLevel, AlertSettings, AlertWatch
 from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
 
@@ -38,13 +38,13 @@ def test_time_to_slip_is_what_is_left_over_the_rate(way):
 
 def test_levels_rise_as_the_slip_comes_nearer():
     levels = [alert.level for alert in turn(0.6, 70)]
-    told = AlertSettings()
-    watch = levels.index(Level.WATCH)
-    act = levels.index(Level.ACT)
-    assert set(levels[:watch]) == {Level.NONE}
-    assert set(levels[act:]) == {Level.ACT}
-    assert 0.6 / RATE - watch / 25.0 == pytest.approx(told.watch_s, abs=0.05)
-    assert 0.6 / RATE - act / 25.0 == pytest.approx(told.act_s, abs=0.05)
+    settings = AlertSettings()
+    watch = levels.index(AlertLevel.WATCH)
+    act = levels.index(AlertLevel.ACT)
+    assert set(levels[:watch]) == {AlertLevel.NONE}
+    assert set(levels[act:]) == {AlertLevel.ACT}
+    assert 0.6 / RATE - watch / 25.0 == pytest.approx(settings.watch_s, abs=0.05)
+    assert 0.6 / RATE - act / 25.0 == pytest.approx(settings.act_s, abs=0.05)
 
 
 def test_shear_towards_a_known_friction_is_foreseen():
@@ -64,7 +64,7 @@ def test_at_rest_no_slip_is_foreseen():
         margin = Margin(0.5, 0.4, 0.6)
         alert = update(watch, time, State.STICK, angle, margin, friction, np.nan)
     assert np.isnan(alert.time_to_slip)
-    assert alert.level == Level.NONE
+    assert alert.level == AlertLevel.NONE
 
 
 def test_word_follows_state_share_and_print():
@@ -73,13 +73,13 @@ def test_word_follows_state_share_and_print():
     def level(state, *known):
         return update(watch, 0.1, state, np.nan, *known).level
 
-    assert level(State.NO_CONTACT, *NOTHING) == Level.UNKNOWN
-    assert level(State.STICK, *NOTHING) == Level.NONE
-    assert level(State.INCIPIENT, *NOTHING) == Level.WATCH
-    assert level(State.MACRO_SLIP, *NOTHING) == Level.SLIPS
+    assert level(State.NO_CONTACT, *NOTHING) == AlertLevel.UNKNOWN
+    assert level(State.STICK, *NOTHING) == AlertLevel.NONE
+    assert level(State.INCIPIENT, *NOTHING) == AlertLevel.WATCH
+    assert level(State.MACRO_SLIP, *NOTHING) == AlertLevel.SLIPS
     near = Friction(0.38, 0.4, 0.36, 0.44)
-    assert level(State.STICK, Margin(), near, np.nan) == Level.ACT
-    assert level(State.STICK, Margin(), Friction(), 0.4) == Level.ACT
+    assert level(State.STICK, Margin(), near, np.nan) == AlertLevel.ACT
+    assert level(State.STICK, Margin(), Friction(), 0.4) == AlertLevel.ACT
 
 
 @pytest.mark.parametrize("wrong", [{"act_s": -1.0}, {"rate_frames": 3}])

@@ -14,7 +14,7 @@ from estimation.slip.lookback import RESTS_OR_SLIDES, find_slips, withdraw
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
-MICRON = Noise.given(1e-3)
+MICRON = Noise.from_std(1e-3)
 LEGS = {"angles_deg": (0.0, 10.0, 10.0, 0.0), "frames": (40, 15, 30)}
 
 
@@ -44,12 +44,14 @@ def test_gel_that_rests_under_a_sliding_object():
     assert {RESTS_OR_SLIDES, UNSEEN_TURN} <= reasons
     assert np.isnan(back.low[~back.answered]).all()
     # what the answers of frame by frame were is kept
-    gone = live.answered & ~back.answered
-    np.testing.assert_array_equal(back.withdrawn.rows, gone)
+    doubtful = live.answered & ~back.answered
+    np.testing.assert_array_equal(back.withdrawn.rows, doubtful)
     for name in ("angle", "low", "high", "stick_markers"):
         given, kept = getattr(live, name), getattr(back.withdrawn, name)
-        np.testing.assert_array_equal(kept[gone], given[gone])
-    assert [s for s in back.withdrawn.state if s] == [live.state[i] for i in np.flatnonzero(gone)]
+        np.testing.assert_array_equal(kept[doubtful], given[doubtful])
+    assert [s for s in back.withdrawn.state if s] == [
+        live.state[i] for i in np.flatnonzero(doubtful)
+    ]
 
 
 def test_withdrawn_answers_can_be_left_in():

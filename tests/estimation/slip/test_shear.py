@@ -41,20 +41,20 @@ def test_shear_is_that_of_the_gel_under_the_object():
 def test_held_where_shear_rests_and_the_print_stays():
     found = watch(RISE, SURE)
     assert all(one.holds and not one.slides and not one.sticks for one in found)
-    assert found[-1].slipped < 0.05
+    assert found[-1].slip_probability < 0.05
 
 
 def test_slipped_where_the_shear_falls():
     found = watch(FALL, 0.8)
-    assert found[8].slipped < 0.05
-    assert found[-1].slipped > 0.95
+    assert found[8].slip_probability < 0.05
+    assert found[-1].slip_probability > 0.95
 
 
 def test_slipped_where_the_print_goes_over_gel_at_its_limit():
     found = watch(RISE, np.where(np.arange(len(RISE)) > 9, 0.2, 0.95))
     assert found[9].holds
     assert found[-1].slides
-    assert found[-1].slipped > 0.95
+    assert found[-1].slip_probability > 0.95
 
 
 def test_slipped_where_the_print_is_beyond_all_of_the_gel():
@@ -64,21 +64,21 @@ def test_slipped_where_the_print_is_beyond_all_of_the_gel():
         watched.update(REST, TOUCHED, (0.9, 0.9, 0.9), Slide(0.1 * far, 0.1, 0.0, far))
         for far in [0.0] * 10 + [2.0] * 40
     ]
-    assert held[9].slipped < 0.05
-    assert held[10].slipped > 0.95
+    assert held[9].slip_probability < 0.05
+    assert held[10].slip_probability > 0.95
     assert held[10].slides
-    assert held[-1].slipped < 0.05
+    assert held[-1].slip_probability < 0.05
     assert (held[-1].slip, held[-1].slip_error, held[-1].slip_since) == (0.2, 0.1, 0.0)
 
 
 def test_a_load_that_is_taken_off_is_no_slip():
-    assert watch(FALL, 0.99)[-1].slipped < 0.05
+    assert watch(FALL, 0.99)[-1].slip_probability < 0.05
 
 
 def test_a_load_that_was_taken_off_is_no_slip_later():
     shear, hold = np.r_[FALL, FALL[-1:].repeat(5)], np.full(len(FALL) + 5, 0.99)
     hold[-5:] = 0.95
-    assert watch(shear, hold)[-1].slipped < 0.05
+    assert watch(shear, hold)[-1].slip_probability < 0.05
 
 
 def test_markers_that_turn_are_no_shear_that_falls():
@@ -91,25 +91,25 @@ def test_markers_that_turn_are_no_shear_that_falls():
         points = 3.5 + np.stack([turned.real, turned.imag], axis=1)
         last = watched.update(points, TOUCHED, (0.8, 0.8, 0.8), UNSEEN)
     assert last.shear < 0.1
-    assert last.slipped < 0.05
+    assert last.slip_probability < 0.05
 
 
 def test_a_contact_whose_markers_are_not_seen_is_judged_by_those_beside_it():
     watched, unseen = ShearWatch(LAYOUT), np.where(TOUCHED[:, None], np.nan, REST)
     for one in FALL:
         last = watched.update(unseen + np.array([one, 0.0]), TOUCHED, (0.8, 0.8, 0.8), UNSEEN)
-    assert last.slipped > 0.95
+    assert last.slip_probability > 0.95
 
 
 def test_one_wrong_frame_is_no_slip():
     hold = SURE.copy()
     hold[12] = 0.0
-    assert max(one.slipped for one in watch(RISE, hold)) < 0.5
+    assert max(one.slip_probability for one in watch(RISE, hold)) < 0.5
 
 
 def test_without_a_print_nothing_is_said():
     found = watch(FALL, np.nan)[-1]
-    assert np.isnan(found.slipped)
+    assert np.isnan(found.slip_probability)
     assert not found.slides
     assert not found.holds
     assert found.fallen > 0.5
@@ -142,7 +142,7 @@ def test_contact_begins_anew():
 def test_even_bets_are_where_the_settings_say():
     settings = ShearSettings()
     found = watch(np.zeros(5), settings.kept)[-1]
-    assert found.slipped == pytest.approx(0.5, abs=0.01)
+    assert found.slip_probability == pytest.approx(0.5, abs=0.01)
 
 
 def test_states_tell_where_there_is_no_print(pivot_result):
@@ -158,7 +158,7 @@ def pivot_result():
     from estimation.virtual.recording import simulate_pivot
 
     recording, _ = simulate_pivot(seed=0)
-    return estimate_angles(recording, noise=Noise.given(1e-3))
+    return estimate_angles(recording, noise=Noise.from_std(1e-3))
 
 
 @pytest.mark.parametrize(
@@ -169,5 +169,5 @@ def test_labelled_lifts(lift, word):
     answers = list(stream.answers())
     shears = [answer.shear for answer in answers]
     states = [answer.estimates[Settings().method].state for answer in answers]
-    assert (max(shear.slipped for shear in shears) > 0.5) == (word == "slipped")
+    assert (max(shear.slip_probability for shear in shears) > 0.5) == (word == "slipped")
     assert (State.MACRO_SLIP in states) == (word == "slipped")

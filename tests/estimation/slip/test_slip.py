@@ -9,7 +9,7 @@ from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import simulate_pivot
 
-MICRON = Noise.given(1e-3)
+MICRON = Noise.from_std(1e-3)
 # φ over 2 mm scatters by 0.5 mrad for 1 µm, the curl by twice that: four standard deviations.
 STUCK = 4e-3
 

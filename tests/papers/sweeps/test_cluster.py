@@ -31,11 +31,11 @@ def test_a_worker_killed_in_mid_sweep_costs_nothing(tmp_path):
     log = tmp_path / "log"
     with cluster(env={"SQUARES_LOG": str(log), "SQUARES_PAUSE": "0.1"}) as workers:
         victim = workers.workers[0].pid
-        told = []
+        steps = []
 
         def kill_in_the_middle(finished, total):
-            told.append(finished)
-            if len(told) == 3:
+            steps.append(finished)
+            if len(steps) == 3:
                 os.kill(victim, signal.SIGKILL)
 
         results = run_sweep(
@@ -45,7 +45,7 @@ def test_a_worker_killed_in_mid_sweep_costs_nothing(tmp_path):
             tell=kill_in_the_middle,
         )
     assert_right(results)
-    assert told[-1] == CASES
+    assert steps[-1] == CASES
     evaluated = Counter(log.read_text().split())
     assert len(evaluated) == CASES
     # what the dead worker had in work or in memory, not yet stored, is done again

@@ -33,11 +33,11 @@ def assert_right(results):
 
 
 def test_every_case_is_done_or_says_why_not(tmp_path):
-    told = []
-    results = run_sweep(SQUARES, tmp_path / "a.zarr", tell=lambda *step: told.append(step))
+    steps = []
+    results = run_sweep(SQUARES, tmp_path / "a.zarr", tell=lambda *step: steps.append(step))
     assert_right(results)
-    assert told[0] == (0, CASES)
-    assert told[-1] == (CASES, CASES)
+    assert steps[0] == (0, CASES)
+    assert steps[-1] == (CASES, CASES)
 
 
 def test_traced_cases_are_batched_and_a_failed_one_does_not_spoil_its_batch(tmp_path):

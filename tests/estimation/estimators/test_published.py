@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
 
-from estimation.estimators import RIVALS
-from estimation.estimators.result import State
-from estimation.estimators.rivals import (
+from estimation.estimators import PUBLISHED_METHODS
+from estimation.estimators.published import (
     ROUND,
     Castano,
     CastanoSettings,
@@ -17,6 +16,7 @@ from estimation.estimators.rivals import (
     _long_axis,
     erode,
 )
+from estimation.estimators.result import State
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -33,7 +33,7 @@ from tests.cases import (
     twisted_pad,
 )
 
-MICRON = Noise.given(1e-3)
+MICRON = Noise.from_std(1e-3)
 FULL_STICK = PivotModel(friction_ratio=50.0)
 """Grip so firm that slip reaches a hundredth of the radius in at 20°."""
 
@@ -54,7 +54,7 @@ def virtual_reading(make, angle_deg, model=FULL_STICK):
     [("kabsch", 0.1), ("dong_corrected", 0.03), ("kolamuri", 0.15)],
 )
 def test_full_stick_is_read_right(method, tolerance_deg, angle_deg):
-    reading, fields, _ = virtual_reading(RIVALS[method], angle_deg)
+    reading, fields, _ = virtual_reading(PUBLISHED_METHODS[method], angle_deg)
     assert np.degrees(reading.angle) == pytest.approx(angle_deg, abs=tolerance_deg)
     assert np.isnan([reading.low, reading.high]).all()
     assert reading.stick.any()
@@ -86,7 +86,7 @@ def test_the_small_angle_form_fails_at_large_angles():
 def test_slip_draws_all_of_them_towards_zero():
     slipping = PivotModel(friction_ratio=0.3)
     for method in ("kabsch", "kolamuri", "dong_corrected"):
-        reading, _, _ = virtual_reading(RIVALS[method], 15.0, slipping)
+        reading, _, _ = virtual_reading(PUBLISHED_METHODS[method], 15.0, slipping)
         assert 5.0 < np.degrees(reading.angle) < 14.5
 
 
@@ -99,7 +99,9 @@ def test_readings_turn_with_the_axes_and_keep_their_value(method):
     for pad, points in ((layout, positions), (turned, turn_about_z(positions, 0.7))):
         stencils = make_stencils(pad)
         readings.append(
-            RIVALS[method](stencils, MICRON).update(measure_fields(stencils, frame_of(points)))
+            PUBLISHED_METHODS[method](stencils, MICRON).update(
+                measure_fields(stencils, frame_of(points))
+            )
         )
     assert readings[1].angle == pytest.approx(readings[0].angle, abs=1e-9)  # rounding
 
@@ -189,7 +191,7 @@ def test_castano_averages_over_its_window_and_begins_anew_with_each_contact():
 def test_what_cannot_be_answered_is_not():
     layout, stencils = pad_stencils()
     free = measure_fields(stencils, frame_of(layout.reference))
-    for make in RIVALS.values():
+    for make in PUBLISHED_METHODS.values():
         reading = make(stencils, None).update(free)
         assert np.isnan(reading.angle)
         assert not reading.stick.any()
@@ -203,7 +205,7 @@ def test_what_cannot_be_answered_is_not():
     assert np.isnan(Dong(stencils, None).update(everywhere._replace(contact=tiny)).angle)
 
 
-@pytest.mark.parametrize("method", RIVALS)
+@pytest.mark.parametrize("method", PUBLISHED_METHODS)
 def test_trackers_take_them_by_name(method):
     recording = lift(np.radians(np.linspace(0.0, 12.0, 10)))
     if method == "castano":  # which needs a contact with a long axis
