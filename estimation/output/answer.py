@@ -99,8 +99,10 @@ def describe_outcome(run: Run) -> str:
     if np.isfinite(outcome.probability):
         likely = f" (probability of a slip {outcome.probability:.2f})"
     if outcome.word == "held":
-        return f"held to the end{likely}{_describe_gaps(run)}"
+        return f"{outcome.phrase} to the end{likely}{_describe_gaps(run)}"
     word = "first slipped" if outcome.slips > 1 else "slipped"
+    if outcome.phrase != outcome.word:
+        word = f"{outcome.phrase}, for the first time" if outcome.slips > 1 else outcome.phrase
     dated = [slip for slip in run.slips if slip.certain and slip.onset <= outcome.onset]
     if np.isnan(outcome.probability) and dated:
         # the slip during which macro slip was first detected

@@ -122,7 +122,7 @@ def describe_fits(grasp: Grasp) -> list[str]:
 
 def _count_outcomes(runs: Sequence[Run]) -> str:
     """The number of recordings by outcome."""
-    words = Counter(run.outcome.word for run in runs)
+    words = Counter(run.outcome.phrase for run in runs)
     counts = ", ".join(f"{n} {word}" for word, n in words.most_common())
     return f"Of {len(runs)} recordings {counts}"
 

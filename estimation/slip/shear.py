@@ -159,6 +159,13 @@ class Outcome(NamedTuple):
     onset: float
     slips: int = 0
 
+    @property
+    def phrase(self) -> str:
+        """The outcome in words: its word, after "probably" where the other one is not unlikely."""
+        unlikely = 0.1  # probability of the other outcome up to which it is not mentioned [-]
+        doubtful = unlikely < self.probability < 1.0 - unlikely
+        return f"probably {self.word}" if doubtful and self.word != "unknown" else self.word
+
 
 class ShearWatch:
     """Follows the gel's shear from frame to frame."""

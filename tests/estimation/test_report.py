@@ -13,6 +13,7 @@ from estimation.output.answer import describe_run, describe_turns, find_turns, s
 from estimation.output.explain import explain_settings
 from estimation.output.found import Run, _clock_notes, _reference_notes
 from estimation.output.moments import choose_frames
+from estimation.output.overview import _count_outcomes
 from estimation.output.record import KeptMarkers
 from estimation.output.report import render_report, summarise
 from estimation.pictures.still import Album, copy_picture
@@ -157,6 +158,24 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             "0.73 ± 0.06 mm (probability of a slip 0.90)",
         ),
         (
+            [0, 12.34],
+            {"half": 0.012, "slip_probability": 0.3},
+            "Turned to +12.34° ± 0.01°; probably held to the end (probability of a slip 0.30)",
+        ),
+        (
+            [0, 9],
+            {"slip_probability": [0, 0.7]},
+            "Turned to +9.0° ± 0.1°; probably slipped 0.10 s after the first frame, at time_s 5.10 "
+            "(probability of a slip 0.70)",
+        ),
+        (
+            [0, 9, 0, 9],
+            {"slip_probability": [0, 0.6, 0, 0.7]},
+            "Turned to +9.0° ± 0.1°, back to 0.0° ± 0.1°, then to +9.0° ± 0.1°; probably slipped, "
+            "for the first time 0.10 s after the first frame, at time_s 5.10 (probability of a "
+            "slip 0.70)",
+        ),
+        (
             [0, 9, 0, 9, 0, 9, -1],
             {},
             "Turned back and forth between −1.0° ± 0.1° and +9.0° ± 0.1°; last −1.0° ± 0.1°; held "
@@ -197,6 +216,25 @@ def test_the_answer_comes_first_in_words(answered, angles, others, words):
     assert describe_run(run) == words
     page = render(run)
     assert page.index(words) < page.index("<canvas") < page.index("<img") < page.index("Glossary")
+
+
+@pytest.mark.parametrize(
+    ("probability", "phrase", "word"),
+    [
+        (0.1, "held", "held"),
+        (0.11, "probably held", "held"),
+        (0.5, "probably held", "held"),
+        (0.51, "probably slipped", "slipped"),
+        (0.89, "probably slipped", "slipped"),
+        (0.9, "slipped", "slipped"),
+        (np.nan, "held", "held"),
+    ],
+)
+def test_a_doubtful_outcome_is_probable_in_words_only(answered, probability, phrase, word):
+    run = make_run(answered, [0, 9], slip_probability=probability)
+    assert run.outcome.phrase == phrase
+    assert _count_outcomes([run, run]) == f"Of 2 recordings 2 {phrase}"
+    assert summarise(run)["outcome"]["word"] == word
 
 
 def test_printed_times_count_from_the_first_frame(answered):
