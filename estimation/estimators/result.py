@@ -254,8 +254,8 @@ class Track(_OverFrames):
         }
         return cls(method=method, notes=notes, **batch)
 
-    def take(self: Kept, rows: slice) -> Kept:
-        """The result for a slice of the frames."""
+    def take(self: Kept, rows: slice | Int[np.ndarray, " rows"]) -> Kept:
+        """The result for some of the frames, given as a slice or by their rows."""
         withdrawn = self.withdrawn
         if withdrawn is not None:
             withdrawn = replace(withdrawn, **_take(withdrawn, rows))
@@ -291,8 +291,15 @@ class Result(Markers[Float[np.ndarray, "frames n"], Bool[np.ndarray, "frames n"]
     """
 
 
-def _take(record: Track | Withdrawn, rows: slice) -> dict[str, Any]:
-    return {name: values[rows] for name, values in record.quantities().items()}
+def _take(record: Track | Withdrawn, rows: slice | Int[np.ndarray, " rows"]) -> dict[str, Any]:
+    return {name: take_rows(values, rows) for name, values in record.quantities().items()}
+
+
+def take_rows(values: Any, rows: slice | Int[np.ndarray, " rows"]) -> Any:
+    """Some of the values over frames, an array or a tuple."""
+    if isinstance(values, tuple) and not isinstance(rows, slice):
+        return tuple(values[row] for row in rows)
+    return values[rows]
 
 
 def _blank(values: Any, rows: Bool[np.ndarray, " frames"]) -> Any:

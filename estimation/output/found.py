@@ -33,15 +33,15 @@ class Known(NamedTuple):
 class Tracks(Mapping[str, Track]):
     """Answers by method, read on demand; only the chosen method's answers stay in memory."""
 
-    def __init__(self, methods: Sequence[str], make: Callable[[str], Track]) -> None:
-        """Read the answers of the chosen method.
+    def __init__(self, methods: Sequence[str], main: Track, make: Callable[[str], Track]) -> None:
+        """Keep the answers of the chosen method.
 
         Args:
             methods: names of the methods, the chosen one first.
-            make: returns the answers of a method.
+            main: answers of the chosen method.
+            make: returns the answers of another method.
         """
-        self._methods, self._make = tuple(methods), make
-        self._main = make(self._methods[0])
+        self._methods, self._main, self._make = tuple(methods), main, make
 
     def __getitem__(self, method: str) -> Track:
         """The answers of a method."""
@@ -100,7 +100,7 @@ class Run:
     markers: Callable[[], Iterator[KeptMarkers]]
     truth: Known | None = None
     slips: Sequence[MacroSlip] = ()
-    margin: MarginPath = field(default_factory=lambda: MarginPath([], None))
+    margin: MarginPath = field(default_factory=MarginPath.of)
     shears: ShearPath = field(default_factory=ShearPath.of)
     grips: GripPath = field(default_factory=GripPath.of)
 
@@ -132,22 +132,21 @@ def find_in_record(record: RecordReader) -> Run:
     methods, imprint = about["methods"], record.column("imprint")
     outline = imprint if np.isfinite(imprint).any() else record.column("axis")
     live = record.track(methods[0])
-    slips = date_doubts(live, list(record.sights())) if about["looks_back"] else []
+    slips = date_doubts(live, record.sights()) if about["looks_back"] else []
 
-    def look_back(method: str) -> Track:
-        track = live if method == methods[0] else record.track(method)
-        if method not in FOLLOWING:
+    def look_back(track: Track) -> Track:
+        if track.method not in FOLLOWING:
             return track
         return withdraw(track, slips, outline, keep=about["settings"]["keep_withdrawn"])
 
-    results = Tracks(methods, look_back)
-    main = results[methods[0]]
-    margins, branch = list(record.margins()), about["branch"]
+    main = look_back(live)
+    results = Tracks(methods, main, lambda method: look_back(record.track(method)))
+    margin, branch = record.margins(), about["branch"]
     changed = ~np.isclose(main.angle, live.angle, equal_nan=True)
     if changed.any():
-        margin = follow_margin(main, known=margins, changed=changed)
+        margin = follow_margin(main, known=margin, changed=changed)
     else:
-        margin = MarginPath(margins, None if branch is None else Branch.read(branch))
+        margin = margin._replace(last=None if branch is None else Branch.read(branch))
     notes = [*about["warnings"], *about["source_notes"], *about["notes"]]
     notes += [*_progress_notes(about, len(record)), *_clock_notes(main), *_reference_notes(main)]
     notes += [*describe_counts(main), *_softness_notes(main), *describe_slips(slips, main.time[0])]

@@ -4,9 +4,11 @@ from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators.result import State, Track
+from estimation.output.scene import choose_rows
 from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.branch import Branch
 
@@ -26,6 +28,7 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
     size = (5.2 * len(results), 4.2)
     figure, axes = plt.subplots(1, len(results), figsize=size, squeeze=False, layout="constrained")
     for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
+        result = result.take(choose_rows(result.angle, result.moment))
         slip = np.array([state == State.MACRO_SLIP for state in result.state])
         for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
             axis.plot(
@@ -43,7 +46,7 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
         axis.set_title(name, fontsize=9)
         axis.set_xlabel("object's angle [°]")
         axis.set_ylabel("moment [N·mm]")
-        axis.legend(fontsize=8, frameon=False)
+        axis.legend(loc="upper left", fontsize=8, frameon=False)  # the best one takes long to find
     return figure
 
 
@@ -54,19 +57,26 @@ def plot_friction(track: Track, grips: GripPath) -> Figure:
         track: track of the chosen method.
         grips: friction and alerts.
     """
-    time = track.time - track.time[0]
+    drawn = choose_rows(grips.friction_used, grips.friction, grips.friction_high, *_alerts(grips))
+    time, grips = track.time[drawn] - track.time[0], grips.take(drawn)
     figure, axis = plt.subplots(figsize=(9.0, 3.2), layout="constrained")
     axis.plot(time, grips.friction_used, color="#08306b", lw=1.4, label="in use")
     axis.plot(time, grips.friction, color="#b2182b", lw=1.1, label="coefficient, 95 % interval")
     axis.fill_between(
         time, grips.friction_low, grips.friction_high, color="#b2182b", alpha=0.2, lw=0
     )
-    for level, colour in ALERT_COLOURS.items():
-        alerted = np.array([shown == level for shown in grips.level])
+    for (level, colour), alerted in zip(ALERT_COLOURS.items(), _alerts(grips), strict=True):
         bar = np.where(alerted, 0.0, np.nan)
         axis.plot(time, bar, color=colour, lw=6, solid_capstyle="butt", label=f"alert: {level}")
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("friction [-]")
-    axis.legend(fontsize=8, frameon=False, ncols=3)
+    axis.legend(loc="upper left", fontsize=8, frameon=False, ncols=3)
     return figure
+
+
+def _alerts(grips: GripPath) -> list[Float[np.ndarray, " frames"]]:
+    """For each level of `ALERT_COLOURS`, 1 in frames that have it and 0 in others."""
+    return [
+        np.array([shown == level for shown in grips.level], dtype=float) for level in ALERT_COLOURS
+    ]

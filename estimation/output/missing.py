@@ -11,8 +11,12 @@ from estimation.slip.lookback import RESTS_OR_SLIDES
 def count_missing(result: Track) -> dict[str, int]:
     """Number of frames without an angle by reason, the most frequent reason first."""
     touched = np.maximum.accumulate([state != State.NO_CONTACT for state in result.state])
-    missing = np.flatnonzero(~result.answered)
-    counts = Counter(_name_reason(result, int(row), bool(touched[row])) for row in missing)
+    gone = np.zeros(len(touched), dtype=bool)
+    if result.withdrawn is not None:
+        gone = result.withdrawn.rows
+    flags = (values.tolist() for values in (touched, gone, result.answered))
+    frames = zip(result.state, result.reason, *flags, strict=True)
+    counts = Counter(_name_reason(*frame[:4]) for frame in frames if not frame[4])
     return dict(counts.most_common())
 
 
@@ -37,9 +41,7 @@ def describe_answers(result: Track, most: int = 3) -> str:
     return f"{text}; {(~answered).sum()} without an angle: {_list(named)}"
 
 
-def _name_reason(result: Track, row: int, touched: bool) -> str:
-    state, reason = result.state[row], result.reason[row]
-    withdrawn = result.withdrawn is not None and bool(result.withdrawn.rows[row])
+def _name_reason(state: State, reason: str, touched: bool, withdrawn: bool) -> str:
     if state == State.NO_CONTACT:
         return "without contact" if touched else "before contact"
     if state == State.MACRO_SLIP:

@@ -19,6 +19,7 @@ from estimation.output.record import KeptMarkers
 from estimation.output.scene import (
     MARKER_COLOURS,
     STATE_COLOURS,
+    choose_rows,
     marker_signs,
     points_down,
     show_state,
@@ -47,8 +48,13 @@ def plot_angles(
         >>> print([axis.get_ylabel() for axis in figure.axes])
         ["object's angle [°]", 'markers', 'moment [N·mm]']
     """
-    main = results[method]
-    time = main.time - main.time[0]
+    main, references = results[method], references or {}
+    slips = np.array([state == State.MACRO_SLIP for state in main.state], dtype=float)
+    curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, slips)
+    drawn = choose_rows(*curves, *references.values())
+    references = {label: values[drawn] for label, values in references.items()}
+    main, start = main.take(drawn), main.time[0]
+    time = main.time - start
     has_moment = bool(np.isfinite(main.moment).any())
     rows = 3 if has_moment else 2
     figure, axes = plt.subplots(
@@ -62,7 +68,10 @@ def plot_angles(
     for axis in axes:
         _shade_states(axis, time, main.state)
     top = axes[0]
-    _draw_others(top, time, references or {}, [results[name] for name in results if name != method])
+    _draw_references(top, time, references)
+    for name in results:
+        if name != method and (others := results[name]).answered.any():
+            top.plot(time, np.degrees(others.angle[drawn]), lw=0.9, alpha=0.8, label=name)
     line = top.plot(time, np.degrees(main.angle), lw=1.8, color="#08306b", label=method)[0]
     ends = np.degrees(main.low), np.degrees(main.high)
     shade = {"color": line.get_color(), "alpha": 0.3, "lw": 0}
@@ -71,7 +80,7 @@ def plot_angles(
         withdrawn = np.degrees(main.withdrawn.angle)
         top.plot(time, withdrawn, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
     top.set_ylabel("object's angle [°]")
-    _scale_to(top, main, (references or {}).get("truth", np.empty(0)))
+    _scale_to(top, main, references.get("truth", np.empty(0)))
     _explain(figure, top, main.state)
     axes[1].plot(time, main.contact_markers, color="0.5", lw=1, label="in contact")
     axes[1].plot(time, main.stick_markers, color="#08306b", lw=1.3, label="sticking")
@@ -84,20 +93,16 @@ def plot_angles(
     return figure
 
 
-def _draw_others(
+def _draw_references(
     axis: Axes,
     time: Float[np.ndarray, " frames"],
     references: Mapping[str, Float[np.ndarray, " frames"]],
-    tracks: Sequence[Track],
 ) -> None:
-    """Draw references, above the chosen method, and the other methods that have an angle."""
+    """Draw references, above the chosen method."""
     styles = {"gel": ("-.", "#8c510a"), "truth": (":", "k")}
     for label, angle in references.items():
         style, colour = styles.get(label, ("--", "#e7298a"))
         axis.plot(time, np.degrees(angle), color=colour, ls=style, lw=1.1, label=label, zorder=3)
-    for track in tracks:
-        if track.answered.any():
-            axis.plot(time, np.degrees(track.angle), lw=0.9, alpha=0.8, label=track.method)
 
 
 def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> None:
@@ -286,8 +291,12 @@ def _curl(track: Track, markers: KeptMarkers) -> Float[np.ndarray, " n"]:
 def _shade_states(axis: Axes, time: Float[np.ndarray, " frames"], states: Sequence[State]) -> None:
     """Colour the background between two frames by the state of the first."""
     starts = [i for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
+    spans: dict[State, list[tuple[float, float]]] = {}
     for start, stop in zip(starts, [*starts[1:], len(states) - 1], strict=True):
-        axis.axvspan(time[start], time[stop], color=STATE_COLOURS[states[start]], lw=0)
+        spans.setdefault(states[start], []).append((time[start], time[stop] - time[start]))
+    across = axis.get_xaxis_transform()  # all of the axis's height
+    for state, ranges in spans.items():  # one `axvspan` for each takes a minute on a long stream
+        axis.broken_barh(ranges, (0.0, 1.0), color=STATE_COLOURS[state], lw=0, transform=across)
 
 
 def _scale_to(axis: Axes, track: Track, truth: Float[np.ndarray, " frames"]) -> None:

@@ -29,9 +29,9 @@ from estimation.estimators.result import (
 )
 from estimation.pictures.reading import PictureSource
 from estimation.slip.alert import AlertLevel, GripPath
-from estimation.slip.disc import Disc
-from estimation.slip.margin import Margin
-from estimation.slip.onset import Sight
+from estimation.slip.disc import NO_DISC, Disc
+from estimation.slip.margin import Margin, MarginPath
+from estimation.slip.onset import SightPath
 from estimation.slip.shear import ShearPath
 from estimation.tracking.stream import Answer
 
@@ -205,7 +205,7 @@ class RecordWriter:
         for method in self._methods:
             estimate = answer.estimates[method]
             values += [_plain(getattr(estimate, name)) for name in Record.columns()]
-        disc = answer.sight.disc or Disc(np.nan, np.nan, np.nan, np.nan)
+        disc = answer.sight.disc or NO_DISC
         others = (answer.axis, answer.frame.imprint[0], int(answer.sight.rests))
         shear = [getattr(answer.shear, name) for name in ShearPath._fields]
         grip = (*answer.friction, *answer.alert[1:], answer.alert.level)
@@ -298,16 +298,14 @@ class RecordReader:
         """A quantity other than the methods' answers: `axis` or `imprint` [rad]."""
         return self._arrays({name: "REAL"})[0]
 
-    def sights(self) -> Iterator[Sight]:
+    def sights(self) -> SightPath:
         """Observations of the slip watch, by frame."""
-        names = ", ".join(f"disc_{name}" for name in Disc._fields)
-        for rests, *disc in self._rows(f"rests, {names}"):
-            yield Sight(None if disc[0] is None else Disc(*disc), bool(rests))
+        kinds = {f"disc_{name}": "REAL" for name in Disc._fields} | {"rests": "BOOLEAN"}
+        return SightPath(*self._arrays(kinds))
 
-    def margins(self) -> Iterator[Margin]:
-        """Margins before macro slip, by frame."""
-        for values in self._rows(", ".join(Margin._fields)):
-            yield Margin(*(np.nan if value is None else value for value in values))
+    def margins(self) -> MarginPath:
+        """Margins before macro slip, by frame; without the last branch."""
+        return MarginPath(*self._arrays(dict.fromkeys(Margin._fields, "REAL")), last=None)
 
     def shears(self) -> ShearPath:
         """Shear of the gel and slip of the object along it, by frame."""
@@ -361,10 +359,6 @@ class RecordReader:
             tuple(part) if kind == "TEXT" else np.concatenate(part)
             for part, kind in zip(parts, kinds.values(), strict=True)
         ]
-
-    def _rows(self, names: str) -> Iterator[tuple[Any, ...]]:
-        with _naming_file(self.path):
-            yield from self._database.execute(f"SELECT {names} FROM frames ORDER BY row")
 
 
 @contextmanager

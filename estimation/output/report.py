@@ -74,9 +74,8 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     """
     main = run.main
     if table:
-        margins = run.margin.margins
         write_table(
-            folder / "angles.csv", main, run.imprint, margins, run.shears, run.grips, run.unit
+            folder / "angles.csv", main, run.imprint, run.margin, run.shears, run.grips, run.unit
         )
     write_tables(folder / "angles_all.csv", run.results.values(), run.imprint)
     summary = summarise(run)
@@ -186,11 +185,11 @@ def summarise(run: Run) -> dict[str, Any]:
 
 def _describe_margin(run: Run) -> dict[str, float | None] | None:
     """The margin in the last frame that has one, and its time; None without moments."""
-    rows = [i for i, margin in enumerate(run.margin.margins) if np.isfinite(margin.angle)]
-    if not rows:
+    rows, time = np.flatnonzero(np.isfinite(run.margin.angle)), run.main.time
+    if not len(rows):
         return None
-    margin, time = run.margin.margins[rows[-1]], run.main.time
-    values = (*np.degrees(margin[:3]), *margin[3:])
+    numbers = [values[rows[-1]] for values in run.margin[:-1]]
+    values = (*np.degrees(numbers[:3]), *numbers[3:])
     cells = {
         name: json_number(value) for name, value in zip(MARGIN_COLUMNS[1:], values, strict=True)
     }

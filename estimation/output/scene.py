@@ -7,10 +7,11 @@ markers that slip are also drawn as crosses.
 
 import base64
 from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 from estimation.estimators.result import State
 from estimation.frames.recording import Frame
@@ -198,3 +199,24 @@ def show_numbers(values: Iterable[float], digits: int = 3) -> list[float | None]
         digits: number of decimals.
     """
     return [round(value, digits) if np.isfinite(value) else None for value in map(float, values)]
+
+
+def choose_rows(
+    *curves: Shaped[np.ndarray, " frames"], most_parts: int = 2000
+) -> Int[np.ndarray, " rows"]:
+    """The rows of a long stream to draw: all, or the extremes of each curve in each part of it.
+
+    Args:
+        *curves: what is drawn over the frames, at least one curve.
+        most_parts: largest number of parts; a figure has about half as many pixels.
+    """
+    count = len(curves[0])
+    if count <= 4 * most_parts:
+        return np.arange(count)
+    edges = np.linspace(0, count, most_parts + 1).astype(int)
+    rows = [edges[:-1], [count - 1]]
+    for values in curves:
+        for unknown, find in ((np.inf, np.argmin), (-np.inf, np.argmax)):
+            known = np.where(np.isfinite(values), values, unknown)
+            rows.append([a + find(known[a:b]) for a, b in pairwise(edges)])
+    return np.unique(np.concatenate(rows))

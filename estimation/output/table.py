@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from estimation.estimators.result import (
 )
 from estimation.frames.files import growing, write_whole
 from estimation.slip.alert import GripPath
-from estimation.slip.margin import Margin
+from estimation.slip.margin import MarginPath
 from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.shear import ShearPath
 from estimation.tracking.stream import Answer
@@ -113,7 +113,7 @@ def write_table(
     path: Path,
     track: Track,
     imprint: Float[np.ndarray, " frames"],
-    margins: Sequence[Margin],
+    margins: MarginPath,
     shears: ShearPath,
     grips: GripPath,
     unit: str,
@@ -134,7 +134,7 @@ def write_table(
     """
     tables = (
         tabulate(part, imprint[rows], rows.start)
-        | tabulate_margin(part, margins[rows])
+        | tabulate_margin(part, margins.take(rows))
         | tabulate_shear(shears.take(rows), unit)
         | tabulate_grip(grips.take(rows))
         for part, rows in _parts(track)
@@ -173,7 +173,9 @@ def tabulate_answer(answer: Answer, method: str, unit: str) -> Table:
     """
     track = Track.gather(method, [answer.estimates[method]])
     imprint = np.array([answer.frame.imprint[0]])
-    table = tabulate(track, imprint, answer.row) | tabulate_margin(track, [answer.margin])
+    table = tabulate(track, imprint, answer.row) | tabulate_margin(
+        track, MarginPath.of(answer.margin)
+    )
     table |= tabulate_shear(ShearPath.of(answer.shear), unit)
     return table | tabulate_grip(GripPath.of((answer.friction, answer.alert)))
 
@@ -229,15 +231,14 @@ def tabulate(
     return table
 
 
-def tabulate_margin(track: Track, margins: Sequence[Margin]) -> dict[str, list[str]]:
+def tabulate_margin(track: Track, margins: MarginPath) -> dict[str, list[str]]:
     """The cells of `MARGIN_COLUMNS`, by column; empty for NaN."""
     stick, contact = track.stick_markers, track.contact_markers
     ratio = np.sqrt(np.where(contact, stick / np.maximum(contact, 1), np.nan))
-    numbers = np.array(margins).reshape(-1, len(MARGIN_COLUMNS) - 1)
-    values = np.column_stack([ratio, np.degrees(numbers[:, :3]), numbers[:, 3:]])
+    values = (ratio, *np.degrees(margins[:3]), *margins[3:-1])
     return {
         name: ["" if cell == "nan" else cell for cell in show_numbers(column)]
-        for name, column in zip(MARGIN_COLUMNS, values.T, strict=True)
+        for name, column in zip(MARGIN_COLUMNS, values, strict=True)
     }
 
 

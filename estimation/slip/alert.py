@@ -5,11 +5,11 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from estimation.choices import DEFAULT_ALERT, AlertSettings
 from estimation.estimators.measurement import Z95
-from estimation.estimators.result import State
+from estimation.estimators.result import State, take_rows
 from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
 
@@ -166,7 +166,6 @@ class GripPath(NamedTuple):
         numbers = np.array([(*friction, *alert[1:]) for friction, alert in frames]).reshape(-1, 7)
         return cls(*numbers.T, level=tuple(alert.level for _, alert in frames))
 
-    def take(self, rows: slice) -> "GripPath":
-        """The path for a slice of the frames."""
-        *numbers, levels = self
-        return GripPath(*(values[rows] for values in numbers), level=levels[rows])
+    def take(self, rows: slice | Int[np.ndarray, " rows"]) -> "GripPath":
+        """The path for some of the frames, given as a slice or by their rows."""
+        return GripPath(*(take_rows(values, rows) for values in self))

@@ -93,6 +93,10 @@ class Disc(NamedTuple):
     misfit: float = 0.0
 
 
+NO_DISC = Disc(np.nan, np.nan, np.nan, np.nan)
+"""The disc of frames without one."""
+
+
 class DiscFit(NamedTuple):
     """Axis x and y, radius and rotation of a disc, with the residual and its derivatives."""
 

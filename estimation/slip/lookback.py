@@ -27,7 +27,7 @@ from estimation.estimators.result import (
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
 from estimation.slip.disc import DEFAULT_SETTINGS, SlipSettings
-from estimation.slip.onset import MacroSlip, Sight, SlipWatch, date_slips
+from estimation.slip.onset import MacroSlip, SightPath, SlipWatch, date_slips
 
 FOLLOWING = ("tracked", "incremental")
 """Methods that follow the object; their angles are withdrawn where they may have lost it."""
@@ -50,11 +50,11 @@ def find_slips(
     watch = SlipWatch(recording.layout, noise, settings)
     frames = zip(recording.positions, result.contact, result.time, strict=True)
     sights = [watch.update(positions, contact, float(time)) for positions, contact, time in frames]
-    return date_doubts(result, sights, settings)
+    return date_doubts(result, SightPath.of(*sights), settings)
 
 
 def date_doubts(
-    track: Track, sights: Sequence[Sight], settings: SlipSettings = DEFAULT_SETTINGS
+    track: Track, sights: SightPath, settings: SlipSettings = DEFAULT_SETTINGS
 ) -> list[MacroSlip]:
     """Macro slips, certain and possible ones, from the sights recorded frame by frame.
 
@@ -63,11 +63,12 @@ def date_doubts(
         sights: sights of a `SlipWatch`, by frame.
         settings: how slips are dated and suspected.
     """
-    slips = date_slips([sight.disc for sight in sights if sight.disc is not None], settings)
+    slips = date_slips(sights, settings)
+    begins, ends = np.array([(slip.onset, _end(slip)) for slip in slips]).reshape(-1, 2).T
     doubts = [
         doubt
         for doubt in _find_doubts(track, sights, settings)
-        if not any(slip.onset < doubt.high and doubt.low < _end(slip) for slip in slips)
+        if not ((begins < doubt.high) & (doubt.low < ends)).any()
     ]
     return sorted(slips + doubts)
 
@@ -99,11 +100,13 @@ def withdraw(
     """
     state, reason = list(result.state), list(result.reason)
     doubtful, answered = np.zeros(len(result.time), dtype=bool), result.answered
+    known = np.where(np.isnan(result.time), -np.inf, result.time)
+    so_far, free = np.maximum.accumulate(known), _find_free(result)
     for slip in slips:
-        begun = np.flatnonzero(result.time >= slip.onset)
-        if not len(begun) or not _lets_go(result, int(begun[0]), settings):
+        begun = int(np.searchsorted(so_far, slip.onset))  # clocks may jump back
+        if begun == len(doubtful) or not _lets_go(result, begun, settings):
             continue
-        rows = _contact_from(result, int(begun[0]))
+        rows = np.arange(begun, _contact_end(free, begun))
         sliding = result.time[rows] < _end(slip)
         if np.isfinite(outline[rows][sliding]).sum() > 0.5 * sliding.sum():
             continue
@@ -129,25 +132,20 @@ def withdraw(
     return replace(result, **(result.without(doubtful) | {"state": tuple(state)} | sticking))
 
 
-def _find_doubts(track: Track, sights: Sequence[Sight], settings: SlipSettings) -> list[MacroSlip]:
+def _find_doubts(track: Track, sights: SightPath, settings: SlipSettings) -> list[MacroSlip]:
     """Possible slips: times of gel at rest that came to rest while few markers stuck."""
-    time, doubts = track.time, list[MacroSlip]()
-    for first, last in _runs(np.array([sight.rests for sight in sights])):
+    time, doubts, free = track.time, list[MacroSlip](), _find_free(track)
+    for first, last in _runs(sights.rests):
         begin = first - settings.window  # the window's first frame
         moved = begin > 0 and track.contact_markers[begin - 1] > 0
         if last - first < settings.window or not moved:
             continue
-        margins = [
-            sight.disc.margin
-            for sight in sights[max(begin - settings.window, 0) : first + settings.window + 1]
-            if sight.disc is not None
-            and time[max(begin - settings.window, 0)] <= sight.disc.time <= time[first]
-        ]
-        if (
-            _lets_go(track, begin, settings)
-            and min(margins[-4:], default=0.0) < settings.least_margin
-        ):
-            moves_again = last < _contact_from(track, begin)[-1]
+        before = max(begin - settings.window, 0)
+        near = slice(before, first + settings.window + 1)
+        seen = (time[before] <= sights.time[near]) & (sights.time[near] <= time[first])
+        margins = sights.margin[near][seen][-4:]
+        if _lets_go(track, begin, settings) and min(margins, default=0.0) < settings.least_margin:
+            moves_again = last < _contact_end(free, begin) - 1
             doubts.append(
                 MacroSlip(
                     onset=float(time[begin]),
@@ -171,10 +169,15 @@ def _end(slip: MacroSlip) -> float:
     return slip.regained if slip.ended else np.inf
 
 
-def _contact_from(result: Track, row: int) -> Int[np.ndarray, " rows"]:
-    """The rows from this one to the end of the contact."""
-    free = (i for i in range(row + 1, len(result.time)) if result.state[i] == State.NO_CONTACT)
-    return np.arange(row, next(free, len(result.time)))
+def _find_free(result: Track) -> Int[np.ndarray, " rows"]:
+    """The rows without contact, and the one after the last."""
+    free = [row for row, state in enumerate(result.state) if state == State.NO_CONTACT]
+    return np.array([*free, len(result.time)])
+
+
+def _contact_end(free: Int[np.ndarray, " rows"], row: int) -> int:
+    """The first row without contact after this one."""
+    return int(free[np.searchsorted(free, row, side="right")])
 
 
 def _runs(flags: Bool[np.ndarray, " frames"]) -> list[tuple[int, int]]:

@@ -1,6 +1,5 @@
 """Margin to macro slip, from the moment–angle curve extrapolated to its end."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -133,21 +132,35 @@ class MarginTracker:
 
 
 class MarginPath(NamedTuple):
-    """Margins of a recording, each from its own and earlier frames only.
+    """Margins of a recording, each from its own and earlier frames only; NaN in macro slip.
 
-    Attributes:
-        margins: margin of each frame; NaN in macro slip.
-        last: the branch of the last frame with a margin; None without one.
+    Fields are as in `Margin`, over frames, and `last` is the branch of the last frame with a
+    margin; None without one.
     """
 
-    margins: list[Margin]
+    angle: Float[np.ndarray, " frames"]
+    angle_low: Float[np.ndarray, " frames"]
+    angle_high: Float[np.ndarray, " frames"]
+    moment: Float[np.ndarray, " frames"]
+    moment_low: Float[np.ndarray, " frames"]
+    moment_high: Float[np.ndarray, " frames"]
     last: Branch | None
+
+    @classmethod
+    def of(cls, *frames: Margin) -> "MarginPath":
+        """Gather the margin of each frame."""
+        return cls(*np.array(frames).reshape(-1, len(Margin._fields)).T, last=None)
+
+    def take(self, rows: slice) -> "MarginPath":
+        """The path for a slice of the frames."""
+        *numbers, last = self
+        return MarginPath(*(values[rows] for values in numbers), last=last)
 
 
 def follow_margin(
     track: Track,
     settings: MarginSettings = DEFAULT_SETTINGS,
-    known: Sequence[Margin] | None = None,
+    known: MarginPath | None = None,
     changed: Bool[np.ndarray, " frames"] | None = None,
 ) -> MarginPath:
     """Margins of a recording, frame by frame.
@@ -161,24 +174,25 @@ def follow_margin(
     """
     frames = zip(
         track.state,
-        track.angle.tolist(),
-        track.moment.tolist(),
-        track.contact_markers.tolist(),
+        map(float, track.angle),
+        map(float, track.moment),
+        map(int, track.contact_markers),
         strict=True,
     )
     fitted = np.ones(len(track.time), dtype=bool)
     if known is not None and changed is not None:
         fitted = _is_stale(track, changed)
-        determined = np.flatnonzero(~fitted & np.isfinite([margin.angle for margin in known]))
+        determined = np.flatnonzero(~fitted & np.isfinite(known.angle))
         fitted[determined[-1:]] = True  # gives the last branch
-    tracker, margins = MarginTracker(settings), list[Margin]()
+    tracker, margins = MarginTracker(settings), np.full((len(fitted), len(Margin._fields)), np.nan)
+    if known is not None:
+        margins[:] = np.stack(known[:-1], axis=1)
     for row, (state, angle, moment, contact) in enumerate(frames):
-        if fitted[row] or known is None:
-            margins.append(tracker.follow(state, angle, moment, contact))
-            continue
-        margins.append(known[row])
-        tracker.add(state, angle, moment)
-    return MarginPath(margins, tracker.last)
+        if fitted[row]:
+            margins[row] = tracker.follow(state, angle, moment, contact)
+        else:
+            tracker.add(state, angle, moment)
+    return MarginPath(*margins.T, last=tracker.last)
 
 
 def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.ndarray, " frames"]:

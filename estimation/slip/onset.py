@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
 
 from estimation.estimators.measurement import Z95
 from estimation.fields.stencils import marker_pitch
@@ -23,6 +23,7 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
 from estimation.slip.disc import (
     DEFAULT_SETTINGS,
+    NO_DISC,
     Disc,
     SlipSettings,
     describe_disc,
@@ -56,25 +57,62 @@ class MacroSlip(NamedTuple):
         return bool(np.isfinite(self.regained))
 
 
-def date_slips(discs: Sequence[Disc], settings: SlipSettings = DEFAULT_SETTINGS) -> list[MacroSlip]:
+class Sight(NamedTuple):
+    """Evidence of slip in the motion over the window that ends with a frame.
+
+    Attributes:
+        disc: the stick disc; None if the motion is not that of a disc.
+        rests: whether the contact's markers have hardly moved.
+    """
+
+    disc: Disc | None
+    rests: bool
+
+
+class SightPath(NamedTuple):
+    """Sights of a recording, over frames: the fields of `Disc`, NaN without one, and `rests`."""
+
+    time: Float[np.ndarray, " frames"]
+    margin: Float[np.ndarray, " frames"]
+    error: Float[np.ndarray, " frames"]
+    misfit: Float[np.ndarray, " frames"]
+    rests: Bool[np.ndarray, " frames"]
+
+    @classmethod
+    def of(cls, *frames: Sight) -> "SightPath":
+        """Gather the sight of each frame."""
+        discs = np.array([sight.disc or NO_DISC for sight in frames], dtype=float)
+        rests = np.array([sight.rests for sight in frames], dtype=bool)
+        return cls(*discs.reshape(-1, len(Disc._fields)).T, rests=rests)
+
+
+def date_slips(sights: SightPath, settings: SlipSettings = DEFAULT_SETTINGS) -> list[MacroSlip]:
     """The certain macro slips of a recording, dated by its discs."""
     slips: list[MacroSlip] = []
-    slipping = False
-    discs = [disc for disc in discs if disc.misfit <= settings.round_misfit]
-    for i, disc in enumerate(discs):
-        near = [d.margin for d in discs[i : i + 4]]
-        changed = [m > settings.regained if slipping else m < 0.0 for m in near]
-        if not changed[0] or len(near) < 2 or np.mean(changed) < 0.75:
+    discs = np.column_stack(sights[:3])[sights.misfit <= settings.round_misfit]
+    time, margin, _ = discs.T
+    closed, open_again = _begins_to(margin < 0.0), _begins_to(margin > settings.regained)
+    row = 0
+    for begin in closed:
+        if begin < row:
             continue
-        if slipping:
-            slips[-1] = slips[-1]._replace(regained=disc.time)
-            slipping = False
-        elif slip := _date(
-            discs[max(i - settings.around, 0) : i + settings.around + 1], disc.time, settings
-        ):
-            slips.append(slip)
-            slipping = True
+        around = slice(max(begin - settings.around, 0), begin + settings.around + 1)
+        slip = _date(discs[around], time[begin], settings)
+        if slip is None:
+            continue
+        after = np.searchsorted(open_again, begin)  # the disc is closed at `begin` itself
+        row = open_again[after] if after < len(open_again) else len(discs)
+        slips.append(slip._replace(regained=float(time[row])) if row < len(discs) else slip)
     return slips
+
+
+def _begins_to(flags: Bool[np.ndarray, " discs"]) -> Int[np.ndarray, " rows"]:
+    """Rows from which at least three quarters of two to four flags are True, the first included."""
+    rows = np.arange(len(flags))
+    stop = np.minimum(rows + 4, len(flags))
+    total = np.r_[0, np.cumsum(flags)]
+    enough = total[stop] - total[rows] >= 0.75 * (stop - rows)
+    return rows[flags & enough & (stop - rows > 1)]
 
 
 def describe_slips(slips: Sequence[MacroSlip], start: float) -> tuple[str, ...]:
@@ -107,18 +145,6 @@ class _Markers(NamedTuple):
     points: Complex[np.ndarray, " n"]
     contact: Bool[np.ndarray, " n"]
     time: float
-
-
-class Sight(NamedTuple):
-    """Evidence of slip in the motion over the window that ends with a frame.
-
-    Attributes:
-        disc: the stick disc; None if the motion is not that of a disc.
-        rests: whether the contact's markers have hardly moved.
-    """
-
-    disc: Disc | None
-    rests: bool
 
 
 class SlipWatch:
@@ -214,9 +240,17 @@ class SlipWatch:
             self._axis = axis + 0.2 * (disc[:2] - axis)
 
 
-def _date(discs: Sequence[Disc], near: float, settings: SlipSettings) -> MacroSlip | None:
-    """The slip at the time at which a line through the margins crosses zero; None if unclear."""
-    time, margin, error = np.array([(disc.time, disc.margin, disc.error) for disc in discs]).T
+def _date(
+    discs: Float[np.ndarray, "discs 3"], near: float, settings: SlipSettings
+) -> MacroSlip | None:
+    """The slip at the time at which a line through the margins crosses zero; None if unclear.
+
+    Args:
+        discs: time, margin and error of each disc.
+        near: time near which the margin crosses zero [s].
+        settings: how slips are dated.
+    """
+    time, margin, error = discs.T
     if len(time) < 3:
         return None
     design = np.stack([time - near, np.ones_like(time)], axis=1) / error[:, None]

@@ -15,6 +15,7 @@ from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.slip.lookback import date_doubts, withdraw
 from estimation.slip.motion import accumulate_slip
+from estimation.slip.onset import SightPath
 from estimation.virtual.clip import ClipTruth, VirtualClip
 from papers.items import Track as Progress
 from papers.marker_images.answers import answer_clip
@@ -49,7 +50,8 @@ def answer_scene(condition: str, draw: int) -> ClipAnswers:
     answers, noise = answer_clip(clip)
     live = Track.gather("tracked", [answer.estimates["tracked"] for answer in answers])
     imprint = np.array([answer.frame.imprint[0] for answer in answers])
-    slips = [] if noise is None else date_doubts(live, [answer.sight for answer in answers])
+    sights = SightPath.of(*(answer.sight for answer in answers))
+    slips = [] if noise is None else date_doubts(live, sights)
     return ClipAnswers(condition, clip.truth, withdraw(live, slips, imprint), imprint)
 
 

@@ -51,14 +51,16 @@ def _foretell(draw: int) -> Float[np.ndarray, "3 aheads"]:
     recording, truth = simulate_pivot(draw_model(rng), seed=draw)
     result = estimate_angles(recording)
     noise = MOMENT_NOISE_NMM * rng.standard_normal(len(recording))
-    margins = follow_margin(replace(result, moment=result.moment + noise)).margins
+    margins = follow_margin(replace(result, moment=result.moment + noise))
     remaining = np.degrees(truth.angle - truth.angle[np.argmax(truth.macro_slip)])
     foretold = np.full((3, len(AHEAD_DEG)), np.nan)
     for i, ahead in enumerate(AHEAD_DEG):
         turning = np.flatnonzero((recording.source_index >= 80) & (remaining <= ahead))
         if truth.macro_slip.any() and len(turning):
             frame = turning[0]
-            foretold[:, i] = np.degrees(margins[frame][:3]) - remaining[frame]
+            foretold[:, i] = (
+                np.degrees([values[frame] for values in margins[:3]]) - remaining[frame]
+            )
     return foretold
 
 

@@ -38,7 +38,7 @@ def test_sticking_from_start_to_end():
     assert np.nanmax(error) < 0.02  # 1 µm over some 60 markers: 0.003°
     assert find_slips(recording, result, MICRON) == []
     # what little has bent the moment is far from the end
-    left = np.degrees([left.angle for left in follow_margin(result).margins])
+    left = np.degrees(follow_margin(result).angle)
     assert np.nanmin(left, initial=np.inf) > 20.0
 
 

@@ -6,6 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from estimation.estimators.result import Track
 from estimation.frames.noise import Noise
 from estimation.output.plots import plot_angles, plot_maps
 from estimation.pictures.reading import CONVENTION
@@ -59,3 +60,17 @@ def test_the_axis_of_the_angle_holds_the_truth(answered):
     figure = plot_angles({"tracked": result}, "tracked", {"truth": truth})
     assert figure.axes[0].get_ylim()[0] < -40.0
     plt.close(figure)
+
+
+def test_a_long_stream_is_drawn_by_its_extremes(answered):
+    _, result = answered
+    track = Track(method="tracked", **{name: getattr(result, name) for name in Track.columns()})
+    long = track.take(np.tile(np.arange(len(track.time)), 3000))
+    long = replace(long, time=np.arange(len(long.time), dtype=float))
+    top = plot_angles({"tracked": long}, "tracked").axes[0]
+    drawn = top.lines[0].get_ydata()
+    assert len(drawn) < len(long.time)
+    assert np.nanmax(drawn) == pytest.approx(np.degrees(np.nanmax(result.angle)))
+    spans = [collection for collection in top.collections if len(collection.get_paths()) > 1]
+    assert 0 < len(spans) <= 5  # one artist for each state
+    plt.close("all")

@@ -1,6 +1,6 @@
 import numpy as np
 
-from estimation.output.scene import Field, page_colours, show_markers, show_numbers
+from estimation.output.scene import Field, choose_rows, page_colours, show_markers, show_numbers
 
 
 def test_markers_have_a_sign_each_and_those_not_seen_are_left_out():
@@ -25,3 +25,15 @@ def test_a_field_lies_as_the_source_sees_it():
         assert spots[1, 0] > spots[0, 0]
     assert up.place(reference)[2, 1] < up.place(reference)[0, 1]
     assert down.place(reference)[2, 1] > down.place(reference)[0, 1]
+
+
+def test_a_figure_of_a_long_stream_keeps_its_extremes():
+    long = np.sin(np.arange(50_000) / 700.0)
+    long[12_345], long[33_333], long[40_000:] = 5.0, -5.0, np.nan
+    other = np.zeros(len(long))
+    other[777] = 1.0
+    rows = choose_rows(long, other)
+    assert {0, 777, 12_345, 33_333, len(long) - 1} <= set(rows.tolist())
+    assert len(rows) < 9_000
+    assert np.isnan(long[rows][rows >= 40_000]).all()  # a gap stays one
+    np.testing.assert_array_equal(choose_rows(other[:8000]), np.arange(8000))
