@@ -38,6 +38,8 @@ from estimation.pictures.stream import Picture
 
 RESTING = 5
 """Number of consecutive frames in which dots must be regular and still to count as at rest."""
+MOST_MOTION = 0.02
+"""Largest motion of dots at rest from frame to frame [pitches]."""
 MOST_JUDGED = 2000
 """Largest number of frames whose contact is corrected once the dots have been at rest."""
 
@@ -71,6 +73,8 @@ class DotReader(MarkerReader):
         self.size = first.size
         self.by_dots: deque[int] = deque(maxlen=MOST_JUDGED)
         self.resting, self.before = 0, self.reference.position
+        self.followed = self.reference.position  # in the last picture
+        self.passed: list[tuple[np.ndarray, np.ndarray, int]] = []  # last picture in motion
         self.uneven = np.zeros((0, 2))  # dots that did not rest when last indexed
         self.reach = 0.0  # motion of these dots up to which they cannot rest [px]
         self.scale, self.unit = settings.scale, settings.unit
@@ -157,10 +161,26 @@ class DotReader(MarkerReader):
     def _look_for_rest(
         self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
     ) -> None:
-        """Take the dots as the reference once they have been regular and still for long enough."""
+        """Take the dots as the reference once they have been regular and still for long enough.
+
+        Judging takes milliseconds, so a picture in motion is only judged once the gel has stopped.
+        """
+        moving = 0.1  # share of the dots that has moved further where the gel moves
+        step = np.linalg.norm(position - self.followed, axis=1) / self.reference.pitch
+        self.followed = position
+        if (step > MOST_MOTION).sum() > moving * np.isfinite(step).sum():
+            self.resting, self.passed = 0, [(position, dots, number)]
+            return
+        for picture in (*self.passed, (position, dots, number)):
+            self._judge_rest(*picture)
+        self.passed = []
+
+    def _judge_rest(
+        self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int
+    ) -> None:
+        """Count a picture whose dots are regular and still, and take the last as the reference."""
         # share of the picture's dots (or of the reference's, if fewer) that must be matched
         recognised = 0.9
-        most_motion = 0.02  # largest motion of dots at rest from frame to frame [pitches]
         needed = recognised * min(len(dots), len(self.lattice.dot))
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         rests = irregularity.rests and np.isfinite(position[:, 0]).sum() >= needed
@@ -168,7 +188,7 @@ class DotReader(MarkerReader):
             position = self._recognise(dots)
             rests = np.isfinite(position[:, 0]).sum() >= needed
         moved = np.linalg.norm(position - self.before, axis=1)
-        still = np.nanmax(moved, initial=0.0) < most_motion * self.reference.pitch
+        still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
         self.before = position
         if self.resting < RESTING or not self._is_better(position):
