@@ -37,6 +37,8 @@ CORE_SIZES = (CORE_MARKERS, 7, 5, 4)
 INNER_LIKELY, INNER_CERTAIN = 1.645, 1.96
 """Standard errors by which the inner half of a small stick region may turn beyond the whole: the
 interval covers the first (95 %, one-sided); beyond the second, the outer half slips."""
+WEIGHTS_SETTLED = 1e-4
+"""Change of the weights below which a fit has converged: a thousandth of the standard error."""
 BIWEIGHT_CUT = 5.0
 # Standard error over that of an unweighted fit, times the square root of the mean weight: two
 # normal coordinates and a cut at 5 standard deviations (quadrature; tested).
@@ -240,11 +242,11 @@ def fit_rigid_rotation(
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     x, y = before[segment], after[segment]
     body, scale = _fit_core(x, y, np.abs(x - before[fields.centre]), noise_mm)
-    for _ in range(50):  # two to ten suffice
+    for _ in range(50):  # a few suffice
         residual = body.motion.residual(x, y)
         weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
         previous, body = body, _Body(weights, fit_motion(x, y, weights))
-        if np.abs(weights - previous.weights).max() < 1e-6:
+        if np.abs(weights - previous.weights).max() < WEIGHTS_SETTLED:
             break
     while True:
         stick = np.zeros_like(segment)

@@ -10,6 +10,7 @@ The coefficient measured in a slip is kept for the whole recording, also for oth
 
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -124,7 +125,7 @@ class FrictionWatch:
         shear, twist = np.hypot(force[0], force[1]) / pressed, about / self._arm
         self._recent.append(float(np.hypot(shear, twist)))
         self._turn = float(twist**2 / max(shear**2 + twist**2, 1e-12))
-        self._used = float(np.median(list(self._recent)[-3:]))
+        self._used = float(median(list(self._recent)[-3:]))
         self._most = float(np.fmax(self._most, self._used))
 
     @property

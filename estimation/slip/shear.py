@@ -14,6 +14,8 @@ gel. Without a print to compare, there is no verdict.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -309,5 +311,5 @@ def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Ou
 
 
 def _middle(values: Sequence[float]) -> float:
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.median(finite)) if finite else np.nan
+    finite = [value for value in values if isfinite(value)]
+    return float(median(finite)) if finite else np.nan  # NumPy's takes ten times as long for three
