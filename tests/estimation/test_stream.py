@@ -281,6 +281,9 @@ def test_lines_say_each_frame_once(recording):
         assert len(said) <= answer.row + 2 or answer.row < 6
     assert said[0] == HEADER
     assert len(said) == 1 + len(recording)
+    rows = [dict(zip(HEADER.split(","), line.split(","), strict=True)) for line in said[1:]]
+    assert rows[0]["alert"] == "unknown"  # nothing touches
+    assert {row["alert"] for row in rows} >= {"unknown", "none"}
 
 
 def test_a_record_of_other_settings_is_not_resumed(recording, tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 from estimation.output.table import read_cells, tabulate_answer
 from estimation.tracking.stream import Answer
 
-HEADER = "time_s,source_index,state,angle_deg,angle_low_deg,angle_high_deg,reason"
+HEADER = "time_s,source_index,state,angle_deg,angle_low_deg,angle_high_deg,alert,reason"
 
 
 class AnswerLines(ABC):
@@ -56,7 +56,8 @@ class LineWriter(AnswerLines):
         degrees = np.degrees([estimate.angle, estimate.low, estimate.high])
         numbers = ",".join(f"{value:.4f}" for value in degrees)
         reason = estimate.reason.replace(",", ";")
-        return f"{estimate.time:.4f},{estimate.source_index},{estimate.state},{numbers},{reason}"
+        words = f"{answer.alert.level},{reason}"
+        return f"{estimate.time:.4f},{estimate.source_index},{estimate.state},{numbers},{words}"
 
 
 class JsonWriter(AnswerLines):
