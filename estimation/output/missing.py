@@ -11,10 +11,10 @@ from estimation.slip.lookback import RESTS_OR_SLIDES
 def count_missing(result: Track) -> dict[str, int]:
     """Number of frames without an angle by reason, the most frequent reason first."""
     touched = np.maximum.accumulate([state != State.NO_CONTACT for state in result.state])
-    gone = np.zeros(len(touched), dtype=bool)
+    withdrawn = np.zeros(len(touched), dtype=bool)
     if result.withdrawn is not None:
-        gone = result.withdrawn.rows
-    flags = (values.tolist() for values in (touched, gone, result.answered))
+        withdrawn = result.withdrawn.rows
+    flags = (values.tolist() for values in (touched, withdrawn, result.answered))
     frames = zip(result.state, result.reason, *flags, strict=True)
     counts = Counter(_name_reason(*frame[:4]) for frame in frames if not frame[4])
     return dict(counts.most_common())

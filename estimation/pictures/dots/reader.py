@@ -169,7 +169,8 @@ class DotReader(MarkerReader):
         step = np.linalg.norm(position - self.followed, axis=1) / self.reference.pitch
         self.followed = position
         if (step > MOST_MOTION).sum() > moving * np.isfinite(step).sum():
-            self.resting, self.passed = 0, [(position, dots, number)]
+            self.passed = [] if self.resting else [(position, dots, number)]
+            self.resting = 0
             return
         for picture in (*self.passed, (position, dots, number)):
             self._judge_rest(*picture)
