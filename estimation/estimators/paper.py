@@ -94,7 +94,7 @@ class Paper:
             return Measurement.none(fields.contact)
         fields = fields._replace(rotation=fields.rotation - self._drift)
         stick = grow_stick_region(
-            fields, self.stencils.neighbours, threshold=self.settings.threshold, floor=self.floor
+            fields, self.stencils.adjacent, threshold=self.settings.threshold, floor=self.floor
         )
         if stick.sum() < self.settings.min_stick_markers:
             self._recent.clear()

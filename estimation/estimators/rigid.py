@@ -184,7 +184,7 @@ class Rigid:
                 )
             fields = fields._replace(rotation=turned, contact=contact, centre=centre)
         segment = grow_stick_region(
-            fields, self.stencils.neighbours, threshold=self.settings.threshold, floor=self.floor
+            fields, self.stencils.adjacent, threshold=self.settings.threshold, floor=self.floor
         )
         if segment.sum() < self.settings.min_stick_markers:
             return None

@@ -96,7 +96,7 @@ def rotation_sensitivity(
     It is of first order in the deformation. With it, the variance of the mean follows from the
     marker noise, including the effect of shared neighbours.
     """
-    weights, inverse = _stencil_weights(stencils, valid)
+    weights, inverse = stencils.fit_planes(valid)
     per_edge = np.einsum("nk,nkj,nji->nki", weights, stencils.offsets, inverse)[markers]
     e1, e2 = stencils.tangents[markers][..., 0], stencils.tangents[markers][..., 1]
     share = 0.5 * (per_edge[..., :1] * e2[:, None] - per_edge[..., 1:] * e1[:, None])
@@ -124,7 +124,7 @@ def _surface_gradient(
     stencils: Stencils, positions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2 2"]]:
     """Present normals, and the deformation gradient without the tilt of the tangent planes."""
-    weights, inverse = _stencil_weights(stencils, np.isfinite(positions[:, 0]))
+    weights, inverse = stencils.fit_planes(np.isfinite(positions[:, 0]))
     edges = positions[stencils.neighbours] - positions[:, None]
     edges = np.where(weights[..., None] > 0, edges, 0.0)
     images = edges.transpose(0, 2, 1) @ stencils.offsets @ inverse
@@ -133,18 +133,3 @@ def _surface_gradient(
         stencils.tangents.transpose(0, 2, 1), stencils.normals[:, None], normals[:, None]
     )
     return normals, tangents @ images
-
-
-def _stencil_weights(
-    stencils: Stencils, valid: Bool[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n 2 2"]]:
-    """Weights of the neighbours, and the inverse normal matrix of each marker's plane fit."""
-    weights = ((stencils.neighbours >= 0) & valid[stencils.neighbours] & valid[:, None]) * 1.0
-    weighted = stencils.offsets * weights[..., None]
-    normal_matrix = weighted.transpose(0, 2, 1) @ stencils.offsets
-    a, b, d = normal_matrix[:, 0, 0], normal_matrix[:, 0, 1], normal_matrix[:, 1, 1]
-    determinant = a * d - b * b
-    enough = determinant > 1e-3 * (a + d) ** 2
-    determinant = np.where(enough, determinant, np.nan)
-    adjugate = np.stack([np.stack([d, -b], -1), np.stack([-b, a], -1)], -2)
-    return weights, adjugate / determinant[:, None, None]

@@ -81,7 +81,11 @@ def measure_axis(fields: Fields) -> Axis:
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     depth = fields.indentation[fields.contact]
     weights = depth - depth.min()
-    solve = np.linalg.pinv(design.T @ (weights[:, None] * design)) @ (design.T * weights)
+    try:
+        inverse = np.linalg.inv(design.T @ (weights[:, None] * design))
+    except np.linalg.LinAlgError:
+        return nothing._replace(reason="the contact's markers do not determine its shape")
+    solve = inverse @ (design.T * weights)
     shape = solve @ depth
     misfit = depth - design @ shape
     variance = float(weights @ misfit**2) / max(float(weights.sum()), 1e-30)

@@ -1,10 +1,12 @@
 """Tangent planes and difference stencils of a marker layout."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from estimation.frames.neighbours import list_neighbours
 from estimation.frames.recording import MarkerLayout
 
 
@@ -30,6 +32,38 @@ class Stencils:
     offsets: Float[np.ndarray, "n k 2"]
     flat: bool
     gridded: bool
+
+    def fit_planes(
+        self, valid: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n 2 2"]]:
+        """Weights of the neighbours, and the inverse normal matrix of each marker's plane fit.
+
+        Args:
+            valid: markers that can be used.
+        """
+        return self._whole_fit if valid.all() else self._fit_planes(valid)
+
+    @cached_property
+    def _whole_fit(self) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n 2 2"]]:
+        return self._fit_planes(np.ones(len(self.reference), dtype=bool))
+
+    def _fit_planes(
+        self, valid: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n 2 2"]]:
+        weights = ((self.neighbours >= 0) & valid[self.neighbours] & valid[:, None]) * 1.0
+        weighted = self.offsets * weights[..., None]
+        normal_matrix = weighted.transpose(0, 2, 1) @ self.offsets
+        a, b, d = normal_matrix[:, 0, 0], normal_matrix[:, 0, 1], normal_matrix[:, 1, 1]
+        determinant = a * d - b * b
+        enough = determinant > 1e-3 * (a + d) ** 2
+        determinant = np.where(enough, determinant, np.nan)
+        adjugate = np.stack([np.stack([d, -b], -1), np.stack([-b, a], -1)], -2)
+        return weights, adjugate / determinant[:, None, None]
+
+    @cached_property
+    def adjacent(self) -> list[list[int]]:
+        """Indices of each marker's neighbours, as lists."""
+        return list_neighbours(self.neighbours)
 
     def rotation_noise(self, noise_mm: float) -> float:
         """Typical standard error of φ for a marker noise per in-plane coordinate [rad]."""

@@ -5,9 +5,10 @@ Visuotactile Sensing During In-Hand Object Pivoting", Eq. (15) and Section IV-B.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool
 
 from estimation.fields.measure import Fields
 
@@ -66,7 +67,7 @@ def normalized_difference(rotation: float, mean: float, floor: float) -> float:
 
 
 def grow_stick_region(
-    fields: Fields, neighbours: Int[np.ndarray, "n k"], *, threshold: float, floor: float
+    fields: Fields, adjacent: Sequence[Sequence[int]], *, threshold: float, floor: float
 ) -> Bool[np.ndarray, " n"]:
     """Grow the stick region from the stick centre over neighbours, by [Li2024] Eq. (15).
 
@@ -78,19 +79,18 @@ def grow_stick_region(
 
     Args:
         fields: fields of a frame with contact.
-        neighbours: indices of neighbours, filled up with −1.
+        adjacent: indices of each marker's neighbours.
         threshold: Δφ_th [-].
         floor: least denominator of Eq. (15) [rad].
     """
     phi = fields.rotation.tolist()
     free = fields.contact.tolist()
-    adjacent = neighbours.tolist()
     free[fields.centre] = False
     members, newest = [fields.centre], [fields.centre]
     total = phi[fields.centre]
     rejected: set[int] = set()
     while newest:
-        ring = rejected | {j for i in newest for j in adjacent[i] if j >= 0 and free[j]}
+        ring = rejected | {j for i in newest for j in adjacent[i] if free[j]}
         mean = total / len(members)
         newest = []
         for j in sorted(ring, key=lambda j, mean=mean: abs(phi[j] - mean)):

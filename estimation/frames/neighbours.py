@@ -81,3 +81,8 @@ def find_grid(reference: Float[np.ndarray, "n d"]) -> tuple[int, int] | None:
         if regular and area > 0.5 * max(ax**2 + ay**2, bx**2 + by**2):
             return rows, columns
     return None
+
+
+def list_neighbours(neighbours: Int[np.ndarray, "n k"]) -> list[list[int]]:
+    """Indices of each marker's neighbours as lists, without the filling of −1."""
+    return [[j for j in row if j >= 0] for row in neighbours.tolist()]

@@ -115,7 +115,7 @@ def _draw(
     for threshold in THRESHOLDS:
         region = grow_stick_region(
             fields,
-            stencils.neighbours,
+            stencils.adjacent,
             threshold=threshold,
             floor=float(np.radians(ANGLE_FLOOR_DEG)),
         )

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from estimation.fields.measure import Fields
 from estimation.fields.stick import grow_stick_region, normalized_difference
-from estimation.frames.neighbours import grid_neighbours
+from estimation.frames.neighbours import grid_neighbours, list_neighbours
 
 FLOOR = np.radians(0.5)
 rotations = st.floats(-0.5, 0.5)
@@ -49,7 +49,9 @@ def test_growth_stops_at_slip_and_at_the_contact_edge():
     contact = np.ones((7, 7), dtype=bool)
     contact[0] = False
     fields = fields_with(rotation.ravel(), contact.ravel(), 24)
-    region = grow_stick_region(fields, grid_neighbours((7, 7)), threshold=0.4, floor=FLOOR)
+    region = grow_stick_region(
+        fields, list_neighbours(grid_neighbours((7, 7))), threshold=0.4, floor=FLOOR
+    )
     expected = np.ones((7, 7), dtype=bool)
     expected[:, 5:] = False
     expected[0] = False
@@ -59,7 +61,9 @@ def test_growth_stops_at_slip_and_at_the_contact_edge():
 def test_growth_does_not_jump_a_gap_of_slip():
     rotation = np.array([0.2, 0.2, 0.0, 0.2, 0.2])
     fields = fields_with(rotation, np.ones(5, dtype=bool), 0)
-    region = grow_stick_region(fields, grid_neighbours((1, 5)), threshold=0.4, floor=FLOOR)
+    region = grow_stick_region(
+        fields, list_neighbours(grid_neighbours((1, 5))), threshold=0.4, floor=FLOOR
+    )
     assert region.tolist() == [True, True, False, False, False]
 
 
@@ -67,7 +71,9 @@ def test_the_mean_moves_with_every_marker_taken():
     # each step is within 20 % of its neighbour, the last ones are far from the first
     rotation = 0.1 * 1.2 ** np.arange(9)
     fields = fields_with(rotation, np.ones(9, dtype=bool), 0)
-    region = grow_stick_region(fields, grid_neighbours((1, 9)), threshold=0.4, floor=FLOOR)
+    region = grow_stick_region(
+        fields, list_neighbours(grid_neighbours((1, 9))), threshold=0.4, floor=FLOOR
+    )
     mean = rotation[0]
     for count in range(1, 9):
         if normalized_difference(rotation[count], mean, FLOOR) >= 0.4:
@@ -85,7 +91,10 @@ def test_numbering_of_the_markers_does_not_matter(seed, threshold):
     contact[27] = True
     neighbours = grid_neighbours((8, 8))
     region = grow_stick_region(
-        fields_with(rotation, contact, 27), neighbours, threshold=threshold, floor=FLOOR
+        fields_with(rotation, contact, 27),
+        list_neighbours(neighbours),
+        threshold=threshold,
+        floor=FLOOR,
     )
     order = rng.permutation(64)
     place = np.argsort(order)
@@ -93,7 +102,7 @@ def test_numbering_of_the_markers_does_not_matter(seed, threshold):
     renamed = renamed[:, rng.permutation(4)]
     again = grow_stick_region(
         fields_with(rotation[order], contact[order], int(place[27])),
-        renamed,
+        list_neighbours(renamed),
         threshold=threshold,
         floor=FLOOR,
     )
@@ -106,7 +115,7 @@ def test_a_region_is_connected_and_has_no_neighbour_left_to_take(seed):
     rotation = 0.2 + 0.04 * rng.normal(size=49)
     neighbours = grid_neighbours((7, 7))
     fields = fields_with(rotation, np.ones(49, dtype=bool), 24)
-    region = grow_stick_region(fields, neighbours, threshold=0.2, floor=FLOOR)
+    region = grow_stick_region(fields, list_neighbours(neighbours), threshold=0.2, floor=FLOOR)
     assert region[24]
     mean = rotation[region].mean()
     around = {j for i in np.nonzero(region)[0] for j in neighbours[i] if j >= 0 and not region[j]}
