@@ -6,6 +6,7 @@ motions, which slow creep and slip of one finger hardly change; the angle offset
 difference that remains. The fingers are also compared before any offset is fitted.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -87,6 +88,8 @@ class Grasp(NamedTuple):
         free: the fit with free slope.
         own_clocks: whether the clock offset is 0 because the angles give no evidence of another.
         raw: the fingers' difference before offsets are fitted; None without a common frame.
+        left_out: numbers of frames of either finger whose angle is left out, since it counts from
+            a restart.
 
     Examples:
         >>> import numpy as np
@@ -112,6 +115,18 @@ class Grasp(NamedTuple):
     free: Fit
     own_clocks: bool
     raw: Disagreement | None
+    left_out: tuple[int, int] = (0, 0)
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the fingers disagree, and no clock offset explains it."""
+        clear = self.raw is not None and self.raw.clear
+        return clear and (self.own_clocks or not self.explains_half)
+
+    @property
+    def explains_half(self) -> bool:
+        """Whether offsets remove at least half of the fingers' difference."""
+        return self.raw is None or self.fixed.rms <= 0.5 * self.raw.rms
 
 
 def compare_fingers(
@@ -121,6 +136,9 @@ def compare_fingers(
     least_difference: float = float(np.radians(0.3)),
 ) -> Grasp:
     """Compare and join two fingers' angles, fitted to frames in which neither is in macro slip.
+
+    Angles of a finger that was lost and restarted within a contact are left out until the contact
+    ends, since they exclude earlier rotation.
 
     Args:
         first: track of the finger whose clock is used.
@@ -145,6 +163,11 @@ def compare_fingers(
         >>> print(f"the fingers differ by {apart:.1f}° at most")
         the fingers differ by 0.1° at most
     """
+    recounted = first.recounted, second.recounted
+    first, second = (
+        replace(track, **track.without(rows))
+        for track, rows in zip((first, second), recounted, strict=True)
+    )
     pair = _Pair(first, second, short_s)
     clock, own_clocks, doubt = pair.find_clock()
     fixed = pair.fit(clock, doubt, free_slope=False)
@@ -173,6 +196,7 @@ def compare_fingers(
         free=free,
         own_clocks=own_clocks,
         raw=_compare_raw(first, second, least_difference),
+        left_out=(int(recounted[0].sum()), int(recounted[1].sum())),
     )
 
 
@@ -219,24 +243,9 @@ def _compare_raw(first: Track, second: Track, least: float) -> Disagreement | No
         time=float(time[worst]),
         share=share,
         rms=rms,
-        clear=rms > least and (share > 0.05 or abs(difference[worst]) > 2.0 * interval[worst]),
-    )
-
-
-def describe_clocks(grasp: Grasp) -> str:
-    """The clocks that a comparison uses, in a sentence."""
-    fit = grasp.fixed
-    if not grasp.own_clocks:
-        useless = grasp.raw is not None and fit.rms > 0.5 * grasp.raw.rms
-        doubt = "; it removes less than half of their difference: check the clocks"
-        return (
-            f"The clock offset of {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s (standard error) "
-            f"is fitted to the fingers' motions over 0.4 s{doubt if useless else ''}"
-        )
-    most = Z95 * fit.errors[1]
-    return (
-        "The recordings' own clocks are used: the angles show no offset between them, but do not "
-        f"exclude one of up to {most:.2g} s"
+        clear=bool(
+            rms > least and (share > 0.05 or abs(difference[worst]) > 2.0 * interval[worst])
+        ),
     )
 
 

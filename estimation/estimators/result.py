@@ -266,6 +266,20 @@ class Track(_OverFrames):
         """Frames that have an angle."""
         return np.isfinite(self.angle)
 
+    @property
+    def recounted(self) -> Bool[np.ndarray, " frames"]:
+        """Frames whose angle counts from a restart later than the contact's first angle."""
+        rows = np.zeros(len(self.time), dtype=bool)
+        first: int | None = None  # restarts at the contact's first angle
+        frames = zip(self.state, self.answered, self.restarts, strict=True)
+        for row, (state, answered, restarts) in enumerate(frames):
+            if state == State.NO_CONTACT:
+                first = None
+            elif answered and first is None:
+                first = int(restarts)
+            rows[row] = first is not None and restarts > first
+        return rows
+
     def without(self, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:
         """The quantities of an answer, by name, blank in the given frames."""
         return {

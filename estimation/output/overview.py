@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from estimation.estimators.grasp import Disagreement, Fit, Grasp, describe_clocks
+from estimation.estimators.grasp import Disagreement, Fit, Grasp
+from estimation.estimators.measurement import Z95
 from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
+from estimation.frames.names import counted
 from estimation.output.answer import describe_run, describe_turns
 from estimation.output.found import Run
 from estimation.output.load_plots import plot_moment
@@ -83,6 +85,12 @@ def write_overview(
 def describe_grasp(grasp: Grasp) -> str:
     """A sentence on the object's rotation by both fingers, and on their difference."""
     turns = describe_turns(grasp.joint, grasp.low, grasp.high)
+    if grasp.disagrees and grasp.raw is not None:
+        most = f"{abs(np.degrees(grasp.raw.largest)):.1f}°"
+        return (
+            f"The fingers disagree by up to {most}, so see the answer of each; with both in the "
+            f"interval: {turns}"
+        )
     differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
     aligned = "" if grasp.own_clocks else ", their clocks aligned"
     return f"{turns[0].upper()}{turns[1:]} by both fingers; {differ}{aligned}"
@@ -110,14 +118,49 @@ def describe_evidence(runs: Sequence[Run]) -> list[str]:
     return [*lines, f"{advice} (documentation: Fingers that disagree)"]
 
 
+def describe_left_out(grasp: Grasp, names: Sequence[str]) -> list[str]:
+    """How many angles of either finger the comparison leaves out, a sentence each."""
+    return [
+        f"{name}: its angles in {counted(count, 'frame', 'frames')} after a restart are left out "
+        "of the joint angle, since they exclude earlier rotation"
+        for name, count in zip(names, grasp.left_out, strict=True)
+        if count
+    ]
+
+
 def describe_fits(grasp: Grasp) -> list[str]:
     """Differences of the fingers after the fits, and the clocks in use, a line each."""
-    free = f"{grasp.free.slope:.3f} ± {grasp.free.errors[0]:.3f} (standard error)"
+    most_doubt = 0.1  # standard error from which the slope is undetermined [-]
+    offset, rms = f"{np.degrees(grasp.fixed.angle_offset):.2f}°", np.degrees(grasp.fixed.rms)
     lines = [
-        f"the fingers differ by {np.degrees(fit.rms):.3f}° rms before macro slip with slope {slope}"
-        for fit, slope in ((grasp.fixed, "1"), (grasp.free, free))
+        f"with an angle offset of {offset} fitted, the fingers differ by {rms:.3f}° rms before "
+        "macro slip"
     ]
+    free = grasp.free
+    if free.errors[0] < most_doubt:
+        lines.append(
+            f"with a slope fitted too, {free.slope:.3f} ± {free.errors[0]:.3f} (standard error) of "
+            f"the second finger's angle over the first's, by {np.degrees(free.rms):.3f}°"
+        )
+    else:
+        lines.append("the object turned too little while both held it to compare their slopes")
     return [*lines, describe_clocks(grasp)]
+
+
+def describe_clocks(grasp: Grasp) -> str:
+    """The clocks that a comparison uses, in a sentence."""
+    fit = grasp.fixed
+    if not grasp.own_clocks:
+        doubt = "; it removes less than half of their difference: check the clocks"
+        return (
+            f"The clock offset of {fit.clock_offset:.3f} ± {fit.errors[1]:.3f} s (standard error) "
+            f"is fitted to the fingers' motions over 0.4 s{'' if grasp.explains_half else doubt}"
+        )
+    most = Z95 * fit.errors[1]
+    return (
+        "The recordings' own clocks are used: the angles show no offset between them, but do not "
+        f"exclude one of up to {most:.2g} s"
+    )
 
 
 def _count_outcomes(runs: Sequence[Run]) -> str:

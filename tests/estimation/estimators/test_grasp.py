@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 from rich.progress import Progress
 
-from estimation.estimators.grasp import compare_fingers, describe_clocks
+from estimation.estimators.grasp import compare_fingers
 from estimation.estimators.result import State, Track
 from estimation.output.found import find_in_record
-from estimation.output.overview import describe_evidence
+from estimation.output.overview import (
+    describe_clocks,
+    describe_evidence,
+    describe_fits,
+    describe_grasp,
+)
 from estimation.output.record import RecordReader
 from estimation.run import run_all
 from estimation.settings import Settings
@@ -237,3 +242,30 @@ def test_no_overlap_is_said_and_the_rest_is_kept(fingers, tmp_path):
     assert any(line.startswith("no comparison") for line in outcome.lines)
     assert "no comparison: the two recordings share" in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "comparison.csv").exists()
+
+
+def test_angles_after_a_restart_are_left_out(turns):
+    make, time = turns
+    first, second = make()
+    lost = time > 6.0
+    moved = np.radians(10.0) * lost  # what it has not seen
+    again = replace(
+        second,
+        restarts=second.restarts + lost,
+        **{name: getattr(second, name) + moved for name in ("angle", "low", "high")},
+    )
+    grasp = compare_fingers(first, again)
+    assert grasp.left_out == (0, int(lost.sum()))
+    assert not grasp.raw.clear
+    np.testing.assert_allclose(grasp.joint[lost], first.angle[lost])
+    whole = compare_fingers(first, replace(again, restarts=second.restarts))
+    assert whole.left_out == (0, 0)
+    assert whole.disagrees
+    assert describe_grasp(whole).startswith("The fingers disagree by up to ")
+
+
+def test_a_slope_that_no_turn_shows_is_not_given(turns):
+    make, _ = turns
+    lines = describe_fits(compare_fingers(*make(turned=0.005)))
+    assert any("turned too little" in line for line in lines)
+    assert any("(standard error)" in line for line in describe_fits(compare_fingers(*make()))[1:])
