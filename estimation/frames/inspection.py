@@ -74,8 +74,8 @@ def inspect_recording(recording: Recording) -> Recording:
     remarks = [
         *absurd,
         *_index_notes(recording),
-        *_count("a marker was not seen", ~seen),
-        *_count("a marker was frozen while the others moved", frozen),
+        *_count("not seen at times", ~seen),
+        *_count("frozen at times while others moved", frozen),
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
         *_length_notes(recording, valid & ~blank[:, None]),
     ]
@@ -117,8 +117,8 @@ class LiveInspector:
         if 2 * (shared & ~same).sum() > shared.sum():
             self._still = np.where(same, self._still + 1, 0)
         frozen = np.logical_and(seen, self._still >= FROZEN_STEPS)
-        self._count("a marker was not seen", ~seen)
-        self._count("a marker was frozen while the others moved", frozen)
+        self._count("not seen at times", ~seen)
+        self._count("frozen at times while others moved", frozen)
         return replace(frame, valid=frame.valid & ~frozen) if frozen.any() else frame
 
     def notes(self) -> tuple[str, ...]:
@@ -252,8 +252,8 @@ def _count(what: str, where: Bool[np.ndarray, "frames n"]) -> list[str]:
 
 
 def _say_count(what: str, markers: int, frames: int) -> str:
-    seen = counted(markers, "marker", "markers")
-    return f"{what}: {seen}, in {counted(frames, 'frame', 'frames')}"
+    were = counted(markers, "marker was", "markers were")
+    return f"{were} {what} (in {counted(frames, 'frame', 'frames')} in all)"
 
 
 def list_flaws(counts: Mapping[str, int]) -> list[str]:

@@ -54,4 +54,7 @@ def _name_reason(state: State, reason: str, touched: bool, withdrawn: bool) -> s
 
 
 def _list(counts: dict[str, int]) -> str:
-    return ", ".join(f"{n} {name}" for name, n in counts.items())
+    own = ("before", "without", "in", "withdrawn", "after", "for", *State)  # not a reason's words
+    return ", ".join(
+        f"{n} {name}" if name.split()[0] in own else f"{n} ({name})" for name, n in counts.items()
+    )

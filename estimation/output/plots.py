@@ -1,10 +1,10 @@
 """Figures of recordings and results; each function returns a Matplotlib figure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -49,12 +49,9 @@ def plot_angles(
         ["object's angle [°]", 'markers', 'moment [N·mm]']
     """
     main, references = results[method], references or {}
-    slips = np.array([state == State.MACRO_SLIP for state in main.state], dtype=float)
-    curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, slips)
-    drawn = choose_rows(*curves, *references.values())
+    drawn = _choose_rows(main, references.values())
     references = {label: values[drawn] for label, values in references.items()}
-    main, start = main.take(drawn), main.time[0]
-    time = main.time - start
+    main, time = main.take(drawn), main.time[drawn] - main.time[0]
     has_moment = bool(np.isfinite(main.moment).any())
     rows = 3 if has_moment else 2
     figure, axes = plt.subplots(
@@ -72,13 +69,7 @@ def plot_angles(
     for name in results:
         if name != method and (others := results[name]).answered.any():
             top.plot(time, np.degrees(others.angle[drawn]), lw=0.9, alpha=0.8, label=name)
-    line = top.plot(time, np.degrees(main.angle), lw=1.8, color="#08306b", label=method)[0]
-    ends = np.degrees(main.low), np.degrees(main.high)
-    shade = {"color": line.get_color(), "alpha": 0.3, "lw": 0}
-    top.fill_between(time, *ends, label=f"{method}, 95 % interval", **shade)
-    if main.withdrawn is not None and main.withdrawn.rows.any():
-        withdrawn = np.degrees(main.withdrawn.angle)
-        top.plot(time, withdrawn, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
+    _draw_answers(top, time, main)
     top.set_ylabel("object's angle [°]")
     _scale_to(top, main, references.get("truth", np.empty(0)))
     _explain(figure, top, main.state)
@@ -91,6 +82,27 @@ def plot_angles(
         axes[2].set_ylabel("moment [N·mm]")
     axes[-1].set_xlabel("time since the first frame [s]")
     return figure
+
+
+def _choose_rows(
+    main: Track, references: Iterable[Float[np.ndarray, " frames"]]
+) -> Int[np.ndarray, " rows"]:
+    """The rows of a long stream to draw, with the extremes of all curves and with each slip."""
+    slips = np.array([state == State.MACRO_SLIP for state in main.state], dtype=float)
+    curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, slips)
+    return choose_rows(*curves, *references)
+
+
+def _draw_answers(axis: Axes, time: Float[np.ndarray, " frames"], main: Track) -> None:
+    """Draw the chosen method's angle, its interval, and the answers that were withdrawn."""
+    method = main.method
+    line = axis.plot(time, np.degrees(main.angle), lw=1.8, color="#08306b", label=method)[0]
+    ends = np.degrees(main.low), np.degrees(main.high)
+    shade = {"color": line.get_color(), "alpha": 0.3, "lw": 0}
+    axis.fill_between(time, *ends, label=f"{method}, 95 % interval", **shade)
+    if main.withdrawn is not None and main.withdrawn.rows.any():
+        withdrawn = np.degrees(main.withdrawn.angle)
+        axis.plot(time, withdrawn, ":", lw=1.8, color="#6baed6", label=f"{method}, withdrawn")
 
 
 def _draw_references(

@@ -8,7 +8,7 @@ from jaxtyping import Shaped
 from estimation.estimators.result import Estimate
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
-from estimation.pictures.reader import MarkerReader
+from estimation.pictures.reader import ImageSettings, MarkerReader
 from estimation.pictures.reading import make_reader
 from estimation.pictures.stream import Picture, fit_picture
 from estimation.settings import Settings
@@ -78,7 +78,9 @@ class ImageTracker:
             )
         if images.rest is not None:
             rest = fit_picture(Picture(images.rest.image, np.nan, -1), images.part, None)
-            self.reader, self._size = make_reader(rest, images), rest.whole
+            if rest.flaw:
+                raise ValueError(f"the unloaded picture shows no markers: {rest.flaw}")
+            self.reader, self._size = _make_reader(rest, images), rest.whole
 
     def update(self, image: Shaped[np.ndarray, "h w *colour"], time: float) -> Estimate:
         """The estimate for the next picture; for an unusable picture, the reason instead.
@@ -98,7 +100,7 @@ class ImageTracker:
         self._size = self._size or picture.whole
         if self.reader is None and picture.flaw:
             return label_frame(Frame(np.zeros((0, 2)), time, number), picture.flaw)
-        self.reader = self.reader or make_reader(picture, images)
+        self.reader = self.reader or _make_reader(picture, images)
         frame = self.reader.frame(self.reader.read(picture))
         frame = self._inspector.inspect(frame, self.reader.layout.reference)
         tracker = self._follow(self.reader.layout)
@@ -134,3 +136,15 @@ class ImageTracker:
             for frame in self._held:
                 self.tracker.update(frame)
         return self.tracker
+
+
+def _make_reader(picture: Picture, images: ImageSettings) -> MarkerReader:
+    """The reader for a first picture; its errors also name the settings of a loop of one's own."""
+    try:
+        return make_reader(picture, images)
+    except ValueError as error:
+        raise ValueError(
+            f"{error}. Without the command line, --marker, --dot-radius-px and --dark are "
+            "Sensor(marker=…, radius=…, dark=…), and --crop and --mask are Part(…) of "
+            "ImageSettings(sensor, part=…)"
+        ) from error

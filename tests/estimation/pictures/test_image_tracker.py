@@ -131,3 +131,15 @@ def test_what_is_no_picture_frame_or_layout_is_named():
         Tracker(layout_markers(GRID)).update(GRID)
     with pytest.raises(ValueError, match=r"has 3 markers, the layout 30"):
         Tracker(layout_markers(GRID)).update_positions(GRID[:3], 0.0)
+
+
+def test_a_first_picture_without_markers_names_the_settings_of_a_loop():
+    grey = np.full((120, 160), 128, dtype=np.uint8)
+    with pytest.raises(ValueError, match=r"no rows of dots.*Sensor\(marker=…, radius=…"):
+        ImageTracker(Settings(images=ImageSettings(Sensor(marker="dots")))).update(grey, 0.0)
+
+
+def test_a_black_unloaded_picture_is_refused():
+    black = ImageSettings(unloaded=np.zeros((120, 160), dtype=np.uint8))
+    with pytest.raises(ValueError, match="the unloaded picture shows no markers: the picture is b"):
+        ImageTracker(Settings(images=black))
