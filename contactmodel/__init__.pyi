@@ -6,6 +6,7 @@ from contactmodel.elasticity.bodies import Layer as Layer
 from contactmodel.elasticity.bodies import Rigid as Rigid
 from contactmodel.elasticity.bodies import make_body as make_body
 from contactmodel.elasticity.bodies import stiffness_ratio as stiffness_ratio
+from contactmodel.elasticity.corrections import Correction as Correction
 from contactmodel.elasticity.pad import Material as Material
 from contactmodel.elasticity.pad import Pad as Pad
 from contactmodel.elasticity.pad import read_pad as read_pad

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import is_traced
 from contactmodel.common.checks import Numbers, non_negative
-from contactmodel.elasticity.bodies import AbstractBody, Rigid
+from contactmodel.elasticity.bodies import AbstractBody, Layer, Rigid
 from contactmodel.friction import AbstractFriction, as_friction
 from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter
@@ -31,7 +31,8 @@ class Contact(eqx.Module):
 
     Raises:
         ValueError: both bodies are rigid, a friction map does not have the grid's shape, a layer is
-            thinner than a cell, or the markers lie below a layer's base.
+            thinner than a cell, the markers lie below a layer's base, or a corrected layer
+            touches another object than a rigid one.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
@@ -64,6 +65,7 @@ class Contact(eqx.Module):
         """Check that the parts fit together, and store them."""
         if isinstance(elastomer, Rigid) and isinstance(object_, Rigid):
             raise ValueError("both bodies are rigid; at least one must be elastic")
+        _check_correction(elastomer, object_)
         friction = as_friction(friction_coefficient)
         for leaf in jax.tree.leaves(friction):
             if leaf.shape not in ((), grid.shape):
@@ -76,6 +78,26 @@ class Contact(eqx.Module):
         self.indenter = indenter
         self.grid = grid
         self.friction_coefficient = friction
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether the elastomer is a `Layer` that corrects force and moment."""
+        return _is_corrected(self.elastomer)
+
+
+def _is_corrected(body: AbstractBody) -> bool:
+    return isinstance(body, Layer) and body.is_corrected
+
+
+def _check_correction(elastomer: AbstractBody, object_: AbstractBody) -> None:
+    """Reject a soft object on a corrected layer, and a corrected object."""
+    if _is_corrected(object_):
+        raise ValueError("only the elastomer can be corrected: leave out radius and neo_hookean")
+    if _is_corrected(elastomer) and not isinstance(object_, Rigid):
+        raise ValueError(
+            "radius and neo_hookean of a layer correct contacts with rigid objects only: use "
+            "Rigid() as the object, or leave out radius and neo_hookean"
+        )
 
 
 def check_depth(depth: ArrayLike | None) -> Float[Array, ""] | None:

@@ -1,5 +1,6 @@
 """The solution of a contact: tractions, displacements, slip and the solver's result."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,13 +14,16 @@ from jaxtyping import Array, Bool, Float, Real
 from contactmodel.common.arrays import AnyArray, is_traced
 from contactmodel.common.turning import on_circles, to_space, turn
 from contactmodel.contact import Contact, check_depth
-from contactmodel.elasticity.bodies import AbstractBody
+from contactmodel.elasticity.bodies import AbstractBody, Layer
 from contactmodel.elasticity.cells import Coefficients, cell_integrals
 from contactmodel.elasticity.compliance import convolve, grid_coefficients, transform
+from contactmodel.elasticity.corrections import Correction, measure_loading, narrow, stiffen
 from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from contactmodel.solver.linear import Iterations
 from contactmodel.solver.results import RESULTS
+
+_PLAIN_TURN, _LARGEST_TURN = 0.1, 0.45  # rad; to these the corrections were checked
 
 
 class ContactSolution(eqx.Module):
@@ -101,22 +105,57 @@ class ContactSolution(eqx.Module):
 
     @property
     def force(self) -> Float[Array, "*path 3"]:
-        """Force of the object on the elastomer [N]."""
+        """Force of the object on the elastomer, corrected as its `Layer` says [N]."""
         normal = -jnp.sum(self.pressure, axis=(-2, -1))[..., None]
         shear = jnp.sum(self.traction, axis=(-2, -1))
         if self.pose.corotated:
             shear = jnp.moveaxis(turn(jnp.moveaxis(shear, -1, 0), self.pose.twist), 0, -1)
-        return jnp.concatenate([shear, normal], axis=-1) * self.grid.cell_area
+        force = jnp.concatenate([shear, normal], axis=-1) * self.grid.cell_area
+        return force * self.correction.force[..., None] if self.problem.is_corrected else force
 
     @property
     def moment(self) -> Float[Array, "*path"]:
-        """Moment of the object on the elastomer about z through the pose's centre [N·mm]."""
+        """Moment of the object on the elastomer about z through the pose's centre [N·mm].
+
+        It is corrected as the `Layer` says.
+        """
         place = self.grid.points
         if self.pose.corotated:
             place = self._placed(jnp.asarray(place))
         x, y = jnp.moveaxis(place - self.pose.centre[..., None, None], -3, 0)
         tau_x, tau_y = jnp.moveaxis(self.traction, -3, 0)
-        return jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
+        moment = jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
+        return moment * self.correction.moment if self.problem.is_corrected else moment
+
+    @property
+    def correction(self) -> Correction:
+        """Factors in `force` and `moment`, which the elastomer's `Layer` selects.
+
+        Pressure, traction, displacements, slip and energy stay those of linear elasticity. A range
+        is covered with motions as given by `Pose`; poses that are not corotated only up to 0.1 rad.
+        """
+        if self.problem.is_corrected:
+            return self._correct()
+        one = jnp.ones_like(self.pose.twist)
+        return Correction(one, one, one > 0.0)
+
+    @eqx.filter_jit
+    def _correct(self) -> Correction:
+        gel, pose, indenter = self.problem.elastomer, self.pose, self.problem.indenter
+        assert isinstance(gel, Layer)
+        points = jnp.asarray(self.grid.points, self.pressure.dtype)
+        slope = jax.grad(lambda points: jnp.sum(indenter.height(points)))(points)
+        limit = self.problem.friction_coefficient.limit(self.pressure)
+        loading = measure_loading(points, slope, self.pressure, self.traction, limit)
+        nu, h = gel.poisson_ratio, gel.thickness
+        parts = [stiffen(loading, pose.approach, nu, h)] if gel.neo_hookean else []
+        parts += [] if gel.radius is None else [narrow(loading, nu, h, gel.radius)]
+        turned = jnp.abs(pose.twist) <= (_LARGEST_TURN if pose.corotated else _PLAIN_TURN)
+        return Correction(
+            math.prod([part.force for part in parts], start=jnp.ones(())),
+            math.prod([part.moment for part in parts], start=jnp.ones(())),
+            math.prod([part.covered for part in parts], start=turned),
+        )
 
     def elastomer_displacement(
         self, depth: ArrayLike | None = None

@@ -1,5 +1,6 @@
 """Solve a contact for one pose or along a path, given the motion or force and moment."""
 
+import warnings
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,8 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import is_traced
+from contactmodel.common.inputs import RangeWarning
 from contactmodel.contact import Contact
 from contactmodel.elasticity.compliance import pair_compliance
+from contactmodel.elasticity.corrections import RANGE
 from contactmodel.friction import is_smooth
 from contactmodel.pose import Pose, Resultants
 from contactmodel.solution import ContactSolution, stack_steps
@@ -71,10 +74,15 @@ def solve_contact(
         throw: whether a failure raises an error; if False, only `result` reports it.
 
     Raises:
-        ValueError: shapes do not match, resultants are given with a corotated pose or, except the
-            normal force, without friction, or rtol is below the floating-point precision.
+        ValueError: shapes do not match, resultants are given with a corotated pose, with a
+            corrected layer or, except the normal force, without friction, or rtol is below the
+            floating-point precision.
         RuntimeError: the solve failed. If friction cannot carry the resultants, the message states
             the largest force and moment; with `throw=False`, the solution holds them.
+
+    Warns:
+        RangeWarning: force and moment are corrected outside the range of the fit; not inside `jit`,
+            where only `ContactSolution.correction.covered` shows it.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
@@ -91,6 +99,7 @@ def solve_contact(
     how = task.how._replace(coarse_first=previous is None and is_large(contact.grid))
     step = _advance(task._replace(how=how), _recall(previous, contact, pose), pose, target)
     solution = _gather(contact, step)
+    _warn(solution)
     return raise_failure(solution) if throw else solution
 
 
@@ -153,7 +162,9 @@ def solve_path(
         contacts.append(_gather(contact, done))
         if throw:
             raise_failure(contacts[-1], f"step {index} of the path: ")
-    return stack_steps(contacts)
+    whole = stack_steps(contacts)
+    _warn(whole)
+    return whole
 
 
 class _Task(NamedTuple):
@@ -262,6 +273,16 @@ def raise_failure(solution: ContactSolution, where: str = "") -> ContactSolution
     raise RuntimeError(where + RESULTS[worst] + limit)
 
 
+def _warn(solution: ContactSolution) -> None:
+    """Warn of steps whose correction is not covered, unless the program is traced."""
+    if not solution.problem.is_corrected or is_traced(solution.pressure):
+        return
+    covered = solution.correction.covered
+    if not is_traced(covered) and not np.all(covered):
+        at = "" if covered.ndim == 0 else f" at step {int(np.argmin(covered))}"
+        warnings.warn(f"force and moment are corrected{at} outside {RANGE}", RangeWarning, 3)
+
+
 def _check(
     contact: Contact, pose: Pose, resultants: Resultants | None, rtol: float, *, path: bool
 ) -> None:
@@ -275,6 +296,11 @@ def _check(
         raise ValueError(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
             'call jax.config.update("jax_enable_x64", True) first, or use a larger rtol'
+        )
+    if resultants is not None and contact.is_corrected:
+        raise ValueError(
+            "resultants cannot be combined with corrections of force and moment: leave out "
+            "resultants, or the layer's radius and neo_hookean"
         )
     if resultants is not None and pose.corotated:
         raise ValueError(

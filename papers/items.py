@@ -24,7 +24,7 @@ ITEMS = {
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),
-    "finite_strain": ("atlas", "reference"),
+    "finite_strain": ("atlas", "factors", "reference", "samples"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered", "slides"),
 }
@@ -38,6 +38,7 @@ EXTRAS = {
     ("marker_images", "states"): "video",
     ("softness", "layered"): "sweeps",
     ("finite_strain", "reference"): "finite-elements",
+    ("finite_strain", "samples"): "finite-elements",
 }
 """The extra that an item requires, by paper and item; the other items require none."""
 

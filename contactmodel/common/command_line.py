@@ -17,7 +17,7 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 from contactmodel.common.cache import cache_folder
-from contactmodel.common.inputs import RenamedKeyWarning
+from contactmodel.common.inputs import RangeWarning, RenamedKeyWarning
 
 errors = Console(stderr=True)
 say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
@@ -76,8 +76,8 @@ def say_error(message: str) -> None:
 def _show_warning(
     message: Warning | str, category: type[Warning], *where: Any, otherwise: Callable[..., None]
 ) -> None:
-    """Print warnings about renamed keys of old files without the line of the program."""
-    if issubclass(category, RenamedKeyWarning):
+    """Print our own warnings without the line of the program."""
+    if issubclass(category, (RenamedKeyWarning, RangeWarning)):
         say(f"note: {message}")
     else:
         otherwise(message, category, *where)

@@ -20,6 +20,10 @@ class RenamedKeyWarning(UserWarning):
     """A file uses a key's name of an earlier version."""
 
 
+class RangeWarning(UserWarning):
+    """A result lies outside the range in which its error is known."""
+
+
 @contextmanager
 def naming(path: str | Path, what: str = "") -> Iterator[None]:
     """Put the file's name in front of errors about its content.

@@ -10,10 +10,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import refuse
-from contactmodel.common.checks import known, poisson, positive
+from contactmodel.common.checks import Numbers, known, poisson, positive
 from contactmodel.elasticity.cells import CellIntegrals, Coefficients
 from contactmodel.elasticity.layer import REACH, base_kernels
-from contactmodel.elasticity.pad import Material
+from contactmodel.elasticity.pad import Material, Pad
+
+
+def _positive_or_none(value: Numbers | None) -> Float[Array, ""] | None:
+    return None if value is None else positive(value)
 
 
 class AbstractBody(eqx.Module):
@@ -121,6 +125,12 @@ class Layer(AbstractBody):
         shear_modulus: G [MPa].
         poisson_ratio: ν [-], from 0 to 0.5.
         thickness: h, at least the length of a grid cell [mm].
+        radius: radius of a round pad with a free side; None for a wide pad [mm].
+        neo_hookean: whether the gel stiffens with depth as a neo-Hookean gel does.
+
+    `radius` and `neo_hookean` multiply a solution's force and moment by fitted factors
+    (`ContactSolution.correction`). They require a rigid object and given motions. Fields and
+    tractions stay those of the wide linear layer.
 
     Examples:
         >>> from contactmodel import Contact, Grid, Layer, Pose, Rigid, Sphere, solve_contact
@@ -136,6 +146,8 @@ class Layer(AbstractBody):
     shear_modulus: Float[Array, ""] = eqx.field(converter=positive)
     poisson_ratio: Float[Array, ""] = eqx.field(converter=poisson)
     thickness: Float[Array, ""] = eqx.field(converter=positive)
+    radius: Float[Array, ""] | None = eqx.field(converter=_positive_or_none, default=None)
+    neo_hookean: bool = eqx.field(static=True, default=False)
 
     def coefficients(self, cell: CellIntegrals, spacing: tuple[float, float]) -> Coefficients:
         """The half-space's coefficients plus the effect of the base (see `layer`) [mm/MPa]."""
@@ -199,6 +211,11 @@ class Layer(AbstractBody):
         )
 
     @property
+    def is_corrected(self) -> bool:
+        """Whether force and moment are corrected."""
+        return self.neo_hookean or self.radius is not None
+
+    @property
     def softness(self) -> Float[Array, ""]:
         """1/G [1/MPa]."""
         return 1.0 / self.shear_modulus
@@ -250,7 +267,8 @@ def make_body(material: Material) -> HalfSpace | Layer:
         material: elastic constants and thickness.
 
     Raises:
-        ValueError: the shear modulus or Poisson's ratio is missing.
+        ValueError: the shear modulus or Poisson's ratio is missing, or a correction of the pad
+            lacks the thickness.
 
     Examples:
         >>> from contactmodel import Material, make_body
@@ -265,6 +283,10 @@ def make_body(material: Material) -> HalfSpace | Layer:
     if modulus is None or ratio is None:
         lacking = "shear_modulus_mpa" if modulus is None else "poisson_ratio"
         raise ValueError(f"the key {lacking!r} is missing")
+    pad = material if isinstance(material, Pad) else Pad()
     if thickness is None or thickness == math.inf:
+        if pad.radius is not None or pad.neo_hookean:
+            key = "radius_mm" if pad.radius is not None else "neo_hookean"
+            raise ValueError(f"{key} corrects a layer: it requires a finite thickness_mm")
         return HalfSpace(modulus, ratio)
-    return Layer(modulus, ratio, thickness)
+    return Layer(modulus, ratio, thickness, pad.radius, bool(pad.neo_hookean))

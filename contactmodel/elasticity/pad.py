@@ -7,6 +7,8 @@ thickness_mm = 3.0           # on a rigid base; omit it, or use inf, for a half-
 marker_depth_mm = 0.3        # depth of the markers below the surface
 dome_radius_mm = 30.0        # radius of the surface; omit it if the surface is flat
 size_mm = [20.0, 20.0]       # size of the surface along x and y
+radius_mm = 12.0             # of a round pad with a free side, to correct simulated forces
+neo_hookean = true           # to correct simulated forces for the gel's stiffening with depth
 """
 
 from dataclasses import dataclass, field
@@ -71,6 +73,9 @@ class Pad(Material):
         marker_depth: depth of the markers below the surface [mm].
         dome_radius: radius of the surface; infinite or None for a flat surface [mm].
         size: size of the surface along x and y [mm].
+        radius: radius of a round pad, to correct force and moment for its free side (see `Layer`)
+            [mm].
+        neo_hookean: whether to correct force and moment for the gel's stiffening with depth.
 
     Raises:
         ValueError: a value is outside its range, or the markers lie below the base.
@@ -85,6 +90,8 @@ class Pad(Material):
     marker_depth: float | None = field(default=None, metadata=unit("mm", least=0.0))
     dome_radius: float | None = field(default=None, metadata=unit("mm", above=0.0, most=inf))
     size: tuple[float, float] | None = field(default=None, metadata=unit("mm", above=0.0))
+    radius: float | None = field(default=None, metadata=unit("mm", above=0.0))
+    neo_hookean: bool | None = None
 
     def __post_init__(self) -> None:
         """Check the values and the depth of the markers."""

@@ -3,7 +3,8 @@
 `examples/` next to this module holds commented files. All legs may give `normal_force_n`,
 `shear_force_n` and `moment_nmm` in place of `approach_mm`, `shift_mm` and `twist_deg`. A leg runs
 straight from the end of the previous leg, the first from 0. With `sliding = true` the object's
-shape moves as it slides. Keys that the table `pad` lacks come from a sensor description.
+shape moves as it slides. `corotated = true` solves in a frame that turns with the object. Keys that
+the table `pad` lacks come from a sensor description.
 """
 
 import hashlib
@@ -134,6 +135,7 @@ class _Motion:
     centre: Pair = field(default=(0.0, 0.0), metadata=unit("mm"))
     first_approach: float | None = field(default=None, metadata=unit("mm"))
     sliding: bool = False
+    corotated: bool = False
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,14 @@ def _make(file: _File, sensor: Pad, text: str, maps: _Maps) -> Simulation:
     with naming("object"):
         object_ = Rigid() if file.object == Material() else make_body(file.object)
     path, resultants = _make_path(file.motion)
+    motions_only = {
+        "corotated": path.corotated,
+        "neo_hookean": pad.neo_hookean,
+        "radius_mm": pad.radius is not None,
+    }
+    for key, given in motions_only.items():
+        if resultants is not None and given:
+            raise ValueError(f"{key} cannot be combined with forces or moments of the legs")
     return Simulation(
         text=text + maps.hashes,
         contact=Contact(elastomer, object_, indenter, grid, friction, pad.marker_depth or 0.0),
@@ -309,7 +319,8 @@ def _make_path(motion: _Motion) -> tuple[Pose, Resultants | None]:
     for end in ends:
         states.append(states[-1] | end)
     steps = [leg.steps for leg in motion.legs]
-    poses = [Pose(s["approach"], s["shift"], s["twist"], motion.centre) for s in states]
+    turning = {"centre": motion.centre, "corotated": motion.corotated}
+    poses = [Pose(s["approach"], s["shift"], s["twist"], **turning) for s in states]
     ramps = {name: _ramp([s[name] for s in states], steps) for name in IN_PLACE_OF if name in used}
     return make_path(poses, steps), Resultants(**ramps) if ramps else None
 
