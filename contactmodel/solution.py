@@ -131,8 +131,9 @@ class ContactSolution(eqx.Module):
     def correction(self) -> Correction:
         """Factors in `force` and `moment`, which the elastomer's `Layer` selects.
 
-        Pressure, traction, displacements, slip and energy stay those of linear elasticity. A range
-        is covered with motions as given by `Pose`; poses that are not corotated only up to 0.1 rad.
+        Pressure, traction, displacements, slip and energy stay those of linear elasticity. Press
+        in four steps or more: in one step, friction carries too much of the press. Poses that are
+        not corotated are covered up to twists of 0.1 rad.
         """
         if self.problem.is_corrected:
             return self._correct()

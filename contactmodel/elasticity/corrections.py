@@ -35,7 +35,7 @@ _SIDE_MOMENT = (0.915, 0.336, 1.914, 3.239, 12.19)
 
 RANGE = (
     "the fitted range (see `ContactSolution.correction`): depth up to 0.25 of the thickness, "
-    "Poisson's ratio from 0.45 to 0.49, μ from 0.25 to 1, twists up to 25° (6° without corotated "
+    "Poisson's ratio from 0.45 to 0.49, μ from 0.25 (0.4 beyond a depth of 0.14) to 1, twists up to 25° (6° without corotated "
     "poses), round contacts with rounded edges and little shear force, far from the pad's side"
 )
 """The range in which `Correction.covered` is true, for the warning."""
@@ -167,7 +167,8 @@ def stiffen(
     touches = x > 0.0
     rounded = loading.slope * x >= 0.35 * depth  # 0.44 to 0.69 where fitted; 0 for sharp edges
     within = (depth <= 0.2501) & (x <= 0.9) & (loading.slope <= 0.45) & (jnp.abs(nu - 0.47) < 0.021)
-    rubs = (loading.friction >= 0.249) & (loading.friction <= 1.001)
+    least = jnp.where(depth <= 0.14, 0.249, 0.399)
+    rubs = (loading.friction >= least) & (loading.friction <= 1.001)
     covered = (within & rounded & rubs & loading.simple) | ~touches
     return Correction(
         1.0 + jnp.where(touches, force, 0.0), 1.0 + jnp.where(touches, moment, 0.0), covered

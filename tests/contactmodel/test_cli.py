@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from contactmodel import Layer, Pad, read_pad
+from contactmodel import Layer, Pad, Pose, read_pad, solve_contact
 from contactmodel import __main__ as cli
 from contactmodel.common.inputs import RenamedKeyWarning
 from contactmodel.simulate.configuration import EXAMPLES, read_simulation
@@ -255,6 +255,27 @@ def test_forces_and_moments_in_place_of_motion(config, tmp_path):
         [float(row["moment_nmm"]) for row in rows], [0.0, 0.02, 0.04], atol=1e-6
     )
     assert float(rows[2]["twist_deg"]) > 1.5 * float(rows[1]["twist_deg"]) > 0.0
+
+
+def test_corrected_force_and_moment(config, tmp_path):
+    pad = "poisson_ratio = 0.48\nthickness_mm = 4.0"
+    off = SMALL.replace("poisson_ratio = 0.48", pad).replace(
+        "[motion]", "[motion]\ncorotated = true"
+    )
+    on = off.replace(pad, f"{pad}\nradius_mm = 8.0\nneo_hookean = true")
+    results = []
+    for name, text in (("off", off), ("on", on)):
+        config.write_text(text, encoding="utf-8")
+        done = RUN.invoke(cli.app, ["simulate", str(config), "--out", str(tmp_path / name)])
+        assert done.exit_code == 0, done.output
+        results.append(table(tmp_path / name)[-1])
+    correction = solve_contact(read_simulation(config).contact, Pose(0.5)).correction
+    ratio = float(results[1]["force_z_n"]) / float(results[0]["force_z_n"])
+    assert ratio == pytest.approx(float(correction.force), abs=2e-3)  # without the twist
+    assert abs(ratio - 1.0) > 5e-3
+    config.write_text(on.replace("twist_deg = 4.0", "moment_nmm = 0.04"), encoding="utf-8")
+    with pytest.raises(ValueError, match="corotated cannot be combined with forces or moments"):
+        read_simulation(config)
 
 
 def test_shipped_examples_can_be_read():
