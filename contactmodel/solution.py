@@ -133,7 +133,8 @@ class ContactSolution(eqx.Module):
 
         Pressure, traction, displacements, slip and energy stay those of linear elasticity. Press
         in four steps or more: in one step, friction carries too much of the press. Poses that are
-        not corotated are covered up to twists of 0.1 rad.
+        not corotated are covered up to twists of 0.1 rad. Outside the range, `solve_contact` and
+        `solve_path` give a `RangeWarning`, inside `jit` only `covered` shows it.
         """
         if self.problem.is_corrected:
             return self._correct()

@@ -74,15 +74,10 @@ def solve_contact(
         throw: whether a failure raises an error; if False, only `result` reports it.
 
     Raises:
-        ValueError: shapes do not match, resultants are given with a corotated pose, with a
-            corrected layer or, except the normal force, without friction, or rtol is below the
-            floating-point precision.
+        ValueError: shapes do not match, resultants are given with a corotated pose or a corrected
+            layer or, but for the normal force, without friction, or rtol is too small.
         RuntimeError: the solve failed. If friction cannot carry the resultants, the message states
             the largest force and moment; with `throw=False`, the solution holds them.
-
-    Warns:
-        RangeWarning: force and moment are corrected outside the range of the fit; not inside `jit`,
-            where only `ContactSolution.correction.covered` shows it.
 
     Examples:
         >>> from contactmodel import Contact, Grid, HalfSpace, Pose, Rigid, Sphere, solve_contact
@@ -98,8 +93,7 @@ def solve_contact(
     target = _find_target(resultants, pose)
     how = task.how._replace(coarse_first=previous is None and is_large(contact.grid))
     step = _advance(task._replace(how=how), _recall(previous, contact, pose), pose, target)
-    solution = _gather(contact, step)
-    _warn(solution)
+    solution = _warn(_gather(contact, step))
     return raise_failure(solution) if throw else solution
 
 
@@ -162,9 +156,7 @@ def solve_path(
         contacts.append(_gather(contact, done))
         if throw:
             raise_failure(contacts[-1], f"step {index} of the path: ")
-    whole = stack_steps(contacts)
-    _warn(whole)
-    return whole
+    return _warn(stack_steps(contacts))
 
 
 class _Task(NamedTuple):
@@ -273,14 +265,15 @@ def raise_failure(solution: ContactSolution, where: str = "") -> ContactSolution
     raise RuntimeError(where + RESULTS[worst] + limit)
 
 
-def _warn(solution: ContactSolution) -> None:
+def _warn(solution: ContactSolution) -> ContactSolution:
     """Warn of steps whose correction is not covered, unless the program is traced."""
-    if not solution.problem.is_corrected or is_traced(solution.pressure):
-        return
+    if not solution.problem.is_corrected:
+        return solution
     covered = solution.correction.covered
     if not is_traced(covered) and not np.all(covered):
         at = "" if covered.ndim == 0 else f" at step {int(np.argmin(covered))}"
         warnings.warn(f"force and moment are corrected{at} outside {RANGE}", RangeWarning, 3)
+    return solution
 
 
 def _check(
