@@ -122,7 +122,7 @@ def leaderboard(
         bool,
         typer.Option(
             help="Run no method; rank the entries of --angles, in the practice round beside the "
-            "published rows."
+            "listed rows of the README."
         ),
     ] = False,
 ) -> None:

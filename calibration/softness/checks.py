@@ -87,7 +87,8 @@ def check_points(
             raise ValueError(_too_few(trial, readings, len(points.rotation), fewest))
         turned = float(np.ptp(points.rotation))
         error = float(np.median(points.rotation_error))
-        if turned < max(LEAST_TURN, 8.0 * error):
+        least = max(LEAST_TURN, 8.0 * error)
+        if turned < least:
             away = float(np.abs(np.median(points.rotation)))
             state = "the object does not turn while markers stick"
             if turned >= LEAST_TURN:
@@ -96,7 +97,8 @@ def check_points(
                 state = f"all its readings are at one angle, {np.degrees(away):.1f}°"
             raise ValueError(
                 f"{trial.name}: {state}: the elastomer turned by {np.degrees(turned):.2g}°, with a "
-                f"standard error of {np.degrees(error):.2g}°, in the usable frames, "
+                f"standard error of {np.degrees(error):.2g}°, where {np.degrees(least):.2g}° is "
+                "needed, in the usable frames, "
                 f"{readings.frame_time[0]:.2f} to {readings.frame_time[-1]:.2f} s after the first "
                 f"frame{_left_out(trial)}. Turn the object one way by 10° or more without slip, "
                 "and read the angle meanwhile"

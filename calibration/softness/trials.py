@@ -203,7 +203,7 @@ def _sort_frames(
     few = f"held by fewer than {selection.least_stick} markers"
     reason = [
         few if state in (State.STICK, State.INCIPIENT) and count < selection.least_stick
-        else _REASONS.get(state, "without a known rotation")
+        else _REASONS.get(state, "without a known rotation of the gel")
         for state, count in zip(result.state, sticks, strict=True)
     ]  # fmt: skip
     for i in np.flatnonzero(still):

@@ -23,10 +23,10 @@ file, and ranks it beside our methods and those of other groups.
 # Real recordings are left out unless they are on your machine. The command names the data sets that
 # are missing. Run ``python -m estimation fetch NAME`` for each of them, then export again. This
 # matters: entries are ordered by the mean of three tiers, and a tier without answers counts as 0.
-# Without the real tier your mean cannot exceed two thirds of 100 %.
+# The mean itself is not printed. Without the real tier your mean cannot exceed two thirds of 100 %.
 #
 # The export also has an entry of plain rigid fits to the scored cases. Rank it to see how the
-# scoring works. In the two simulated tiers its row equals that of the published ``kabsch``:
+# scoring works. In the two simulated tiers its row equals that of ``kabsch (listed)``:
 #
 # .. code-block:: bash
 #
@@ -109,8 +109,9 @@ print(*rows[:3], sep="\n")
 # ``build/papers/leaderboard``.
 #
 # Write one file for each split. Without ``--split tuning`` the command ranks a file for the scored
-# cases, beside the published rows. Entries are ordered by the mean of the three tiers.
-# Without ``--alone`` it also runs all other methods, which takes some minutes more.
+# cases, beside the rows of the leaderboard's page. These are marked ``(listed)``. Entries are
+# ordered by the mean of the three tiers. Without ``--alone`` it also runs all other methods, which
+# takes some minutes more.
 #
 # In Python, two calls score the file. Here they score the two cases made above:
 

@@ -61,6 +61,8 @@ for picture in clip:
 # alert for decisions. If your clip does not begin with the empty gel, give a picture of it:
 # ``ImageTracker(Settings(images=ImageSettings(unloaded=empty)))``. The picture ``empty`` is an
 # array or the path of a file. ``Settings`` and ``ImageSettings`` come from ``estimation`` too.
+# Without such a picture, the gel at rest is worked out from the dots around the contact. If there
+# are too few of them, or with speckle, motion counts from the first picture.
 
 # %%
 # What an answer holds
@@ -153,7 +155,7 @@ for number, positions in enumerate(sensor.positions):
 #   ``estimates["tracked"]`` and the alert. It first reads some frames to measure the noise: 24 of a
 #   live source, else 96.
 # - *A camera from the terminal.* ``python -m estimation live camera:0`` prints a line for each
-#   picture, without the alert. ``--window`` shows it on a page in your browser. ``--sink udp:9000``
-#   sends the lines as packets, for a controller in another language.
+#   picture. ``--window`` shows it on a page in your browser. ``--sink udp:9000`` sends the lines as
+#   packets, for a controller in another language.
 # - *ROS 2, PyTac3D, two fingers.* Each has a script of at most 30 lines among the
 #   :doc:`short examples </examples/README>`.

@@ -59,9 +59,14 @@ seam = Seam(radius=12.0, depth=0.15, width=0.8)  # mm
 # For a thin gel write ``Layer(shear_modulus=0.2, poisson_ratio=0.5, thickness=4.0)`` in place of
 # the first half-space.
 #
-# One step is enough here: pressing these two bodies causes no slip, since both have a Poisson's
-# ratio of 0.5. Otherwise, or when in doubt, use two steps. Press first, then pass that solution on
-# as ``previous`` when you twist (:doc:`why </docs/theory/reversals>`).
+# One step is enough if pressing causes no slip: without friction, or if (1−2ν)/G is the same for
+# both bodies. Here it is 0 for both, since ν is 0.5. Otherwise, or when in doubt, use two steps
+# (:doc:`why </docs/theory/reversals>`). Press first, then pass that solution on when you twist:
+#
+# .. code-block:: python
+#
+#    pressed = solve_contact(contact, Pose(0.8))
+#    turned = solve_contact(contact, Pose(0.8, twist=np.radians(6.0)), previous=pressed)
 
 grid, pose = Grid((24, 24), (12.0, 12.0)), Pose(0.8, twist=np.radians(6.0))
 

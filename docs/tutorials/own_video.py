@@ -101,13 +101,14 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 #
 # - *The first pictures show the empty gel.* Otherwise give a picture of the empty gel:
 #   ``--unloaded PICTURE``. Without it, the gel at rest is found from the dots that the object does
-#   not move. A note in the report says what the angle then counts from.
+#   not move. If there are too few of them, or with speckle, motion counts from the first picture,
+#   and any earlier turn is missing. A note in the report says what the angle counts from.
 # - *Lengths are in px* unless you give the scale: ``--mm-per-px 0.06``. Angles do not need it. A
 #   wrong scale does not change them, but makes lengths in mm wrong.
 # - *The sign.* Look from the object at the gel: a counter-clockwise turn is positive. A camera
 #   under the gel sees the same turn as clockwise.
-# - *A frame has no angle.* Then ``reason`` says why. A reason beside an angle is a warning. The
-#   last line that the command prints gives the number of frames without an angle. The page
+# - *A frame has no angle.* Then ``reason`` says why. A reason beside an angle is a warning. If
+#   there are such frames, the printed answer gives their number. The page
 #   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
 # - *Which clock.* Printed times and those of the report count from the first frame. ``time_s`` in
 #   ``angles.csv`` is the recording's own time stamp. If the first frame has another ``time_s``

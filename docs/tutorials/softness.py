@@ -54,6 +54,11 @@ def measure(recording, truth):
 # A reference has times, angles and their errors. ``zeroed`` means that the angle is 0 at the moment
 # of contact. ``same_clock`` means that the stage and the sensor share a clock. If they do not, the
 # fit finds the offset.
+#
+# The object turns by (1 + k)φ − L/2, where φ is the rotation of the gel that sticks. L is the load
+# term: it stands for the effect of pressing and of the finite size of the bodies, and is 0 between
+# two thick ones. The fit includes it only if the data call for it, and the command then prints it
+# beside k.
 
 trials = []
 for seed, radius in enumerate((5.0, 4.5, 5.5)):
@@ -63,8 +68,9 @@ fit = fit_softness(trials)
 print(f"k = {fit.stiffness_ratio:.4f}, 95 % interval {fit.low:.4f} to {fit.high:.4f}")
 
 # %%
-# From a single grasp, the interval would not include how k varies between grasps. Save the fit for
-# later runs:
+# Do not rely on the interval of a single grasp. It covers the noise of the readings only: not how k
+# varies between grasps, and not an error in the zero of the reference. Fit several grasps. Save the
+# fit for later runs:
 
 write_softness(fit.softness, Path(tempfile.mkdtemp()) / "softness.toml")
 
@@ -137,9 +143,13 @@ axis.legend()
 # - *Files of a Tac3D.* See the :doc:`table of files </estimation/README>`.
 # - *No stage?* Use ``--reference outline``. The angle then comes from the object's imprint or from
 #   the contact's outline. This requires edges or texture that show through the gel, or a contact
-#   that is not round.
+#   that is not round. The fit compares that angle with the rotation of the gel that sticks, not
+#   of the print. So it leaves out frames *without a known rotation of the gel*, in which ``run``
+#   can still give an angle from the print. Frames in which the object turns and the gel stands
+#   still count as macro slip here. So these numbers differ from those of ``run``.
 # - *Turn far enough.* With noise of 10 µm (``noise_in_plane_px`` times ``mm_per_px``), rotate in
 #   one direction by 10° or more. After a reversal, such noise hides slip. The grasps above have
 #   noise of 1 µm, which permits the reversal.
 # - *A refused fit.* If a fit is refused, the message says why, for example too few frames in which
-#   markers stick. Frames in macro slip are never used.
+#   markers stick. Frames in macro slip are never used. The gel must turn by 1° at the least, and by
+#   eight standard errors of its rotation.

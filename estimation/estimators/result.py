@@ -172,7 +172,9 @@ class Markers(Generic[Values, Mask]):
 class Estimate(
     Markers[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]], Record[float, int, bool, State, str]
 ):
-    """The estimate for a frame: state, angle with its interval, markers; see `Record`.
+    """The estimate for a frame: state, angle with its interval, markers.
+
+    `Record` and `Markers` describe the attributes.
 
     Examples:
         >>> import numpy as np

@@ -28,7 +28,7 @@ class Explained(NamedTuple):
 
 
 def explain_settings(settings: Mapping[str, Any], method: str) -> list[Explained]:
-    """Each setting of a run with its unit and meaning.
+    """Each setting of a run with its unit and meaning; the seed only if one was used.
 
     Args:
         settings: settings as in `summary.json`.
@@ -45,7 +45,8 @@ def explain_settings(settings: Mapping[str, Any], method: str) -> list[Explained
         "within each frame.",
         "kind": "kind of softness correction.",
     }
-    return [_explain(name, value, meanings) for name, value in _flatten(settings)]
+    used = {name: value for name, value in _flatten(settings) if (name, value) != ("seed", None)}
+    return [_explain(name, value, meanings) for name, value in used.items()]
 
 
 def _explain(name: str, value: Any, meanings: Mapping[str, str]) -> Explained:

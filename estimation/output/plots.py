@@ -193,7 +193,7 @@ def plot_markers(
         _scatter(bottom, x, y, curl[column], curl_scale)
     for axis, scale, label in (
         (axes[0, -1], rotation_scale, "φ [°]"),
-        (axes[2, -1], curl_scale, "rot(slip), Eq. 9 [rad]"),
+        (axes[2, -1], curl_scale, "curl of the slip [rad]"),
     ):
         figure.colorbar(scale, cax=axis.inset_axes((1.08, 0.0, 0.07, 1.0)), label=label)
     handles = [

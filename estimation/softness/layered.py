@@ -48,7 +48,7 @@ Matrix = tuple[tuple[float, ...], ...]
 class LayeredSoftness:
     """Stiffness ratio of an object, and the elastomer that it is held against.
 
-    The object is a half-space, or a ball, whose surface gives way more (`contactmodel.ball_gain`).
+    The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`).
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.

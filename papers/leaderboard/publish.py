@@ -106,7 +106,7 @@ def read_published() -> list[board.Line]:
     with PUBLISHED.open(encoding="utf-8") as file:
         return [
             (
-                f"{row['entry']} (published)",
+                f"{row['entry']} (listed)",
                 {t: float(row[t]) if row[t] else None for t in settings.TIERS},
             )
             for row in csv.DictReader(file)

@@ -296,6 +296,8 @@ def test_settings_have_units_and_meaning():
     assert shown["softness.thickness_mm"].meaning
     assert shown["keep_withdrawn"].value == "yes"
     assert shown["new"][1:] == ("–", "", "")
+    assert not explain_settings({"seed": None}, "tracked")  # of a recording
+    assert len(explain_settings({"seed": 0}, "tracked")) == 1
 
 
 def played(page):

@@ -247,7 +247,7 @@ def test_the_published_rows_are_those_of_the_readme():
     readme = publish.PUBLISHED.with_name("README.md").read_text(encoding="utf-8")
     table = re.findall(r"^\| `([^`]+)` \| [^|\d]*([\d.]+)[^|]*\|(.*)\|(.*)\|$", readme, re.M)
     rows = publish.read_published()
-    assert [f"{entry} (published)" for entry, *_ in table] == [entry for entry, _ in rows]
+    assert [f"{entry} (listed)" for entry, *_ in table] == [entry for entry, _ in rows]
     for (_, *cells), (_, shares) in zip(table, rows, strict=True):
         numbers = [re.search(r"[\d.]+", cell) for cell in cells]
         assert [found and float(found[0]) for found in numbers] == list(shares.values())
