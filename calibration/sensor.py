@@ -163,7 +163,7 @@ def _follow_dots(
 ) -> Float[np.ndarray, "pictures m 2"]:
     """Positions of the dots that are visible in every picture, without lens distortion [px]."""
     seen = [
-        sensor.straighten(find_dots(to_grey(image, style.dark), style).centre) for image in images
+        sensor.undistort(find_dots(to_grey(image, style.dark), style).centre) for image in images
     ]
     reference = make_reference(seen[0], images[0].shape[1::-1], unloaded=True)
     track = np.full((len(seen), *reference.position.shape), np.nan)
@@ -231,7 +231,7 @@ def plot_sensor(calibrated: Calibrated) -> Figure:
         1, 2 if lens is None else 3, figsize=(9.5 if lens is None else 14.0, 4.0),
         layout="constrained", sharex=True, sharey=True,
     )  # fmt: skip
-    seen = calibrated.place if lens is None else lens.bend(calibrated.place)
+    seen = calibrated.place if lens is None else lens.distort(calibrated.place)
     axes[0].imshow(calibrated.image, cmap="gray")
     axes[0].plot(*seen.T, "+", color="C1", ms=5, mew=0.8)
     axes[0].set_title(f"{len(seen)} dots")
@@ -243,7 +243,7 @@ def plot_sensor(calibrated: Calibrated) -> Figure:
             np.meshgrid(np.linspace(0.0, width, 17), np.linspace(0.0, height, 13)), -1
         ).reshape(-1, 2)
         title = "displacement by the lens"
-        _arrows(figure, axes[2], lens.straighten(at), at - lens.straighten(at), title)
+        _arrows(figure, axes[2], lens.undistort(at), at - lens.undistort(at), title)
     for axis in axes:
         axis.set(xlabel="x [px]", ylabel="y [px]", xlim=(0, width), ylim=(height, 0))
         axis.set_aspect("equal")

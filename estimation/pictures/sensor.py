@@ -75,7 +75,7 @@ class Lens:
         >>> from estimation import Lens
         >>> matrix = np.array([[300.0, 0.0, 160.0], [0.0, 300.0, 120.0], [0.0, 0.0, 1.0]])  # px
         >>> lens = Lens(matrix, distortion=np.array([-0.2, 0.0, 0.0, 0.0]))
-        >>> print(lens.straighten(np.array([[160.0, 120.0], [310.0, 120.0]])).round(1))
+        >>> print(lens.undistort(np.array([[160.0, 120.0], [310.0, 120.0]])).round(1))
         [[160.  120. ]
          [318.9 120. ]]
     """
@@ -96,16 +96,16 @@ class Lens:
                 "14"
             )
 
-    def straighten(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    def undistort(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Positions of a picture's points without distortion [px]; NaN stays NaN.
 
         Raises:
             ValueError: the lens model maps a point to infinity.
         """
-        straight = np.full(points.shape, np.nan)
+        undistorted = np.full(points.shape, np.nan)
         finite = np.isfinite(points).all(axis=1)
         if finite.any():
-            straight[finite] = cv2.undistortPoints(
+            undistorted[finite] = cv2.undistortPoints(
                 points[finite, None],
                 self.matrix,
                 self.distortion,
@@ -114,24 +114,23 @@ class Lens:
                 self.matrix,
                 CONVERGED,
             )[:, 0]
-            if not (np.abs(straight[finite]) < LARGEST).all():
+            if not (np.abs(undistorted[finite]) < LARGEST).all():
                 raise ValueError(
                     "the lens model maps points of the picture to infinity: calibrate it again"
                 )
-        return straight
+        return undistorted
 
-    def bend(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """The inverse of `straighten` [px]; NaN stays NaN."""
-        bent = np.full(points.shape, np.nan)
+    def distort(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """The inverse of `undistort` [px]; NaN stays NaN."""
+        distorted = np.full(points.shape, np.nan)
         finite = np.isfinite(points).all(axis=1)
         if finite.any():
             homogeneous = np.column_stack([points[finite], np.ones(finite.sum())])
             rays = homogeneous @ np.linalg.inv(self.matrix).T
             none = np.zeros(3)
-            bent[finite] = cv2.projectPoints(rays, none, none, self.matrix, self.distortion)[0][
-                :, 0
-            ]
-        return bent
+            image, _ = cv2.projectPoints(rays, none, none, self.matrix, self.distortion)
+            distorted[finite] = image[:, 0]
+        return distorted
 
 
 @dataclass(frozen=True)
@@ -201,9 +200,9 @@ class Sensor:
         """Scale of the undistorted picture [mm/px], or 1 if lengths are in px."""
         return 1.0 if self.mm_per_px is None else self.mm_per_px
 
-    def straighten(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    def undistort(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Positions of a picture's points without the lens's distortion [px]."""
-        return points if self.lens is None else self.lens.straighten(points)
+        return points if self.lens is None else self.lens.undistort(points)
 
     def of_part(self, part: Part) -> "Sensor":
         """The sensor for a part of its pictures, with positions counted from the part's origin."""
@@ -220,12 +219,12 @@ class Sensor:
 
     def to_lengths(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Convert points of the picture [px] to lengths."""
-        return self.scale * self.straighten(points)
+        return self.scale * self.undistort(points)
 
     def to_pixels(self, lengths: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Convert lengths to points of the picture [px]; the inverse of `to_lengths`."""
-        straight = lengths / self.scale
-        return straight if self.lens is None else self.lens.bend(straight)
+        undistorted = lengths / self.scale
+        return undistorted if self.lens is None else self.lens.distort(undistorted)
 
     def expect_size(self, width: int, height: int) -> None:
         """Check that a picture has the size to which the description applies.

@@ -19,7 +19,7 @@ def board_picture(turn, shift, size=(320, 240), cell=1.0):
     """A checkerboard of 5×7 inner corners seen through the lens, by tracing every ray."""
     fine = 3
     y, x = (np.mgrid[: size[1] * fine, : size[0] * fine] + 0.5) / fine - 0.5
-    straight = LENS.straighten(np.stack([x.ravel(), y.ravel()], axis=1))
+    straight = LENS.undistort(np.stack([x.ravel(), y.ravel()], axis=1))
     rays = np.column_stack([straight, np.ones(len(straight))]) @ np.linalg.inv(MATRIX).T
     rotation = cv2.Rodrigues(np.array(turn, dtype=float))[0]
     origin, direction = -rotation.T @ np.array(shift), rays @ rotation
@@ -61,7 +61,7 @@ def test_the_lens_is_found(boards):
     lens, error = fit_lens(boards, (5, 7))
     assert error < 0.1
     points = np.array([[60.0, 50.0], [160.0, 120.0], [260.0, 190.0], [60.0, 190.0]])
-    away = lens.straighten(points) - LENS.straighten(points)
+    away = lens.undistort(points) - LENS.undistort(points)
     # focal length and distortion trade off; what the lens takes off is known to 0.1 px or so
     away -= away.mean(axis=0)
     assert np.abs(away).max() < 0.5

@@ -27,7 +27,7 @@ class CornerReader(MarkerReader):
         unloaded = settings.unloaded is not None
         self.tracker = CornerTracker.learn(first.image, unloaded=unloaded, part=settings.part)
         plan = self.tracker.plan
-        self.rest = straighten(self.sensor, self.tracker.rest)
+        self.rest = undistort(self.sensor, self.tracker.rest)
         self.scale, self.unit = settings.scale, settings.unit
         self.layout = lay_out(self.tracker, settings.scale * (self.rest.position + self.origin))
         around = np.full((len(plan.position), 0), -1)
@@ -40,7 +40,7 @@ class CornerReader(MarkerReader):
         shape = self.reference.position.shape
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, shape, picture.flaw or "no picture")
-        seen = straighten(self.sensor, self.tracker.find(picture.image))
+        seen = undistort(self.sensor, self.tracker.find(picture.image))
         if seen.flaw:
             return Row.of_none(picture, shape, seen.flaw)
         displacement = seen.position - self.reference.position
@@ -65,13 +65,13 @@ class CornerReader(MarkerReader):
         )
 
 
-def straighten(sensor: Sensor, seen: Seen) -> Seen:
+def undistort(sensor: Sensor, seen: Seen) -> Seen:
     """Remove the lens's distortion from corners and their edges."""
     if sensor.lens is None:
         return seen
-    position = sensor.straighten(seen.position)
+    position = sensor.undistort(seen.position)
     edges = [
-        sensor.straighten(seen.position + np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        sensor.undistort(seen.position + np.stack([np.cos(angle), np.sin(angle)], axis=1))
         - position
         for angle in seen.heading.T
     ]

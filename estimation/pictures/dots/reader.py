@@ -86,7 +86,7 @@ class DotReader(MarkerReader):
         if picture.flaw or picture.image is None:
             return Row.of_none(picture, (count, 2), picture.flaw or "no picture")
         dots = self._find(picture.image)
-        straight = self.sensor.straighten(dots.centre)
+        straight = self.sensor.undistort(dots.centre)
         match, flaw = self.tracker.update(straight)
         seen = match >= 0
         position = np.full((count, 2), np.nan)
@@ -123,7 +123,7 @@ class DotReader(MarkerReader):
 
     def _in_plane(self, point: tuple[float, ...]) -> tuple[float, ...]:
         """A point of the object's print, without the lens's distortion [px]."""
-        places = self.sensor.straighten(np.reshape(point[:4], (2, 2)))
+        places = self.sensor.undistort(np.reshape(point[:4], (2, 2)))
         return (*places.ravel().tolist(), *point[4:])
 
     def notes(self) -> tuple[str, ...]:
@@ -156,7 +156,7 @@ class DotReader(MarkerReader):
             )
         dots = self._find(image)
         size = (image.shape[1], image.shape[0])
-        return make_reference(self.sensor.straighten(dots.centre), size, unloaded)
+        return make_reference(self.sensor.undistort(dots.centre), size, unloaded)
 
     def _look_for_rest(
         self, position: Float[np.ndarray, "m 2"], dots: Float[np.ndarray, "k 2"], number: int

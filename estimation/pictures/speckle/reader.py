@@ -41,7 +41,7 @@ class SpeckleReader(MarkerReader):
             "(--unloaded-frame or --unloaded)."
         )
         around = np.full((len(rest), 0), -1)
-        position = self.sensor.straighten(rest)
+        position = self.sensor.undistort(rest)
         self.reference = Reference(position, self.neighbours, around, float(style.pitch), note)
         full = lattice.number.shape if (lattice.number >= 0).all() else None
         self.layout = MarkerLayout(self.scale * (position + self.origin), self.neighbours, full)
@@ -54,7 +54,7 @@ class SpeckleReader(MarkerReader):
         match, flaw = self.tracker.find(to_light(picture.image))
         if flaw:
             return Row.of_none(picture, shape, flaw)
-        match = self._straighten(match)
+        match = self._undistort(match)
         displacement = match.position - self.reference.position
         contact = region_of_dispersion(self.reference, displacement)
         rest = self.reference.position
@@ -86,13 +86,13 @@ class SpeckleReader(MarkerReader):
             "The contact region is estimated from how far neighbouring markers have moved.",
         )
 
-    def _straighten(self, match: Match) -> Match:
+    def _undistort(self, match: Match) -> Match:
         """Remove the lens's distortion from a match."""
         if self.sensor.lens is None:
             return match
         shape = lens_stretch(self.sensor, match.position) @ match.deformation
         return match._replace(
-            position=self.sensor.straighten(match.position),
+            position=self.sensor.undistort(match.position),
             deformation=shape @ np.linalg.inv(self.stretch),
         )
 
@@ -103,7 +103,7 @@ def lens_stretch(sensor: Sensor, points: Float[np.ndarray, "n 2"]) -> Float[np.n
     if sensor.lens is None:
         return np.tile(np.eye(2), (len(points), 1, 1))
     columns = [
-        (sensor.straighten(points + step * axis) - sensor.straighten(points - step * axis))
+        (sensor.undistort(points + step * axis) - sensor.undistort(points - step * axis))
         / (2.0 * step)
         for axis in np.eye(2)
     ]

@@ -100,7 +100,7 @@ def test_a_crop_keeps_scale_and_lens_right(tmp_path):
     lens = Lens(matrix, np.array([-0.15, 0.02, 0.0, 0.0, 0.0]))
     sensor = replace(SENSORS["dots"], lens=lens, mm_per_px=0.05, size=(320, 240))
     rng = np.random.default_rng(0)
-    images = [picture(lens.bend(twisted(angle, rigid=50.0)), rng) for angle in (0.0, 5.0)]
+    images = [picture(lens.distort(twisted(angle, rigid=50.0)), rng) for angle in (0.0, 5.0)]
     folder = write_folder(tmp_path / "bent", images)
     whole = read_images(folder, ImageSettings(sensor, 0))
     part = read_images(folder, ImageSettings(sensor, 0, part=Part((30, 20, 250, 190))))

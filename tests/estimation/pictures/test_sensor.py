@@ -160,8 +160,8 @@ def test_the_lens_is_that_of_the_textbook():
     bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     straight = np.array([[700.0 * x + 310.0, 690.0 * y + 250.0]])
     bent = np.array([[700.0 * bent_x + 310.0, 690.0 * bent_y + 250.0]])
-    assert LENS.bend(straight) == pytest.approx(bent, abs=1e-9)  # rounding of 500 px
-    assert LENS.straighten(bent) == pytest.approx(straight, abs=1e-6)  # iteration's end
+    assert LENS.distort(straight) == pytest.approx(bent, abs=1e-9)  # rounding of 500 px
+    assert LENS.undistort(bent) == pytest.approx(straight, abs=1e-6)  # iteration's end
 
 
 def test_pixels_and_lengths_are_each_others_inverse():
@@ -186,7 +186,7 @@ def bent(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bent")
     rng = np.random.default_rng(0)
     for i, angle in enumerate((0.0, 3.0, 6.0)):
-        seen = sensor.lens.bend(twisted(angle, rigid=50.0))
+        seen = sensor.lens.distort(twisted(angle, rigid=50.0))
         cv2.imwrite(str(folder / f"{i}.png"), picture(seen, rng))
     return folder, sensor
 
@@ -208,7 +208,7 @@ def test_a_described_layout_is_the_reference_of_a_loaded_clip(bent, tmp_path):
     known = replace(sensor, reference=0.05 * REST)
     rng = np.random.default_rng(1)
     for i, angle in enumerate((6.0, 6.0)):
-        image = picture(known.lens.bend(twisted(angle, rigid=50.0)), rng)
+        image = picture(known.lens.distort(twisted(angle, rigid=50.0)), rng)
         cv2.imwrite(str(tmp_path / f"{i}.png"), image)
     recording = read_images(tmp_path, ImageSettings(known))
     assert np.array_equal(recording.layout.reference, known.reference)
