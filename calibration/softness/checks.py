@@ -250,11 +250,11 @@ def _note_scatter(trials: Sequence[Trial], slope: Slope) -> Iterator[str]:
         )
     elif slope.scatter > 0.0:
         yield (
-            f"the grasps disagree (p = {slope.chance:.2g} for equal k): k scatters by "
+            f"the grasps disagree (p = {slope.p_value:.2g} for equal k): k scatters by "
             f"{slope.scatter:.3g} between them, and the interval covers their mean"
         )
     else:
-        yield f"the grasps agree within their errors (p = {slope.chance:.2g} for equal k)"
+        yield f"the grasps agree within their errors (p = {slope.p_value:.2g} for equal k)"
     if slope.value < 1.0:
         yield (
             f"the fitted k is {slope.value - 1.0:.3g}, which is impossible; its interval includes "

@@ -101,7 +101,7 @@ class SoftnessFit:
         grasps: fit of each trial alone.
         scatter: standard deviation of k between grasps beyond their errors [-]; 0 without
             significant scatter.
-        scatter_chance: p-value of the disagreement for equal k [-]; NaN for one trial.
+        scatter_p_value: p-value of the disagreement for equal k [-]; NaN for one trial.
         undetermined: quantities that the data cannot determine, in sentences.
         notes: remarks for readers, in sentences.
         line: fit of all trials.
@@ -131,7 +131,7 @@ class SoftnessFit:
     candidates: tuple[Candidate, ...]
     grasps: tuple[GraspFit, ...]
     scatter: float
-    scatter_chance: float
+    scatter_p_value: float
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     line: Line
@@ -307,7 +307,7 @@ def _conclude(
             for i, (trial, alone) in enumerate(grasps)
         ),
         scatter=slope.scatter,
-        scatter_chance=slope.chance,
+        scatter_p_value=slope.p_value,
         undetermined=undetermined,
         notes=notes,
         line=line,

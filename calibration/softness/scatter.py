@@ -25,14 +25,14 @@ class Slope(NamedTuple):
         variance: variance of the slope [-].
         freedom: degrees of freedom.
         scatter: standard deviation between trials beyond their errors [-].
-        chance: p-value of the disagreement between trials [-].
+        p_value: p-value of the disagreement between trials [-].
     """
 
     value: float
     variance: float
     freedom: float
     scatter: float
-    chance: float
+    p_value: float
 
 
 def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) -> Slope:
@@ -52,7 +52,7 @@ def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) 
     whole = parts[0] if len(parts) == 1 else _average(parts)
     if any(part.scatter for part in (*parts, whole)):
         return whole
-    return common._replace(chance=whole.chance)
+    return common._replace(p_value=whole.p_value)
 
 
 def _average(parts: Sequence[Line | Slope]) -> Slope:
@@ -68,12 +68,12 @@ def _average(parts: Sequence[Line | Slope]) -> Slope:
     if count == 1:
         return Slope(mean, float(variances[0]), freedom, 0.0, float("nan"))
     disagreement = float(weight @ (slopes - mean) ** 2)
-    chance = float(scipy.stats.chi2.sf(disagreement, count - 1))
-    if chance >= SCATTER_LEVEL:
-        return Slope(mean, float(1.0 / weight.sum()), freedom, 0.0, chance)
+    p_value = float(scipy.stats.chi2.sf(disagreement, count - 1))
+    if p_value >= SCATTER_LEVEL:
+        return Slope(mean, float(1.0 / weight.sum()), freedom, 0.0, p_value)
     excess = disagreement - (count - 1)
     between = excess / float(weight.sum() - (weight**2).sum() / weight.sum())
     weight = 1.0 / (variances + between)
     mean = float(weight @ slopes / weight.sum())
     variance = float(weight @ (slopes - mean) ** 2 / ((count - 1) * weight.sum()))
-    return Slope(mean, variance, count - 1.0, float(np.sqrt(max(between, 0.0))), chance)
+    return Slope(mean, variance, count - 1.0, float(np.sqrt(max(between, 0.0))), p_value)
