@@ -86,7 +86,7 @@ def fit_layered_softness(
     lifts = rigid.in_mm  # otherwise frames are the same for all k
     guesses = [replace(rigid, stiffness_ratio=k) for k in _GUESSES]
     candidates = [_gather(grasps, guess) for guess in (guesses if lifts else guesses[:1])]
-    trials = max(candidates, key=lambda each: sum(trial.held for trial in each))
+    trials = max(candidates, key=lambda each: sum(trial.stick_markers for trial in each))
     fit = _fit(trials, layer, clock_search)
     if lifts:
         fitted = fit.softness

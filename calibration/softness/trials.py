@@ -70,7 +70,7 @@ class Trial:
         pitch: distance between markers [mm]; NaN if unknown.
         lifted_for: softness for which the frames were lifted; None for a thick elastomer.
         seen: displacements of the markers in the used frames; empty without lifting.
-        held: number of sticking markers in all used frames together; 0 if unknown.
+        stick_markers: number of sticking markers, summed over the used frames; 0 if unknown.
 
     Examples:
         >>> from calibration import Reference, make_trials
@@ -100,7 +100,7 @@ class Trial:
     pitch: float = float("nan")
     lifted_for: LayeredSoftness | None = None
     seen: tuple[Seen, ...] = ()
-    held: int = 0
+    stick_markers: int = 0
 
 
 def make_trials(
@@ -174,7 +174,7 @@ def _make_trial(
         time=recording.time[rows],
         **_describe_markers(recording.layout),
         lifted_for=lifted_for,
-        held=int(result.stick[rows].sum()),
+        stick_markers=int(result.stick[rows].sum()),
         **_columns(recording, result, rows, lifted_for),
         **about,
     )
