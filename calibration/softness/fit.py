@@ -376,7 +376,7 @@ def _validity(trials: Sequence[Trial]) -> Validity:
         return (float(finite.min()), float(finite.max())) if len(finite) else None
 
     # the regression leaves out small rotations of lifted frames, but k is valid for them too
-    rotation = [np.append(trial.rotation, [0.0] * bool(trial.seen)) for trial in trials]
+    rotation = [np.append(trial.rotation, [0.0] * bool(trial.displacements)) for trial in trials]
     others = ([getattr(trial, name) for trial in trials] for name in ("normal_force", "radius"))
     return Validity(*(ends(np.concatenate(column)) for column in (rotation, *others)))
 

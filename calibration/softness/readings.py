@@ -126,7 +126,9 @@ class Lifts:
 
     def _turns(self, *at: float) -> Float[np.ndarray, "3 frames"]:
         if at not in self._turns_by_layer:
-            self._turns_by_layer[at] = np.array([seen.turns(*at) for seen in self.trial.seen]).T
+            self._turns_by_layer[at] = np.array(
+                [seen.turns(*at) for seen in self.trial.displacements]
+            ).T
         return self._turns_by_layer[at]
 
 
@@ -184,7 +186,7 @@ def make_series(trial: Trial, clock_search: float) -> Series:
         rotation=lifts.as_seen(),
         rotation_error=np.maximum(trial.error, 1e-9),
         search=0.0 if reference.same_clock else clock_search,
-        lifts=lifts if trial.seen else None,
+        lifts=lifts if trial.displacements else None,
     )
 
 

@@ -69,7 +69,7 @@ class Trial:
         markers: number of the sensor's markers; 0 if unknown.
         pitch: distance between markers [mm]; NaN if unknown.
         lifted_for: softness for which the frames were lifted; None for a thick elastomer.
-        seen: displacements of the markers in the used frames; empty without lifting.
+        displacements: of the markers in the used frames; empty without lifting.
         stick_markers: number of sticking markers, summed over the used frames; 0 if unknown.
 
     Examples:
@@ -99,7 +99,7 @@ class Trial:
     markers: int = 0
     pitch: float = float("nan")
     lifted_for: LayeredSoftness | None = None
-    seen: tuple[Seen, ...] = ()
+    displacements: tuple[Seen, ...] = ()
     stick_markers: int = 0
 
 
@@ -268,12 +268,14 @@ def _columns(
 ) -> dict[str, Any]:
     """Columns of a trial for the used frames."""
     layout, unknown = recording.layout, np.full(len(rows), np.nan)
-    seen = []
+    displacements = []
     for row in rows if lifted_for is not None else ():
         moved = displacement_as_seen(layout, recording.positions[row], recording.valid[row])
         visible = np.isfinite(moved[:, 0])
         points = layout.reference[:, :2]
-        seen.append(Seen(points[result.stick[row] & visible], points[visible], moved[visible]))
+        displacements.append(
+            Seen(points[result.stick[row] & visible], points[visible], moved[visible])
+        )
     planes = zip(recording.positions[rows][..., :2], result.contact[rows], strict=True)
     error = 0.5 * (result.high - result.low) / Z95 / (1.0 + result.stiffness_ratio)
     return {
@@ -281,7 +283,7 @@ def _columns(
         "error": error[rows],
         "normal_force": unknown if recording.force is None else -recording.force[rows, 2],
         "radius": np.array([disc_radius(plane[inside]) for plane, inside in planes]),
-        "seen": tuple(seen),
+        "displacements": tuple(displacements),
     }
 
 
