@@ -76,7 +76,7 @@ class ImageSettings:
             )
 
     @property
-    def rest(self) -> Still | None:
+    def unloaded_picture(self) -> Still | None:
         """The picture with nothing on the sensor, if one is given."""
         return self.unloaded if isinstance(self.unloaded, Still) else None
 
@@ -104,7 +104,7 @@ class ImageSettings:
 
     def content(self) -> dict[str, Any]:
         """The reference and the part of the pictures that is read, for a summary."""
-        part, rest = self.part, self.rest
+        part, rest = self.part, self.unloaded_picture
         content = {
             "unloaded": self.unloaded if rest is None else str(rest.path),
             "crop_px": None if part.crop is None else list(part.crop),

@@ -121,8 +121,8 @@ class PictureSource:
             pictures = _count_on(_read(path, settings), *after)
             self._taken = pictures if feed is None else feed(pictures)
         self._waiting: list[Picture] = []
-        if settings.rest is not None and reader is None:
-            reader = self._reader_of(settings.rest, settings)
+        if settings.unloaded_picture is not None and reader is None:
+            reader = self._reader_of(settings.unloaded_picture, settings)
         elif settings.unloaded is not None and reader is None:
             reader = _reader_at(path, settings)
         self.reader = reader or self._find_reader(settings)

@@ -76,8 +76,9 @@ class ImageTracker:
                 f"the noise is given in {noise.unit}, but the pictures' lengths are in "
                 f'{images.unit}: use Noise.from_std(…, unit="{images.unit}")'
             )
-        if images.rest is not None:
-            rest = fit_picture(Picture(images.rest.image, np.nan, -1), images.part, None)
+        unloaded = images.unloaded_picture
+        if unloaded is not None:
+            rest = fit_picture(Picture(unloaded.image, np.nan, -1), images.part, None)
             if rest.flaw:
                 raise ValueError(f"the unloaded picture shows no markers: {rest.flaw}")
             self.reader, self._size = _make_reader(rest, images), rest.whole
