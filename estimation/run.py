@@ -208,7 +208,7 @@ class _Job:
                     self._write_state(writer, stream)
                     saved = time.monotonic()
         except KeyboardInterrupt:
-            writer.cut(stream.done)
+            writer.truncate(stream.done)
             return not stream.source.live  # Ctrl-C is the regular end of a live source
         return stream.interrupted and not stream.source.live
 
@@ -216,7 +216,7 @@ class _Job:
         settings, source = self.settings, self.input.source
         pictures = source if isinstance(source, PictureSource) else None
         writer = RecordWriter(self.record, tuple(settings.methods), settings.preview, pictures)
-        writer.cut(rows)
+        writer.truncate(rows)
         truth = self.input.truth
         writer.tell(
             identity=identity_of(self.input.place or source.source, settings),

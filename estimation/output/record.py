@@ -160,9 +160,9 @@ class RecordWriter:
 
     def restart(self) -> None:
         """Delete all frames."""
-        self.cut(0)
+        self.truncate(0)
 
-    def cut(self, rows: int) -> None:
+    def truncate(self, rows: int) -> None:
         """Delete all frames but the first `rows`."""
         with _naming_file(self._path):
             for table in ("frames", "markers", "checkpoint"):
