@@ -218,7 +218,7 @@ class _Job:
         writer = RecordWriter(self.record, tuple(settings.methods), settings.preview, pictures)
         writer.truncate(rows)
         truth = self.input.truth
-        writer.tell(
+        writer.set_metadata(
             identity=identity_of(self.input.place or source.source, settings),
             name=self.name,
             source=source.source,
@@ -237,7 +237,7 @@ class _Job:
         follower, source, settings = stream.follower, stream.source, self.settings
         noise, row = follower.noise, stream.done
         notes = [*follower.notes, *list_flaws(follower.flaws)]
-        writer.tell(
+        writer.set_metadata(
             complete=complete,
             total=len(source) if isinstance(source, Sized) else 0,
             reference=follower.layout.reference.tolist(),

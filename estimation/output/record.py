@@ -168,7 +168,7 @@ class RecordWriter:
             for table in ("frames", "markers", "checkpoint"):
                 self._database.execute(f"DELETE FROM {table} WHERE row >= ?", (rows,))
 
-    def tell(self, **about: Any) -> None:
+    def set_metadata(self, **about: Any) -> None:
         """Store facts about the run, such as settings and input, as JSON by name."""
         rows = [(name, json.dumps(value, ensure_ascii=False)) for name, value in about.items()]
         with _naming_file(self._path):

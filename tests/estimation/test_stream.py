@@ -243,7 +243,7 @@ def test_the_noise_of_what_is_live_is_told_sooner(recording):
 
 def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
     writer = RecordWriter(tmp_path / "record.sqlite", ("tracked",))
-    writer.tell(format_version=FORMAT_VERSION)
+    writer.set_metadata(format_version=FORMAT_VERSION)
     writer.commit()
     with RecordReader(tmp_path / "record.sqlite") as record:
         monkeypatch.setattr("estimation.output.record.PATIENCE_S", 0.0)
@@ -254,7 +254,7 @@ def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
 def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
     path = tmp_path / "record.sqlite"
     writer = RecordWriter(path, ("tracked", "rigid"))
-    writer.tell(format_version=FORMAT_VERSION)
+    writer.set_metadata(format_version=FORMAT_VERSION)
     answers = list(Stream(streamed(recording), SETTINGS).answers())
     for row in range(2 * MOST_KEPT):
         writer.put(answers[row % len(answers)]._replace(row=row))
