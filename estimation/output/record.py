@@ -143,11 +143,11 @@ class RecordWriter:
             self._database.execute(self._insert, self._values(answer))
             if self._every or answer.row % self._stride == 0:
                 self._keep_markers(answer)
-            if self.due:
+            if self.needs_commit:
                 self.commit()
 
     @property
-    def due(self) -> bool:
+    def needs_commit(self) -> bool:
         """Whether the stored answers should be written to the disc."""
         commit_s = 0.5  # time after which answers are written with the next frame [s]
         return time.monotonic() > self._written + commit_s
