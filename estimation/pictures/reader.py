@@ -212,7 +212,7 @@ class MarkerReader(ABC):
             hold=row.hold,
         )
 
-    def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
+    def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct frames that were read before the reference was found.
 
         Args:

@@ -207,7 +207,7 @@ class PictureSource:
         """The state after the last frame, from which another source can resume."""
         return PictureState(self.reader, self._inspector)
 
-    def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
+    def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct frames that were read before the reference was found.
 
         Args:
@@ -216,7 +216,7 @@ class PictureSource:
         Returns:
             The frames, measured from the present reference.
         """
-        return self.reader.judge_again(frames)
+        return self.reader.reevaluate(frames)
 
     def find_copy(
         self, frame: Frame
@@ -295,7 +295,7 @@ def read_images(path: str | Path, settings: ImageSettings | None = None) -> Reco
         if not (frames and source.live):
             raise
     if source.layout is not layout:
-        frames = source.judge_again(frames)
+        frames = source.reevaluate(frames)
     return record_source(source, frames)
 
 

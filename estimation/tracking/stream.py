@@ -317,7 +317,7 @@ class Stream:
         if not self._ahead:
             raise ValueError(f"{self.source.name} has no frames")
         if self.source.layout is not layout:
-            self._ahead = self._judge_again(self._ahead)
+            self._ahead = self._reevaluate(self._ahead)
         return find_noise(record_frames(self.source.layout, self._ahead))
 
     def answers(self, *sinks: Sink) -> Iterator[Answer]:
@@ -376,11 +376,11 @@ class Stream:
         self.follower.relay(self.source.layout)
         for sink in sinks:
             sink.restart()
-        return self._judge_again(held)
+        return self._reevaluate(held)
 
-    def _judge_again(self, frames: list[Frame]) -> list[Frame]:
+    def _reevaluate(self, frames: list[Frame]) -> list[Frame]:
         """The frames, inspected again with the new reference if the source can do so."""
-        return self.source.judge_again(frames) if isinstance(self.source, PictureSource) else frames
+        return self.source.reevaluate(frames) if isinstance(self.source, PictureSource) else frames
 
     def _hold(self, frame: Frame) -> None:
         """Keep a frame while a better reference may come, up to `MOST_HELD` frames."""

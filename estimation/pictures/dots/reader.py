@@ -220,7 +220,7 @@ class DotReader(MarkerReader):
         irregularity = find_irregularity(self.lattice, position[self.lattice.dot])
         return irregularity.mean < more_regular * self.assumed.mean
 
-    def judge_again(self, frames: Sequence[Frame]) -> list[Frame]:
+    def reevaluate(self, frames: Sequence[Frame]) -> list[Frame]:
         """Correct the contact of frames that were read before the reference was found.
 
         Contacts detected by the object's print do not depend on the reference, and stay.
