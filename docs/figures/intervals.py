@@ -7,7 +7,7 @@ from estimation import estimate_angles, simulate_pivot
 
 recording, truth = simulate_pivot(seed=0)
 result = estimate_angles(recording)
-holding = truth.sticking.sum(axis=1)
+holding = truth.sticking_now.sum(axis=1)
 figure, (above, below) = plt.subplots(2, figsize=(7, 4.4), sharex=True, layout="constrained")
 time, error = recording.time, np.degrees(result.angle - truth.angle)
 low, high = np.degrees([result.low - truth.angle, result.high - truth.angle])

@@ -91,7 +91,7 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
         angle=np.where(touching, twist, np.nan),
         contact=contact,
         stick=contact & ~slid,
-        sticking=sticking,
+        sticking_now=sticking,
         slip=np.where(contact[..., None], slip, 0.0),
         stick_radius=np.pad(np.sqrt(area / np.pi), (unloaded, 0)),
         moment=np.pad(np.asarray(path.moment), (unloaded, 0)),

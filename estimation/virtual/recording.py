@@ -70,7 +70,7 @@ class Truth(NamedTuple):
         angle: the object's rotation since first contact [rad, counter-clockwise]; NaN before.
         contact: markers under the object.
         stick: markers that have stuck ever since full load.
-        sticking: markers that do not slip now, even if they slipped before the last reversal.
+        sticking_now: markers that do not slip now, even if they slipped before the last reversal.
         slip: of the object against the elastomer at each marker in contact, along x and y [mm].
         stick_radius: radius within which markers do not slip now [mm]; 0 without contact.
         moment: of the object on the sensor about z [N·mm].
@@ -90,7 +90,7 @@ class Truth(NamedTuple):
     angle: Float[np.ndarray, " frames"]
     contact: Bool[np.ndarray, "frames n"]
     stick: Bool[np.ndarray, "frames n"]
-    sticking: Bool[np.ndarray, "frames n"]
+    sticking_now: Bool[np.ndarray, "frames n"]
     slip: Float[np.ndarray, "frames n 2"]
     stick_radius: Float[np.ndarray, " frames"]
     moment: Float[np.ndarray, " frames"]
@@ -180,7 +180,7 @@ def simulate_pivot(
     Examples:
         >>> from estimation import simulate_pivot
         >>> recording, truth = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> print(recording.positions.shape, f"{truth.sticking[-1].sum()} markers stick")
+        >>> print(recording.positions.shape, f"{truth.sticking_now[-1].sum()} markers stick")
         (43, 400, 3) 13 markers stick
     """
     model, timing = model or PivotModel(), timing or Timing()
@@ -299,7 +299,7 @@ def deform(
         angle=np.where(touching, twist, np.nan),
         contact=contact,
         stick=contact & (r < ever[:, None]),
-        sticking=sticking,
+        sticking_now=sticking,
         slip=np.where(contact[..., None], slip, 0.0),
         stick_radius=stick_radius,
         moment=np.where(touching, moment, 0.0),

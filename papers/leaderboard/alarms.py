@@ -28,7 +28,7 @@ def tabulate_warnings(draws: int) -> list[dict[str, object]]:
             for recording, truth in pivots:
                 warned = warn(recording).warned
                 contact = truth.contact.sum(axis=1)
-                firm = (contact > 0) & (truth.sticking.sum(axis=1) >= 0.9 * contact)
+                firm = (contact > 0) & (truth.sticking_now.sum(axis=1) >= 0.9 * contact)
                 false, firm_frames = false + int((warned & firm).sum()), firm_frames + firm.sum()
                 if truth.macro_slip.any():
                     slip = int(np.argmax(truth.macro_slip))

@@ -126,7 +126,7 @@ def mirror(recording: Recording, truth: Truth) -> tuple[Recording, Truth]:
 
 def _judge(case: Case, truth: PivotTruth) -> Truth:
     """The truth of a case: frames count while markers stick; of elongated contacts also after."""
-    counts = {case.group: count_frames(truth.sticking.sum(axis=1))}
+    counts = {case.group: count_frames(truth.sticking_now.sum(axis=1))}
     if case.group == "elongated":
         slid = np.logical_or.accumulate(truth.macro_slip)
         counts[SLIDING] = np.isfinite(truth.angle) & slid

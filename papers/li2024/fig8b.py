@@ -68,7 +68,7 @@ def compute(quick: bool = False, track: Track = iter) -> Lifts:
         taken[method] = time.perf_counter() - start
     speed = len(recording) / taken[DEFAULT_METHOD]
     points = recording.layout.reference[:, :2]
-    limit = [angle_limit(points, sticking, model.noise) for sticking in truth.sticking]
+    limit = [angle_limit(points, sticking, model.noise) for sticking in truth.sticking_now]
     return Lifts(recording, truth, results, MEAN_ABSOLUTE * np.degrees(limit), speed)
 
 
@@ -149,7 +149,7 @@ def plot(result: Lifts) -> Figure:
 def _plot_markers(axis, result: Lifts, frame: int) -> None:
     answers = result.results[DEFAULT_METHOD]
     position = result.recording.positions[frame, :, :2]
-    contact, stick = result.truth.contact[frame], result.truth.sticking[frame]
+    contact, stick = result.truth.contact[frame], result.truth.sticking_now[frame]
     axis.scatter(*position.T, s=4, color="0.8")
     axis.scatter(*position[contact & ~stick].T, s=14, color="C1", label="slips (truth)")
     axis.scatter(*position[stick].T, s=14, color="C0", label="sticks (truth)")

@@ -98,7 +98,7 @@ def _follow(friction: float, draw: int, resolution: settings.Resolution) -> tupl
     recording, truth = simulate_elongated(friction, draw, resolution)
     results = [estimate_angles(recording, method) for method in METHODS]
     main = results[0]
-    firm = truth.sticking.sum(axis=1) >= settings.FIRM_MARKERS
+    firm = truth.sticking_now.sum(axis=1) >= settings.FIRM_MARKERS
     slipping = np.array([state == State.MACRO_SLIP for state in main.state])
     began = int(np.argmax(truth.macro_slip))
     handed = truth.macro_slip & slipping

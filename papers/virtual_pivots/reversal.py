@@ -79,10 +79,10 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
         recording, truth = simulate_pivot(model, seed=draw)
         noise = estimate_noise(recording)
         result = estimate_angles(recording, DEFAULT_METHOD, noise=noise)
-        firm = np.nonzero(truth.sticking.sum(axis=1) >= settings.FIRM_MARKERS)[0]
+        firm = np.nonzero(truth.sticking_now.sum(axis=1) >= settings.FIRM_MARKERS)[0]
         error = np.degrees(result.angle - truth.angle)
         points = recording.layout.reference[:, :2]
-        bounds = [angle_limit(points, truth.sticking[frame], model.noise) for frame in firm]
+        bounds = [angle_limit(points, truth.sticking_now[frame], model.noise) for frame in firm]
         picked = int(rng.choice(firm[result.answered[firm]]))
         slip = np.array([state == State.MACRO_SLIP for state in result.state])
         late = np.nan

@@ -24,7 +24,7 @@ def test_markers_that_stick_go_where_the_object_takes_them(pivot):
         stick = truth.stick[i]
         # quadrature of Jäger's sum inside the stick region: rounding only
         np.testing.assert_allclose(recording.positions[i, stick, :2], turned[stick], atol=1e-9)
-        slipped = truth.contact[i] & ~truth.sticking[i]
+        slipped = truth.contact[i] & ~truth.sticking_now[i]
         behind = np.linalg.norm(recording.positions[i, :, :2] - turned, axis=1)
         assert (behind[slipped] > 1e-9).all()
         # the slip in the truth is what they lag; pressed, they stand up to 1.2 % off their places
@@ -51,7 +51,7 @@ def test_the_reversal_leaves_a_core_that_carries_the_old_rotation(pivot):
     # back at zero the moment has turned round, and what stuck all along reads the object's angle
     assert truth.moment[half_way] < 0 < truth.moment[79]
     inside = truth.stick[half_way]
-    around = truth.sticking[half_way] & ~inside
+    around = truth.sticking_now[half_way] & ~inside
     assert inside.sum() >= 3
     assert around.sum() >= 3
     r = np.hypot(*recording.layout.reference[:, :2].T)

@@ -52,7 +52,7 @@ def test_the_solver_and_the_closed_forms_make_the_same_recording(path):
     np.testing.assert_allclose(truth.angle, exact.angle, atol=1e-12)
     np.testing.assert_allclose(truth.moment, exact.moment, rtol=0.02, atol=1e-9)
     assert np.mean(truth.contact != exact.contact) < 0.02  # two of 144 on cells of the rim
-    assert np.mean(truth.sticking[3:] != exact.sticking[3:]) < 0.03
+    assert np.mean(truth.sticking_now[3:] != exact.sticking_now[3:]) < 0.03
     assert truth.stiffness_ratio == 0.0
     # across the radius only: along it they differ as their positions do
     x, y = layout.reference[:, :2].T

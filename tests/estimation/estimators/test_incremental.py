@@ -31,7 +31,7 @@ def pivot():
 def test_a_reversal_is_followed(pivot, method):
     recording, truth = pivot
     result = estimate_angles(recording, method)
-    firm = truth.sticking.sum(axis=1) >= 10
+    firm = truth.sticking_now.sum(axis=1) >= 10
     error = np.degrees(np.abs(result.angle - truth.angle))
     assert result.answered[firm].all()
     assert error[firm].mean() < 0.05
@@ -118,7 +118,7 @@ def test_frames_in_which_noise_hides_what_sticks_are_passed_over(pivot, spoilt):
     positions[rows] += rough
     noise = estimate_noise(recording)
     result = estimate_angles(replace(recording, positions=positions), "incremental", noise=noise)
-    firm = (truth.sticking.sum(axis=1) >= 10) & ~rows
+    firm = (truth.sticking_now.sum(axis=1) >= 10) & ~rows
     assert [result.state[i] for i in np.flatnonzero(rows)] == [State.UNKNOWN] * len(spoilt)
     assert all("no marker seems to stick" in result.reason[i] for i in np.flatnonzero(rows))
     assert result.answered[firm].all()
@@ -133,7 +133,7 @@ def test_a_contact_whose_first_frame_is_spoilt_is_counted_from_the_unloaded_shap
     positions[first] += rough
     spoilt = replace(recording, positions=positions)
     result = estimate_angles(spoilt, "incremental", noise=estimate_noise(recording))
-    firm = truth.sticking.sum(axis=1) >= 10
+    firm = truth.sticking_now.sum(axis=1) >= 10
     firm[first] = False
     assert result.answered[firm].all()
     assert np.degrees(np.abs(result.angle - truth.angle))[firm].mean() < 0.05  # as without
