@@ -16,12 +16,7 @@ from estimation.frames.noise import Noise, expect_unit
 from estimation.output.answer import describe_run
 from estimation.output.found import Run, find_in_record
 from estimation.output.missing import describe_answers
-from estimation.output.overview import (
-    describe_evidence,
-    describe_fits,
-    describe_left_out,
-    write_overview,
-)
+from estimation.output.overview import describe_evidence, describe_fits, write_overview
 from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
@@ -349,10 +344,9 @@ def _put_side_by_side(
     first: list[str] = []
     if grasp.raw is not None and grasp.raw.clear:
         first = [grasp.raw.describe(), *describe_evidence([run for run, _ in done])]
-    left_out = describe_left_out(grasp, [run.name for run, _ in done])
+    left_out, fits = describe_fits(grasp, [run.name for run, _ in done])
     write_overview(done, folder, grasp, notes=[*first, *left_out])
-    indented = [*first[:1], *(f"  {line}" for line in first[1:])]
-    return indented, [*left_out, *describe_fits(grasp)]
+    return [*first[:1], *(f"  {line}" for line in first[1:])], [*left_out, *fits]
 
 
 def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:

@@ -126,6 +126,8 @@ def measure_loading(
     moment, force = total(x * tau_y - y * tau_x), total(pressure)
     most = total(limit * distance)
     sideways = total(tau_x) ** 2 + total(tau_y) ** 2
+    corners = total(share * (x**4 - 6.0 * x**2 * y**2 + y**4)) ** 2  # 0 for a round contact
+    corners = corners + total(share * 4.0 * x * y * (x**2 - y**2)) ** 2
     return Loading(
         reach=_root(square),
         radius=_root(jnp.maximum(radius, 0.0)),
@@ -137,6 +139,7 @@ def measure_loading(
         used=jnp.minimum((moment / _or_one(most)) ** 2, 1.0),
         friction=most / _or_one(lever * force),
         simple=((xx - yy) ** 2 + 4.0 * xy**2 <= 0.09 * square**2)
+        & (corners <= (0.1 * total(share * distance**4)) ** 2)
         & (sideways <= (0.05 * force) ** 2),
     )
 

@@ -138,7 +138,7 @@ for number, positions in enumerate(sensor.positions):
 
 # %%
 # ``margin.angle`` is the angle [rad] that remains before macro slip. It needs moments. ``friction``
-# needs forces as well. So both are NaN for pictures. ``alert.time_to_slip`` is in s. The
+# needs forces as well. So ``ImageTracker`` has neither. ``alert.time_to_slip`` is in s. The
 # :doc:`reference </docs/reference/estimation>` has all fields. For lengths in px give
 # ``unit="px"`` to ``Noise.from_std``. Then ``onset_mm`` of ``ContactSettings`` is in px too.
 #

@@ -163,11 +163,8 @@ def compare_fingers(
         >>> print(f"the fingers differ by {apart:.1f}° at most")
         the fingers differ by 0.1° at most
     """
-    recounted = first.recounted, second.recounted
-    first, second = (
-        replace(track, **track.without(rows))
-        for track, rows in zip((first, second), recounted, strict=True)
-    )
+    left_out = int(first.recounted.sum()), int(second.recounted.sum())
+    first, second = (replace(one, **one.without(one.recounted)) for one in (first, second))
     pair = _Pair(first, second, short_s)
     clock, own_clocks, doubt = pair.find_clock()
     fixed = pair.fit(clock, doubt, free_slope=False)
@@ -175,19 +172,12 @@ def compare_fingers(
     time = pair.time
     there = time - fixed.clock_offset
     raw_second = -_at(second, second.angle, there)
-    shifted = raw_second + fixed.angle_offset
-    half = np.stack([_half_width(first), _at(second, _half_width(second), there)])
-    half[1] = np.hypot(half[1], Z95 * fixed.errors[2])
-    angles = np.stack([first.angle, shifted])
     holds = _sticks(first) & (_at(second, _sticks(second).astype(float), there) == 1.0)
-    start = np.argmax(holds)
-    # an angle offset that a finger gained since both held widens the interval
-    from_start = raw_second + first.angle[start] - raw_second[start] if holds.any() else shifted
-    joint, width = _join(angles, half, from_start)
+    joint, width = _join(first, raw_second, _at(second, _half_width(second), there), fixed, holds)
     return Grasp(
         time=time,
         first=first.angle,
-        second=shifted,
+        second=raw_second + fixed.angle_offset,
         joint=joint,
         low=joint - width,
         high=joint + width,
@@ -196,22 +186,32 @@ def compare_fingers(
         free=free,
         own_clocks=own_clocks,
         raw=_compare_raw(first, second, least_difference),
-        left_out=(int(recounted[0].sum()), int(recounted[1].sum())),
+        left_out=left_out,
     )
 
 
 def _join(
-    angles: Float[np.ndarray, "2 frames"],
-    half: Float[np.ndarray, "2 frames"],
-    from_start: Float[np.ndarray, " frames"],
+    first: Track,
+    second: Float[np.ndarray, " frames"],
+    second_half: Float[np.ndarray, " frames"],
+    fit: Fit,
+    holds: Bool[np.ndarray, " frames"],
 ) -> tuple[Float[np.ndarray, " frames"], Float[np.ndarray, " frames"]]:
     """The weighted mean of the fingers' angles, and its half-width.
 
     Args:
-        angles: angles of both fingers [rad].
-        half: half-widths of their intervals [rad].
-        from_start: second angle counted from the common start, which the interval covers too [rad].
+        first: track of the first finger.
+        second: angle of the second finger in its frames, before offsets [rad].
+        second_half: half-widths of its intervals [rad].
+        fit: the fit that gives the angle offset.
+        holds: frames in which markers stick on both fingers.
     """
+    angles = np.stack([first.angle, second + fit.angle_offset])
+    half = np.stack([_half_width(first), np.hypot(second_half, Z95 * fit.errors[2])])
+    # an angle offset that a finger gained since both held widens the interval
+    start = np.argmax(holds)
+    gained = first.angle[start] - second[start] if holds.any() else fit.angle_offset
+    from_start = second + gained
     weight = np.where(np.isfinite(angles), 1.0 / np.maximum(half, 1e-6) ** 2, 0.0)
     total = weight.sum(axis=0)
     answered = total > 0

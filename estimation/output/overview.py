@@ -118,18 +118,14 @@ def describe_evidence(runs: Sequence[Run]) -> list[str]:
     return [*lines, f"{advice} (documentation: Fingers that disagree)"]
 
 
-def describe_left_out(grasp: Grasp, names: Sequence[str]) -> list[str]:
-    """How many angles of either finger the comparison leaves out, a sentence each."""
-    return [
+def describe_fits(grasp: Grasp, names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """What the fits leave out; then differences of the fingers after them, and clocks in use."""
+    left_out = [
         f"{name}: its angles in {counted(count, 'frame', 'frames')} after a restart are left out "
         "of the joint angle, since they exclude earlier rotation"
         for name, count in zip(names, grasp.left_out, strict=True)
         if count
     ]
-
-
-def describe_fits(grasp: Grasp) -> list[str]:
-    """Differences of the fingers after the fits, and the clocks in use, a line each."""
     most_doubt = 0.1  # standard error from which the slope is undetermined [-]
     offset, rms = f"{np.degrees(grasp.fixed.angle_offset):.2f}°", np.degrees(grasp.fixed.rms)
     lines = [
@@ -144,7 +140,7 @@ def describe_fits(grasp: Grasp) -> list[str]:
         )
     else:
         lines.append("the object turned too little while both held it to compare their slopes")
-    return [*lines, describe_clocks(grasp)]
+    return left_out, [*lines, describe_clocks(grasp)]
 
 
 def describe_clocks(grasp: Grasp) -> str:

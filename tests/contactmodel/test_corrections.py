@@ -19,6 +19,7 @@ from contactmodel import (
     Rigid,
     RoundPunch,
     Sphere,
+    SquarePunch,
     make_body,
     make_path,
     solve_contact,
@@ -157,6 +158,7 @@ def test_the_range_is_checked():
         (make_gel(), BALL, Pose(0.5, twist=0.2), 0.6),  # plain
         (make_gel(), BALL, Pose(0.5, shift=(0.05, 0.0)), 0.6),
         (make_gel(), RoundPunch(2.0), Pose(0.2), 0.6),  # sharp
+        (make_gel(), SquarePunch(5.0, 1.0), Pose(0.3), 0.6),  # not round
         (make_gel(radius=2.5), BALL, POSE, 0.6),
     ):
         with pytest.warns(RangeWarning, match="corrected outside the fitted range"):

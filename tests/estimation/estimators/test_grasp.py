@@ -24,6 +24,7 @@ from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
 PATH = (0.0, 8.0, 8.0, -6.0)
+NAMES = ("left", "right")
 
 
 @pytest.fixture(scope="module")
@@ -256,6 +257,8 @@ def test_angles_after_a_restart_are_left_out(turns):
     )
     grasp = compare_fingers(first, again)
     assert grasp.left_out == (0, int(lost.sum()))
+    (left_out,), _ = describe_fits(grasp, NAMES)
+    assert left_out.startswith(f"right: its angles in {lost.sum()} frames after a restart")
     assert not grasp.raw.clear
     np.testing.assert_allclose(grasp.joint[lost], first.angle[lost])
     whole = compare_fingers(first, replace(again, restarts=second.restarts))
@@ -266,6 +269,7 @@ def test_angles_after_a_restart_are_left_out(turns):
 
 def test_a_slope_that_no_turn_shows_is_not_given(turns):
     make, _ = turns
-    lines = describe_fits(compare_fingers(*make(turned=0.005)))
+    _, lines = describe_fits(compare_fingers(*make(turned=0.005)), NAMES)
     assert any("turned too little" in line for line in lines)
-    assert any("(standard error)" in line for line in describe_fits(compare_fingers(*make()))[1:])
+    _, lines = describe_fits(compare_fingers(*make()), NAMES)
+    assert "(standard error)" in lines[1]
