@@ -63,11 +63,11 @@ class Disagreement(NamedTuple):
     def describe(self) -> str:
         """The difference in a sentence."""
         return (
-            f"the fingers disagree: on the recordings' own clocks, their turns since the common "
-            f"start differ by {np.degrees(self.rms):.2f}° rms and by up to "
-            f"{abs(np.degrees(self.largest)):.2f}° (95 % interval "
-            f"±{np.degrees(self.interval):.2f}°) {self.time:.2f} s after the first finger's first "
-            f"frame; the difference exceeds its interval in {100 * self.share:.0f} % of the frames"
+            f"the fingers disagree: on the recordings' own clocks, their turns since both first "
+            f"held differ by {np.degrees(self.rms):.2f}° rms, and most {self.time:.2f} s after the "
+            f"first finger's first frame: by {abs(np.degrees(self.largest)):.2f}°, where the 95 % "
+            f"interval of the difference is ±{np.degrees(self.interval):.2f}°; "
+            f"{100 * self.share:.0f} % of the frames exceed theirs"
         )
 
 

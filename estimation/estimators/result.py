@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 TOO_FEW_STICK = "too few markers stick"
 UNSEEN_TURN = "holds again after an unobserved rotation"
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
-UNTOLD_TURN = "holds, but too few markers move as one body to give an angle"
+UNTOLD_TURN = "no slip is seen, but too few markers move as one body to give an angle"
 """Reasons for a missing or uncertain angle that several modules give."""
 
 
@@ -20,7 +20,8 @@ class State(StrEnum):
 
     - `no_contact`: the stick centre has moved by less than the onset.
     - `stick`: at least the share `stick_share` of the contact region's markers stick.
-    - `incipient`: fewer markers stick, but at least three.
+    - `incipient`: fewer markers stick, but at least three; with a print in view also fewer, as
+      long as it shows no slip of the whole contact.
     - `macro_slip`: fewer than three markers stick. Frame by frame it is detected some frames late
       (median 3 on round virtual pivots, up to 9 in 95 % of them), since the last markers slip
       alike; `estimation.slip.lookback` dates it afterwards.

@@ -36,7 +36,7 @@ def write_overview(
 ) -> None:
     """Write `overview.png` and `report.html`: the angles of several recordings side by side.
 
-    For a grasp, also `comparison.csv`, `grasp.json`, `grasp.png` and `moment.png`.
+    For a grasp, also `comparison.csv`, `grasp.json`, `grasp.png` and, with moments, `moment.png`.
 
     Args:
         done: run and summary of each recording. The recordings are named after the folders in
@@ -61,9 +61,10 @@ def write_overview(
         write_whole(folder / "grasp.json", text)
         start = float(done[0][0].main.time[0])
         write_whole(folder / "comparison.csv", _comparison(grasp, start))
-        branches = {name: (run.main, run.margin.last) for name, run in named.items()}
         images["grasp.png"] = figure_png(plot_grasp(grasp, list(named)))
-        images["moment.png"] = figure_png(plot_moment(branches))
+        if any(np.isfinite(run.main.moment).any() for run in named.values()):
+            branches = {name: (run.main, run.margin.last) for name, run in named.items()}
+            images["moment.png"] = figure_png(plot_moment(branches))
     for name, image in images.items():
         write_whole(folder / name, image)
     page = render_page(
@@ -86,10 +87,9 @@ def describe_grasp(grasp: Grasp) -> str:
     """A sentence on the object's rotation by both fingers, and on their difference."""
     turns = describe_turns(grasp.joint, grasp.low, grasp.high)
     if grasp.disagrees and grasp.raw is not None:
-        most = f"{abs(np.degrees(grasp.raw.largest)):.1f}°"
         return (
-            f"The fingers disagree by up to {most}, so see the answer of each; with both in the "
-            f"interval: {turns}"
+            f"The fingers disagree by up to {abs(np.degrees(grasp.raw.largest)):.1f}°, "
+            f"{grasp.raw.time:.2f} s after the first frame: see the answer of each finger"
         )
     differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
     aligned = "" if grasp.own_clocks else ", their clocks aligned"
@@ -119,7 +119,7 @@ def describe_evidence(runs: Sequence[Run]) -> list[str]:
 
 
 def describe_fits(grasp: Grasp, names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """What the fits leave out; then differences of the fingers after them, and clocks in use."""
+    """What the fits leave out; then the joint answer, remaining differences and clocks in use."""
     left_out = [
         f"{name}: its angles in {counted(count, 'frame', 'frames')} after a restart are left out "
         "of the joint angle, since they exclude earlier rotation"
@@ -129,8 +129,9 @@ def describe_fits(grasp: Grasp, names: Sequence[str]) -> tuple[list[str], list[s
     most_doubt = 0.1  # standard error from which the slope is undetermined [-]
     offset, rms = f"{np.degrees(grasp.fixed.angle_offset):.2f}°", np.degrees(grasp.fixed.rms)
     lines = [
+        describe_grasp(grasp),
         f"with an angle offset of {offset} fitted, the fingers differ by {rms:.3f}° rms before "
-        "macro slip"
+        "macro slip",
     ]
     free = grasp.free
     if free.errors[0] < most_doubt:

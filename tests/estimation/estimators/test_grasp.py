@@ -272,4 +272,5 @@ def test_a_slope_that_no_turn_shows_is_not_given(turns):
     _, lines = describe_fits(compare_fingers(*make(turned=0.005)), NAMES)
     assert any("turned too little" in line for line in lines)
     _, lines = describe_fits(compare_fingers(*make()), NAMES)
-    assert "(standard error)" in lines[1]
+    assert "by both fingers" in lines[0]
+    assert "(standard error)" in lines[2]
