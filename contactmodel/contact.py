@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import is_traced
 from contactmodel.common.checks import Numbers, non_negative
-from contactmodel.elasticity.bodies import AbstractBody, Layer, Rigid
+from contactmodel.elasticity.bodies import AbstractBody, Rigid
 from contactmodel.friction import AbstractFriction, as_friction
 from contactmodel.grid import Grid
 from contactmodel.indenters import AbstractIndenter
@@ -79,21 +79,12 @@ class Contact(eqx.Module):
         self.grid = grid
         self.friction_coefficient = friction
 
-    @property
-    def is_corrected(self) -> bool:
-        """Whether the elastomer is a `Layer` that corrects force and moment."""
-        return _is_corrected(self.elastomer)
-
-
-def _is_corrected(body: AbstractBody) -> bool:
-    return isinstance(body, Layer) and body.is_corrected
-
 
 def _check_correction(elastomer: AbstractBody, object_: AbstractBody) -> None:
     """Reject a soft object on a corrected layer, and a corrected object."""
-    if _is_corrected(object_):
+    if object_.is_corrected:
         raise ValueError("only the elastomer can be corrected: leave out radius and neo_hookean")
-    if _is_corrected(elastomer) and not isinstance(object_, Rigid):
+    if elastomer.is_corrected and not isinstance(object_, Rigid):
         raise ValueError(
             "radius and neo_hookean of a layer correct contacts with rigid objects only: use "
             "Rigid() as the object, or leave out radius and neo_hookean"

@@ -17,7 +17,13 @@ from contactmodel.contact import Contact, check_depth
 from contactmodel.elasticity.bodies import AbstractBody, Layer
 from contactmodel.elasticity.cells import Coefficients, cell_integrals
 from contactmodel.elasticity.compliance import convolve, grid_coefficients, transform
-from contactmodel.elasticity.corrections import Correction, measure_loading, narrow, stiffen
+from contactmodel.elasticity.corrections import (
+    Correction,
+    Loading,
+    measure_loading,
+    narrow,
+    stiffen,
+)
 from contactmodel.grid import Grid
 from contactmodel.pose import Pose
 from contactmodel.solver.linear import Iterations
@@ -111,7 +117,11 @@ class ContactSolution(eqx.Module):
         if self.pose.corotated:
             shear = jnp.moveaxis(turn(jnp.moveaxis(shear, -1, 0), self.pose.twist), 0, -1)
         force = jnp.concatenate([shear, normal], axis=-1) * self.grid.cell_area
-        return force * self.correction.force[..., None] if self.problem.is_corrected else force
+        return (
+            force * self.correction.force[..., None]
+            if self.problem.elastomer.is_corrected
+            else force
+        )
 
     @property
     def moment(self) -> Float[Array, "*path"]:
@@ -125,7 +135,7 @@ class ContactSolution(eqx.Module):
         x, y = jnp.moveaxis(place - self.pose.centre[..., None, None], -3, 0)
         tau_x, tau_y = jnp.moveaxis(self.traction, -3, 0)
         moment = jnp.sum(x * tau_y - y * tau_x, axis=(-2, -1)) * self.grid.cell_area
-        return moment * self.correction.moment if self.problem.is_corrected else moment
+        return moment * self.correction.moment if self.problem.elastomer.is_corrected else moment
 
     @property
     def correction(self) -> Correction:
@@ -136,19 +146,24 @@ class ContactSolution(eqx.Module):
         not corotated are covered up to twists of 0.1 rad. Outside the range, `solve_contact` and
         `solve_path` give a `RangeWarning`, inside `jit` only `covered` shows it.
         """
-        if self.problem.is_corrected:
+        if self.problem.elastomer.is_corrected:
             return self._correct()
         one = jnp.ones_like(self.pose.twist)
         return Correction(one, one, one > 0.0)
 
-    @eqx.filter_jit
-    def _correct(self) -> Correction:
-        gel, pose, indenter = self.problem.elastomer, self.pose, self.problem.indenter
-        assert isinstance(gel, Layer)
+    @property
+    def loading(self) -> Loading:
+        """The numbers of the linear contact from which the corrections follow."""
+        indenter = self.problem.indenter
         points = jnp.asarray(self.grid.points, self.pressure.dtype)
         slope = jax.grad(lambda points: jnp.sum(indenter.height(points)))(points)
         limit = self.problem.friction_coefficient.limit(self.pressure)
-        loading = measure_loading(points, slope, self.pressure, self.traction, limit)
+        return measure_loading(points, slope, self.pressure, self.traction, limit)
+
+    @eqx.filter_jit
+    def _correct(self) -> Correction:
+        gel, pose, loading = self.problem.elastomer, self.pose, self.loading
+        assert isinstance(gel, Layer)
         nu, h = gel.poisson_ratio, gel.thickness
         parts = [stiffen(loading, pose.approach, nu, h)] if gel.neo_hookean else []
         parts += [] if gel.radius is None else [narrow(loading, nu, h, gel.radius)]

@@ -267,7 +267,7 @@ def raise_failure(solution: ContactSolution, where: str = "") -> ContactSolution
 
 def _warn(solution: ContactSolution) -> ContactSolution:
     """Warn of steps whose correction is not covered, unless the program is traced."""
-    if not solution.problem.is_corrected:
+    if not solution.problem.elastomer.is_corrected:
         return solution
     covered = solution.correction.covered
     if not is_traced(covered) and not np.all(covered):
@@ -290,7 +290,7 @@ def _check(
             f"single precision reaches a residual of {_SINGLE_PRECISION_FLOOR:g}, not {rtol:g}: "
             'call jax.config.update("jax_enable_x64", True) first, or use a larger rtol'
         )
-    if resultants is not None and contact.is_corrected:
+    if resultants is not None and contact.elastomer.is_corrected:
         raise ValueError(
             "resultants cannot be combined with corrections of force and moment: leave out "
             "resultants, or the layer's radius and neo_hookean"

@@ -65,6 +65,11 @@ class AbstractBody(eqx.Module):
         return self
 
     @property
+    def is_corrected(self) -> bool:
+        """Whether force and moment of its contacts are corrected (`ContactSolution.correction`)."""
+        return False
+
+    @property
     @abc.abstractmethod
     def softness(self) -> Float[Array, ""]:
         """1/G [1/MPa]."""

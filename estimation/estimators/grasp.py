@@ -163,8 +163,9 @@ def compare_fingers(
         >>> print(f"the fingers differ by {apart:.1f}° at most")
         the fingers differ by 0.1° at most
     """
-    left_out = int(first.recounted.sum()), int(second.recounted.sum())
-    first, second = (replace(one, **one.without(one.recounted)) for one in (first, second))
+    recounted = first.recounted, second.recounted
+    first = replace(first, **first.without(recounted[0]))
+    second = replace(second, **second.without(recounted[1]))
     pair = _Pair(first, second, short_s)
     clock, own_clocks, doubt = pair.find_clock()
     fixed = pair.fit(clock, doubt, free_slope=False)
@@ -186,7 +187,7 @@ def compare_fingers(
         free=free,
         own_clocks=own_clocks,
         raw=_compare_raw(first, second, least_difference),
-        left_out=left_out,
+        left_out=(int(recounted[0].sum()), int(recounted[1].sum())),
     )
 
 

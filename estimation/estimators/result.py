@@ -270,6 +270,11 @@ class Track(_OverFrames):
         return np.isfinite(self.angle)
 
     @property
+    def slipping(self) -> Bool[np.ndarray, " frames"]:
+        """Frames in macro slip."""
+        return np.array([state == State.MACRO_SLIP for state in self.state], dtype=bool)
+
+    @property
     def recounted(self) -> Bool[np.ndarray, " frames"]:
         """Frames whose angle counts from a restart later than the contact's first angle."""
         rows = np.zeros(len(self.time), dtype=bool)

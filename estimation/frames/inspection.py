@@ -23,6 +23,8 @@ from estimation.frames.recording import (
     expect_places,
 )
 
+UNSEEN, FROZEN = "not seen at times", "frozen at times while others moved"
+"""What is wrong with markers, after "3 markers were", in recordings and live."""
 FROZEN_STEPS = 5
 """Number of consecutive steps without motion after which a marker counts as frozen.
 
@@ -74,8 +76,8 @@ def inspect_recording(recording: Recording) -> Recording:
     remarks = [
         *absurd,
         *_index_notes(recording),
-        *_count("not seen at times", ~seen),
-        *_count("frozen at times while others moved", frozen),
+        *_count(UNSEEN, ~seen),
+        *_count(FROZEN, frozen),
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
         *_length_notes(recording, valid & ~blank[:, None]),
     ]
@@ -117,8 +119,8 @@ class LiveInspector:
         if 2 * (shared & ~same).sum() > shared.sum():
             self._still = np.where(same, self._still + 1, 0)
         frozen = np.logical_and(seen, self._still >= FROZEN_STEPS)
-        self._count("not seen at times", ~seen)
-        self._count("frozen at times while others moved", frozen)
+        self._count(UNSEEN, ~seen)
+        self._count(FROZEN, frozen)
         return replace(frame, valid=frame.valid & ~frozen) if frozen.any() else frame
 
     def notes(self) -> tuple[str, ...]:

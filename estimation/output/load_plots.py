@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from estimation.estimators.result import State, Track
+from estimation.estimators.result import Track
 from estimation.output.scene import choose_rows
 from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.branch import Branch
@@ -29,7 +29,7 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
     figure, axes = plt.subplots(1, len(results), figsize=size, squeeze=False, layout="constrained")
     for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
         result = result.take(choose_rows(result.angle, result.moment))
-        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        slip = result.slipping
         for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
             axis.plot(
                 np.degrees(result.angle[where]),

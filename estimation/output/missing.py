@@ -1,6 +1,7 @@
 """Counts of frames without an angle, by reason."""
 
 from collections import Counter
+from collections.abc import Container
 
 import numpy as np
 
@@ -38,7 +39,8 @@ def describe_answers(result: Track, most: int = 3) -> str:
     named, others = dict(missing[:most]), sum(n for _, n in missing[most:])
     if others:
         named["for other reasons"] = others
-    return f"{text}; {(~answered).sum()} without an angle: {_list(named)}"
+    reasons = {_shorten(reason) for reason in result.reason if reason}
+    return f"{text}; {(~answered).sum()} without an angle: {_list(named, reasons)}"
 
 
 def _name_reason(state: State, reason: str, touched: bool, withdrawn: bool) -> str:
@@ -50,11 +52,15 @@ def _name_reason(state: State, reason: str, touched: bool, withdrawn: bool) -> s
         return "withdrawn after a pause"
     if reason == UNSEEN_TURN:
         return "withdrawn after an unseen turn" if withdrawn else "after an unseen turn"
+    return _shorten(reason)
+
+
+def _shorten(reason: str) -> str:
     return reason.split(":")[0]
 
 
-def _list(counts: dict[str, int]) -> str:
-    own = ("before", "without", "in", "withdrawn", "after", "for", *State)  # not a reason's words
+def _list(counts: dict[str, int], quoted: Container[str] = ()) -> str:
+    """Counts by name, as a phrase; names that are whole sentences stand in parentheses."""
     return ", ".join(
-        f"{n} {name}" if name.split()[0] in own else f"{n} ({name})" for name, n in counts.items()
+        f"{n} ({name})" if name in quoted else f"{n} {name}" for name, n in counts.items()
     )

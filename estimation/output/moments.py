@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from estimation.estimators.result import State, Track
+from estimation.estimators.result import Track
 from estimation.output.record import KeptMarkers
 
 
@@ -25,7 +25,7 @@ def choose_frames(
     rows = np.array([frame.row for frame in markers() if len(frame.turned) == size])
     touching = rows[track.contact_markers[rows] > 0]
     rows = touching if len(touching) else rows
-    slips = np.flatnonzero([state == State.MACRO_SLIP for state in track.state])
+    slips = np.flatnonzero(track.slipping)
     chosen: set[int] = set()
     if len(slips):
         stored = np.intersect1d(rows, slips)

@@ -85,12 +85,12 @@ def write_overview(
 
 def describe_grasp(grasp: Grasp) -> str:
     """A sentence on the object's rotation by both fingers, and on their difference."""
-    turns = describe_turns(grasp.joint, grasp.low, grasp.high)
     if grasp.disagrees and grasp.raw is not None:
         return (
             f"The fingers disagree by up to {abs(np.degrees(grasp.raw.largest)):.1f}°, "
             f"{grasp.raw.time:.2f} s after the first frame: see the answer of each finger"
         )
+    turns = describe_turns(grasp.joint, grasp.low, grasp.high)
     differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
     aligned = "" if grasp.own_clocks else ", their clocks aligned"
     return f"{turns[0].upper()}{turns[1:]} by both fingers; {differ}{aligned}"

@@ -88,8 +88,7 @@ def _choose_rows(
     main: Track, references: Iterable[Float[np.ndarray, " frames"]]
 ) -> Int[np.ndarray, " rows"]:
     """The rows of a long stream to draw, with the extremes of all curves and with each slip."""
-    slips = np.array([state == State.MACRO_SLIP for state in main.state], dtype=float)
-    curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, slips)
+    curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, main.slipping)
     return choose_rows(*curves, *references)
 
 
@@ -241,9 +240,7 @@ def plot_overview(
         if len(shared):
             outline = outline - outline[shared[0]] + result.angle[shared[0]]
             axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: {what}")
-        slip = np.array([state == State.MACRO_SLIP for state in result.state])
-        level = np.full(len(time), np.nan)
-        level[slip] = 0.0
+        level = np.where(result.slipping, 0.0, np.nan)
         axis.plot(time, level, color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
     axis.axhline(0.0, color="0.7", lw=0.6)
     axis.set_xlabel("time since the recording's first frame [s]")

@@ -238,7 +238,6 @@ def _figures(result: Track, truth: Known | None) -> dict[str, Any]:
     answered = result.answered
     angle = np.degrees(result.angle[answered])
     half_width = np.degrees(result.high - result.low)[answered] / 2.0
-    slipping = np.array([state == State.MACRO_SLIP for state in result.state])
     slip = np.degrees(accumulate_slip(result))
     slip = slip[np.isfinite(slip)]
     figures = {
@@ -248,7 +247,7 @@ def _figures(result: Track, truth: Known | None) -> dict[str, Any]:
         "without_angle": count_missing(result),
         "withdrawn": 0 if result.withdrawn is None else int(result.withdrawn.rows.sum()),
         "states": {str(state): result.state.count(state) for state in State},
-        "macro_slip_s": _spans(result.time - result.time[0], slipping),
+        "macro_slip_s": _spans(result.time - result.time[0], result.slipping),
         "angle_min_deg": json_number(angle.min(initial=np.inf)),
         "angle_max_deg": json_number(angle.max(initial=-np.inf)),
         "half_width_median_deg": json_number(np.median(half_width) if len(half_width) else np.nan),

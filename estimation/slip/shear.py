@@ -300,7 +300,7 @@ def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Ou
         probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
     else:
         probability = np.nan
-        over = np.array([state == State.MACRO_SLIP for state in track.state])
+        over = track.slipping
         certain = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
         if not (over.any() or certain):
             return Outcome("unknown", 0.5, np.nan)

@@ -6,6 +6,7 @@ figure compares a new run with that table.
 """
 
 import csv
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -47,20 +48,28 @@ class Turned(NamedTuple):
     moment_nmm: Float[np.ndarray, " steps"]
 
 
+Rows = list[dict[str, float]]
+
+
+def read_steps(file: Path, fields: Sequence[str]) -> dict[tuple[float, ...], Rows]:
+    """The rows of a shipped table by the values of some columns: the steps of each case."""
+    steps: dict[tuple[float, ...], Rows] = {}
+    with file.open(encoding="utf-8", newline="") as text:
+        for cells in csv.DictReader(text):
+            row = {name: float(value) for name, value in cells.items()}
+            steps.setdefault(tuple(row[name] for name in fields), []).append(row)
+    return steps
+
+
 @cache
 def read_reference() -> dict[Case, Turned]:
     """The cases of `reference.csv`."""
-    with FILE.open(encoding="utf-8", newline="") as file:
-        rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
-    steps: dict[Case, list[dict[str, float]]] = {}
-    for row in rows:
-        steps.setdefault(Case(*(row[name] for name in Case._fields)), []).append(row)
     return {
-        case: Turned(
+        Case(*case): Turned(
             rows[0]["contact_mm"],
             *(np.array([row[name] for row in rows]) for name in Turned._fields[1:]),
         )
-        for case, rows in steps.items()
+        for case, rows in read_steps(FILE, Case._fields).items()
     }
 
 

@@ -4,7 +4,6 @@ The finite elements of `gel` and `press` solve the cases (extra `finite-elements
 contains this item's table as `samples.csv`. Rows with `held_out` are not used in the fit.
 """
 
-import csv
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure
 
 from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.press import Motion, Round, press
+from papers.finite_strain.reference import read_steps
 from papers.finite_strain.settings import SERIES, SHEAR_MODULUS, Series
 from papers.items import Track
 
@@ -53,11 +53,6 @@ class Sample(NamedTuple):
 @cache
 def read_samples() -> list[Sample]:
     """The shipped samples."""
-    with FILE.open(encoding="utf-8") as file:
-        rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
-    steps: dict[tuple[float, ...], list[dict[str, float]]] = {}
-    for row in rows:
-        steps.setdefault(tuple(row[name] for name in Sample._fields[:10]), []).append(row)
     return [
         Sample._make(
             [
@@ -67,7 +62,7 @@ def read_samples() -> list[Sample]:
                 *(np.array([row[name] for row in rows]) for name in Sample._fields[10:]),
             ]
         )
-        for case, rows in steps.items()
+        for case, rows in read_steps(FILE, Sample._fields[:10]).items()
     ]
 
 

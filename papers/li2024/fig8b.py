@@ -14,7 +14,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
-from estimation.estimators.result import Result, State
+from estimation.estimators.result import Result
 from estimation.frames.recording import Recording
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Timing, Truth, simulate_pivot
@@ -95,7 +95,7 @@ def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
     rows = []
     for method, answers in result.results.items():
         error = np.abs(np.degrees(answers.angle - result.truth.angle))
-        slips = np.array([state == State.MACRO_SLIP for state in answers.state])
+        slips = answers.slipping
         lost = result.recording.time[np.argmax(slips)] if slips.any() else None
         rows.append(
             {

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
-from estimation.estimators.result import Result, State
+from estimation.estimators.result import Result
 from estimation.frames import datasets
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Recording
@@ -206,7 +206,7 @@ def follow(recording: Recording, noise: Noise | None) -> tuple[Result, tuple[She
 
 
 def _share_of_macro_slip(track: Result) -> float:
-    return float(np.mean([state == State.MACRO_SLIP for state in track.state]))
+    return float(np.mean(track.slipping))
 
 
 def _refit(lift: Lift, fits: Mapping[str, ShearSettings]) -> float:

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from contactmodel import Contact, Ellipsoid, Grid, HalfSpace, Pose, Rigid, make_path, solve_path
 from contactmodel.solution import ContactSolution
 from estimation.estimators import DEFAULT_METHOD
-from estimation.estimators.result import State
 from estimation.frames.recording import Recording
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.contact import simulate_recording
@@ -99,7 +98,7 @@ def _follow(friction: float, draw: int, resolution: settings.Resolution) -> tupl
     results = [estimate_angles(recording, method) for method in METHODS]
     main = results[0]
     firm = truth.sticking_now.sum(axis=1) >= settings.FIRM_MARKERS
-    slipping = np.array([state == State.MACRO_SLIP for state in main.state])
+    slipping = main.slipping
     began = int(np.argmax(truth.macro_slip))
     handed = truth.macro_slip & slipping
     inside = (main.low <= truth.angle) & (truth.angle <= main.high)

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.figure import Figure
 
 from estimation.estimators import DEFAULT_METHOD
-from estimation.estimators.result import Result, State
+from estimation.estimators.result import Result
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Recording
 from estimation.slip.lookback import find_slips, withdraw
@@ -84,7 +84,7 @@ def compute(quick: bool = False, track: Track = iter) -> Reversals:
         points = recording.layout.reference[:, :2]
         bounds = [angle_limit(points, truth.sticking_now[frame], model.noise) for frame in firm]
         picked = int(rng.choice(firm[result.answered[firm]]))
-        slip = np.array([state == State.MACRO_SLIP for state in result.state])
+        slip = result.slipping
         late = np.nan
         if slip.any() and truth.macro_slip.any():
             seen, began = (recording.source_index[np.argmax(s)] for s in (slip, truth.macro_slip))

@@ -75,6 +75,9 @@ def test_frames_without_an_angle_are_counted_by_their_reason():
     assert f"{(~back.answered).sum()} without an angle: " in text
     assert f"{counts['before contact']} before contact" in text
     assert describe_answers(back, most=1).endswith(" for other reasons")
+    lost = replace(live, state=(State.UNKNOWN,) * 2 + live.state[2:], angle=live.angle * np.nan)
+    lost = replace(lost, reason=("no time stamp", *("",) * (len(live.time) - 1)))
+    assert "1 (no time stamp)" in describe_answers(lost, most=9)  # a reason of its own is quoted
 
 
 def test_a_dated_slip():
