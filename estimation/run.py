@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 
 from rich.progress import Progress
 
-from estimation.estimators.grasp import compare_fingers
 from estimation.frames.inspection import list_flaws
 from estimation.frames.noise import Noise, expect_unit
 from estimation.output.answer import describe_run
 from estimation.output.found import Run, find_in_record
 from estimation.output.missing import describe_answers
-from estimation.output.overview import describe_evidence, describe_fits, write_overview
+from estimation.output.overview import put_side_by_side
 from estimation.output.preview import find_encoder, write_preview
 from estimation.output.record import NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
@@ -93,7 +92,7 @@ def run_all(
                 results.keep_earlier()
                 return Outcome(lines, True)
         if len(done) > 1:
-            first, more = _put_side_by_side(done, results.draft)
+            first, more = put_side_by_side(done, results.draft)
             lines[:0] = first
             lines += [*more, f"side by side: {out / 'report.html'}"]
     return Outcome(lines, False)
@@ -316,37 +315,10 @@ def report_all(folder: Path) -> list[str]:
                     done.append((run, summary))
             lines += _describe_results(run, summary, place.parent)
         if len(done) > 1:
-            first, more = _put_side_by_side(done, results.draft)
+            first, more = put_side_by_side(done, results.draft)
             lines[:0] = first
             lines += more
     return lines
-
-
-def _put_side_by_side(
-    done: Sequence[tuple[Run, dict[str, Any]]], folder: Path
-) -> tuple[list[str], list[str]]:
-    """Write the angles of several recordings side by side, and two fingers as one grasp.
-
-    If the fingers cannot be compared, the report and a line give the reason.
-
-    Returns:
-        Lines to print first, if the fingers disagree, and lines to print last.
-    """
-    if not all(run.settings["grasp"] for run, _ in done) or len(done) != 2:
-        write_overview(done, folder)
-        return [], []
-    try:
-        grasp = compare_fingers(done[0][0].main, done[1][0].main)
-    except ValueError as error:
-        note = f"no comparison: {error}"
-        write_overview(done, folder, notes=[note])
-        return [], [note]
-    first: list[str] = []
-    if grasp.raw is not None and grasp.raw.clear:
-        first = [grasp.raw.describe(), *describe_evidence([run for run, _ in done])]
-    left_out, fits = describe_fits(grasp, [run.name for run, _ in done])
-    write_overview(done, folder, grasp, notes=[*first, *left_out])
-    return [*first[:1], *(f"  {line}" for line in first[1:])], [*left_out, *fits]
 
 
 def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.estimators.grasp import Disagreement, Fit, Grasp
+from estimation.estimators.grasp import Disagreement, Fit, Grasp, compare_fingers
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
@@ -26,6 +26,40 @@ from estimation.output.report import (
     render_page,
 )
 from estimation.slip.motion import find_restarts
+from estimation.slip.shear import Outcome, join_outcomes
+
+
+def put_side_by_side(
+    done: Sequence[tuple[Run, Mapping[str, Any]]], folder: Path
+) -> tuple[list[str], list[str]]:
+    """Write the angles of several recordings side by side, and two fingers as one grasp.
+
+    If the fingers cannot be compared, the report and a line give the reason.
+
+    Args:
+        done: run and summary of each recording.
+        folder: folder to write to.
+
+    Returns:
+        Lines to print first, if the fingers disagree, and lines to print last.
+    """
+    runs = [run for run, _ in done]
+    if not all(run.settings["grasp"] for run in runs) or len(runs) != 2:
+        write_overview(done, folder)
+        return [], []
+    outcome = describe_joint_outcome(runs)
+    try:
+        grasp = compare_fingers(runs[0].main, runs[1].main)
+    except ValueError as error:
+        notes = [outcome, f"no comparison: {error}"]
+        write_overview(done, folder, notes=notes)
+        return [], notes
+    first: list[str] = []
+    if grasp.raw is not None and grasp.raw.clear:
+        first = [grasp.raw.describe(), *describe_evidence(runs)]
+    left_out, fits = describe_fits(grasp, [run.name for run in runs])
+    write_overview(done, folder, grasp, notes=[outcome, *first, *left_out])
+    return [*first[:1], *(f"  {line}" for line in first[1:])], [outcome, *left_out, *fits]
 
 
 def write_overview(
@@ -94,6 +128,28 @@ def describe_grasp(grasp: Grasp) -> str:
     differ = f"they differ by {np.degrees(grasp.fixed.rms):.2f}° rms where markers stick on both"
     aligned = "" if grasp.own_clocks else ", their clocks aligned"
     return f"{turns[0].upper()}{turns[1:]} by both fingers; {differ}{aligned}"
+
+
+def describe_joint_outcome(runs: Sequence[Run]) -> str:
+    """Whether the object slipped at either of two fingers, and where they differ, in a sentence."""
+    joint = join_outcomes(*(run.outcome for run in runs))
+    text = f"Joint outcome: {_show_outcome(joint)}"
+    others = [run for run in runs if run.outcome.word != joint.word]
+    if not others:
+        return f"{text}, at both fingers"
+    (other,) = others
+    decisive = runs[0] if other is runs[1] else runs[1]
+    text += f", at {decisive.name}; at {other.name}: {_show_outcome(other.outcome)}"
+    if (joint.word, other.outcome.word) == ("slipped", "held"):
+        text += f". Either the object slipped at one finger only, or {other.name} missed the slip"
+    return text
+
+
+def _show_outcome(outcome: Outcome) -> str:
+    """An outcome in words, with its probability where one is known."""
+    if outcome.word == "unknown" or np.isnan(outcome.probability):
+        return outcome.phrase
+    return f"{outcome.phrase} (probability of a slip {outcome.probability:.2f})"
 
 
 def describe_evidence(runs: Sequence[Run]) -> list[str]:
@@ -173,11 +229,29 @@ def _describe_grasp(grasp: Grasp, runs: Mapping[str, Run]) -> dict[str, Any]:
     return {
         "first": first,
         "second": second,
+        "outcome": _describe_joint_outcome(grasp, list(runs.values())),
         "before_offsets": None if grasp.raw is None else _describe_raw(grasp.raw),
         "own_clocks": grasp.own_clocks,
         "slope_fixed": _describe_fit(grasp.fixed),
         "slope_free": _describe_fit(grasp.free),
         "branches": {name: describe_branch(run.margin.last) for name, run in runs.items()},
+    }
+
+
+def _describe_joint_outcome(grasp: Grasp, runs: Sequence[Run]) -> dict[str, Any]:
+    """The joint outcome for JSON; its time counts from the first finger's first frame."""
+    late = 0.0, grasp.fixed.clock_offset
+    joint = join_outcomes(
+        *(
+            run.outcome._replace(onset=run.outcome.onset - run.main.time[0] + offset)
+            for run, offset in zip(runs, late, strict=True)
+        )
+    )
+    return {
+        "word": joint.word,
+        "probability_slipped": json_number(joint.probability),
+        "onset_s": json_number(joint.onset),
+        "at": [run.name for run in runs if run.outcome.word == joint.word],
     }
 
 

@@ -310,6 +310,28 @@ def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Ou
     return Outcome("slipped", probability, float(track.time[over.argmax()]), slips)
 
 
+def join_outcomes(first: Outcome, second: Outcome) -> Outcome:
+    """The outcome of a grasp by two fingers: `slipped` if the object slipped at either finger.
+
+    Otherwise it is `unknown` if either finger's is, and else `held`. The fingers hold one object
+    under one load, so their slips are not independent. The probability is therefore the larger one
+    of the fingers with that outcome: a slip at either finger is at least as probable.
+
+    Args:
+        first: outcome at the first finger.
+        second: outcome at the second finger, its onset on the first one's clock.
+    """
+    words = first.word, second.word
+    word = next((word for word in ("slipped", "unknown") if word in words), "held")
+    decisive = [finger for finger in (first, second) if finger.word == word]
+    return Outcome(
+        word,
+        float(np.fmax.reduce([finger.probability for finger in decisive])),
+        float(np.fmin.reduce([finger.onset for finger in decisive])),
+        max(finger.slips for finger in decisive),
+    )
+
+
 def _middle(values: Sequence[float]) -> float:
     finite = [value for value in values if isfinite(value)]
     return float(median(finite)) if finite else np.nan  # NumPy's takes ten times as long for three

@@ -15,10 +15,14 @@ from estimation.output.overview import (
     describe_evidence,
     describe_fits,
     describe_grasp,
+    describe_joint_outcome,
+    write_overview,
 )
 from estimation.output.record import RecordReader
+from estimation.output.report import summarise
 from estimation.run import run_all
 from estimation.settings import Settings
+from estimation.slip.shear import ShearPath
 from estimation.sources import Input
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
@@ -121,8 +125,14 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     assert "Fingers that disagree" in outcome.lines[3]
     assert any(line.startswith("The clock offset of ") for line in outcome.lines)
     assert not any("check the clocks" in line for line in outcome.lines)
+    joint = next(line for line in outcome.lines if line.startswith("Joint outcome: "))
+    assert joint == "Joint outcome: held, at both fingers"
+    both = [figures["first"], figures["second"]]
+    expected = {"word": "held", "probability_slipped": None, "onset_s": None, "at": both}
+    assert figures["outcome"] == expected
     page = (tmp_path / "report.html").read_text()
     assert outcome.lines[0] in html.unescape(page)
+    assert f"{joint}." in html.unescape(page)
     assert page.index("the fingers disagree") < page.index("The grasp")
     picture = base64.b64encode((tmp_path / "grasp.png").read_bytes()).decode()
     assert f'src="data:image/png;base64,{picture}"' in page
@@ -204,12 +214,72 @@ def test_a_slip_shows_in_the_joint_interval_and_before_the_fit(turns):
     assert np.all((grasp.low <= raw + 1e-9) & (raw <= grasp.high + 1e-9))
 
 
-def test_restarts_of_a_finger_are_told(turns, fingers, tmp_path):
+@pytest.fixture(scope="module")
+def run(fingers, tmp_path_factory):
+    """The run of one finger."""
+    folder = tmp_path_factory.mktemp("finger")
+    run_all([Input(fingers[0])], folder, Settings(), Progress(disable=True))
+    with RecordReader(folder / "record.sqlite") as record:
+        return find_in_record(record)
+
+
+@pytest.fixture
+def finger(run):
+    """Makes a run with a probability of a slip from 2 s after its first frame; NaN: no contact."""
+    count = len(run.main.time)
+    states = {"state": (State.NO_CONTACT,) * count, "contact_markers": np.zeros(count, dtype=int)}
+
+    def make(name, probability):
+        empty = [np.full(count, np.nan)] * len(ShearPath._fields)
+        late = run.main.time - run.main.time[0] > 2.0
+        shears = ShearPath(*empty)._replace(slip_probability=np.where(late, probability, np.nan))
+        main = run.main if np.isfinite(probability) else replace(run.main, **states)
+        return replace(run, name=name, shears=shears, results={run.method: main})
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "words"),
+    [
+        ((0.99, 0.95), "slipped (probability of a slip 0.99), at both fingers"),
+        ((0.3, 0.2), "probably held (probability of a slip 0.30), at both fingers"),
+        (
+            (0.99, 0.41),
+            "slipped (probability of a slip 0.99), at left; at right: probably held (probability "
+            "of a slip 0.41). Either the object slipped at one finger only, or right missed the "
+            "slip",
+        ),
+        (
+            (0.05, 0.8),
+            "probably slipped (probability of a slip 0.80), at right; at left: held (probability "
+            "of a slip 0.05). Either the object slipped at one finger only, or left missed the "
+            "slip",
+        ),
+        ((np.nan, 0.05), "unknown, at left; at right: held (probability of a slip 0.05)"),
+        ((0.99, np.nan), "slipped (probability of a slip 0.99), at left; at right: unknown"),
+    ],
+)
+def test_the_joint_outcome_names_the_finger_it_comes_from(finger, probabilities, words):
+    runs = [finger(*each) for each in zip(NAMES, probabilities, strict=True)]
+    assert describe_joint_outcome(runs) == f"Joint outcome: {words}"
+
+
+def test_the_joint_outcome_is_on_the_first_fingers_clock(finger, turns, tmp_path):
+    make, _ = turns
+    grasp = compare_fingers(*make(late=0.24))
+    runs = [finger("left", 0.2), finger("right", 0.8)]
+    write_overview([(run, summarise(run)) for run in runs], tmp_path, grasp)
+    outcome = json.loads((tmp_path / "grasp.json").read_text())["outcome"]
+    own = summarise(runs[1])["outcome"]
+    assert outcome["onset_s"] == pytest.approx(own["onset_s"] + grasp.fixed.clock_offset, abs=1e-5)
+    expected = {"word": "slipped", "probability_slipped": 0.8, "at": ["right"]}
+    assert {name: outcome[name] for name in expected} == expected
+
+
+def test_restarts_of_a_finger_are_told(turns, run):
     make, time = turns
     track = make()[0]
-    run_all([Input(fingers[0])], tmp_path, Settings(), Progress(disable=True))
-    with RecordReader(tmp_path / "record.sqlite") as record:
-        run = find_in_record(record)
     later = (time > 7.0).astype(int)
     touching = np.full(len(time), 40)
     track = replace(
@@ -241,6 +311,7 @@ def test_no_overlap_is_said_and_the_rest_is_kept(fingers, tmp_path):
     inputs = [Input(first), Input(second.head(12))]
     outcome = run_all(inputs, tmp_path, Settings(grasp=True), Progress(disable=True))
     assert any(line.startswith("no comparison") for line in outcome.lines)
+    assert any(line.startswith("Joint outcome: ") for line in outcome.lines)
     assert "no comparison: the two recordings share" in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "comparison.csv").exists()
 

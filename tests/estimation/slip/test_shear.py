@@ -6,7 +6,14 @@ import pytest
 from estimation.estimators.result import State
 from estimation.frames.recording import layout_markers
 from estimation.settings import Settings
-from estimation.slip.shear import Shear, ShearSettings, ShearWatch, conclude
+from estimation.slip.shear import (
+    Outcome,
+    Shear,
+    ShearSettings,
+    ShearWatch,
+    conclude,
+    join_outcomes,
+)
 from estimation.slip.slide import Slide
 from estimation.sources import read_recording
 from estimation.tracking.stream import Stream
@@ -150,6 +157,29 @@ def test_states_tell_where_there_is_no_print(pivot_result):
     slipped = State.MACRO_SLIP in pivot_result.state
     assert outcome.word == ("slipped" if slipped else "held")
     assert np.isnan(outcome.probability)
+
+
+SLIPPED, HELD = Outcome("slipped", 0.8, 2.0, 3), Outcome("held", 0.4, np.nan)
+UNKNOWN, BY_STATES = Outcome("unknown", 0.5, np.nan), Outcome("slipped", np.nan, 1.0, 1)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "joint"),
+    [
+        (SLIPPED, HELD, SLIPPED),
+        (SLIPPED, UNKNOWN, SLIPPED),
+        (BY_STATES, HELD, BY_STATES),  # the finger that held says nothing about this slip
+        (SLIPPED, BY_STATES, Outcome("slipped", 0.8, 1.0, 3)),
+        (SLIPPED, SLIPPED._replace(probability=0.6), SLIPPED),
+        (HELD, HELD._replace(probability=0.3), HELD),
+        (HELD, HELD._replace(probability=np.nan), HELD),
+        (HELD, UNKNOWN, UNKNOWN),
+        (UNKNOWN, UNKNOWN, UNKNOWN),
+    ],
+)
+def test_two_fingers_have_one_outcome(first, second, joint):
+    assert join_outcomes(first, second) == pytest.approx(joint, nan_ok=True)
+    assert join_outcomes(second, first) == pytest.approx(joint, nan_ok=True)
 
 
 @pytest.fixture(scope="module")
