@@ -198,20 +198,27 @@ def _reference_notes(track: Track) -> tuple[str, ...]:
         return ("No frame of this recording can be used.",)
     if all(state == State.NO_CONTACT for state in states):
         return (f"There is no contact in the {len(states)} usable frames of {len(track.state)}.",)
-    if states[0] != State.NO_CONTACT:
-        start = "There is contact from the first usable frame on"
-        first = next(i for i, state in enumerate(track.state) if state != State.UNKNOWN)
-        if track.restarts[first]:
-            return (
-                start + ", and its markers have not turned as one body since the gel was unloaded: "
-                "the object's earlier rotation is unknown, and all angles count from that frame.",
-            )
-        return (
-            start + ", and its markers have turned as one body since the gel was unloaded: angles "
-            "are relative to the reference (the gel's unloaded shape, recorded or estimated), not "
-            "to that frame, and exclude rotation before the object stuck.",
-        )
+    if loaded := describe_loaded_start(track):
+        return (loaded,)
     return ("Angles are relative to the unloaded reference shape, from the onset of contact on.",)
+
+
+def describe_loaded_start(track: Track) -> str:
+    """What the angles count from if a recording starts in contact, in a sentence; else empty."""
+    usable = [i for i, state in enumerate(track.state) if state != State.UNKNOWN]
+    if not usable or track.state[usable[0]] == State.NO_CONTACT:
+        return ""
+    start = "There is contact from the first usable frame on"
+    if track.restarts[usable[0]]:
+        return (
+            start + ", and its markers have not turned as one body since the gel was unloaded: "
+            "the object's earlier rotation is unknown, and all angles count from that frame."
+        )
+    return (
+        start + ", and its markers have turned as one body since the gel was unloaded: angles "
+        "are relative to the reference (the gel's unloaded shape, recorded or estimated), not "
+        "to that frame, and exclude rotation before the object stuck."
+    )
 
 
 def _softness_notes(track: Track) -> tuple[str, ...]:

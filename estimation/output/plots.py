@@ -195,9 +195,10 @@ def plot_markers(
         (axes[2, -1], curl_scale, "curl of the slip [rad]"),
     ):
         figure.colorbar(scale, cax=axis.inset_axes((1.08, 0.0, 0.07, 1.0)), label=label)
+    labels = ("sticks", "slips", "no contact (top and bottom: no value)")
     handles = [
-        Line2D([], [], marker=sign, ls="", color=MARKER_COLOURS[kind], label=kind)
-        for kind, sign in zip(MARKER_COLOURS, "ox.", strict=True)
+        Line2D([], [], marker=sign, ls="", color=colour, label=label)
+        for sign, colour, label in zip("ox.", MARKER_COLOURS.values(), labels, strict=True)
     ]
     figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8, frameon=False)
     axes[2, 0].set_xlabel(f"x [{unit}]")
@@ -211,7 +212,7 @@ def plot_overview(
 ) -> Figure:
     """Angles of several recordings and of their contact outlines, each on its own clock.
 
-    An outline or imprint has no zero, so its curve starts on that of the markers.
+    An outline or imprint has no zero, so its curve starts on that of the angle.
 
     Args:
         results: tracks by recording.
@@ -223,15 +224,15 @@ def plot_overview(
         >>> outlines = {"lift": ("outline", follow_outline(recording).angle)}
         >>> figure = plot_overview({"lift": estimate_angles(recording)}, outlines)
         >>> figure.savefig("overview.png")
-        >>> print(figure.axes[0].get_title())
-        thick bars on the zero line: macro slip
+        >>> print([text.get_text() for text in figure.axes[0].get_legend().get_texts()][-1])
+        bar on the zero line: macro slip
     """
     size = (9.0, 4.5)
     figure, axis = plt.subplots(figsize=size, gridspec_kw=_margins(size))
     for number, (name, result) in enumerate(results.items()):
         time = result.time - result.time[0]
         colour = f"C{number}"
-        axis.plot(time, np.degrees(result.angle), color=colour, lw=1.6, label=f"{name}: markers")
+        axis.plot(time, np.degrees(result.angle), color=colour, lw=1.6, label=f"{name}: angle")
         axis.fill_between(
             time, np.degrees(result.low), np.degrees(result.high), color=colour, alpha=0.3, lw=0
         )
@@ -242,10 +243,11 @@ def plot_overview(
             axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: {what}")
         level = np.where(result.slipping, 0.0, np.nan)
         axis.plot(time, level, color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
+    for width, label in ((9, "95 % interval"), (5, "bar on the zero line: macro slip")):
+        axis.plot([], [], color="0.5", lw=width, alpha=0.35, solid_capstyle="butt", label=label)
     axis.axhline(0.0, color="0.7", lw=0.6)
     axis.set_xlabel("time since the recording's first frame [s]")
     axis.set_ylabel("object's angle [°]")
-    axis.set_title("thick bars on the zero line: macro slip", fontsize=9)
     axis.legend(fontsize=8, frameon=False)
     return figure
 
@@ -273,8 +275,9 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     figure, (top, bottom) = plt.subplots(
         2, 1, sharex=True, figsize=size, height_ratios=[2.4, 1], gridspec_kw=margins
     )
+    label = "joint angle, 95 % interval"
     top.fill_between(
-        grasp.time, np.degrees(grasp.low), np.degrees(grasp.high), color="0.8", lw=0, label="joint"
+        grasp.time, *np.degrees([grasp.low, grasp.high]), color="0.8", lw=0, label=label
     )
     for angle, name, colour in zip((grasp.first, grasp.second), names, ("C0", "C1"), strict=True):
         top.plot(grasp.time, np.degrees(angle), color=colour, lw=1.4, label=name)

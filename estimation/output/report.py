@@ -39,8 +39,8 @@ FIGURES = (
     ("smallest angle [°]", "angle_min_deg", 2),
     ("largest angle [°]", "angle_max_deg", 2),
     ("median half-width [°]", "half_width_median_deg", 4),
-    ("largest slip [°]", "slip_largest_deg", 2),
-    ("slip at the end [°]", "slip_last_deg", 2),
+    ("largest slip over the gel [°]", "slip_largest_deg", 2),
+    ("slip over the gel in the last frame with an angle [°]", "slip_last_deg", 2),
 )
 """Figures of a method in the report: label, name in the summary, and digits."""
 TRUTH_FIGURES = (

@@ -120,7 +120,8 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
             )
         if rate is None and not stamps:
             warnings.append(
-                f"No rate is known: {RATE:g} pictures per second are assumed. Give the true rate "
+                f"No rate is known: {RATE:g} pictures per second are assumed. All times, "
+                "time_s included, rest on this assumption. Give the true rate "
                 f"(`run --fps`), or the times in {table.name} (columns frame, time_s)."
             )
     if rate is not None and (stamps or not path.is_dir()):

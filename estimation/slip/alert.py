@@ -20,7 +20,8 @@ class AlertLevel(StrEnum):
     - `none`: nothing.
     - `watch`: part of the contact slips, or a slip is near. Do not move faster, and press more if
       the object allows it.
-    - `act`: a slip is imminent. Press more now.
+    - `act`: a slip is imminent, or has just ended: the slip probability covers about the last
+      second. Press more now, and keep that force.
     - `slips`: all of the contact slips.
     - `unknown`: there is no contact, or the frame cannot be used.
 

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.estimators.result import Track
 from estimation.frames.noise import Noise
-from estimation.output.plots import plot_angles, plot_maps
+from estimation.output.plots import plot_angles, plot_maps, plot_overview
 from estimation.pictures.reading import CONVENTION
 from estimation.tracking.tracker import estimate_angles
 from tests.cases import lift
@@ -52,6 +52,18 @@ def test_the_legend_names_what_is_drawn(answered):
     lines = {line.get_label(): line.get_zorder() for line in figure.axes[0].get_lines()}
     assert lines["imprint"] > lines["tracked"]  # else it is hidden under the angle
     plt.close(figure)
+
+
+def test_the_legends_of_maps_and_overview_name_what_is_drawn(answered):
+    recording, result = answered
+    (legend,) = plot_maps(recording, result, [1, 3]).legends
+    assert legend.get_texts()[-1].get_text() == "no contact (top and bottom: no value)"
+    outline = np.zeros(len(result.time))
+    axis = plot_overview({"left": result}, {"left": ("outline", outline)}).axes[0]
+    names = [text.get_text() for text in axis.get_legend().get_texts()]
+    bar = "bar on the zero line: macro slip"
+    assert names == ["left: angle", "left: outline", "95 % interval", bar]
+    plt.close("all")
 
 
 def test_the_axis_of_the_angle_holds_the_truth(answered):

@@ -221,7 +221,7 @@ def test_ctrl_c_before_the_first_answer_leaves_nothing(tmp_path, progress, monke
 def test_a_recording_may_be_called_as_the_folder_of_the_run(tmp_path, progress, monkeypatch):
     inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", UNFINISHED)]
     monkeypatch.setattr("estimation.run.write_run", lambda run, folder: {})
-    monkeypatch.setattr("estimation.run.write_overview", lambda done, folder: None)
+    monkeypatch.setattr("estimation.output.overview.write_overview", lambda done, folder: None)
     run_all(inputs, tmp_path, Settings(noise=Noise.from_std(1e-3)), progress)
     folders = {path.name for path in tmp_path.iterdir() if path.is_dir()}
     assert folders == {"left", f"{UNFINISHED}-2"}
@@ -263,7 +263,7 @@ def test_a_file_where_the_folder_should_be(tmp_path, progress):
     ],
 )
 def test_unusual_recordings_are_run_and_explained(tmp_path, progress, recording, note):
-    run_all([Input(recording)], tmp_path, Settings(), progress)
+    outcome = run_all([Input(recording)], tmp_path, Settings(), progress)
     notes = json.loads((tmp_path / "summary.json").read_text())["notes"]
     assert any(note in line for line in notes), notes
     rows = rows_of(tmp_path / "angles.csv")
@@ -274,6 +274,9 @@ def test_unusual_recordings_are_run_and_explained(tmp_path, progress, recording,
     assert angles == pytest.approx(np.degrees(result.angle), abs=1e-6, nan_ok=True)
     assert set(result.notes) <= set(notes)
     assert any("noise cannot be estimated" in line for line in notes) == bool(result.notes)
+    if "from the first usable frame" in note:  # what the printed angle counts from
+        (line,) = [line for line in notes if note in line]
+        assert outcome.lines[1:] == [f"  {line}"]
 
 
 def test_truth_is_compared(tmp_path, progress):

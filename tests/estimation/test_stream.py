@@ -189,7 +189,7 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
 
 def test_ctrl_c_within_a_frame_is_gone_on_with_as_if_it_had_not_come(tmp_path, monkeypatch):
     monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
-    monkeypatch.setattr("estimation.run.write_overview", lambda done, folder: None)
+    monkeypatch.setattr("estimation.output.overview.write_overview", lambda done, folder: None)
     monkeypatch.setattr(report, "figure_png", lambda figure: plt.close(figure) or b"")
     names = [str(tmp_path / f"{name}.npz") for name in "ab"]
     for name in names:
@@ -220,7 +220,7 @@ def test_ctrl_c_within_a_frame_is_gone_on_with_as_if_it_had_not_come(tmp_path, m
 
 @pytest.mark.parametrize("live", [False, True])
 def test_ctrl_c_is_the_end_of_what_is_live(recording, live, tmp_path, monkeypatch):
-    monkeypatch.setattr("estimation.run.write_overview", lambda done, folder: None)
+    monkeypatch.setattr("estimation.output.overview.write_overview", lambda done, folder: None)
     monkeypatch.setattr(report, "figure_png", lambda figure: plt.close(figure) or b"")
 
     def cut():

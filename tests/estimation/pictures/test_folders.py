@@ -40,7 +40,7 @@ def test_pictures_are_read_in_the_order_of_their_numbers(tmp_path):
     assert levels == numbers == list(range(150))
     assert times == pytest.approx(np.arange(150) / 30.0)
     (warning,) = describe_pictures(folder)
-    assert "30 pictures per second are assumed" in warning
+    assert "30 pictures per second are assumed. All times, time_s included" in warning
 
 
 def test_a_missing_picture_leaves_a_gap_in_the_time(tmp_path):
