@@ -16,17 +16,25 @@ file, and ranks it beside our methods and those of other groups.
 #
 #    python -m papers leaderboard --export recordings
 #
-# In the new folder, ``README.md`` states the rules and ``cases.csv`` lists the cases. The folder
-# ``tuning`` has recordings to try your method on, with their truth in ``truth.csv``. The folder
-# ``scored`` has the recordings that are ranked, without their truth.
+# In the new folder, ``README.md`` states the rules and ``cases.csv`` lists the cases. There are two
+# splits. The split ``tuning`` has recordings to try your method on, with their truth in
+# ``truth.csv``. The split ``scored`` has the recordings that are ranked, without their truth. Each
+# split has its folder.
+#
+# The cases form three tiers. ``virtual`` has recordings simulated by the contact model. In
+# ``finite strain`` finite elements simulate a gel at large strain. ``real`` has published
+# recordings. An angle is right within 0.5° in the two simulated tiers, and within 2° in ``real``.
+# The score of a tier is the share of right answers, averaged over its groups of cases.
 #
 # Real recordings are left out unless they are on your machine. The command names the data sets that
 # are missing. Run ``python -m estimation fetch NAME`` for each of them, then export again. This
-# matters: entries are ordered by the mean of three tiers, and a tier without answers counts as 0.
-# The mean itself is not printed. Without the real tier your mean cannot exceed two thirds of 100 %.
+# matters: entries are ordered by the mean of the three tiers, and a tier without answers counts
+# as 0. The mean itself is not printed. Without the real tier your mean cannot exceed two thirds of
+# 100 %.
 #
 # The export also has an entry of plain rigid fits to the scored cases. Rank it to see how the
-# scoring works. In the two simulated tiers its row equals that of ``kabsch (listed)``:
+# scoring works. ``--alone`` ranks only your file, beside the published rows, and runs no other
+# method. In the two simulated tiers the row of this entry equals that of ``kabsch (listed)``:
 #
 # .. code-block:: bash
 #
@@ -94,7 +102,13 @@ print(*rows[:3], sep="\n")
 #
 # Some real cases are lifts. Their ``question`` in ``cases.csv`` is ``slipped``: they ask whether
 # the object slipped out, not for an angle. Answer a lift with one row. Its frame is 0, its angle is
-# empty, and a fourth column, ``slipped``, has the probability from 0 to 1.
+# empty, and a fourth column, ``slipped``, has the probability from 0 to 1. The answer is right if
+# the object slipped out and the probability is 0.5 or more, or if it was held and the probability
+# is below 0.5. A file with angles and a lift looks like this::
+#
+#    case,frame,angle_deg,slipped
+#    virtual/rigid-0,12,3.4100,
+#    real/slip-lifts/object001/067_10_mm,0,,0.15
 #
 # See where it stands
 # -------------------
@@ -109,9 +123,9 @@ print(*rows[:3], sep="\n")
 # ``build/papers/leaderboard``.
 #
 # Write one file for each split. Without ``--split tuning`` the command ranks a file for the scored
-# cases, beside the rows of the leaderboard's page. These are marked ``(listed)``. Entries are
-# ordered by the mean of the three tiers. Without ``--alone`` it also runs all other methods, which
-# takes some minutes more.
+# cases, beside the rows of the leaderboard's page. These are marked ``(listed)``. For the tuning
+# cases there are no listed rows, so with ``--alone`` the file stands alone in the table. Without
+# ``--alone`` the command also runs all other methods, which takes some minutes more.
 #
 # In Python, two calls score the file. Here they score the two cases made above:
 
@@ -129,4 +143,4 @@ axes[0].legend()
 
 # %%
 # In most frames the error exceeds the allowed 0.5°, since slipping markers lag behind the object.
-# The page of the leaderboard ranks all methods.
+# The page of the :doc:`leaderboard </papers/leaderboard/README>` ranks all methods.

@@ -13,7 +13,8 @@ picture. Its memory use is bounded (:doc:`measured </docs/speed>`).
 # ``ImageTracker`` learns the markers from the first picture, which should show the empty gel. Call
 # ``update(image, time)`` with each picture: an array of integers, grey, or BGR as OpenCV gives it.
 # The time is in s. ``update`` returns the angle, and ``tracker.alert`` then tells the gripper what
-# to do.
+# to do. At the first ``act`` or ``slips``, the loop calls ``stop_gripper``. Put the command of your
+# gripper there: stop its motion and grip harder.
 #
 # Replace the pictures below with those of your camera. The script ``opencv_camera.py`` does that
 # with OpenCV. It is on the page of :doc:`short examples </examples/README>`.
@@ -46,19 +47,28 @@ pressed, turned = Pose(0.6), Pose(0.6, twist=np.radians(20.0))
 path = make_path([Pose(0.0), Pose(0.0), pressed, pressed, turned], [5, 6, 4, 60])
 clip = VirtualClip(Scene(contact=contact, path=path))
 
-tracker, answers, levels = ImageTracker(), [], []
+
+def stop_gripper(time, level):
+    """Stands for the command that stops your gripper and makes it grip harder."""
+    print(f"{time:.2f} s {level}: the gripper stops and grips harder")
+
+
+tracker, answers, levels, stopped = ImageTracker(), [], [], False
 for picture in clip:
     answer = tracker.update(picture.image, picture.time)
     answers.append(answer)
     levels.append(tracker.alert.level)
+    if tracker.alert.level in ("act", "slips") and not stopped:
+        stop_gripper(picture.time, tracker.alert.level)
+        stopped = True
     if picture.number % 8 == 0:
         half = (answer.high - answer.low) / 2
         angle = f"{np.degrees(answer.angle):6.2f}° ± {np.degrees(half):.2f}°"
         print(f"{answer.time:.2f} s {answer.state:10} {angle} {tracker.alert.level}")
 
 # %%
-# The object slips at 1.36 s here, and yet the state is ``stick`` in some frames after that. Use the
-# alert for decisions. If your clip does not begin with the empty gel, give a picture of it:
+# The drawn object turns on, since a clip cannot react to the gripper. It slips at 1.36 s here, and
+# yet the state is ``stick`` in some frames after that. Use the alert for decisions. If your clip does not begin with the empty gel, give a picture of it:
 # ``ImageTracker(Settings(images=ImageSettings(unloaded=empty)))``. The picture ``empty`` is an
 # array or the path of a file. ``Settings`` and ``ImageSettings`` come from ``estimation`` too.
 # Without such a picture, the gel at rest is worked out from the dots around the contact. If there
@@ -92,8 +102,9 @@ axis.legend()
 # ``alert.level`` is ``none``, ``watch``, ``act``, ``slips`` or ``unknown``. Grip harder at the
 # first ``act`` or ``slips``, and keep that force. The level can fall back to ``none``: while an
 # object slides steadily, gel and markers are at rest. A fast slip shows as ``slips`` first, and as
-# ``act`` in the frames after it. ``watch`` means that part of the contact slips. ``unknown`` means
-# that there is no contact, or that the picture cannot be used: keep what you do.
+# ``act`` for about a second after it. That is no sign of another slip. ``watch`` means that part of
+# the contact slips. ``unknown`` means that there is no contact, or that the picture cannot be used:
+# keep what you do.
 
 alarm = next(row for row, level in enumerate(levels) if level in ("act", "slips"))
 print(f"{levels[alarm]} at {times[alarm]:.2f} s, turned by {angle[alarm]:.1f}°")

@@ -52,7 +52,8 @@ seam = Seam(radius=12.0, depth=0.15, width=0.8)  # mm
 # Press and twist
 # ---------------
 #
-# A contact has two bodies, a shape, a grid and a coefficient of friction. The pose approaches by
+# A ``Contact`` has two bodies, a shape, a grid and a coefficient of friction. ``press`` below makes
+# one from the gel, the object's body and the seam, and solves it for a pose. The pose approaches by
 # 0.8 mm and twists by 6°. Its ``twist`` is in rad. The map shows where the object sticks to the gel
 # and where it slips. The groove carries little pressure, so it slips early.
 #
@@ -65,6 +66,7 @@ seam = Seam(radius=12.0, depth=0.15, width=0.8)  # mm
 #
 # .. code-block:: python
 #
+#    contact = Contact(gel, body, seam, grid, friction)  # as in ``press`` below
 #    pressed = solve_contact(contact, Pose(0.8))
 #    turned = solve_contact(contact, Pose(0.8, twist=np.radians(6.0)), previous=pressed)
 

@@ -76,7 +76,9 @@ print(done.stdout.replace(str(folder.parent) + "/", ""))
 # ---------------
 #
 # ``report.html`` shows everything in a browser. ``angles.csv`` is for your own code. It has one
-# row a frame, with the state of the contact, the angle, and the two ends of its 95 % interval.
+# row a frame, with the state of the contact, the angle, and the two ends of its 95 % interval. The
+# section *Outputs* of :doc:`Recordings to angles </estimation/README>` explains every printed word,
+# file and column.
 
 with (folder / "result" / "angles.csv").open() as table:
     rows = list(csv.DictReader(table))
@@ -112,7 +114,8 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 #   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
 # - *Which clock.* Printed times and those of the report count from the first frame. ``time_s`` in
 #   ``angles.csv`` is the recording's own time stamp. If the first frame has another ``time_s``
-#   than 0, both times are printed.
+#   than 0, both times are printed. A folder of pictures needs ``--fps`` or a table of times. Without
+#   them 30 pictures per second are assumed, with a warning, and all times rest on that.
 # - *How far it turned.* The printed angles are the turning points, such as the largest angle. The
 #   last row of ``angles.csv`` has the angle at the end.
 # - *When it slipped.* The printed time is the first at which a slip was more likely than not. It

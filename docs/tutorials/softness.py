@@ -146,7 +146,8 @@ axis.legend()
 #   that is not round. The fit compares that angle with the rotation of the gel that sticks, not
 #   of the print. So it leaves out frames *without a known rotation of the gel*, in which ``run``
 #   can still give an angle from the print. A frame in which the object turns without the gel
-#   counts as macro slip here. So these numbers differ from those of ``run``.
+#   counts as macro slip here. So the command prints other numbers of frames *in macro slip* and
+#   without a rotation than ``run``.
 # - *Turn far enough.* With noise of 10 µm (``noise_in_plane_px`` times ``mm_per_px``), rotate in
 #   one direction by 10° or more. After a reversal, such noise hides slip. The grasps above have
 #   noise of 1 µm, which permits the reversal.
