@@ -68,7 +68,8 @@ for picture in clip:
 
 # %%
 # The drawn object turns on, since a clip cannot react to the gripper. It slips at 1.36 s here, and
-# yet the state is ``stick`` in some frames after that. Use the alert for decisions. If your clip does not begin with the empty gel, give a picture of it:
+# yet the state is ``stick`` in some frames after that. Use the alert for decisions. If your clip
+# does not begin with the empty gel, give a picture of it:
 # ``ImageTracker(Settings(images=ImageSettings(unloaded=empty)))``. The picture ``empty`` is an
 # array or the path of a file. ``Settings`` and ``ImageSettings`` come from ``estimation`` too.
 # Without such a picture, the gel at rest is worked out from the dots around the contact. If there

@@ -114,8 +114,8 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 #   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
 # - *Which clock.* Printed times and those of the report count from the first frame. ``time_s`` in
 #   ``angles.csv`` is the recording's own time stamp. If the first frame has another ``time_s``
-#   than 0, both times are printed. A folder of pictures needs ``--fps`` or a table of times. Without
-#   them 30 pictures per second are assumed, with a warning, and all times rest on that.
+#   than 0, both times are printed. A folder of pictures needs ``--fps`` or a table of times.
+#   Without them 30 pictures per second are assumed, with a warning, and all times rest on that.
 # - *How far it turned.* The printed angles are the turning points, such as the largest angle. The
 #   last row of ``angles.csv`` has the angle at the end.
 # - *When it slipped.* The printed time is the first at which a slip was more likely than not. It
