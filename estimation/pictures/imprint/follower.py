@@ -122,8 +122,7 @@ class ImprintFollower:
         smaller error are tried from the first on, then the last frame, and finally all rotations.
         """
         settings = self._settings
-        lost = self.missed > 0
-        match = register(last.keyframe, texture, last.warp, settings, doubtful=lost)
+        match = register(last.keyframe, texture, last.warp, settings)
         if match is not None and match.quality >= settings.new_keyframe:
             return match
         pose = before.pose if match is None else match.pose
@@ -133,12 +132,12 @@ class ImprintFollower:
         if match is not None:
             return match
         still = np.eye(2, 3, dtype=np.float32)
-        match = register(before, texture, still, settings, doubtful=True)
+        match = register(before, texture, still, settings)
         if match is None and self.confirmed:
             guess = search_motion(before.texture, texture, settings)
             if guess is not None:
                 least = settings.found_again
-                match = register(before, texture, guess, settings, least=least, doubtful=True)
+                match = register(before, texture, guess, settings, least=least)
         return match
 
     def _register_earlier(
@@ -148,7 +147,7 @@ class ImprintFollower:
         for earlier in self.keyframes:
             if earlier is not now and earlier.error < now.error:
                 start = (pose @ np.linalg.inv(earlier.pose))[:2].astype(np.float32)
-                closed = register(earlier, texture, start, self._settings, doubtful=True)
+                closed = register(earlier, texture, start, self._settings)
                 if closed is not None:
                     yield closed
 

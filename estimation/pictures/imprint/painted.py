@@ -8,14 +8,14 @@ measures the steepness of the print.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
 
-class Texture(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Texture:
     """The imprint's texture in one frame.
 
     Attributes:
@@ -25,6 +25,16 @@ class Texture(NamedTuple):
 
     value: Float32[np.ndarray, "h w"]
     mask: UInt8[np.ndarray, "h w"]
+
+    @cached_property
+    def smooth(self) -> Float32[np.ndarray, "h w"]:
+        """The value, with less of its grain, for which a registration needs no finer steps."""
+        return cv2.GaussianBlur(self.value, (3, 3), 0)
+
+    @cached_property
+    def inner(self) -> UInt8[np.ndarray, "h w"]:
+        """The mask without pixels beside hidden ones, on which their slopes depend."""
+        return cv2.erode(self.mask, np.ones((3, 3), np.uint8))
 
 
 @dataclass(frozen=True, eq=False)

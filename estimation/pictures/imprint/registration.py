@@ -1,9 +1,7 @@
-"""Registration of two textures by the rigid motion of highest correlation, and its error.
+"""Registration of two textures by the rigid motion of highest correlation, and its error."""
 
-[Evangelidis2008] G. D. Evangelidis, E. Z. Psarakis, "Parametric image alignment using enhanced
-correlation coefficient maximization", as implemented in OpenCV.
-"""
-
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -11,14 +9,13 @@ import numpy as np
 from jaxtyping import Complex, Float, Float32, Int, UInt8
 from scipy.fft import irfft2, rfft2
 
+from estimation.pictures.imprint.alignment import Template
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
 
-STEPS, SMALLEST = 25, 3e-4
-"""Number of steps after which a registration ends, and the gain of correlation that ends it."""
 
-
-class Keyframe(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Keyframe:
     """A frame with which later frames are registered.
 
     Attributes:
@@ -32,6 +29,11 @@ class Keyframe(NamedTuple):
     pose: Float[np.ndarray, "3 3"]
     error: float
     spread: Float[np.ndarray, "2 2"]
+
+    @cached_property
+    def template(self) -> Template:
+        """The texture, made ready for registrations with it."""
+        return Template(self.texture)
 
     @property
     def angle(self) -> float:
@@ -51,7 +53,7 @@ class Match(NamedTuple):
     """
 
     keyframe: Keyframe
-    warp: Float32[np.ndarray, "2 3"]
+    warp: Float[np.ndarray, "2 3"]
     quality: float
     own_error: float
     own_spread: Float[np.ndarray, "2 2"]
@@ -84,7 +86,6 @@ def register(
     settings: ImprintSettings,
     *,
     least: float | None = None,
-    doubtful: bool = False,
 ) -> Match | None:
     """Estimate the rigid motion from a keyframe to a frame; None if they correlate too little.
 
@@ -94,61 +95,20 @@ def register(
         start: initial motion.
         settings: of the registration.
         least: correlation that must be exceeded [-]; `least_correlation` by default.
-        doubtful: whether to give up early, since most registrations like this one fail.
     """
-    before = keyframe.texture
-    shown = cv2.warpAffine(before.mask, start, before.mask.shape[::-1], flags=cv2.INTER_NEAREST)
-    shared = cv2.bitwise_and(shown, texture.mask)
-    areas = cv2.countNonZero(before.mask), cv2.countNonZero(texture.mask)
-    if cv2.countNonZero(shared) < settings.overlap * min(areas):
+    aligned = keyframe.template.align(texture, start, settings)
+    if aligned is None:
         return None
-    here, there = _box(before.mask), _box(shared)  # only these parts are registered
-    here = slice(0, here[0].stop), slice(0, here[1].stop)  # steps rotate about the first corner
-    quality, warp = 1.0, _between(start, here, there).astype(np.float32)
-    for steps in (settings.trial, STEPS) if doubtful else (STEPS,):
-        if quality < settings.hopeless:
-            return None
-        try:
-            quality, warp = cv2.findTransformECC(
-                before.value[here],
-                texture.value[there],
-                warp,
-                cv2.MOTION_EUCLIDEAN,
-                (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, steps, SMALLEST),
-                inputMask=shared[there],
-                gaussFiltSize=3,
-            )
-        except cv2.error:  # the registration has not converged
-            return None
+    warp, quality = aligned
     if quality <= (settings.least_correlation if least is None else least):
         return None
-    warp = _between(np.asarray(warp), here, there, back=True).astype(np.float32)
-    fit = _compare(before, texture, warp)
+    fit = _compare(keyframe.template, texture, warp)
     if fit is None or fit.loss[0, 0] < settings.least_loss:
         return None
     error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, settings)))
     lacking = (1.0 - quality) / settings.independent
-    spread = _spread_shift(fit.loss[1:, 1:], lacking, before.value.size, settings)
-    return Match(keyframe, warp, float(quality), error, spread)
-
-
-def _box(mask: UInt8[np.ndarray, "h w"], rim: int = 6) -> tuple[slice, slice]:
-    """Rows and columns of the part of a picture that a mask shows, with a rim for gradients."""
-    x, y, width, height = cv2.boundingRect(mask)
-    return slice(max(y - rim, 0), y + height + rim), slice(max(x - rim, 0), x + width + rim)
-
-
-def _between(
-    warp: Float[np.ndarray, "2 3"],
-    here: tuple[slice, slice],
-    there: tuple[slice, slice],
-    *,
-    back: bool = False,
-) -> Float[np.ndarray, "2 3"]:
-    """Convert a motion between pictures to one between parts of them, or back."""
-    start, end = (np.array([box[1].start, box[0].start], float) for box in (here, there))
-    shift = warp[:, :2] @ start - end
-    return np.column_stack([warp[:, :2], warp[:, 2] + (-shift if back else shift)])
+    spread = _spread_shift(fit.loss[1:, 1:], lacking, texture.value.size, settings)
+    return Match(keyframe, warp, quality, error, spread)
 
 
 class _Fit(NamedTuple):
@@ -168,25 +128,21 @@ class _Fit(NamedTuple):
     loss: Float[np.ndarray, "3 3"]
 
 
-def _compare(before: Texture, now: Texture, warp: Float32[np.ndarray, "2 3"]) -> _Fit | None:
+def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -> _Fit | None:
     """Compare two registered textures; None if they do not overlap.
 
     The loss is the product of both textures' slopes, whose noise is independent and thus cancels.
     """
-    box, whole = _box(before.mask), (slice(0, None), slice(0, None))
-    before = Texture(*(np.ascontiguousarray(values[box]) for values in before))
-    warp, size = _between(warp, box, whole), before.value.shape[::-1]
-    back = cv2.WARP_INVERSE_MAP
-    value = cv2.warpAffine(now.value, warp, size, flags=cv2.INTER_LINEAR | back)
-    shown = cv2.warpAffine(now.mask, warp, size, flags=cv2.INTER_NEAREST | back)
-    shared = cv2.erode(cv2.bitwise_and(before.mask, shown), np.ones((3, 3), np.uint8))
-    shared = np.flatnonzero(shared)  # much faster than rows and columns together
+    value = template.bring(now.value, warp, cv2.INTER_LINEAR)
+    shown = template.bring(now.mask, warp, cv2.INTER_NEAREST)
+    mask = cv2.bitwise_and(template.texture.mask[template.box], shown)
+    shared = np.flatnonzero(cv2.erode(mask, np.ones((3, 3), np.uint8)))  # faster than `nonzero`
     if not len(shared):
         return None
-    rows, columns = np.unravel_index(shared, before.mask.shape)
+    rows, columns = np.unravel_index(shared, mask.shape)
     x, y = columns - columns.mean(), rows - rows.mean()
     slopes, levels = [], []
-    for plane in (before.value, value):
+    for plane in (template.texture.value[template.box], value):
         right = cv2.Sobel(plane, cv2.CV_32F, 1, 0, scale=0.125).ravel()[shared]
         down = cv2.Sobel(plane, cv2.CV_32F, 0, 1, scale=0.125).ravel()[shared]
         level = plane.ravel()[shared]
@@ -196,7 +152,7 @@ def _compare(before: Texture, now: Texture, warp: Float32[np.ndarray, "2 3"]) ->
         levels.append(level / spread)
     loss = slopes[0] @ slopes[1].T / max(float(levels[0] @ levels[1]), 1e-6)
     return _Fit(
-        place=np.stack([rows + box[0].start, columns + box[1].start]),
+        place=np.stack([rows + template.box[0].start, columns + template.box[1].start]),
         slopes=0.5 * (slopes[0] + slopes[1]),
         misfit=levels[1] - levels[0],
         loss=0.5 * (loss + loss.T),
@@ -245,7 +201,7 @@ def search_motion(
     are tried in coarse steps, for which small pictures suffice.
     """
     step = 6.0  # between tried rotations [deg]
-    few = 60  # approximate rows of the small pictures
+    few = 40  # approximate rows of the small pictures
     part = max(round(now.mask.shape[0] / few), 1)
     turns = np.arange(-settings.searched_deg, settings.searched_deg + 0.5 * step, step)
     (earlier, mask), (value, shown) = _shrink(before, part), _shrink(now, part)
@@ -253,7 +209,7 @@ def search_motion(
     middle = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
     motions = [cv2.getRotationMatrix2D(middle, -turn, 1.0) for turn in turns]
     masks = np.stack([cv2.warpAffine(mask, ahead, size) > 0.5 for ahead in motions])
-    start, end = _box(masks.max(axis=0).astype(np.uint8), 0), _box(shown.astype(np.uint8), 0)
+    start, end = _box(masks.max(axis=0).astype(np.uint8)), _box(shown.astype(np.uint8))
     value, shown = value[end], shown[end]
     rows, columns = shown.shape
     high, wide = masks[:, *start].shape[1:]
@@ -276,6 +232,12 @@ def search_motion(
     corner = np.full(2, 0.5 * (part - 1))  # middle of the first small pixel in the large picture
     best[:, 2] = part * best[:, 2] + corner - best[:, :2] @ corner
     return best.astype(np.float32)
+
+
+def _box(mask: UInt8[np.ndarray, "h w"]) -> tuple[slice, slice]:
+    """Rows and columns of the part of a picture that a mask shows."""
+    x, y, width, height = cv2.boundingRect(mask)
+    return slice(y, y + height), slice(x, x + width)
 
 
 def _shrink(

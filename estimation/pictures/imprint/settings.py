@@ -18,7 +18,9 @@ class ImprintSettings:
             count as independent. The error of a rotation follows from the pull of each patch [px].
         shaded: share of the rotation that is lost by shading, the median of 72 published turns [-].
         least_correlation: correlation with the keyframe below which the imprint is lost [-].
-        trial: number of steps after which a registration that will probably fail is judged.
+        steps: number of steps after which a registration ends.
+        smallest_px: step that ends it [px of the scaled picture].
+        trial: number of steps after which a registration is judged.
         hopeless: correlation after these steps below which it is given up. In published lifts, all
             that succeed exceed 0.7 by then [-].
         found_again: correlation from which a lost imprint counts as found by a search [-].
@@ -53,6 +55,8 @@ class ImprintSettings:
     patch: int = 12
     shaded: float = 0.01
     least_correlation: float = 0.65
+    steps: int = 25
+    smallest_px: float = 0.02
     trial: int = 3
     hopeless: float = 0.5
     found_again: float = 0.8

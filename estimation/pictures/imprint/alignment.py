@@ -1,0 +1,124 @@
+"""Rigid motion of highest correlation between two textures.
+
+[Baker2004] S. Baker, I. Matthews, "Lucas-Kanade 20 years on: a unifying framework": the inverse
+compositional algorithm, in which all alignments with a texture share its slopes.
+[Evangelidis2008] G. D. Evangelidis, E. Z. Psarakis, "Parametric image alignment using enhanced
+correlation coefficient maximization": the objective.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from estimation.pictures.imprint.painted import Texture
+from estimation.pictures.imprint.settings import ImprintSettings
+
+
+class Aligned(NamedTuple):
+    """Two aligned textures.
+
+    Attributes:
+        warp: rigid motion from the earlier texture to the later one.
+        quality: correlation of the two [-].
+    """
+
+    warp: Float[np.ndarray, "2 3"]
+    quality: float
+
+
+class Template:
+    """A texture, with what all registrations of later textures with it share.
+
+    Attributes:
+        texture: the texture.
+        box: rows and columns of the part around the contact, which alone is registered.
+    """
+
+    def __init__(self, texture: Texture) -> None:
+        """Take the slopes of a texture.
+
+        Args:
+            texture: the earlier one.
+        """
+        rim = 6  # room for slopes [px]
+        x, y, width, height = cv2.boundingRect(texture.mask)
+        self.texture = texture
+        self.box = (
+            slice(max(y - rim, 0), y + height + rim),
+            slice(max(x - rim, 0), x + width + rim),
+        )
+        value, self._inner = texture.smooth[self.box], texture.inner[self.box]
+        rows, columns = value.shape
+        self._corner = np.array([self.box[1].start, self.box[0].start], float)
+        self._middle = self._corner + 0.5 * (np.array([columns, rows]) - 1.0)
+        self._arm = 0.25 * (columns + rows)  # converts rotations to px
+        x, y = (
+            (np.linspace(-0.5, 0.5, count) * (count - 1) / self._arm).astype(np.float32)
+            for count in (columns, rows)
+        )
+        right = cv2.Sobel(value, cv2.CV_32F, 1, 0, scale=0.125)
+        down = cv2.Sobel(value, cv2.CV_32F, 0, 1, scale=0.125)
+        planes = [right, down, x * down - y[:, None] * right, value, np.ones_like(value)]
+        self._planes = np.stack(planes).reshape(5, -1)
+
+    def align(
+        self, now: Texture, start: Float[np.ndarray, "2 3"], settings: ImprintSettings
+    ) -> Aligned | None:
+        """Estimate the rigid motion to a later texture; None where the two do not correlate.
+
+        Args:
+            now: the later texture.
+            start: initial motion.
+            settings: of the registration.
+        """
+        damping = 1e-3  # along uniform prints, over the sum of the curvatures [-]
+        warp = np.vstack([start, [0.0, 0.0, 1.0]])
+        seen = (self._inner & self.bring(now.inner, warp, cv2.INTER_NEAREST)) > 0
+        seen = seen.ravel().astype(np.float32)
+        products = ((self._planes * seen) @ self._planes.T).astype(float)
+        count, sums = products[4, 4], products[4, :4]
+        if count <= settings.overlap * min(map(cv2.countNonZero, (self._inner, now.inner))):
+            return None
+        products = products[:4, :4] - np.outer(sums, sums) / count
+        along, power = products[3, :3], products[3, 3]
+        curvature = (products[:3, :3] - np.outer(along, along) / power) / power
+        curvature += damping * np.trace(curvature) * np.eye(3)
+        quality = 0.0
+        for step in range(settings.steps):
+            level = self.bring(now.smooth, warp, cv2.INTER_LINEAR).ravel() * seen
+            *cross, total = (self._planes @ level).astype(float)
+            size = np.sqrt(power * max(float(level @ level) - total**2 / count, 1e-9))
+            cross = cross - sums * total / count
+            quality = float(cross[3] / size)
+            if quality < (settings.hopeless if step >= settings.trial else 0.0):
+                return None
+            pull = (cross[:3] - along * cross[3] / power) / size
+            moved = np.linalg.solve(curvature, pull) / max(quality, settings.hopeless)
+            warp = warp @ self._undo(moved)
+            if np.abs(moved).max() < settings.smallest_px:
+                break
+        return Aligned(warp[:2], quality)
+
+    def bring(
+        self, plane: Shaped[np.ndarray, "h w"], warp: Float[np.ndarray, "_ 3"], how: int
+    ) -> Shaped[np.ndarray, "rows columns"]:
+        """Warp the box around the contact out of a plane of a later texture.
+
+        Args:
+            plane: of the later texture.
+            warp: motion from this texture to the later one.
+            how: interpolation, as named by OpenCV.
+        """
+        moved = np.column_stack([warp[:2, :2], warp[:2] @ [*self._corner, 1.0]])
+        size = self._inner.shape[::-1]
+        return cv2.warpAffine(plane, moved, size, flags=how | cv2.WARP_INVERSE_MAP)
+
+    def _undo(self, moved: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+        """The inverse of a small motion along x and y and around the middle [px]."""
+        turn = -moved[2] / self._arm
+        ahead = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        back = np.eye(3)
+        back[:2, :2], back[:2, 2] = ahead, self._middle - ahead @ (self._middle + moved[:2])
+        return back
