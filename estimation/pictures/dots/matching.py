@@ -24,7 +24,7 @@ def match_dots(reference: Reference, centre: Float[np.ndarray, "n 2"]) -> Int[np
         For each point of the reference, the number of its dot; −1 where not visible.
     """
     match = grow_match(reference, centre, match_piece(reference, centre, reference.position))
-    return _drop_doubtful(reference, centre, match) if (match >= 0).any() else match
+    return drop_doubtful(reference, centre, match)
 
 
 def match_piece(
@@ -66,10 +66,12 @@ def grow_match(
     return match
 
 
-def _drop_doubtful(
+def drop_doubtful(
     reference: Reference, centre: Float[np.ndarray, "n 2"], match: Int[np.ndarray, " m"]
 ) -> Int[np.ndarray, " m"]:
     """Drop dots far from the place that their neighbours predict, or nearer to another place."""
+    if (match < 0).all():
+        return match
     # largest distance of a dot from the place that its neighbours predict [pitches]
     sure_share = 0.3
     place = predict(reference, centre, match)

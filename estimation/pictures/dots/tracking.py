@@ -3,7 +3,12 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimation.pictures.dots.matching import grow_match, match_dots, match_piece
+from estimation.pictures.dots.matching import (
+    drop_doubtful,
+    grow_match,
+    match_dots,
+    match_piece,
+)
 from estimation.pictures.lattice import Reference
 
 LOST = 0.4
@@ -15,7 +20,8 @@ class DotTracker:
 
     The dots at rest are searched anew in every frame (`match_dots`). The previous frame helps where
     the gel is strained too much for a match from the dots at rest, but only if both matches agree
-    about the dots at rest. After a gap or a jump they disagree, and only the reference is used.
+    about the dots at rest. After a gap or a jump they disagree, and only the reference is used; so
+    it is where it fits more dots to their neighbours.
     """
 
     def __init__(self, reference: Reference) -> None:
@@ -43,6 +49,8 @@ class DotTracker:
         match = self._follow(centre)
         if match is None:
             match = match_dots(self.reference, centre)
+        else:
+            match = self._choose(centre, match)
         now = np.full(self.last.shape, np.nan)
         now[match >= 0] = centre[match[match >= 0]]
         jumped = np.linalg.norm(now - self.last, axis=1) > jump * self.reference.pitch
@@ -55,6 +63,20 @@ class DotTracker:
             self.last = before
             return match, f"only {seen} of {len(match)} dots were recognised"
         return match, ""
+
+    def _choose(
+        self, centre: Float[np.ndarray, "n 2"], followed: Int[np.ndarray, " m"]
+    ) -> Int[np.ndarray, " m"]:
+        """The match from the last frame, or the one from the reference alone if it fits more dots.
+
+        After a fast slip the last frame may lead to the wrong row of dots, and would then do so
+        for the rest of the clip.
+        """
+        certain = (drop_doubtful(self.reference, centre, followed) >= 0).sum()
+        if certain == (followed >= 0).sum():
+            return followed
+        alone = match_dots(self.reference, centre)
+        return alone if (alone >= 0).sum() > certain else followed
 
     def _follow(self, centre: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " m"] | None:
         """The match from the last frame; None if it disagrees about the dots at rest."""
