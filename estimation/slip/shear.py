@@ -264,9 +264,11 @@ class ShearWatch:
             self._shears.clear()
             self._shears.append((shear, shifted))
         probability = float(find_slip_probability(np.array([fallen, since, slid]), settings))
-        slides = probability > 0.5 and not recent > settings.resting
+        stays = weakest > settings.sticking
+        located = np.isfinite(slid)  # no slip leaves such a print in place
+        slides = probability > 0.5 and not (recent > settings.resting or (stays and located))
         holds = probability < 0.5
-        sticks = holds and weakest > settings.sticking
+        sticks = stays and (holds or located)
         return Shear(shear, fallen, since, slid, probability, slides, holds, sticks)
 
 
