@@ -42,7 +42,7 @@ class HoldSettings:
 
     window: float = 1.0
     age: int = 16
-    lately: int = 4
+    lately: int = 6
     contrast: float = 2.0
     bare: float = 0.15
     printed: float = 0.15

@@ -46,11 +46,7 @@ class DotTracker:
         # share of the dots that a frame without a predecessor must match, instead of `LOST`: with
         # fewer, the strain may have misled the match
         first = 0.8
-        match = self._follow(centre)
-        if match is None:
-            match = match_dots(self.reference, centre)
-        else:
-            match = self._choose(centre, match)
+        match = self._choose(centre, self._follow(centre))
         now = np.full(self.last.shape, np.nan)
         now[match >= 0] = centre[match[match >= 0]]
         jumped = np.linalg.norm(now - self.last, axis=1) > jump * self.reference.pitch
@@ -65,13 +61,15 @@ class DotTracker:
         return match, ""
 
     def _choose(
-        self, centre: Float[np.ndarray, "n 2"], followed: Int[np.ndarray, " m"]
+        self, centre: Float[np.ndarray, "n 2"], followed: Int[np.ndarray, " m"] | None
     ) -> Int[np.ndarray, " m"]:
         """The match from the last frame, or the one from the reference alone if it fits more dots.
 
         After a fast slip the last frame may lead to the wrong row of dots, and would then do so
         for the rest of the clip.
         """
+        if followed is None:
+            return match_dots(self.reference, centre)
         certain = (drop_doubtful(self.reference, centre, followed) >= 0).sum()
         if certain == (followed >= 0).sum():
             return followed

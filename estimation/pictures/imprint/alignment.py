@@ -49,7 +49,8 @@ class Template:
             slice(max(y - rim, 0), y + height + rim),
             slice(max(x - rim, 0), x + width + rim),
         )
-        value, self._inner = texture.smooth[self.box], texture.inner[self.box]
+        value, self._mask = texture.smooth[self.box], np.ascontiguousarray(texture.mask[self.box])
+        self._inner = cv2.erode(self._mask, np.ones((3, 3), np.uint8))  # where slopes are known
         rows, columns = value.shape
         self._corner = np.array([self.box[1].start, self.box[0].start], float)
         self._middle = self._corner + 0.5 * (np.array([columns, rows]) - 1.0)
@@ -75,11 +76,14 @@ class Template:
         """
         damping = 1e-3  # along uniform prints, over the sum of the curvatures [-]
         warp = np.vstack([start, [0.0, 0.0, 1.0]])
-        seen = (self._inner & self.bring(now.inner, warp, cv2.INTER_NEAREST)) > 0
-        seen = seen.ravel().astype(np.float32)
+        shown = self.bring(now.mask, warp, cv2.INTER_NEAREST)
+        shared = cv2.countNonZero(self._mask & shown)
+        if shared < settings.overlap * min(map(cv2.countNonZero, (self._mask, now.mask))):
+            return None
+        seen = ((self._inner & shown) > 0).ravel().astype(np.float32)
         products = ((self._planes * seen) @ self._planes.T).astype(float)
         count, sums = products[4, 4], products[4, :4]
-        if count <= settings.overlap * min(map(cv2.countNonZero, (self._inner, now.inner))):
+        if count < len(products):
             return None
         products = products[:4, :4] - np.outer(sums, sums) / count
         along, power = products[3, :3], products[3, 3]
@@ -96,7 +100,7 @@ class Template:
                 return None
             pull = (cross[:3] - along * cross[3] / power) / size
             moved = np.linalg.solve(curvature, pull) / max(quality, settings.hopeless)
-            warp = warp @ self._undo(moved)
+            warp = warp @ undo(moved[:2], moved[2] / self._arm, self._middle)
             if np.abs(moved).max() < settings.smallest_px:
                 break
         return Aligned(warp[:2], quality)
@@ -112,13 +116,21 @@ class Template:
             how: interpolation, as named by OpenCV.
         """
         moved = np.column_stack([warp[:2, :2], warp[:2] @ [*self._corner, 1.0]])
-        size = self._inner.shape[::-1]
+        size = self._mask.shape[::-1]
         return cv2.warpAffine(plane, moved, size, flags=how | cv2.WARP_INVERSE_MAP)
 
-    def _undo(self, moved: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-        """The inverse of a small motion along x and y and around the middle [px]."""
-        turn = -moved[2] / self._arm
-        ahead = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        back = np.eye(3)
-        back[:2, :2], back[:2, 2] = ahead, self._middle - ahead @ (self._middle + moved[:2])
-        return back
+
+def undo(
+    shift: Float[np.ndarray, "2"], turn: float, middle: Float[np.ndarray, "2"]
+) -> Float[np.ndarray, "3 3"]:
+    """The inverse of a small motion.
+
+    Args:
+        shift: along x and y [px].
+        turn: about the middle [rad].
+        middle: x and y [px].
+    """
+    ahead = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    back = np.eye(3)
+    back[:2, :2], back[:2, 2] = ahead, middle - ahead @ (middle + shift)
+    return back

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Float32, Int, UInt8
 from scipy.fft import irfft2, rfft2
 
-from estimation.pictures.imprint.alignment import Template
+from estimation.pictures.imprint.alignment import Template, undo
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
 
@@ -105,7 +105,11 @@ def register(
     fit = _compare(keyframe.template, texture, warp)
     if fit is None or fit.loss[0, 0] < settings.least_loss:
         return None
-    error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, settings)))
+    inverse = _invert_loss(fit, settings)
+    turn, *shift = inverse @ fit.slopes @ fit.misfit
+    middle = fit.place.mean(axis=1)[::-1]
+    warp = warp @ undo(np.array(shift), turn, middle)
+    error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, inverse, settings)))
     lacking = (1.0 - quality) / settings.independent
     spread = _spread_shift(fit.loss[1:, 1:], lacking, texture.value.size, settings)
     return Match(keyframe, warp, quality, error, spread)
@@ -120,12 +124,14 @@ class _Fit(NamedTuple):
             and y.
         misfit: difference of the levels of each pixel; the levels are normalised to length 1.
         loss: loss of correlation by these motions, over half their squares [-, 1/px²].
+        correlation: of the levels, to which the loss is relative [-].
     """
 
     place: Int[np.ndarray, "2 n"]
     slopes: Float[np.ndarray, "3 n"]
     misfit: Float[np.ndarray, " n"]
     loss: Float[np.ndarray, "3 3"]
+    correlation: float
 
 
 def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -> _Fit | None:
@@ -150,16 +156,28 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
         spread = max(float(np.linalg.norm(level)), 1e-6)
         slopes.append(np.stack([x * down - y * right, right, down]) / spread)
         levels.append(level / spread)
-    loss = slopes[0] @ slopes[1].T / max(float(levels[0] @ levels[1]), 1e-6)
+    correlation = max(float(levels[0] @ levels[1]), 1e-6)
+    loss = slopes[0] @ slopes[1].T / correlation
     return _Fit(
         place=np.stack([rows + template.box[0].start, columns + template.box[1].start]),
         slopes=0.5 * (slopes[0] + slopes[1]),
         misfit=levels[1] - levels[0],
         loss=0.5 * (loss + loss.T),
+        correlation=correlation,
     )
 
 
-def _spread_turn(fit: _Fit, settings: ImprintSettings) -> float:
+def _invert_loss(fit: _Fit, settings: ImprintSettings) -> Float[np.ndarray, "3 3"]:
+    """Converts pulls of pixels to a motion; 0 along motions that the print hardly shows."""
+    arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # converts rotations to px
+    scale = np.array([1.0 / arm, 1.0, 1.0])
+    along, ways = np.linalg.eigh(fit.loss * np.outer(scale, scale))
+    seen = np.abs(along) > settings.alike * np.abs(along).max()
+    inverse = (ways * seen / np.where(seen, along, 1.0)) @ ways.T
+    return inverse * np.outer(scale, scale) / fit.correlation
+
+
+def _spread_turn(fit: _Fit, inverse: Float[np.ndarray, "3 3"], settings: ImprintSettings) -> float:
     """Standard error of a rotation [rad].
 
     Differences between the two prints pull the estimated rotation in both directions. The sandwich
@@ -172,13 +190,7 @@ def _spread_turn(fit: _Fit, settings: ImprintSettings) -> float:
     if count <= motions:
         return np.inf
     pulls = np.stack([np.bincount(patch, pull) for pull in fit.slopes * fit.misfit])
-    arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # converts rotations to px
-    scale = np.array([1.0 / arm, 1.0, 1.0])
-    along, ways = np.linalg.eigh(fit.loss * np.outer(scale, scale))
-    seen = np.abs(along) > settings.alike * np.abs(along).max()
-    inverse = (ways[0] * seen / np.where(seen, along, 1.0)) @ ways.T  # row of the rotation
-    correlation = 1.0 - 0.5 * float(fit.misfit @ fit.misfit)  # the loss is relative to it
-    turned = scale[0] / correlation * inverse @ (scale[:, None] * pulls)
+    turned = inverse[0] @ pulls
     return float(np.linalg.norm(turned) * np.sqrt(count / (count - motions)))
 
 

@@ -94,6 +94,23 @@ def test_too_much_strain_is_told_without_a_frame_before_and_followed_with_one():
     assert np.array_equal(order[match[seen]], identity[seen])
 
 
+def test_a_last_frame_in_the_wrong_column_is_not_followed():
+    """Three rows were taken for the next column, as after a fast slip."""
+    reference, identity = reference_and_identity()
+    tracker = DotTracker(reference)
+    tracker.update(REST)
+    row, column = GRID[identity].T
+    wrong = (row < row.min() + 3) & (column > column.min() + 2)
+    shifted = reference.position + np.array([PITCH, 0.0])
+    lost = np.abs(shifted[:, None] - reference.position).max(axis=-1).min(axis=1) > 1.0
+    shifted[lost] = np.nan
+    tracker.last = np.where(wrong[:, None], shifted, reference.position)
+    tracker.update(REST)
+    match, flaw = tracker.update(REST)
+    assert not flaw
+    assert np.array_equal(match, identity)
+
+
 def test_missing_and_extra_dots_harm_no_other():
     reference, identity = reference_and_identity()
     rng = np.random.default_rng(5)

@@ -78,6 +78,21 @@ def test_slipped_where_the_print_is_beyond_all_of_the_gel():
     assert (held[-1].slip, held[-1].slip_error, held[-1].slip_since) == (0.2, 0.1, 0.0)
 
 
+@pytest.mark.parametrize("located", [True, False])
+def test_what_has_slipped_sticks_again_once_its_print_stays(located):
+    """Unless the print does not show where the object is: a ridge may slide along itself."""
+    watched = ShearWatch(LAYOUT)
+    beyond = 0.5 if located else np.nan
+    for row in range(20):
+        agrees = 0.5 if row < 16 else 0.99
+        since = 0.4  # it has moved over the gel within the last second
+        found = watched.update(REST, TOUCHED, (since, agrees, agrees), Slide(0.1, 0.2, 0.0, beyond))
+        assert found.slides == (row < 16)
+    assert found.slip_probability > 0.8
+    assert found.sticks == located
+    assert found.state == (State.STICK if located else State.INCIPIENT)
+
+
 def test_a_load_that_is_taken_off_is_no_slip():
     assert watch(FALL, 0.99)[-1].slip_probability < 0.05
 
