@@ -68,10 +68,14 @@ class DotTracker:
         After a fast slip the last frame may lead to the wrong row of dots, and would then do so
         for the rest of the clip.
         """
+        row = 3  # dots that do not fit their neighbours, from which a row may be mistaken
         if followed is None:
             return match_dots(self.reference, centre)
+        matched = (followed >= 0).sum()
+        if matched == len(centre):  # a mistaken row leaves dots over
+            return followed
         certain = (drop_doubtful(self.reference, centre, followed) >= 0).sum()
-        if certain == (followed >= 0).sum():
+        if certain > matched - row:
             return followed
         alone = match_dots(self.reference, centre)
         return alone if (alone >= 0).sum() > certain else followed
