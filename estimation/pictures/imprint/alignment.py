@@ -34,6 +34,7 @@ class Template:
     Attributes:
         texture: the texture.
         box: rows and columns of the part around the contact, which alone is registered.
+        every: interval of the rows and columns that are read.
     """
 
     def __init__(self, texture: Texture) -> None:
@@ -62,7 +63,11 @@ class Template:
         right = cv2.Sobel(value, cv2.CV_32F, 1, 0, scale=0.125)
         down = cv2.Sobel(value, cv2.CV_32F, 0, 1, scale=0.125)
         planes = [right, down, x * down - y[:, None] * right, value, np.ones_like(value)]
-        self._planes = np.stack(planes).reshape(5, -1)
+        enough = 4000  # pixels; of more, a quarter is read, since neighbours hardly differ
+        self.every = 2 if value.size > 4 * enough else 1
+        thinned = slice(None, None, self.every), slice(None, None, self.every)
+        self._thin_mask, self._thin_inner = self._mask[thinned], self._inner[thinned]
+        self._planes = np.stack([plane[thinned] for plane in planes]).reshape(5, -1)
 
     def align(
         self, now: Texture, start: Float[np.ndarray, "2 3"], settings: ImprintSettings
@@ -76,11 +81,12 @@ class Template:
         """
         damping = 1e-3  # along uniform prints, over the sum of the curvatures [-]
         warp = np.vstack([start, [0.0, 0.0, 1.0]])
-        shown = self.bring(now.mask, warp, cv2.INTER_NEAREST)
-        shared = cv2.countNonZero(self._mask & shown)
+        every = self.every
+        shown = self.bring(now.mask, warp, cv2.INTER_NEAREST, every)
+        shared = every**2 * cv2.countNonZero(self._thin_mask & shown)
         if shared < settings.overlap * min(map(cv2.countNonZero, (self._mask, now.mask))):
             return None
-        seen = ((self._inner & shown) > 0).ravel().astype(np.float32)
+        seen = ((self._thin_inner & shown) > 0).ravel().astype(np.float32)
         products = ((self._planes * seen) @ self._planes.T).astype(float)
         count, sums = products[4, 4], products[4, :4]
         if count < len(products):
@@ -91,7 +97,7 @@ class Template:
         curvature += damping * np.trace(curvature) * np.eye(3)
         quality = 0.0
         for step in range(settings.steps):
-            level = self.bring(now.smooth, warp, cv2.INTER_LINEAR).ravel() * seen
+            level = self.bring(now.smooth, warp, cv2.INTER_LINEAR, every).ravel() * seen
             *cross, total = (self._planes @ level).astype(float)
             size = np.sqrt(power * max(float(level @ level) - total**2 / count, 1e-9))
             cross = cross - sums * total / count
@@ -106,7 +112,11 @@ class Template:
         return Aligned(warp[:2], quality)
 
     def bring(
-        self, plane: Shaped[np.ndarray, "h w"], warp: Float[np.ndarray, "_ 3"], how: int
+        self,
+        plane: Shaped[np.ndarray, "h w"],
+        warp: Float[np.ndarray, "_ 3"],
+        how: int,
+        every: int = 1,
     ) -> Shaped[np.ndarray, "rows columns"]:
         """Warp the box around the contact out of a plane of a later texture.
 
@@ -114,10 +124,11 @@ class Template:
             plane: of the later texture.
             warp: motion from this texture to the later one.
             how: interpolation, as named by OpenCV.
+            every: interval of the rows and columns that are read.
         """
-        moved = np.column_stack([warp[:2, :2], warp[:2] @ [*self._corner, 1.0]])
-        size = self._mask.shape[::-1]
-        return cv2.warpAffine(plane, moved, size, flags=how | cv2.WARP_INVERSE_MAP)
+        moved = np.column_stack([every * warp[:2, :2], warp[:2] @ [*self._corner, 1.0]])
+        rows, columns = (-(-size // every) for size in self._mask.shape)
+        return cv2.warpAffine(plane, moved, (columns, rows), flags=how | cv2.WARP_INVERSE_MAP)
 
 
 def undo(

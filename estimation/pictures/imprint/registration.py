@@ -142,7 +142,10 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
     value = template.bring(now.value, warp, cv2.INTER_LINEAR)
     shown = template.bring(now.mask, warp, cv2.INTER_NEAREST)
     mask = cv2.bitwise_and(template.texture.mask[template.box], shown)
-    shared = np.flatnonzero(cv2.erode(mask, np.ones((3, 3), np.uint8)))  # faster than `nonzero`
+    shared = np.zeros_like(mask)
+    thinned = slice(None, None, template.every), slice(None, None, template.every)
+    shared[thinned] = cv2.erode(mask, np.ones((3, 3), np.uint8))[thinned]
+    shared = np.flatnonzero(shared)  # faster than `nonzero`
     if not len(shared):
         return None
     rows, columns = np.unravel_index(shared, mask.shape)
