@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.imprinted import ImprintedTurn
+from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN
@@ -112,8 +112,9 @@ class Tracked:
             self._forget()
             self._restarts = 0
             return gel
-        if np.isfinite(fields.imprint[0]) or self._turn.known:
-            return self._by_imprint(fields, gel)
+        confirmed = self._confirm(fields, gel)
+        if confirmed or self._printed:
+            return self._by_imprint(fields, gel, confirmed)
         if np.isfinite(gel.angle):
             self._restarts = gel.restarts
         return self._by_outline(fields, gel)._replace(restarts=self._restarts)
@@ -140,22 +141,37 @@ class Tracked:
             return Measurement.none(answer.stick, self._too_wide)
         return answer
 
-    def _by_imprint(self, fields: Fields, gel: Measurement) -> Measurement:
-        """The angle from imprint and gel together, and the markers that move with the imprint."""
-        was_known = self._turn.known
+    def _confirm(self, fields: Fields, gel: Measurement) -> bool:
+        """Whether this frame is the second in a row with an imprint: a single one may be light."""
+        if self._printed:
+            return False
+        angle = fields.imprint[0]
+        if self._turn.known and np.isfinite(angle) and angle != 0.0:
+            self._printed = True
+            return True
+        self._turn = ImprintedTurn()
+        if np.isfinite(angle):
+            self._follow_turn(fields, gel)
+        return False
+
+    def _follow_turn(self, fields: Fields, gel: Measurement) -> Turn:
         lasting = gel.restarts == self._gel_restarts and not self._resumed
         self._gel_restarts, self._resumed = gel.restarts, False
-        turn = self._turn.update(
+        return self._turn.update(
             self.gain * gel.angle,
             self.gain * 0.5 * (gel.high - gel.low) / Z95,
             fields.imprint,
             lasting,
         )
+
+    def _by_imprint(self, fields: Fields, gel: Measurement, confirmed: bool) -> Measurement:
+        """The angle from imprint and gel together, and the markers that move with the imprint."""
+        turn = self._follow_turn(fields, gel)
         if turn.error > self.widest / Z95:
             self._forget()
             self.incremental.lose(fields)
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
-        if not was_known:
+        if confirmed:
             self._restarts = gel.restarts if np.isfinite(gel.angle) else self._restarts + 1
         ahead = self._find_imprint_lag(turn.angle, self.gain * gel.angle)
         if ahead:
@@ -224,7 +240,7 @@ class Tracked:
 
     def _forget(self) -> None:
         """Restart with the next contact."""
-        self._turn = ImprintedTurn()
+        self._turn, self._printed = ImprintedTurn(), False
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_restarts, self._resumed = 0, False
