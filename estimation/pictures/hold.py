@@ -32,7 +32,9 @@ class HoldSettings:
         window: side of the square that is compared around a dot [pitches].
         age: interval at which an earlier picture is stored. The picture compared with is between
             one and two intervals old [frames].
-        lately: age of the recent picture that is also compared with [frames].
+        lately: age of the recent picture that is also compared with, for partial slip [frames].
+        shortly: age of a still more recent one, for the end of a slip [frames].
+        alike: correlation with the former from which the latter is not needed [-].
         contrast: texture from which an object counts as printed, over the texture of the barest
             dots [-].
         bare: share of the dots that count as the barest [-].
@@ -43,6 +45,8 @@ class HoldSettings:
     window: float = 1.0
     age: int = 16
     lately: int = 6
+    shortly: int = 4
+    alike: float = 0.95
     contrast: float = 2.0
     bare: float = 0.15
     printed: float = 0.15
@@ -55,8 +59,8 @@ class Hold(NamedTuple):
     Attributes:
         since: median correlation with the print half a second to a second before [-]; NaN where
             unknown.
-        lately: median correlation with the print a few frames before [-].
-        weakest: tenth percentile of the same correlation [-].
+        lately: median correlation with the print some frames before [-].
+        weakest: tenth percentile of the correlation with the print slightly earlier [-].
     """
 
     since: float
@@ -121,7 +125,11 @@ class HoldFollower:
         self._frames += 1
         self._recent.append(now)
         (since,) = self._compare(self._earlier[0], now, seen, 0.5)
-        return Hold(since, *self._compare(self._recent[0], now, seen, 0.5, WEAKEST))
+        lately, weakest = self._compare(self._recent[0], now, seen, 0.5, WEAKEST)
+        if lately < self._settings.alike:
+            shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
+            (lately,) = self._compare(shortly, now, seen, 0.5)
+        return Hold(since, lately, weakest)
 
     def _lay_grid(self, painted: Painted) -> None:
         """Lay a grid of points over pictures of this size, with their weights of the dots."""
