@@ -66,7 +66,8 @@ class Template:
         enough = 4000  # pixels; of more, a quarter is read, since neighbours hardly differ
         self.every = 2 if value.size > 4 * enough else 1
         thinned = slice(None, None, self.every), slice(None, None, self.every)
-        self._thin_mask, self._thin_inner = self._mask[thinned], self._inner[thinned]
+        self._thin_mask = np.ascontiguousarray(self._mask[thinned])
+        self._thin_inner = self._inner[thinned]
         self._planes = np.stack([plane[thinned] for plane in planes]).reshape(5, -1)
 
     def align(
@@ -83,7 +84,7 @@ class Template:
         warp = np.vstack([start, [0.0, 0.0, 1.0]])
         every = self.every
         shown = self.bring(now.mask, warp, cv2.INTER_NEAREST, every)
-        shared = every**2 * cv2.countNonZero(self._thin_mask & shown)
+        shared = every**2 * cv2.countNonZero(cv2.bitwise_and(self._thin_mask, shown))
         if shared < settings.overlap * min(map(cv2.countNonZero, (self._mask, now.mask))):
             return None
         seen = ((self._thin_inner & shown) > 0).ravel().astype(np.float32)
