@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float
 
 MOST_CELLS = 2**26
@@ -89,6 +90,32 @@ def dot(first: Float[Array, "2 nx ny"], second: Float[Array, "2 nx ny"]) -> Floa
         second: second field.
     """
     return first[0] * second[0] + first[1] * second[1]
+
+
+def length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
+    """Distance from the origin; its derivative is 0 at the origin [mm].
+
+    Args:
+        points: positions [mm].
+    """
+    square = points[0] ** 2 + points[1] ** 2
+    off = square > 0.0
+    return jnp.where(off, jnp.sqrt(jnp.where(off, square, 1.0)), 0.0)
+
+
+def interpolate(
+    grid: Grid, field: Float[Array, "nx ny"], points: Float[Array, "2 ..."]
+) -> Float[Array, "..."]:
+    """A field between the cells, bilinear; beyond the grid the value of the nearest cell.
+
+    Args:
+        grid: cells.
+        field: values in the cells.
+        points: positions [mm].
+    """
+    axes = zip(points, grid.spacing, grid.shape, strict=True)
+    place = [along / cell + 0.5 * (count - 1) for along, cell, count in axes]
+    return map_coordinates(field, place, order=1, mode="nearest")
 
 
 def make_points(grid: Grid, dtype: np.dtype) -> Float[Array, "2 nx ny"]:

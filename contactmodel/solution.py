@@ -12,7 +12,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Real
 
 from contactmodel.common.arrays import AnyArray, is_traced
-from contactmodel.common.turning import on_circles, to_space, turn
+from contactmodel.common.turning import Circles, on_circles, to_circles, turn
 from contactmodel.contact import Contact, check_depth
 from contactmodel.elasticity.bodies import AbstractBody, Layer
 from contactmodel.elasticity.cells import Coefficients, cell_integrals
@@ -24,7 +24,15 @@ from contactmodel.elasticity.corrections import (
     narrow,
     stiffen,
 )
-from contactmodel.grid import Grid
+from contactmodel.elasticity.reading import (
+    ReadOnGrid,
+    ReadOutward,
+    find_reading,
+    is_read,
+    raise_limit,
+    read_field,
+)
+from contactmodel.grid import Grid, length
 from contactmodel.pose import Pose
 from contactmodel.solver.linear import Iterations
 from contactmodel.solver.results import RESULTS
@@ -154,11 +162,15 @@ class ContactSolution(eqx.Module):
     @property
     def loading(self) -> Loading:
         """The numbers of the linear contact from which the corrections follow."""
-        indenter = self.problem.indenter
         points = jnp.asarray(self.grid.points, self.pressure.dtype)
+        indenter = self.problem.indenter
         slope = jax.grad(lambda points: jnp.sum(indenter.height(points)))(points)
-        limit = self.problem.friction_coefficient.limit(self.pressure)
-        return measure_loading(points, slope, self.pressure, self.traction, limit)
+        law, gel, raised = self.problem.friction_coefficient, self.problem.elastomer, None
+        if is_read(gel, self.pose.corotated):
+            law_at = raise_limit(law, points, self.pose.approach, gel.thickness)
+            raised = law_at.limit(self.pressure)
+        limit = law.limit(self.pressure)
+        return measure_loading(points, slope, self.pressure, self.traction, limit, raised)
 
     @eqx.filter_jit
     def _correct(self) -> Correction:
@@ -184,8 +196,12 @@ class ContactSolution(eqx.Module):
         """
         u, v, w = self._on_grid(*self._of_elastomer(depth))
         if self.pose.corotated:
+            points = jnp.asarray(self.grid.points)
             opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
-            u, v = self._in_space(jnp.asarray(self.grid.points), [u, v], opposite)
+            circles, read = self._circles(points, [u, v], opposite), None
+            if self._is_read(depth):
+                read = ReadOnGrid(self.grid, circles.angle, w)
+            u, v, w = self._in_space(points, circles, w, read)
         return jnp.stack([u, v, -w], axis=-3)
 
     def object_displacement(self, depth: ArrayLike | None = None) -> Float[Array, "*path 3 nx ny"]:
@@ -207,10 +223,14 @@ class ContactSolution(eqx.Module):
             depth: depth of the points below the surface; None at the surface [mm].
         """
         points = jnp.asarray(points, self.pressure.dtype)
-        u, v, w = self._at(*self._of_elastomer(depth), points)
-        if self.pose.corotated:
-            opposite = self._at(*self._of_elastomer(depth), -points)[:2]
-            u, v = self._in_space(points.T, [u, v], opposite)
+        if not self.pose.corotated:
+            u, v, w = self._at(*self._of_elastomer(depth), points)
+            return jnp.stack([u, v, -w], axis=-1)
+        circles, w = self._circles_at(points, depth)
+        read = None
+        if self._is_read(depth):
+            read = self._read_outward(points, circles.angle, w)
+        u, v, w = self._in_space(points.T, circles, w, read)
         return jnp.stack([u, v, -w], axis=-1)
 
     def object_displacement_at(
@@ -236,14 +256,45 @@ class ContactSolution(eqx.Module):
         """Rotation ½ rot u_B by the object's deformation alone [rad]."""
         return self._rotation(self.problem.object_, -self.traction)
 
+    def _is_read(self, depth: ArrayLike | None) -> bool:
+        """Whether the field at a depth is corrected for finite strain: only at the surface."""
+        corrected = is_read(self.problem.elastomer, self.pose.corotated)
+        return corrected and check_depth(depth) is None
+
+    def _circles(self, points: Array, moved: Sequence[Array], opposite: Sequence[Array]) -> Circles:
+        """Motion on circles, from displacements of points and opposite points in the frame."""
+        points = points[(slice(None), *[None] * self.pose.twist.ndim)]
+        return to_circles(points, jnp.stack(moved), jnp.stack(opposite))
+
+    def _circles_at(self, points: Array, depth: ArrayLike | None) -> tuple[Circles, Array]:
+        """Motion of points on circles, and their deflection [mm]."""
+        u, v, w = self._at(*self._of_elastomer(depth), points)
+        opposite = self._at(*self._of_elastomer(depth), -points)[:2]
+        return self._circles(points.T, [u, v], opposite), w
+
+    @eqx.filter_jit
     def _in_space(
-        self, points: Array, moved: Sequence[Array], opposite: Sequence[Array]
-    ) -> Float[Array, "2 ..."]:
-        """Displacement in space, from those of points and opposite points in the frame [mm]."""
+        self, points: Array, circles: Circles, w: Array, read: ReadOnGrid | ReadOutward | None
+    ) -> tuple[Array, Array, Array]:
+        """Displacement in space and deflection [mm]; corrected if `read` reads the field."""
         steps, axes = self.pose.twist.ndim, points.ndim - 1
-        twist = self.pose.twist[(..., *[None] * axes)]
         points = points[(slice(None), *[None] * steps)]
-        return to_space(points, jnp.stack(moved), jnp.stack(opposite), twist)
+        if read is not None:
+            gel = self.problem.elastomer
+            assert isinstance(gel, Layer)
+            reading = find_reading(self.loading, self.pose.approach, gel.thickness)
+            distance = jnp.broadcast_to(length(points), circles.stretch.shape)
+            stretch, angle, w = read_field(reading, distance, circles.stretch, read)
+            circles = circles._replace(stretch=stretch, angle=angle)
+        u, v = circles.displacement(points, self.pose.twist[(..., *[None] * axes)])
+        return u, v, w
+
+    def _read_outward(self, points: Array, angle: Array, w: Array) -> ReadOutward:
+        """Read angle and deflection between points and points that are a cell further out."""
+        cell, distance = max(self.grid.spacing), length(points.T)
+        growth = cell / jnp.maximum(distance, cell)
+        circles, deflection = self._circles_at(points * (1.0 + growth)[:, None], None)
+        return ReadOutward(growth, angle, circles.angle, w, deflection)
 
     def _placed(self, points: Float[Array, "2 nx ny"]) -> Float[Array, "*path 2 nx ny"]:
         """Present positions of the contact's points in the frame of the object [mm]."""

@@ -12,9 +12,12 @@ from jaxtyping import Array, Float
 from contactmodel.common.arrays import is_traced
 from contactmodel.common.inputs import RangeWarning
 from contactmodel.contact import Contact
+from contactmodel.elasticity.bodies import Layer
 from contactmodel.elasticity.compliance import pair_compliance
 from contactmodel.elasticity.corrections import RANGE
-from contactmodel.friction import is_smooth
+from contactmodel.elasticity.reading import is_read, raise_limit
+from contactmodel.friction import AbstractFriction, is_smooth
+from contactmodel.grid import make_points
 from contactmodel.pose import Pose, Resultants
 from contactmodel.solution import ContactSolution, stack_steps
 from contactmodel.solver.alternating import solve_tractions
@@ -191,7 +194,19 @@ def _advance(task: _Task, last: Memory, pose: Pose, target: Target | None) -> St
     if height is None:
         dtype = pose.approach.dtype
         height = _find_heights(task.contact.indenter, task.contact.grid, dtype, last)
-    return _solve(Problem(*task.problem, height, pose, last), target, task.how)
+    compliance, law = task.problem
+    if is_read(task.contact.elastomer, pose.corotated):
+        law = _raise(task.contact, law, pose)
+    return _solve(Problem(compliance, law, height, pose, last), target, task.how)
+
+
+@eqx.filter_jit
+def _raise(contact: Contact, law: AbstractFriction, pose: Pose) -> AbstractFriction:
+    """The friction law of the gel at finite strain."""
+    points = make_points(contact.grid, pose.approach.dtype)
+    gel = contact.elastomer
+    assert isinstance(gel, Layer)
+    return raise_limit(law, points, pose.approach, gel.thickness)
 
 
 _find_heights = eqx.filter_jit(find_heights)

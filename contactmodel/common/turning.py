@@ -20,6 +20,8 @@ contacts. With ψ and u_r of the odd part and the even part e, a point X moves t
 R(ψ) X (1 + u_r/r) + R(θ) e. Friction and slip refer to the frame, which is the object's.
 """
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -56,11 +58,42 @@ def to_space(
         opposite: displacement of −points in the frame [mm].
         twist: θ of the object [rad].
     """
+    return to_circles(points, moved, opposite).displacement(points, twist)
+
+
+class Circles(NamedTuple):
+    """Motion of the gel's points on circles.
+
+    Attributes:
+        stretch: 1 + u_r/r, the radius of a point's circle over its first distance [-].
+        angle: ψ, by which the point turns [rad].
+        even: displacement by a shift, in the turning frame [mm].
+    """
+
+    stretch: Float[Array, "..."]
+    angle: Float[Array, "..."]
+    even: Float[Array, "2 ..."]
+
+    def displacement(
+        self, points: Float[Array, "2 ..."], twist: Float[Array, "..."]
+    ) -> Float[Array, "2 ..."]:
+        """Displacement in space [mm].
+
+        Args:
+            points: undeformed positions relative to the object's middle [mm].
+            twist: θ of the object [rad].
+        """
+        return turn(points * self.stretch, self.angle) - points + turn(self.even, twist)
+
+
+def to_circles(
+    points: Float[Array, "2 ..."], moved: Float[Array, "2 ..."], opposite: Float[Array, "2 ..."]
+) -> Circles:
+    """Split a displacement in the turning frame; arguments as for `to_space`."""
     odd, even = 0.5 * (moved - opposite), 0.5 * (moved + opposite)
     stretch = 1.0 + _along(points, odd)
     across = jnp.stack([-points[1], points[0]])
-    angle = _along(points, odd, across) / stretch
-    return turn(points * stretch, angle) - points + turn(even, twist)
+    return Circles(stretch, _along(points, odd, across) / stretch, even)
 
 
 def _along(

@@ -13,7 +13,8 @@ moment at which all slides, a neo-Hookean gel has
     M/M_linear − 1 = (1 − m⁴)(g₁ s₂ + g₃ e μ_t²) + m⁴ (y + t) + g₂ e x
 
 where t is the mean of 1/cos α − 1 under p r, α the angle of the slope: friction acts on the
-inclined area. The side of a pad of radius W multiplies by
+inclined area. If the friction itself is raised by a mean factor q (`reading`), y + t becomes
+(1 + y + t)/q − 1. The side of a pad of radius W multiplies by
 
     exp[−A (1 + B k) (a/h)^α (h/W)^β e^{γ (ν − 0.48)}]
 
@@ -28,10 +29,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-_FORCE = (-0.164, 0.819, 12.2, 0.468, 0.112)
-_MOMENT = (0.295, -0.410, 0.803)
-_SIDE_FORCE = (0.610, 0.201, 1.731, 3.017, 8.32)
-_SIDE_MOMENT = (0.915, 0.336, 1.914, 3.239, 12.19)
+_FORCE = (-0.162, 0.812, 12.1, 0.433, 0.0996)
+_MOMENT = (0.296, -0.441, 0.696)
+_SIDE_FORCE = (0.607, 0.205, 1.729, 3.005, 8.36)
+_SIDE_MOMENT = (0.904, 0.364, 1.921, 3.221, 12.28)
 
 RANGE = (
     "the fitted range (see `ContactSolution.correction`): depth up to 0.25 of the thickness, "
@@ -77,6 +78,7 @@ class Loading(NamedTuple):
         sheared: μ_t², (M/ρP)² [-].
         used: m², (moment over the moment at which all slides)², at most 1 [-].
         friction: mean of the friction coefficient under p r [-].
+        gain: mean factor on the limit of friction under p r (`reading`) [-].
         simple: whether the contact is round and carries little shear force.
     """
 
@@ -89,6 +91,7 @@ class Loading(NamedTuple):
     sheared: Float[Array, "*path"]
     used: Float[Array, "*path"]
     friction: Float[Array, "*path"]
+    gain: Float[Array, "*path"]
     simple: Bool[Array, "*path"]
 
 
@@ -98,6 +101,7 @@ def measure_loading(
     pressure: Float[Array, "*path nx ny"],
     traction: Float[Array, "*path 2 nx ny"],
     limit: Float[Array, "*path nx ny"],
+    raised: Float[Array, "*path nx ny"] | None = None,
 ) -> Loading:
     """Measure the numbers from which the corrections follow.
 
@@ -107,6 +111,8 @@ def measure_loading(
         pressure: p [MPa].
         traction: τ [MPa].
         limit: largest traction [MPa].
+        raised: largest traction by the friction that the contact was solved with; None if it is
+            `limit` [MPa].
     """
 
     def total(field: Array) -> Array:
@@ -125,6 +131,7 @@ def measure_loading(
     tau_x, tau_y = jnp.moveaxis(traction, -3, 0)
     moment, force = total(x * tau_y - y * tau_x), total(pressure)
     most = total(limit * distance)
+    used = most if raised is None else total(raised * distance)
     sideways = total(tau_x) ** 2 + total(tau_y) ** 2
     corners = total(share * (x**4 - 6.0 * x**2 * y**2 + y**4)) ** 2  # 0 for a round contact
     corners = corners + total(share * 4.0 * x * y * (x**2 - y**2)) ** 2
@@ -136,8 +143,9 @@ def measure_loading(
         rim_slope=total(share * distance**2 * incline) / _or_one(square),
         tilt=total(share * distance * (jnp.sqrt(1.0 + incline**2) - 1.0)) / _or_one(lever),
         sheared=moment**2 / _or_one(square * force**2),
-        used=jnp.minimum((moment / _or_one(most)) ** 2, 1.0),
+        used=jnp.minimum((moment / _or_one(used)) ** 2, 1.0),
         friction=most / _or_one(lever * force),
+        gain=jnp.where(most > 0.0, used / _or_one(most), 1.0),
         simple=((xx - yy) ** 2 + 4.0 * xy**2 <= 0.09 * square**2)
         & (corners <= (0.1 * total(share * distance**4)) ** 2)
         & (sideways <= (0.05 * force) ** 2),
@@ -166,7 +174,7 @@ def stiffen(
     force = loading.slope * (f[0] + f[1] * x) * (1.0 + f[2] * (0.48 - nu))
     force = force + f[3] * sheared - f[4] * depth * used
     holds = g[0] * loading.rim_slope + g[2] * sheared
-    slides = force + loading.tilt
+    slides = (1.0 + force + loading.tilt) / loading.gain - 1.0
     moment = (1.0 - used**2) * holds + used**2 * slides + g[1] * depth * x
     touches = x > 0.0
     rounded = loading.slope * x >= 0.35 * depth  # 0.44 to 0.69 where fitted; 0 for sharp edges
@@ -177,6 +185,24 @@ def stiffen(
     return Correction(
         1.0 + jnp.where(touches, force, 0.0), 1.0 + jnp.where(touches, moment, 0.0), covered
     )
+
+
+def stick_gain(
+    loading: Loading,
+    approach: Float[Array, "*path"],
+    thickness: Float[Array, ""],
+    numbers: Sequence[float] = _MOMENT,
+) -> Float[Array, "*path"]:
+    """g₁ s₂ + g₂ e x, by which the moment of a neo-Hookean gel is larger where all sticks [-].
+
+    Args:
+        loading: numbers of the linear contact.
+        approach: δ [mm].
+        thickness: h [mm].
+        numbers: g₁ to g₃ [-].
+    """
+    x = loading.reach / thickness
+    return numbers[0] * loading.rim_slope + numbers[1] * approach / thickness * x
 
 
 def narrow(

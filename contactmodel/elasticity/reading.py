@@ -1,0 +1,208 @@
+"""Surface field of a wide neo-Hookean gel in a frame that turns with the object.
+
+Linear elasticity does not distinguish the first from the present position of a point. A pressed gel
+moves outward, so a point near the edge of the contact is under another part of the object than at
+first. Four corrections of the surface field follow, all for round contacts. With r the distance of
+a point from the axis, h the thickness, δ the approach, a the radius of the contact, ρ the root of
+the mean of r² under the pressure, x = ρ/h and s₂ the mean slope of the object under p r²:
+
+1. The surface slopes, so it reaches less far outward: u_r is reduced by c₁ a (1 − x) s₂² (r/a)²
+   inside the contact, and falls by (a/r)³ outside.
+2. Linear fields hold at present positions: the deflection at r is read at r + u_r, and the angle ψ
+   at r + c₂ u_r.
+3. The gel is stiffer under the object than far away. The far field follows from the moment, which
+   is larger by g₁ s₂ + g₂ x δ/h where all sticks (`corrections`), the near field from the object:
+   ψ grows by c₃ (1 − a/r) times this outside the contact.
+4. Friction is stronger relative to the gel's stiffness by 1 + c₄ δ r/h². This is a factor on the
+   limit of friction (`raise_limit`), which changes the solution; the correction of the moment takes
+   it out again.
+
+The coefficients c₁ to c₄ are fitted to finite elements (`papers.finite_strain.fields`). Points
+that stick since the press are not moved by 2 and 3.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeGuard
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from contactmodel.elasticity.bodies import AbstractBody, Layer
+from contactmodel.elasticity.corrections import Loading, stick_gain
+from contactmodel.friction import AbstractFriction
+from contactmodel.grid import Grid, interpolate, length
+
+_NUMBERS = (0.192, 0.507, 1.412)
+_LIMIT = 0.175
+
+
+def is_read(body: AbstractBody, corotated: bool) -> TypeGuard[Layer]:
+    """Whether the surface field of a body is corrected, under corotated poses."""
+    return isinstance(body, Layer) and body.neo_hookean and corotated
+
+
+class Reading(NamedTuple):
+    """Numbers of the corrected field, by step.
+
+    Attributes:
+        radius: a, radius of the contact; 1 without contact [mm].
+        inward: reduction of u_r at the edge of the contact [mm].
+        follow: c₂, share of u_r by which the angle is read further out [-].
+        far: relative growth of the angle far away [-].
+    """
+
+    radius: Float[Array, "*path"]
+    inward: Float[Array, "*path"]
+    follow: float
+    far: Float[Array, "*path"]
+
+    def narrow(self, distance: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Change of the stretch 1 + u_r/r at a distance from the axis; 0 on the axis [-]."""
+        ratio, radius, inward = self._of(distance, self.inward)
+        inside = ratio < 1.0
+        outer = jnp.where(inside, 1.0, ratio)
+        return -inward / radius * jnp.where(inside, ratio, outer**-4)
+
+    def strengthen(self, distance: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Factor on the angle at a distance from the axis [-]."""
+        ratio, _, far = self._of(distance, self.far)
+        outer = jnp.where(ratio < 1.0, 1.0, ratio)
+        return 1.0 + far * (1.0 - 1.0 / outer)
+
+    def _of(self, distance: Array, number: Array) -> tuple[Array, Array, Array]:
+        """The distance over a, a, and a number, with axes for the points."""
+        axes = (..., *[None] * (distance.ndim - self.radius.ndim))
+        return distance / self.radius[axes], self.radius[axes], number[axes]
+
+
+def find_reading(
+    loading: Loading,
+    approach: Float[Array, "*path"],
+    thickness: Float[Array, ""],
+    numbers: Sequence[float] = _NUMBERS,
+) -> Reading:
+    """Numbers of the corrected field.
+
+    Args:
+        loading: numbers of the linear contact.
+        approach: δ [mm].
+        thickness: h [mm].
+        numbers: c₁ to c₃ [-].
+    """
+    touches = loading.radius > 0.0
+    x = jnp.minimum(loading.reach / thickness, 1.0)
+    inward = numbers[0] * loading.radius * (1.0 - x) * loading.rim_slope**2
+    return Reading(
+        jnp.where(touches, loading.radius, 1.0),
+        jnp.where(touches, inward, 0.0),
+        numbers[1],
+        jnp.where(touches, numbers[2] * stick_gain(loading, approach, thickness), 0.0),
+    )
+
+
+def read_field(
+    reading: Reading,
+    distance: Float[Array, "..."],
+    stretch: Float[Array, "..."],
+    read: Callable[[Array, Array], tuple[Array, Array]],
+) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+    """Stretch, angle and deflection of points, corrected.
+
+    Args:
+        reading: numbers of the corrected field.
+        distance: distance of the points from the axis [mm].
+        stretch: 1 + u_r/r of the linear field [-].
+        read: the angle and the deflection of the linear field, each read at the points times a
+            factor.
+    """
+    narrowed = stretch + reading.narrow(distance)
+    angle, deflection = read(1.0 + reading.follow * (narrowed - 1.0), narrowed)
+    return narrowed, angle * reading.strengthen(distance), deflection
+
+
+class ReadOnGrid(eqx.Module):
+    """Reads a linear field between the cells of a grid.
+
+    Attributes:
+        grid: cells.
+        angle: ψ [rad].
+        deflection: w [mm].
+    """
+
+    grid: Grid = eqx.field(static=True)
+    angle: Float[Array, "*path nx ny"]
+    deflection: Float[Array, "*path nx ny"]
+
+    def __call__(self, turned: Array, deep: Array) -> tuple[Array, Array]:
+        """Angle and deflection, each at the cells' centres times a factor."""
+        return self._at(self.angle, turned), self._at(self.deflection, deep)
+
+    def _at(self, field: Array, scale: Array) -> Array:
+        points, shape = jnp.asarray(self.grid.points, field.dtype), (-1, *self.grid.shape)
+        read = jax.vmap(lambda one, factor: interpolate(self.grid, one, factor * points))
+        return read(field.reshape(shape), scale.reshape(shape)).reshape(field.shape)
+
+
+class ReadOutward(eqx.Module):
+    """Reads a linear field near points, from its values there and further out.
+
+    Attributes:
+        growth: distance of the outer points over that of the points, minus 1 [-].
+        angle: ψ at the points [rad].
+        outer_angle: ψ at the outer points [rad].
+        deflection: w at the points [mm].
+        outer_deflection: w at the outer points [mm].
+    """
+
+    growth: Float[Array, " n"]
+    angle: Float[Array, "*path n"]
+    outer_angle: Float[Array, "*path n"]
+    deflection: Float[Array, "*path n"]
+    outer_deflection: Float[Array, "*path n"]
+
+    def __call__(self, turned: Array, deep: Array) -> tuple[Array, Array]:
+        """Angle and deflection, each at the points times a factor."""
+        by_angle, by_depth = ((scale - 1.0) / self.growth for scale in (turned, deep))
+        return (
+            self.angle + by_angle * (self.outer_angle - self.angle),
+            self.deflection + by_depth * (self.outer_deflection - self.deflection),
+        )
+
+
+class Raised(AbstractFriction):
+    """A friction law times a map on the grid.
+
+    Attributes:
+        law: the friction law.
+        gain: factor on its limit [-].
+    """
+
+    law: AbstractFriction
+    gain: Float[Array, "*path nx ny"]
+
+    def limit(self, pressure: Float[Array, "*grid"]) -> Float[Array, "*grid"]:
+        """The law's limit times the map [MPa]."""
+        return self.gain * self.law.limit(pressure)
+
+
+def raise_limit(
+    law: AbstractFriction,
+    points: Float[Array, "2 nx ny"],
+    approach: Float[Array, "*path"],
+    thickness: Float[Array, ""],
+    number: float = _LIMIT,
+) -> Raised:
+    """The friction law with a limit that is larger by the factor 1 + c₄ δ r/h².
+
+    Args:
+        law: the friction law of linear elasticity.
+        points: centres of the cells [mm].
+        approach: δ [mm].
+        thickness: h [mm].
+        number: c₄ [-].
+    """
+    depth = jnp.maximum(approach, 0.0)[..., None, None]
+    gain = 1.0 + number * depth * length(points) / thickness**2
+    return Raised(law, gain.astype(points.dtype))
