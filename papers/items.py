@@ -24,7 +24,7 @@ ITEMS = {
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),
-    "finite_strain": ("atlas", "factors", "reference", "samples"),
+    "finite_strain": ("atlas", "factors", "fields", "reference", "samples"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered", "slides"),
 }
@@ -37,6 +37,7 @@ EXTRAS = {
     ("marker_images", "clips"): "video",
     ("marker_images", "states"): "video",
     ("softness", "layered"): "sweeps",
+    ("finite_strain", "fields"): "finite-elements",
     ("finite_strain", "reference"): "finite-elements",
     ("finite_strain", "samples"): "finite-elements",
 }

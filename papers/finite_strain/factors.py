@@ -76,10 +76,9 @@ def compare(sample: Sample) -> Errors:
     """Errors of force and moment without and with the corrections."""
     scale, path = _solve(sample)
     kept = slice(_PRESSES - 1, None)
-    correction = path.correction
     after, reference = _results(path, scale), _reference(sample)
-    covered = bool(np.all(np.asarray(correction.covered)[kept]))
-    before = after / _stack(correction)[:, kept]
+    covered = bool(np.all(np.asarray(path.correction.covered)[kept]))
+    before = _results(_solve(sample, corrected=False)[1], scale)
     return Errors(before / reference - 1.0, after / reference - 1.0, covered)
 
 
@@ -89,7 +88,7 @@ def _reference(sample: Sample) -> Float[np.ndarray, "2 steps"]:
     return np.stack([sample.force_n * (1.0 - _GROWN[sample.growth]), moment])
 
 
-def _solve(sample: Sample) -> tuple[float, ContactSolution]:
+def _solve(sample: Sample, *, corrected: bool = True) -> tuple[float, ContactSolution]:
     """The scale of lengths, and the solutions: pressed on in steps, then turned."""
     margin = 1.12 if sample.pad_mm > 3.0 * sample.thickness_mm else 1.3
     half = margin * sample.contact_mm
@@ -98,7 +97,9 @@ def _solve(sample: Sample) -> tuple[float, ContactSolution]:
     scale = 0.5 * _SIDE / half
     flat, edge, depth = (scale * length for length in sample[:3])
     thickness, pad = scale * sample.thickness_mm, scale * sample.pad_mm
-    gel = Layer(SHEAR_MODULUS, sample.poisson_ratio, thickness, pad, neo_hookean=True)
+    gel = Layer(SHEAR_MODULUS, sample.poisson_ratio, thickness)
+    if corrected:
+        gel = Layer(SHEAR_MODULUS, sample.poisson_ratio, thickness, pad, neo_hookean=True)
     shape = RoundPunch(flat + edge, edge) if sample.flat_mm else Sphere(edge)
     contact = Contact(gel, Rigid(), shape, Grid((_CELLS, _CELLS), (_SIDE, _SIDE)), sample.friction)
     steps = len(sample.angle_deg)
