@@ -25,8 +25,8 @@ from contactmodel.elasticity.corrections import (
     stiffen,
 )
 from contactmodel.elasticity.reading import (
+    ReadNearby,
     ReadOnGrid,
-    ReadOutward,
     find_reading,
     is_read,
     raise_limit,
@@ -149,7 +149,8 @@ class ContactSolution(eqx.Module):
     def correction(self) -> Correction:
         """Factors in `force` and `moment`, which the elastomer's `Layer` selects.
 
-        Pressure, traction, displacements, slip and energy stay those of linear elasticity. Press
+        Pressure, traction, slip and energy stay those of linear elasticity, but for the limit of
+        friction under corotated poses (see `reading`). Press
         in four steps or more: in one step, friction carries too much of the press. Poses that are
         not corotated are covered up to twists of 0.1 rad. Outside the range, `solve_contact` and
         `solve_path` give a `RangeWarning`, inside `jit` only `covered` shows it.
@@ -191,6 +192,8 @@ class ContactSolution(eqx.Module):
     ) -> Float[Array, "*path 3 nx ny"]:
         """Displacement of the elastomer at the centres of the cells [mm].
 
+        At the surface of a neo-Hookean layer under a corotated pose it is corrected (`reading`).
+
         Args:
             depth: depth below its surface; None at the surface [mm].
         """
@@ -200,7 +203,7 @@ class ContactSolution(eqx.Module):
             opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
             circles, read = self._circles(points, [u, v], opposite), None
             if self._is_read(depth):
-                read = ReadOnGrid(self.grid, circles.angle, w)
+                read = self._linear_field()
             u, v, w = self._in_space(points, circles, w, read)
         return jnp.stack([u, v, -w], axis=-3)
 
@@ -218,6 +221,8 @@ class ContactSolution(eqx.Module):
     ) -> Float[Array, "*path n 3"]:
         """Displacement of points of the elastomer, for example of markers [mm].
 
+        It is corrected like `elastomer_displacement`.
+
         Args:
             points: undeformed positions, inside or outside the grid [mm].
             depth: depth of the points below the surface; None at the surface [mm].
@@ -229,7 +234,7 @@ class ContactSolution(eqx.Module):
         circles, w = self._circles_at(points, depth)
         read = None
         if self._is_read(depth):
-            read = self._read_outward(points, circles.angle, w)
+            read = ReadNearby(self._linear_field(), points.T, circles.angle, w)
         u, v, w = self._in_space(points.T, circles, w, read)
         return jnp.stack([u, v, -w], axis=-1)
 
@@ -274,7 +279,7 @@ class ContactSolution(eqx.Module):
 
     @eqx.filter_jit
     def _in_space(
-        self, points: Array, circles: Circles, w: Array, read: ReadOnGrid | ReadOutward | None
+        self, points: Array, circles: Circles, w: Array, read: ReadOnGrid | ReadNearby | None
     ) -> tuple[Array, Array, Array]:
         """Displacement in space and deflection [mm]; corrected if `read` reads the field."""
         steps, axes = self.pose.twist.ndim, points.ndim - 1
@@ -289,12 +294,12 @@ class ContactSolution(eqx.Module):
         u, v = circles.displacement(points, self.pose.twist[(..., *[None] * axes)])
         return u, v, w
 
-    def _read_outward(self, points: Array, angle: Array, w: Array) -> ReadOutward:
-        """Read angle and deflection between points and points that are a cell further out."""
-        cell, distance = max(self.grid.spacing), length(points.T)
-        growth = cell / jnp.maximum(distance, cell)
-        circles, deflection = self._circles_at(points * (1.0 + growth)[:, None], None)
-        return ReadOutward(growth, angle, circles.angle, w, deflection)
+    def _linear_field(self) -> ReadOnGrid:
+        """The linear field at the surface, between the cells."""
+        u, v, w = self._on_grid(*self._of_elastomer(None))
+        opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
+        circles = self._circles(jnp.asarray(self.grid.points), [u, v], opposite)
+        return ReadOnGrid(self.grid, circles.angle, w)
 
     def _placed(self, points: Float[Array, "2 nx ny"]) -> Float[Array, "*path 2 nx ny"]:
         """Present positions of the contact's points in the frame of the object [mm]."""

@@ -134,8 +134,9 @@ class Layer(AbstractBody):
         neo_hookean: whether the gel stiffens with depth as a neo-Hookean gel does.
 
     `radius` and `neo_hookean` multiply a solution's force and moment by fitted factors
-    (`ContactSolution.correction`). They require a rigid object and given motions. Fields and
-    tractions stay those of the wide linear layer.
+    (`ContactSolution.correction`). They require a rigid object and given motions. Under corotated
+    poses, `neo_hookean` also raises the limit of friction and corrects the displacement of the
+    surface (see `reading`). Otherwise fields and tractions stay those of the wide linear layer.
 
     Examples:
         >>> from contactmodel import Contact, Grid, Layer, Pose, Rigid, Sphere, solve_contact

@@ -145,30 +145,42 @@ class ReadOnGrid(eqx.Module):
         return read(field.reshape(shape), scale.reshape(shape)).reshape(field.shape)
 
 
-class ReadOutward(eqx.Module):
-    """Reads a linear field near points, from its values there and further out.
+class ReadNearby(eqx.Module):
+    """Reads a linear field near points: its values there, plus its change on the grid.
+
+    Beyond the grid the change is that in the same direction at the rim, and falls like r⁻³.
 
     Attributes:
-        growth: distance of the outer points over that of the points, minus 1 [-].
+        grid: the field on the grid.
+        points: undeformed positions [mm].
         angle: ψ at the points [rad].
-        outer_angle: ψ at the outer points [rad].
         deflection: w at the points [mm].
-        outer_deflection: w at the outer points [mm].
     """
 
-    growth: Float[Array, " n"]
+    grid: ReadOnGrid
+    points: Float[Array, "2 n"]
     angle: Float[Array, "*path n"]
-    outer_angle: Float[Array, "*path n"]
     deflection: Float[Array, "*path n"]
-    outer_deflection: Float[Array, "*path n"]
 
     def __call__(self, turned: Array, deep: Array) -> tuple[Array, Array]:
         """Angle and deflection, each at the points times a factor."""
-        by_angle, by_depth = ((scale - 1.0) / self.growth for scale in (turned, deep))
         return (
-            self.angle + by_angle * (self.outer_angle - self.angle),
-            self.deflection + by_depth * (self.outer_deflection - self.deflection),
+            self.angle + self._change(self.grid.angle, turned),
+            self.deflection + self._change(self.grid.deflection, deep),
         )
+
+    def _change(self, field: Array, scale: Array) -> Array:
+        """Change of a field on the grid from the points to the points times a factor."""
+        cells = self.grid.grid
+        rim = 0.5 * jnp.array(cells.size) - 2.0 * jnp.array(cells.spacing)
+        beyond = jnp.maximum(jnp.max(jnp.abs(self.points) / rim[:, None], axis=0), 1.0)
+        inner = self.points / beyond
+
+        def change(field: Array, factor: Array) -> Array:
+            return interpolate(cells, field, factor * inner) - interpolate(cells, field, inner)
+
+        read = jax.vmap(change)(field.reshape(-1, *cells.shape), scale.reshape(-1, inner.shape[1]))
+        return read.reshape(scale.shape) / beyond**3
 
 
 class Raised(AbstractFriction):

@@ -34,7 +34,7 @@ WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True,
 
 _PRESSES, _CELLS, _SIDE = 8, 40, 10.0
 _TURNS_DEG = (1, 2, 3.5, 5, 7.5, 10, 12.5, 15, 17.5, 20, 19, 18, 17, 16, 15, 12.5, 10)
-_KEPT = (1, 3, 5, 7, 9, 11, 12, 16, 17, 22, 24)  # steps of the model
+_KEPT = (1, 3, 5, 7, 9, 11, 13, 15, 17, 22, 24)  # steps of the model
 _RISING, _BACK = slice(5, 9), slice(9, 11)  # of these: 5, 10, 15 and 20°, back to 15 and 10°
 _AZIMUTHS = np.radians([0.0, 22.5, 45.0])
 
