@@ -203,7 +203,7 @@ class ContactSolution(eqx.Module):
             opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
             circles, read = self._circles(points, [u, v], opposite), None
             if self._is_read(depth):
-                read = self._linear_field()
+                read = ReadOnGrid(self.grid, circles.angle, w)
             u, v, w = self._in_space(points, circles, w, read)
         return jnp.stack([u, v, -w], axis=-3)
 
