@@ -50,8 +50,7 @@ class Template:
             slice(max(y - rim, 0), y + height + rim),
             slice(max(x - rim, 0), x + width + rim),
         )
-        value, self._mask = texture.smooth[self.box], np.ascontiguousarray(texture.mask[self.box])
-        self._inner = cv2.erode(self._mask, np.ones((3, 3), np.uint8))  # where slopes are known
+        value, self._mask = texture.smooth[self.box], texture.mask[self.box]
         rows, columns = value.shape
         self._corner = np.array([self.box[1].start, self.box[0].start], float)
         self._middle = self._corner + 0.5 * (np.array([columns, rows]) - 1.0)
@@ -67,7 +66,7 @@ class Template:
         self.every = 2 if value.size > 4 * enough else 1
         thinned = slice(None, None, self.every), slice(None, None, self.every)
         self._thin_mask = np.ascontiguousarray(self._mask[thinned])
-        self._thin_inner = self._inner[thinned]
+        self._thin_inner = texture.inner[self.box][thinned]
         self._planes = np.stack([plane[thinned] for plane in planes]).reshape(5, -1)
 
     def align(
@@ -85,9 +84,10 @@ class Template:
         every = self.every
         shown = self.bring(now.mask, warp, cv2.INTER_NEAREST, every)
         shared = every**2 * cv2.countNonZero(cv2.bitwise_and(self._thin_mask, shown))
-        if shared < settings.overlap * min(map(cv2.countNonZero, (self._mask, now.mask))):
+        if shared < settings.overlap * min(map(cv2.countNonZero, (self.texture.mask, now.mask))):
             return None
-        seen = ((self._thin_inner & shown) > 0).ravel().astype(np.float32)
+        inner = self.bring(now.inner, warp, cv2.INTER_NEAREST, every)
+        seen = ((self._thin_inner & inner) > 0).ravel().astype(np.float32)
         products = ((self._planes * seen) @ self._planes.T).astype(float)
         count, sums = products[4, 4], products[4, :4]
         if count < len(products):

@@ -31,6 +31,11 @@ class Texture:
         """The value, with less of its grain, for which a registration needs no finer steps."""
         return cv2.GaussianBlur(self.value, (3, 3), 0)
 
+    @cached_property
+    def inner(self) -> UInt8[np.ndarray, "h w"]:
+        """The mask without the pixels beside hidden ones, on which their slopes depend."""
+        return cv2.erode(self.mask, np.ones((3, 3), np.uint8))
+
 
 @dataclass(frozen=True, eq=False)
 class Painted:
