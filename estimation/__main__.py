@@ -126,7 +126,7 @@ def fetch(
 ) -> None:
     """Download published data sets to the cache, unless it holds them intact."""
     for name in names:
-        print(datasets.fetch(name, say=say))
+        print(datasets.fetch(name, log=say))
 
 
 def main() -> None:

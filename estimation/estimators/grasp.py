@@ -163,9 +163,9 @@ def compare_fingers(
         >>> print(f"the fingers differ by {apart:.1f}° at most")
         the fingers differ by 0.1° at most
     """
-    recounted = first.recounted, second.recounted
-    first = replace(first, **first.without(recounted[0]))
-    second = replace(second, **second.without(recounted[1]))
+    restarted = first.restarted, second.restarted
+    first = replace(first, **first.without(restarted[0]))
+    second = replace(second, **second.without(restarted[1]))
     pair = _Pair(first, second, short_s)
     clock, own_clocks, doubt = pair.find_clock()
     fixed = pair.fit(clock, doubt, free_slope=False)
@@ -187,7 +187,7 @@ def compare_fingers(
         free=free,
         own_clocks=own_clocks,
         raw=_compare_raw(first, second, least_difference),
-        left_out=(int(recounted[0].sum()), int(recounted[1].sum())),
+        left_out=(int(restarted[0].sum()), int(restarted[1].sum())),
     )
 
 

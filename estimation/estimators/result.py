@@ -12,6 +12,7 @@ TOO_FEW_STICK = "too few markers stick"
 UNSEEN_TURN = "holds again after an unobserved rotation"
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
 UNTOLD_TURN = "no slip is seen, but too few markers move as one body to give an angle"
+STICKS_UNTOLD = "the contact sticks, but the object's rotation so far is unknown"
 """Reasons for a missing or uncertain angle that several modules give."""
 
 
@@ -275,7 +276,7 @@ class Track(_OverFrames):
         return np.array([state == State.MACRO_SLIP for state in self.state], dtype=bool)
 
     @property
-    def recounted(self) -> Bool[np.ndarray, " frames"]:
+    def restarted(self) -> Bool[np.ndarray, " frames"]:
         """Frames whose angle counts from a restart later than the contact's first angle."""
         rows = np.zeros(len(self.time), dtype=bool)
         first: int | None = None  # restarts at the contact's first angle

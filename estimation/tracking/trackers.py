@@ -12,7 +12,13 @@ from estimation.estimators import (
     method_constants,
     share_fits,
 )
-from estimation.estimators.result import TOO_FEW_STICK, UNTOLD_TURN, Estimate, State
+from estimation.estimators.result import (
+    STICKS_UNTOLD,
+    TOO_FEW_STICK,
+    UNTOLD_TURN,
+    Estimate,
+    State,
+)
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, MarkerLayout
@@ -194,7 +200,7 @@ class Trackers:
         if self.shear.slides:
             return State.MACRO_SLIP, why
         if self.shear.sticks:
-            return State.STICK, why and UNTOLD_TURN
+            return State.STICK, why and STICKS_UNTOLD
         if why or not gel.stick.any():
             if self.shear.holds or self.load.holds:
                 return State.INCIPIENT, why and UNTOLD_TURN

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from estimation.choices import ContactSettings
 from estimation.estimators import METHODS
-from estimation.estimators.result import State
+from estimation.estimators.result import STICKS_UNTOLD, State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
+from estimation.frames.recording import Frame
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.tracking.trackers import Trackers
 from tests.cases import domed_pad, lift
@@ -53,6 +54,23 @@ def test_states_and_their_bounds():
     assert State.INCIPIENT in expected
     generous = estimate_angles(recording, noise=MICRON, contact=ContactSettings(stick_share=0.01))
     assert set(generous.state[5:]) == {State.STICK}
+
+
+def test_reason_where_the_print_sticks_but_the_angle_is_unknown():
+    """Markers scattered by a sensor that saw no turn; the print has stayed on the gel."""
+    recording = lift(ANGLES)
+    rest, touched = recording.layout.reference, recording.positions[-1]
+    contact = rest[:, 2] - touched[:, 2] > 0.1
+    tracker, rng = Tracker(recording.layout, noise=MICRON), np.random.default_rng(0)
+    for number in range(6):
+        scatter = rng.normal(size=rest.shape) * [0.1, 0.1, 0.0]
+        stays = (0.99, 0.99, 0.99)
+        last = tracker.update(
+            Frame(touched + scatter, 0.1 * number, number, contact=contact, hold=stays)
+        )
+    assert last.state == State.STICK
+    assert np.isnan(last.angle)
+    assert last.reason == STICKS_UNTOLD
 
 
 def test_noise_is_estimated_unless_given():

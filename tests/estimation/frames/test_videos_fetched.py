@@ -68,7 +68,7 @@ def server(tmp_path, monkeypatch):
 def test_fetched_once_with_the_licence_shown(server, tmp_path):
     shop, asked = server
     said = []
-    folder = datasets.fetch("videos", say=said.append)
+    folder = datasets.fetch("videos", log=said.append)
     assert folder == tmp_path / "cache" / "clips" / "tool" / "lift"
     assert any("BSD-2-Clause" in line for line in said)
     for file in FILES:
