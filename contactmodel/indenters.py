@@ -22,7 +22,7 @@ _SIDE_SLOPE = 1e3
 class AbstractIndenter(eqx.Module):
     """The shape of an object; its lowest point has the height 0 at the origin.
 
-    The height is not checked. The approach counts from height 0, so a shape whose lowest point is
+    The height is not checked. The approach is measured from height 0, so a shape whose lowest point is
     higher is pressed in less.
 
     Examples:

@@ -53,8 +53,9 @@ def solve_contact(
 ) -> ContactSolution:
     """Press an object onto an elastomer, then shift and twist it.
 
-    Pressure and friction are solved together. They are independent if both bodies have the same
-    (1−2ν)/G, for example a rigid object on an incompressible half-space.
+    Pressure and friction are solved together. They are independent only between half-spaces of the
+    same (1−2ν)/G, for example a rigid object on an incompressible half-space. On a `Layer`, even
+    an incompressible one, they depend on each other.
 
     Gradients are exact for fixed sets of touching, sticking and sliding cells. They omit the change
     of these sets. Second derivatives therefore lack a part, and so do first derivatives that

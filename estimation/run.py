@@ -13,7 +13,7 @@ from rich.progress import Progress
 from estimation.frames.inspection import list_flaws
 from estimation.frames.noise import Noise, expect_unit
 from estimation.output.answer import describe_run
-from estimation.output.found import Run, describe_loaded_start, find_in_record
+from estimation.output.found import Run, describe_loaded_start, describe_printed, find_in_record
 from estimation.output.missing import describe_answers
 from estimation.output.overview import put_side_by_side
 from estimation.output.preview import find_encoder, write_preview
@@ -354,6 +354,8 @@ def _describe_results(run: Run, summary: dict[str, Any], folder: Path) -> list[s
         lines += [f"  {note}" for note in run.notes]
     elif loaded := describe_loaded_start(run.main):
         lines.append(f"  {loaded}")
+    if printed := describe_printed(run.main, run.imprint):
+        lines.append(f"  {printed}")
     if run.truth is not None:
         for name, figures in summary["methods"].items():
             firm, all_answered = (

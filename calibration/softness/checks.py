@@ -133,11 +133,12 @@ def _too_few(trial: Trial, readings: Series, count: int, fewest: int) -> str:
 
 def _left_out(trial: Trial) -> str:
     """Unused frames by reason, in brackets."""
-    excluded = ", ".join(_count_excluded(trial.excluded))
+    excluded = ", ".join(count_excluded(trial.excluded))
     return f" (left out: {excluded})" if excluded else ""
 
 
-def _count_excluded(excluded: Mapping[str, int]) -> list[str]:
+def count_excluded(excluded: Mapping[str, int]) -> list[str]:
+    """Numbers of unused frames by reason, as phrases."""
     return [f"{counted(count, 'frame', 'frames')} {reason}" for reason, count in excluded.items()]
 
 
@@ -275,7 +276,7 @@ def _note_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
                 f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames with "
                 "sticking markers: record it over the whole recording"
             )
-    yield from (f"left out: {frames}" for frames in _count_excluded(excluded))
+    yield from (f"left out: {frames}" for frames in count_excluded(excluded))
 
 
 def _note_readings(line: Line) -> Iterator[str]:

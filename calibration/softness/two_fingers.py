@@ -11,10 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibration.softness.checks import count_excluded
 from calibration.softness.fit import SoftnessFit, fit_softness
 from calibration.softness.references import Reference
-from calibration.softness.trials import Trial
+from calibration.softness.trials import FEWEST_POINTS, Trial
 from estimation.estimators.measurement import Z95
+from estimation.frames.names import counted
 from estimation.softness import ScalarSoftness
 
 LEAST_DIFFERENCE = 0.05
@@ -68,7 +70,8 @@ def fit_two_fingers(
         clock_search: largest offset between the fingers' clocks [s].
 
     Raises:
-        ValueError: the fingers are equally stiff, or no pair of k explains the rotations.
+        ValueError: the fingers are equally stiff, no pair of k explains the rotations, or a
+            finger has too few usable frames.
 
     Examples:
         >>> from calibration import Reference, fit_two_fingers, make_trials
@@ -91,6 +94,7 @@ def fit_two_fingers(
         )
     if stiffness < 1.0:  # let the first be the stiffer one, which turns less
         return _swap(fit_two_fingers(second, first, 1.0 / stiffness, clock_search))
+    _check_usable([*first, *second])
     fit = _fit_beside(first, second, clock_search)
     slope = 1.0 + fit.stiffness_ratio
     if not slope < stiffness:
@@ -114,6 +118,20 @@ def fit_two_fingers(
         ratio=(1.0 + fit.low, slope, 1.0 + fit.high),
         fit=fit,
     )
+
+
+def _check_usable(trials: Sequence[Trial]) -> None:
+    """Check that every trial has enough usable frames, because each finger's are readings."""
+    for trial in trials:
+        if len(trial.time) < FEWEST_POINTS:
+            reasons = count_excluded(trial.excluded)
+            left_out = f" (left out: {', '.join(reasons)})" if reasons else ""
+            frames = counted(len(trial.time), "usable frame", "usable frames")
+            raise ValueError(
+                f"{trial.name}: {frames} with a known rotation of the gel{left_out}, and "
+                f"{FEWEST_POINTS} are needed on each finger: press harder, and turn the object one "
+                "way by 10° or more without slip"
+            )
 
 
 def _of_k(error: float) -> tuple[tuple[float, float], tuple[float, float]]:

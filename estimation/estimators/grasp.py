@@ -67,7 +67,7 @@ class Disagreement(NamedTuple):
             f"held differ by {np.degrees(self.rms):.2f}° rms, and most {self.time:.2f} s after the "
             f"first finger's first frame: by {abs(np.degrees(self.largest)):.2f}°, where the 95 % "
             f"interval of the difference is ±{np.degrees(self.interval):.2f}°; "
-            f"{100 * self.share:.0f} % of the frames exceed theirs"
+            f"in {100 * self.share:.0f} % of the frames the difference exceeds its interval"
         )
 
 

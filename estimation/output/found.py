@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from estimation.estimators.result import State, Track
 from estimation.output.record import KeptMarkers, RecordReader
@@ -149,7 +149,11 @@ def find_in_record(record: RecordReader) -> Run:
         margin = margin._replace(last=None if branch is None else Branch.read(branch))
     notes = [*about["warnings"], *about["source_notes"], *about["notes"]]
     notes += [*_progress_notes(about, len(record)), *_clock_notes(main), *_reference_notes(main)]
-    notes += [*describe_counts(main), *_softness_notes(main), *describe_slips(slips, main.time[0])]
+    notes += [
+        *describe_counts(main),
+        *describe_softness(main, imprint),
+        *describe_slips(slips, main.time[0]),
+    ]
     truth = about.get("truth")
     rows = slice(len(main.time))
     return Run(
@@ -221,13 +225,33 @@ def describe_loaded_start(track: Track) -> str:
     )
 
 
-def _softness_notes(track: Track) -> tuple[str, ...]:
-    """A note on angles of contacts outside the range of the softness, if any."""
-    beyond = int((track.answered & ~track.covered).sum())
-    if not beyond:
-        return ()
+def describe_softness(track: Track, imprint: Float[np.ndarray, " frames"]) -> Iterator[str]:
+    """Notes on angles outside the range of the softness, and on those that do not need it."""
+    answers = int(track.answered.sum())
+    printed = find_printed(track, imprint)
+    if note := describe_printed(track, imprint):
+        yield note
+    if beyond := int((track.answered & ~track.covered & ~printed).sum()):
+        yield (
+            f"{beyond} of {answers} angles come from contacts unlike those in the softness "
+            "measurement (larger rotation, other force or other size): these angles and their "
+            "intervals are extrapolated."
+        )
+
+
+def find_printed(
+    track: Track, imprint: Float[np.ndarray, " frames"]
+) -> Bool[np.ndarray, " frames"]:
+    """Frames whose angle is the print's, which shows the object itself, so that k is not needed."""
+    return track.answered & np.isfinite(imprint) & (track.method == "tracked")
+
+
+def describe_printed(track: Track, imprint: Float[np.ndarray, " frames"]) -> str:
+    """For a soft object, how many angles are the print's and not scaled by k, in a sentence."""
+    printed = int((find_printed(track, imprint) & (track.stiffness_ratio > 0.0)).sum())
+    if not printed:
+        return ""
     return (
-        f"{beyond} of {int(track.answered.sum())} angles are of contacts unlike those of the "
-        "softness measurement (larger rotation, other force or other size): these angles and their "
-        "intervals are extrapolated.",
+        f"{printed} of {int(track.answered.sum())} angles come from the object's print, which "
+        "shows its own rotation: k does not scale them."
     )

@@ -126,7 +126,7 @@ def _explain(figure: Figure, axis: Axes, states: Sequence[State]) -> None:
 
 
 def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Figure:
-    """Maps of rotation, of stick and slip, and of the slip's curl, seen from the object.
+    """Maps of rotation, of stick and slip, and of the slip's rotation, seen from the object.
 
     Args:
         recording: the recording.
@@ -166,7 +166,7 @@ def plot_markers(
     *,
     down: bool = False,
 ) -> Figure:
-    """Maps of rotation, of stick and slip, and of the slip's curl in frames with stored markers.
+    """Maps of rotation, of stick and slip, and of the slip's rotation in stored frames.
 
     Args:
         reference: markers at rest.
@@ -178,8 +178,8 @@ def plot_markers(
     figure, axes = _make_maps(len(markers), reference, down)
     rotation = np.degrees([np.where(frame.contact, frame.turned, np.nan) for frame in markers])
     rotation_scale = _colour_scale(rotation)
-    curl = np.stack([_curl(track, frame) for frame in markers])
-    curl_scale = _colour_scale(curl)
+    turn = np.degrees([0.5 * _curl(track, frame) for frame in markers])  # half the curl
+    turn_scale = _colour_scale(turn)
     x, y = reference[:, 0], reference[:, 1]
     for column, frame in enumerate(markers):
         top, middle, bottom = axes[:, column]
@@ -189,10 +189,10 @@ def plot_markers(
             which = marker_signs(frame.stick, frame.contact) == sign
             middle.scatter(x[which], y[which], c=MARKER_COLOURS[kind], marker=sign, s=14)
         _scatter(top, x, y, rotation[column], rotation_scale)
-        _scatter(bottom, x, y, curl[column], curl_scale)
+        _scatter(bottom, x, y, turn[column], turn_scale)
     for axis, scale, label in (
         (axes[0, -1], rotation_scale, "φ [°]"),
-        (axes[2, -1], curl_scale, "curl of the slip [rad]"),
+        (axes[2, -1], turn_scale, "rotation of the slip [°]"),
     ):
         figure.colorbar(scale, cax=axis.inset_axes((1.08, 0.0, 0.07, 1.0)), label=label)
     labels = ("sticks", "slips", "no contact (top and bottom: no value)")

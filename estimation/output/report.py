@@ -118,6 +118,7 @@ def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, byt
         answer=describe_run(run),
         outlined=bool(np.isfinite(run.outline).any()),
         slid=bool(np.isfinite(run.shears.slip).any()),
+        printed=bool(np.isfinite(run.shears.slip_probability).any()),
         down=down,
         lie=lie,
         colours=page_colours(),

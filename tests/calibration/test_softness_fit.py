@@ -203,6 +203,16 @@ def test_two_fingers_of_different_stiffness():
         fit_two_fingers(first, second, stiffness=1.0)
 
 
+def test_a_finger_with_too_few_usable_frames_is_named():
+    rng = np.random.default_rng(0)
+    good = trial(rng, frames=200)
+    row = {name: getattr(good, name)[:1] for name in _PER_FRAME}
+    short = replace(good, name="second", excluded={"in macro slip": 20}, **row)
+    message = r"second: 1 usable frame .*left out: 20 frames in macro slip.*by 10° or more"
+    with pytest.raises(ValueError, match=message):
+        fit_two_fingers([good], [short], stiffness=4.0)
+
+
 def _with(one, **changes):
     return replace(one, reference=replace(one.reference, **changes))
 
