@@ -22,8 +22,8 @@ _SIDE_SLOPE = 1e3
 class AbstractIndenter(eqx.Module):
     """The shape of an object; its lowest point has the height 0 at the origin.
 
-    The height is not checked. The approach is measured from height 0, so a shape whose lowest point is
-    higher is pressed in less.
+    The height is not checked. The approach is measured from height 0, so a shape whose lowest
+    point is higher is pressed in less.
 
     Examples:
         >>> import jax.numpy as jnp

@@ -282,7 +282,11 @@ def _note_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
 def _note_readings(line: Line) -> Iterator[str]:
     """Remarks on readings without weight, and on the effect of the rotation's errors."""
     if outliers := int((line.weight == 0).sum()):
-        yield f"{outliers} of {len(line.weight)} readings lie far off the line and have no weight"
+        verbs = ("lies", "has") if outliers == 1 else ("lie", "have")
+        yield (
+            f"{outliers} of {len(line.weight)} readings {verbs[0]} far off the line and {verbs[1]} "
+            "no weight"
+        )
     noise = float(np.median(line.points.rotation_error**2) / np.var(line.points.rotation))
     if noise > LEAST_NOISE:
         yield (

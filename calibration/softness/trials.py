@@ -200,7 +200,7 @@ def _sort_frames(
     firm = ~apart & ~unknown & result.answered & (sticks >= selection.least_stick)
     still = firm & stands_still(recording.time, rotation, reference)
     small = firm & ~still & (np.abs(rotation) < np.radians(selection.least_turn_deg))
-    few = f"held by fewer than {selection.least_stick} markers"
+    few = f"with fewer than {selection.least_stick} sticking markers"
     reason = [
         few if state in (State.STICK, State.INCIPIENT) and count < selection.least_stick
         else _REASONS.get(state, "without a known rotation of the gel")

@@ -19,7 +19,7 @@ file, and ranks it beside our methods and those of other groups.
 # In the new folder, ``README.md`` states the rules and ``cases.csv`` lists the cases. There are two
 # splits. The split ``tuning`` has recordings to try your method on, with their truth in
 # ``truth.csv``. The split ``scored`` has the recordings that are ranked, without their truth. Each
-# split has its folder.
+# split has its folder. Write one file of answers for each split.
 #
 # The cases form three tiers. ``virtual`` has recordings simulated by the contact model. In
 # ``finite strain`` finite elements simulate a gel at large strain. ``real`` has published
@@ -29,8 +29,8 @@ file, and ranks it beside our methods and those of other groups.
 # Real recordings are left out unless they are on your machine. The command names the data sets that
 # are missing. Run ``python -m estimation fetch NAME`` for each of them, then export again. This
 # matters: entries are ordered by the mean of the three tiers, and a tier without answers counts
-# as 0. The mean itself is not printed. Without the real tier your mean cannot exceed two thirds of
-# 100 %.
+# as 0. The mean itself is not printed: it is the sum of the three tiers' scores, divided by 3.
+# Without the real tier your mean cannot exceed two thirds of 100 %.
 #
 # The export also has an entry of plain rigid fits to the scored cases. Rank it to see how the
 # scoring works. ``--alone`` ranks only your file, beside the published rows, and runs no other
@@ -122,7 +122,7 @@ print(*rows[:3], sep="\n")
 # file. Cases without rows count as wrong, and a note gives their number. The results are in
 # ``build/papers/leaderboard``.
 #
-# Write one file for each split. Without ``--split tuning`` the command ranks a file for the scored
+# Without ``--split tuning`` the command ranks a file for the scored
 # cases, beside the rows of the leaderboard's page. These are marked ``(listed)``. For the tuning
 # cases there are no listed rows, so with ``--alone`` the file stands alone in the table. Without
 # ``--alone`` the command also runs all other methods, which takes some minutes more.

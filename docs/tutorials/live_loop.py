@@ -73,7 +73,7 @@ for picture in clip:
 # ``ImageTracker(Settings(images=ImageSettings(unloaded=empty)))``. The picture ``empty`` is an
 # array or the path of a file. ``Settings`` and ``ImageSettings`` come from ``estimation`` too.
 # Without such a picture, the gel at rest is worked out from the dots around the contact. If there
-# are too few of them, or with speckle, motion counts from the first picture.
+# are too few of them, or with speckle, motion is measured from the first picture.
 
 # %%
 # What an answer holds
@@ -104,8 +104,9 @@ axis.legend()
 # first ``act`` or ``slips``, and keep that force. The level can fall back to ``none``: while an
 # object slides steadily, gel and markers are at rest. A fast slip shows as ``slips`` first, and as
 # ``act`` for about a second after it. That is no sign of another slip. ``watch`` means that part of
-# the contact slips. ``unknown`` means that there is no contact, or that the picture cannot be used:
-# keep what you do.
+# the contact slips, or that slip is near: go on slowly, or grip a little harder. ``unknown`` means
+# that there is no contact, that the picture cannot be used, or that the angle was lost. If it was
+# lost while the object moved (``reason`` says so), stop as for ``act``. Otherwise keep what you do.
 
 alarm = next(row for row, level in enumerate(levels) if level in ("act", "slips"))
 print(f"{levels[alarm]} at {times[alarm]:.2f} s, turned by {angle[alarm]:.1f}°")
@@ -119,15 +120,15 @@ print(f"probability of a slip in the last picture: {tracker.shear.slip_probabili
 #
 # Before you rely on a tracker, know these:
 #
-# - *The interval.* It needs the noise of the markers. Without it, the misfit of each frame is used
-#   instead. Run a recording of your sensor once: its ``summary.json`` has ``noise_in_plane_px``.
-#   Give that number to the tracker:
-#   ``ImageTracker(Settings(noise=Noise.from_std(0.02, unit="px")))``.
-#   Noise in another unit than the lengths is refused.
+# - *The interval.* It needs the noise of the markers, above all where no print is in view. Without
+#   it, the misfit of each frame is used instead. Run a recording of your sensor once: its
+#   ``summary.json`` has ``noise_in_plane_px``. Give that number to the tracker:
+#   ``ImageTracker(Settings(noise=Noise.from_std(0.02, unit="px")))``. Noise in another unit than
+#   the lengths is refused.
 # - *A jump.* The angle can jump once, when a better picture of the gel at rest is found. Then
 #   ``tracker.reader.layout`` is a new object.
 # - *A restart.* An angle that was lost starts again. ``since`` is the time from which the angle
-#   counts, and ``restarts`` counts the restarts since the object touched.
+#   is measured, and ``restarts`` counts the restarts since the object touched.
 # - *Speed.* Latencies and memory are on the page :doc:`speed and sizes </docs/speed>`.
 
 # %%

@@ -11,9 +11,9 @@ correction from.
 # One case
 # --------
 #
-# A cube's face of 15 mm is pressed on and twisted by 1°, with friction so high that all of it
-# sticks. The share missed is 1 − φ/θ. Here φ is the gel's rotation in the middle of the face, and
-# θ is the object's. We fit φ to displacements, as an estimator does.
+# A cube's face of 15 mm is pressed against the gel and twisted by 1°, with friction so high that
+# all of it sticks. The share missed is 1 − φ/θ. Here φ is the gel's rotation in the middle of the
+# face, and θ is the object's. We fit φ to displacements, as an estimator does.
 
 import jax
 import matplotlib.pyplot as plt

@@ -16,7 +16,7 @@ can add a shape of your own, and fit any number with a standard optimizer, in a 
 # ``TracerArrayConversionError``.
 #
 # This shape is a paraboloid with a groove along y on its contact side, such as the seam of a tennis
-# ball. The approach counts from height 0, and the solver does not check that the shape reaches
+# ball. The approach is measured from height 0, and the solver does not check that the shape reaches
 # down to it. Here the lowest points lie beside the groove, at a height of 0.07 mm. So an approach
 # of 0.8 mm presses the shape in by only 0.73 mm.
 
@@ -57,16 +57,18 @@ seam = Seam(radius=12.0, depth=0.15, width=0.8)  # mm
 # 0.8 mm and twists by 6°. Its ``twist`` is in rad. The map shows where the object sticks to the gel
 # and where it slips. The groove carries little pressure, so it slips early.
 #
-# For a thin gel write ``Layer(shear_modulus=0.2, poisson_ratio=0.5, thickness=4.0)`` in place of
-# the first half-space.
+# One step is enough if pressing causes no slip: without friction, or between half-spaces of the
+# same (1−2ν)/G. Here it is 0 for both, since ν is 0.5. Otherwise, or when in doubt, use two steps.
+# Slip depends on the order of motions (:doc:`the contact remembers its past
+# </docs/theory/reversals>`), and a single step presses and twists at once.
 #
-# One step is enough if pressing causes no slip: without friction, or if (1−2ν)/G is the same for
-# both bodies. Here it is 0 for both, since ν is 0.5. Otherwise, or when in doubt, use two steps
-# (:doc:`why </docs/theory/reversals>`). Press first, then pass that solution on when you twist:
+# For a thin gel write ``Layer(shear_modulus=0.2, poisson_ratio=0.5, thickness=4.0)`` in place of
+# the first half-space. On a layer pressing causes slip even for a ν of 0.5. So always press first,
+# then pass that solution on when you twist. With the names that ``press`` below defines:
 #
 # .. code-block:: python
 #
-#    contact = Contact(gel, body, seam, grid, friction)  # as in ``press`` below
+#    contact = Contact(gel, body, seam, grid, friction)
 #    pressed = solve_contact(contact, Pose(0.8))
 #    turned = solve_contact(contact, Pose(0.8, twist=np.radians(6.0)), previous=pressed)
 

@@ -45,7 +45,7 @@ write_pictures(clip, folder)
 print(len(clip), "pictures:", *sorted(path.name for path in folder.iterdir())[:3], "…")
 
 # %%
-# The pictures show the unloaded gel, the cube pressed on, and the cube turned.
+# The pictures show the unloaded gel, the cube pressed against it, and the cube turned.
 
 figure, axes = plt.subplots(1, 3, figsize=(9, 2.5), layout="constrained")
 for axis, frame in zip(axes, (0, 15, 40), strict=True):
@@ -101,10 +101,11 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # What to check
 # -------------
 #
-# - *The first pictures show the empty gel.* Otherwise give a picture of the empty gel:
+# - *The empty gel.* If the first pictures do not show the empty gel, give one that does:
 #   ``--unloaded PICTURE``. Without it, the gel at rest is found from the dots that the object does
-#   not move. If there are too few of them, or with speckle, motion counts from the first picture,
-#   and any earlier turn is missing. A note in the report says what the angle counts from.
+#   not move. If there are too few of them, or with speckle, motion is measured from the first
+#   picture, and any earlier turn is missing. A note in the report says what the angle is
+#   measured from.
 # - *Lengths are in px* unless you give the scale: ``--mm-per-px 0.06``. Angles do not need it. A
 #   wrong scale does not change them, but makes lengths in mm wrong.
 # - *The sign.* Look from the object at the gel: a counter-clockwise turn is positive. A camera
@@ -112,10 +113,11 @@ print(f"median error {np.median(error):.2f}°, largest {error.max():.2f}°")
 # - *A frame has no angle.* Then ``reason`` says why. A reason beside an angle is a warning. If
 #   there are such frames, the printed answer gives their number. The page
 #   :doc:`Recordings to angles </estimation/README>` lists the most frequent reasons.
-# - *Which clock.* Printed times and those of the report count from the first frame. ``time_s`` in
-#   ``angles.csv`` is the recording's own time stamp. If the first frame has another ``time_s``
-#   than 0, both times are printed. A folder of pictures needs ``--fps`` or a table of times.
-#   Without them 30 pictures per second are assumed, with a warning, and all times rest on that.
+# - *Which clock.* Printed times and those of the report are measured from the first frame.
+#   ``time_s`` in ``angles.csv`` is the recording's own time stamp. If the first frame has a
+#   ``time_s`` other than 0, both times are printed. A folder of pictures needs ``--fps`` or a table
+#   of times. Without them 30 pictures per second are assumed, with a warning, and all times rest on
+#   that.
 # - *How far it turned.* The printed angles are the turning points, such as the largest angle. The
 #   last row of ``angles.csv`` has the angle at the end.
 # - *When it slipped.* The printed time is the first at which a slip was more likely than not. It

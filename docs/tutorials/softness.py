@@ -102,7 +102,7 @@ write_softness(fit.softness, Path(tempfile.mkdtemp()) / "softness.toml")
 #
 # The fourth grasp has another contact size. We estimate its angle without and with the
 # correction. The printed errors are those of the frames in which ten or more markers have stuck
-# since the object was fully pressed on.
+# since full load.
 
 recording, truth = grasp(radius=4.0, seed=3)
 many_stick = truth.stick.sum(axis=1) >= 10
@@ -118,6 +118,13 @@ axis.legend()
 
 # %%
 # On the command line: ``python -m estimation run GRASP --softness soft/softness.toml``.
+#
+# Where pictures show the object's print, the angle comes from the print. It shows the object's own
+# rotation, so k does not scale it. The output and the report then give the number of such angles.
+#
+# The table ``[validity]`` of ``softness.toml`` has the ranges of the gel's rotation, of the normal
+# force and of the contact's radius in the grasps that were fitted. Angles outside them are counted
+# in a note of the report.
 #
 # What to check
 # -------------
@@ -144,10 +151,7 @@ axis.legend()
 # - *No stage?* Use ``--reference outline``. The angle then comes from the object's imprint or from
 #   the contact's outline. This requires edges or texture that show through the gel, or a contact
 #   that is not round. The fit compares that angle with the rotation of the gel that sticks, not
-#   of the print. So it leaves out frames *without a known rotation of the gel*, in which ``run``
-#   can still give an angle from the print. A frame in which the object turns without the gel
-#   counts as macro slip here. So the command prints other numbers of frames *in macro slip* and
-#   without a rotation than ``run``.
+#   of the print. The fit therefore counts fewer usable frames than ``run``.
 # - *Turn far enough.* With noise of 10 µm (``noise_in_plane_px`` times ``mm_per_px``), rotate in
 #   one direction by 10° or more. After a reversal, such noise hides slip. The grasps above have
 #   noise of 1 µm, which permits the reversal.

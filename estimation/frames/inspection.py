@@ -255,7 +255,8 @@ def _count(what: str, where: Bool[np.ndarray, "frames n"]) -> list[str]:
 
 def _say_count(what: str, markers: int, frames: int) -> str:
     were = counted(markers, "marker was", "markers were")
-    return f"{were} {what} (in {counted(frames, 'frame', 'frames')} in all)"
+    least = "at least one " if markers > 1 else ""
+    return f"{were} {what}, {least}in {counted(frames, 'frame', 'frames')}"
 
 
 def list_flaws(counts: Mapping[str, int]) -> list[str]:

@@ -216,12 +216,13 @@ def describe_loaded_start(track: Track) -> str:
     if track.restarts[usable[0]]:
         return (
             start + ", and its markers have not turned as one body since the gel was unloaded: "
-            "the object's earlier rotation is unknown, and all angles count from that frame."
+            "the object's earlier rotation is unknown, and all angles are measured from the first "
+            "usable frame."
         )
     return (
         start + ", and its markers have turned as one body since the gel was unloaded: angles "
         "are relative to the reference (the gel's unloaded shape, recorded or estimated), not "
-        "to that frame, and exclude rotation before the object stuck."
+        "to the first usable frame, and exclude rotation before the object stuck."
     )
 
 

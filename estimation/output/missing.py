@@ -6,6 +6,7 @@ from collections.abc import Container
 import numpy as np
 
 from estimation.estimators.result import UNSEEN_TURN, State, Track
+from estimation.frames.names import counted
 from estimation.slip.lookback import RESTS_OR_SLIDES
 
 
@@ -60,7 +61,8 @@ def _shorten(reason: str) -> str:
 
 
 def _list(counts: dict[str, int], quoted: Container[str] = ()) -> str:
-    """Counts by name, as a phrase; names that are whole sentences stand in parentheses."""
-    return ", ".join(
-        f"{n} ({name})" if name in quoted else f"{n} {name}" for name, n in counts.items()
+    """Counts by name, as a phrase; names that are whole sentences follow a colon."""
+    return ("; " if any(name in quoted for name in counts) else ", ").join(
+        f"{counted(n, 'frame', 'frames')}: {name}" if name in quoted else f"{n} {name}"
+        for name, n in counts.items()
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from contactmodel.common.command_line import say
+from estimation.frames.names import counted
 from estimation.output.report import figure_png
 from papers.items import Track
 from papers.leaderboard import alarms, board, settings
@@ -126,6 +127,11 @@ def _note_missing(entry: Entry, sources: Sequence[Source]) -> None:
         _note(
             f"{entry.name} has no rows for {missing} of the {len(names)} ranked cases; these count "
             "as wrong"
+        )
+    if others := len({*entry.angle, *entry.slipped} - names):
+        _note(
+            f"{entry.name} answers {counted(others, 'case', 'cases')} not scored, since the "
+            "recordings are not on this machine"
         )
 
 

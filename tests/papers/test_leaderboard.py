@@ -269,7 +269,8 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
     monkeypatch.setattr(publish, "list_cases", few.__getitem__)
     monkeypatch.setattr(opened.real.datasets, "find", lambda name: None)
     theirs = tmp_path / "theirs.csv"
-    theirs.write_text(write_entry(answer(open_one(GAPPY, 9), 0.1)))
+    entry = answer(open_one(GAPPY, 9), 0.1)._replace(slipped={LIFT.name: 0.2})
+    theirs.write_text(write_entry(entry))
     given = ("--angles", theirs, "--seed", 9, "--out", tmp_path)
     assert not run(monkeypatch, *given, "--alone")
     with (tmp_path / "leaderboard" / "leaderboard.csv").open(encoding="utf-8") as file:
@@ -278,6 +279,7 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
     said = capsys.readouterr().err
     assert "note: slip-lifts left out" in said
     assert "note: theirs has no rows for 1 of the 2 ranked cases; these count as wrong" in said
+    assert "note: theirs answers 1 case not scored" in said
     assert {path.name for path in (tmp_path / "leaderboard").iterdir()} == {
         *(f"{name}.csv" for name in ("leaderboard", "groups", "cases")),
         "entries",

@@ -184,7 +184,7 @@ def test_a_marker_that_is_not_seen_is_not_valid():
     inspected = inspect_recording(replace(recording, positions=positions, valid=valid))
     assert np.argwhere(~inspected.valid).tolist() == [[3, 7]]
     assert inspected.flaws == ("",) * 12
-    assert inspected.notes == ("1 marker was not seen at times (in 1 frame in all)",)
+    assert inspected.notes == ("1 marker was not seen at times, in 1 frame",)
 
 
 def test_a_frozen_marker_is_marked_from_where_it_stops():
