@@ -188,7 +188,7 @@ class PlainMessages:
         self, first: Seen, later: Iterator[Seen], unloaded: int | None
     ) -> tuple[Vectors, tuple[str, ...]]:
         if unloaded is None:
-            note = "the markers' motion counts from the first message (--unloaded-frame)"
+            note = "the markers' motion is measured from the first message (--unloaded-frame)"
             return first.positions, (note,)
         for seen in (first, *later):
             if seen.number == unloaded:

@@ -138,7 +138,7 @@ def test_command_writes_the_comparison(fingers, tmp_path):
     assert f'src="data:image/png;base64,{picture}"' in page
     for column in ("joint_deg", "joint_low_deg", "joint_high_deg", "second_deg"):
         last = rows[-1].split(",")[rows[0].split(",").index(column)]
-        assert f"{float(last):.2f}" in page
+        assert f"{float(last):.2f}".replace("-", "−") in page
     free = figures["slope_free"]
     assert f"{free['slope']:.3f} ± {free['slope_standard_error']:.3f}" in page
     assert f"<td>{figures['slope_fixed']['rms_difference_deg']:.3f}</td>" in page

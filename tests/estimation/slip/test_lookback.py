@@ -77,7 +77,7 @@ def test_frames_without_an_angle_are_counted_by_their_reason():
     assert describe_answers(back, most=1).endswith(" for other reasons")
     lost = replace(live, state=(State.UNKNOWN,) * 2 + live.state[2:], angle=live.angle * np.nan)
     lost = replace(lost, reason=("no time stamp", *("",) * (len(live.time) - 1)))
-    assert "1 (no time stamp)" in describe_answers(lost, most=9)  # a reason of its own is quoted
+    assert "; 1 frame: no time stamp" in describe_answers(lost, most=9)
 
 
 def test_a_dated_slip():
