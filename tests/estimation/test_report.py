@@ -11,7 +11,7 @@ import pytest
 from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
 from estimation.output.answer import describe_run, describe_turns, find_turns, show_time
 from estimation.output.explain import explain_settings
-from estimation.output.found import Run, _clock_notes, _reference_notes, describe_softness
+from estimation.output.found import Run, _clock_notes, _reference_notes
 from estimation.output.moments import choose_frames
 from estimation.output.overview import _count_outcomes
 from estimation.output.record import KeptMarkers
@@ -253,19 +253,6 @@ def test_a_loaded_start_says_what_angles_count_from(answered):
         assert "whose time_s is 5.000 s" in clock
         assert words in reference
     assert _clock_notes(replace(run.main, time=run.main.time - 5.0)) == ()
-
-
-def test_angles_of_the_print_are_not_scaled_by_k(answered):
-    """A contact beyond the range of the softness, whose print is read in three of five frames."""
-    run = make_run(answered, np.arange(5.0))
-    soft = {"stiffness_ratio": np.full(5, 0.5), "covered": np.zeros(5, dtype=bool)}
-    track = replace(run.main, **soft)
-    imprint = np.array([0.0, 0.1, 0.2, np.nan, np.nan])
-    printed, beyond = describe_softness(track, imprint)
-    assert printed.startswith("3 of 5 angles come from the object's print")
-    assert beyond.startswith("2 of 5 angles come from contacts unlike those in")
-    (beyond,) = describe_softness(replace(track, method="incremental"), imprint)
-    assert beyond.startswith("5 of 5")
 
 
 def test_maps_show_the_slip_and_the_largest_angle(answered):

@@ -10,6 +10,7 @@ from estimation.estimators.result import State
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
+from estimation.output.found import describe_softness
 from estimation.softness import (
     Contact,
     ScalarSoftness,
@@ -140,6 +141,19 @@ def test_contacts_unlike_those_of_the_fit_are_told():
     np.testing.assert_array_equal(result.covered[5:], np.radians(5.5) > ANGLES)
     small = ScalarSoftness(0.5, validity=Validity(contact_radius=(1.0, 2.0)))
     assert not estimate_angles(recording, noise=MICRON, softness=small).covered[5:].any()
+
+
+def test_angles_of_the_print_are_not_scaled_by_k():
+    """A contact beyond the range of the softness, whose print is read in three of five frames."""
+    track = estimate_angles(lift(ANGLES[:5], unloaded=0), noise=MICRON)
+    soft = {"stiffness_ratio": np.full(5, 0.5), "covered": np.zeros(5, dtype=bool)}
+    track = replace(track, angle=np.radians(np.arange(5.0)), **soft)
+    imprint = np.array([0.0, 0.1, 0.2, np.nan, np.nan])
+    printed, beyond = describe_softness(track, imprint)
+    assert printed.startswith("3 of 5 angles come from the object's print")
+    assert beyond.startswith("2 of 5 angles come from contacts unlike those in")
+    (beyond,) = describe_softness(replace(track, method="incremental"), imprint)
+    assert beyond.startswith("5 of 5")
 
 
 def test_radius_of_a_contact_is_that_of_a_disc():
