@@ -10,7 +10,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -260,15 +260,17 @@ class RecordReader:
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: give the output folder of a run")
         self.path = path
-        with _naming_file(path):
+        with _naming_file(path), ExitStack() as on_error:
             self._database = sqlite3.connect(path)
+            on_error.callback(self._database.close)
             rows = self._database.execute("SELECT name, content FROM about").fetchall()
-        self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
-        if self.about.get("format_version") != FORMAT_VERSION:
-            raise ValueError(
-                f"{path} has format {self.about.get('format_version')}, but this version reads "
-                f"{FORMAT_VERSION}: run again, or make its report with the version that wrote it"
-            )
+            self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
+            if (version := self.about.get("format_version")) != FORMAT_VERSION:
+                raise ValueError(
+                    f"{path} has format {version}, but this version reads {FORMAT_VERSION}: run "
+                    "again, or make its report with the version that wrote it"
+                )
+            on_error.pop_all()
 
     def __enter__(self) -> "RecordReader":
         """Itself."""
