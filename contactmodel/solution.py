@@ -197,14 +197,12 @@ class ContactSolution(eqx.Module):
         Args:
             depth: depth below its surface; None at the surface [mm].
         """
-        u, v, w = self._on_grid(*self._of_elastomer(depth))
-        if self.pose.corotated:
-            points = jnp.asarray(self.grid.points)
-            opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
-            circles, read = self._circles(points, [u, v], opposite), None
-            if self._is_read(depth):
-                read = ReadOnGrid(self.grid, circles.angle, w)
-            u, v, w = self._in_space(points, circles, w, read)
+        if not self.pose.corotated:
+            u, v, w = self._on_grid(*self._of_elastomer(depth))
+            return jnp.stack([u, v, -w], axis=-3)
+        circles, w = self._circles_on_grid(depth)
+        read = ReadOnGrid(self.grid, circles.angle, w) if self._is_read(depth) else None
+        u, v, w = self._in_space(jnp.asarray(self.grid.points), circles, w, read)
         return jnp.stack([u, v, -w], axis=-3)
 
     def object_displacement(self, depth: ArrayLike | None = None) -> Float[Array, "*path 3 nx ny"]:
@@ -234,7 +232,9 @@ class ContactSolution(eqx.Module):
         circles, w = self._circles_at(points, depth)
         read = None
         if self._is_read(depth):
-            read = ReadNearby(self._linear_field(), points.T, circles.angle, w)
+            on_grid, deflection = self._circles_on_grid(None)
+            field = ReadOnGrid(self.grid, on_grid.angle, deflection)
+            read = ReadNearby(field, points.T, circles.angle, w)
         u, v, w = self._in_space(points.T, circles, w, read)
         return jnp.stack([u, v, -w], axis=-1)
 
@@ -273,9 +273,15 @@ class ContactSolution(eqx.Module):
 
     def _circles_at(self, points: Array, depth: ArrayLike | None) -> tuple[Circles, Array]:
         """Motion of points on circles, and their deflection [mm]."""
-        u, v, w = self._at(*self._of_elastomer(depth), points)
-        opposite = self._at(*self._of_elastomer(depth), -points)[:2]
-        return self._circles(points.T, [u, v], opposite), w
+        body = self._of_elastomer(depth)
+        u, v, w = self._at(*body, points)
+        return self._circles(points.T, [u, v], self._at(*body, -points)[:2]), w
+
+    def _circles_on_grid(self, depth: ArrayLike | None) -> tuple[Circles, Array]:
+        """The same at the centres of the cells."""
+        u, v, w = self._on_grid(*self._of_elastomer(depth))
+        opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
+        return self._circles(jnp.asarray(self.grid.points), [u, v], opposite), w
 
     @eqx.filter_jit
     def _in_space(
@@ -293,13 +299,6 @@ class ContactSolution(eqx.Module):
             circles = circles._replace(stretch=stretch, angle=angle)
         u, v = circles.displacement(points, self.pose.twist[(..., *[None] * axes)])
         return u, v, w
-
-    def _linear_field(self) -> ReadOnGrid:
-        """The linear field at the surface, between the cells."""
-        u, v, w = self._on_grid(*self._of_elastomer(None))
-        opposite = [jnp.flip(part, (-2, -1)) for part in (u, v)]
-        circles = self._circles(jnp.asarray(self.grid.points), [u, v], opposite)
-        return ReadOnGrid(self.grid, circles.angle, w)
 
     def _placed(self, points: Float[Array, "2 nx ny"]) -> Float[Array, "*path 2 nx ny"]:
         """Present positions of the contact's points in the frame of the object [mm]."""

@@ -56,7 +56,7 @@ def check_frames(trials: Sequence[Trial]) -> None:
         if len(trial.time) < 2:
             raise ValueError(
                 f"{trial.name}: {counted(len(trial.time), 'frame', 'frames')} with a rotation of "
-                f"the elastomer{_left_out(trial)}: record more frames before macro slip"
+                f"the elastomer{left_out(trial)}: record more frames before macro slip"
             )
 
 
@@ -100,7 +100,7 @@ def check_points(
                 f"standard error of {np.degrees(error):.2g}°, where {np.degrees(least):.2g}° is "
                 "needed, in the usable frames, "
                 f"{readings.frame_time[0]:.2f} to {readings.frame_time[-1]:.2f} s after the first "
-                f"frame{_left_out(trial)}. Turn the object one way by 10° or more without slip, "
+                f"frame{left_out(trial)}. Turn the object one way by 10° or more without slip, "
                 "and read the angle meanwhile"
             )
         if readings.search > 0.0 and abs(offset) > 0.97 * readings.search:
@@ -126,19 +126,18 @@ def _too_few(trial: Trial, readings: Series, count: int, fewest: int) -> str:
         )
     return (
         f"{trial.name}: {counted(count, 'reading', 'readings')} with a rotation of the elastomer, "
-        f"{fewest} are needed{_left_out(trial)}: record more frames before macro slip, or "
+        f"{fewest} are needed{left_out(trial)}: record more frames before macro slip, or "
         "read the reference more often"
     )
 
 
-def _left_out(trial: Trial) -> str:
+def left_out(trial: Trial) -> str:
     """Unused frames by reason, in brackets."""
-    excluded = ", ".join(count_excluded(trial.excluded))
+    excluded = ", ".join(_count_excluded(trial.excluded))
     return f" (left out: {excluded})" if excluded else ""
 
 
-def count_excluded(excluded: Mapping[str, int]) -> list[str]:
-    """Numbers of unused frames by reason, as phrases."""
+def _count_excluded(excluded: Mapping[str, int]) -> list[str]:
     return [f"{counted(count, 'frame', 'frames')} {reason}" for reason, count in excluded.items()]
 
 
@@ -276,7 +275,7 @@ def _note_coverage(trials: Sequence[Trial], line: Line) -> Iterator[str]:
                 f"{trial.name}: the reference covers {100.0 * covered:.0f} % of the frames with "
                 "sticking markers: record it over the whole recording"
             )
-    yield from (f"left out: {frames}" for frames in count_excluded(excluded))
+    yield from (f"left out: {frames}" for frames in _count_excluded(excluded))
 
 
 def _note_readings(line: Line) -> Iterator[str]:

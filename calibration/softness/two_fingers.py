@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.softness.checks import count_excluded
+from calibration.softness.checks import left_out
 from calibration.softness.fit import SoftnessFit, fit_softness
 from calibration.softness.references import Reference
 from calibration.softness.trials import FEWEST_POINTS, Trial
@@ -124,11 +124,9 @@ def _check_usable(trials: Sequence[Trial]) -> None:
     """Check that every trial has enough usable frames, because each finger's are readings."""
     for trial in trials:
         if len(trial.time) < FEWEST_POINTS:
-            reasons = count_excluded(trial.excluded)
-            left_out = f" (left out: {', '.join(reasons)})" if reasons else ""
             frames = counted(len(trial.time), "usable frame", "usable frames")
             raise ValueError(
-                f"{trial.name}: {frames} with a known rotation of the gel{left_out}, and "
+                f"{trial.name}: {frames} with a known rotation of the gel{left_out(trial)}, and "
                 f"{FEWEST_POINTS} are needed on each finger: press harder, and turn the object one "
                 "way by 10° or more without slip"
             )

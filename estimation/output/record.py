@@ -122,8 +122,7 @@ class RecordWriter:
         self._pictures = pictures
         self._stride, self._written = 1, -np.inf
         columns = {"row": "INTEGER PRIMARY KEY"} | _columns(methods) | _OTHERS
-        with _naming_file(path):
-            self._database = sqlite3.connect(path)
+        with _opening(path) as self._database:
             run = self._database.execute
             run("PRAGMA journal_mode=WAL")
             run("PRAGMA synchronous=NORMAL")
@@ -260,9 +259,7 @@ class RecordReader:
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: give the output folder of a run")
         self.path = path
-        with _naming_file(path), ExitStack() as on_error:
-            self._database = sqlite3.connect(path)
-            on_error.callback(self._database.close)
+        with _opening(path) as self._database:
             rows = self._database.execute("SELECT name, content FROM about").fetchall()
             self.about: dict[str, Any] = {name: json.loads(content) for name, content in rows}
             if (version := self.about.get("format_version")) != FORMAT_VERSION:
@@ -270,7 +267,6 @@ class RecordReader:
                     f"{path} has format {version}, but this version reads {FORMAT_VERSION}: run "
                     "again, or make its report with the version that wrote it"
                 )
-            on_error.pop_all()
 
     def __enter__(self) -> "RecordReader":
         """Itself."""
@@ -372,6 +368,16 @@ def _naming_file(path: Path) -> Iterator[None]:
         raise OSError(f"{path}: {error}") from error
     except sqlite3.DatabaseError as error:
         raise ValueError(f"{path} is not the record of a run, or damaged ({error})") from error
+
+
+@contextmanager
+def _opening(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a database that stays open, unless an error follows; errors are named after its file."""
+    with _naming_file(path), ExitStack() as on_error:
+        database = sqlite3.connect(path)
+        on_error.callback(database.close)
+        yield database
+        on_error.pop_all()
 
 
 def _kinds() -> dict[str, str]:

@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from contactmodel import Contact, Grid, Layer, Pose, Rigid, RoundPunch, Sphere, solve_path
+from contactmodel import Layer, Pose, solve_path
+from papers.finite_strain.model import make_contact
 from papers.finite_strain.reference import Turned, read_reference
 from papers.finite_strain.settings import CASES, SHEAR_MODULUS, THICKNESS, Case
 from papers.items import Track
 
 WAYS = ("plain", "corotated")
 
-_CELLS = 40
 _RISING, _BACK = slice(1, 6), slice(7, 9)
 
 
@@ -54,14 +54,8 @@ def _compare(case: Case, way: str) -> Off:
 
 def _solve(case: Case, reference: Turned, *, corotated: bool) -> tuple[np.ndarray, np.ndarray]:
     side = 2.0 * (1.15 * reference.contact_mm + 0.4)
-    punch = RoundPunch(case.flat_mm + case.edge_mm, case.edge_mm)
-    contact = Contact(
-        Layer(SHEAR_MODULUS, case.poisson_ratio, THICKNESS),
-        Rigid(),
-        punch if case.flat_mm else Sphere(case.edge_mm),
-        Grid((_CELLS, _CELLS), (side, side)),
-        case.friction,
-    )
+    gel = Layer(SHEAR_MODULUS, case.poisson_ratio, THICKNESS)
+    contact = make_contact(gel, case.flat_mm, case.edge_mm, case.friction, side)
     twist = np.radians(reference.angle_deg)
     path = solve_path(contact, Pose(case.depth_mm, twist=twist, corotated=corotated), rtol=1e-5)
     return -np.asarray(path.force[:, 2]), np.asarray(path.moment)

@@ -14,28 +14,18 @@ from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from contactmodel import (
-    Contact,
-    ContactSolution,
-    Grid,
-    Layer,
-    Pose,
-    Rigid,
-    RoundPunch,
-    Sphere,
-    solve_path,
-)
+from contactmodel import ContactSolution, Layer, Pose, solve_path
 from contactmodel.elasticity.corrections import (
     Correction,
     Loading,
     narrow,
     stiffen,
 )
+from papers.finite_strain.model import find_scale, make_contact
 from papers.finite_strain.samples import Sample, read_samples
 from papers.finite_strain.settings import SHEAR_MODULUS
 from papers.items import Track
 
-_CELLS, _SIDE = 40, 10.0  # all contacts are scaled to one grid, so that one program solves them
 _PRESSES = 4
 _GROWN = {1.12: 0.0, 1.15: 0.002, 1.2: 0.005}
 
@@ -91,17 +81,13 @@ def _reference(sample: Sample) -> Float[np.ndarray, "2 steps"]:
 def _solve(sample: Sample, *, corrected: bool = True) -> tuple[float, ContactSolution]:
     """The scale of lengths, and the solutions: pressed on in steps, then turned."""
     margin = 1.12 if sample.pad_mm > 3.0 * sample.thickness_mm else 1.3
-    half = margin * sample.contact_mm
-    if sample.flat_mm:
-        half = min(half, sample.flat_mm + sample.edge_mm)
-    scale = 0.5 * _SIDE / half
+    scale = find_scale(margin * sample.contact_mm, sample.flat_mm, sample.edge_mm)
     flat, edge, depth = (scale * length for length in sample[:3])
     thickness, pad = scale * sample.thickness_mm, scale * sample.pad_mm
     gel = Layer(SHEAR_MODULUS, sample.poisson_ratio, thickness)
     if corrected:
         gel = Layer(SHEAR_MODULUS, sample.poisson_ratio, thickness, pad, neo_hookean=True)
-    shape = RoundPunch(flat + edge, edge) if sample.flat_mm else Sphere(edge)
-    contact = Contact(gel, Rigid(), shape, Grid((_CELLS, _CELLS), (_SIDE, _SIDE)), sample.friction)
+    contact = make_contact(gel, flat, edge, sample.friction)
     steps = len(sample.angle_deg)
     pressed = depth * np.arange(1, _PRESSES + 1) / _PRESSES
     approach = np.concatenate([pressed, np.full(steps - 1, depth)])

@@ -13,18 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from contactmodel import (
-    Contact,
-    ContactSolution,
-    Grid,
-    Layer,
-    Pose,
-    Rigid,
-    RoundPunch,
-    Sphere,
-    solve_path,
-)
+from contactmodel import ContactSolution, Layer, Pose, solve_path
 from papers.finite_strain.gel import Gel, cut
+from papers.finite_strain.model import find_scale, make_contact
 from papers.finite_strain.press import Motion, Pressed, Round, press
 from papers.finite_strain.settings import SHEAR_MODULUS
 from papers.items import Track
@@ -32,7 +23,7 @@ from papers.items import Track
 WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True, True)}
 """Whether poses are corotated and whether the layer is `neo_hookean`."""
 
-_PRESSES, _CELLS, _SIDE = 8, 40, 10.0
+_PRESSES = 8
 _TURNS_DEG = (1, 2, 3.5, 5, 7.5, 10, 12.5, 15, 17.5, 20, 19, 18, 17, 16, 15, 12.5, 10)
 _KEPT = (1, 3, 5, 7, 9, 11, 13, 15, 17, 22, 24)  # steps of the model
 _RISING, _BACK = slice(5, 9), slice(9, 11)  # of these: 5, 10, 15 and 20°, back to 15 and 10°
@@ -123,11 +114,8 @@ def _poses(case: Case) -> list[Motion]:
 
 def _solve_elements(case: Case) -> Pressed:
     gel = Gel(case.thickness_mm, case.pad_mm, SHEAR_MODULUS, case.poisson_ratio)
-    reach = np.sqrt(2.0 * case.edge_mm * case.depth_mm) + 0.3
-    if case.flat_mm:
-        reach = case.flat_mm + 1.8 * min(1.0, case.edge_mm)
-    elements = cut(gel, case.cell_mm, reach, 1.15)
     shape = Round(case.flat_mm, case.edge_mm)
+    elements = cut(gel, case.cell_mm, shape.reach(case.depth_mm), 1.15)
     return press(gel, elements, shape, case.friction, _poses(case), rtol=1e-6)
 
 
@@ -135,17 +123,10 @@ def _solve(
     case: Case, touching: float, radius: np.ndarray, corotated: bool, corrected: bool
 ) -> Float[np.ndarray, "steps points 3"]:
     """Field of the model when pressed and turned: u_r, u_θ and u_z [mm]."""
-    half = 1.1 * touching + 0.15
-    half = min(half, case.flat_mm + case.edge_mm) if case.flat_mm else half
-    scale = 0.5 * _SIDE / half  # all contacts are scaled to one grid, so that one program serves
+    scale = find_scale(1.1 * touching + 0.15, case.flat_mm, case.edge_mm)
     flat, edge, thickness = (scale * n for n in (case.flat_mm, case.edge_mm, case.thickness_mm))
-    contact = Contact(
-        Layer(SHEAR_MODULUS, case.poisson_ratio, thickness, neo_hookean=corrected),
-        Rigid(),
-        RoundPunch(flat + edge, edge) if flat else Sphere(edge),
-        Grid((_CELLS, _CELLS), (_SIDE, _SIDE)),
-        case.friction,
-    )
+    gel = Layer(SHEAR_MODULUS, case.poisson_ratio, thickness, neo_hookean=corrected)
+    contact = make_contact(gel, flat, edge, case.friction)
     approach, twist = np.array([_poses(case)[i] for i in _KEPT]).T
     path = solve_path(contact, Pose(scale * approach, twist=twist, corotated=corotated), rtol=1e-5)
     return _read_radially(path, scale * radius)[3:] / scale

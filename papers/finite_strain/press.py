@@ -30,6 +30,16 @@ class Round(NamedTuple):
     flat: float
     edge: float
 
+    def reach(self, depth: float) -> float:
+        """Radius of the top that small elements must cover [mm].
+
+        Args:
+            depth: largest depth [mm].
+        """
+        if self.flat:
+            return self.flat + 1.8 * min(1.0, self.edge)
+        return float(np.sqrt(2.0 * self.edge * depth)) + 0.3
+
 
 class Motion(NamedTuple):
     """Pose of the object.

@@ -76,15 +76,13 @@ def compute(quick: bool = False, track: Track = iter) -> list[Sample]:
 def _solve(series: Series, depth: float) -> Sample:
     gel = Gel(series.thickness_mm, series.pad_mm, SHEAR_MODULUS, series.poisson_ratio)
     deepest = max(series.depths_mm)
-    reach = np.sqrt(2.0 * series.edge_mm * deepest) + 0.3
-    if series.flat_mm:
-        reach = series.flat_mm + 1.8 * min(1.0, series.edge_mm)
+    shape = Round(series.flat_mm, series.edge_mm)
+    reach = shape.reach(deepest)
     elements = cut(gel, series.cell_mm, min(reach, series.pad_mm - 0.5), series.growth)
     even = np.linspace(0.0, deepest, series.presses + 1)[1:]
     presses = sorted({round(float(d), 9) for d in [*even, *series.depths_mm] if d <= depth + 1e-9})
     path = [Motion(d, 0.0) for d in presses]
     path += [Motion(depth, float(np.radians(angle))) for angle in series.turns_deg]
-    shape = Round(series.flat_mm, series.edge_mm)
     solved = press(gel, elements, shape, series.friction, path, rtol=1e-6)
     turns = enumerate(series.turns_deg, len(presses))
     kept = [len(presses) - 1, *(i for i, angle in turns if angle in series.kept_deg)]

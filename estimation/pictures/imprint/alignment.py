@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float, Float32, Shaped
 
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
@@ -35,6 +35,7 @@ class Template:
         texture: the texture.
         box: rows and columns of the part around the contact, which alone is registered.
         every: interval of the rows and columns that are read.
+        thinned: these rows and columns of the box.
     """
 
     def __init__(self, texture: Texture) -> None:
@@ -50,7 +51,7 @@ class Template:
             slice(max(y - rim, 0), y + height + rim),
             slice(max(x - rim, 0), x + width + rim),
         )
-        value, self._mask = texture.smooth[self.box], texture.mask[self.box]
+        value = texture.smooth[self.box]
         rows, columns = value.shape
         self._corner = np.array([self.box[1].start, self.box[0].start], float)
         self._middle = self._corner + 0.5 * (np.array([columns, rows]) - 1.0)
@@ -59,15 +60,14 @@ class Template:
             (np.linspace(-0.5, 0.5, count) * (count - 1) / self._arm).astype(np.float32)
             for count in (columns, rows)
         )
-        right = cv2.Sobel(value, cv2.CV_32F, 1, 0, scale=0.125)
-        down = cv2.Sobel(value, cv2.CV_32F, 0, 1, scale=0.125)
+        right, down = find_slopes(value)
         planes = [right, down, x * down - y[:, None] * right, value, np.ones_like(value)]
         enough = 4000  # pixels; of more, a quarter is read, since neighbours hardly differ
         self.every = 2 if value.size > 4 * enough else 1
-        thinned = slice(None, None, self.every), slice(None, None, self.every)
-        self._thin_mask = np.ascontiguousarray(self._mask[thinned])
-        self._thin_inner = texture.inner[self.box][thinned]
-        self._planes = np.stack([plane[thinned] for plane in planes]).reshape(5, -1)
+        self.thinned = slice(None, None, self.every), slice(None, None, self.every)
+        self._mask = np.ascontiguousarray(texture.mask[self.box][self.thinned])
+        self._inner = texture.inner[self.box][self.thinned]
+        self._planes = np.stack([plane[self.thinned] for plane in planes]).reshape(5, -1)
 
     def align(
         self, now: Texture, start: Float[np.ndarray, "2 3"], settings: ImprintSettings
@@ -83,11 +83,11 @@ class Template:
         warp = np.vstack([start, [0.0, 0.0, 1.0]])
         every = self.every
         shown = self.bring(now.mask, warp, cv2.INTER_NEAREST, every)
-        shared = every**2 * cv2.countNonZero(cv2.bitwise_and(self._thin_mask, shown))
+        shared = every**2 * cv2.countNonZero(cv2.bitwise_and(self._mask, shown))
         if shared < settings.overlap * min(map(cv2.countNonZero, (self.texture.mask, now.mask))):
             return None
         inner = self.bring(now.inner, warp, cv2.INTER_NEAREST, every)
-        seen = ((self._thin_inner & inner) > 0).ravel().astype(np.float32)
+        seen = ((self._inner & inner) > 0).ravel().astype(np.float32)
         products = ((self._planes * seen) @ self._planes.T).astype(float)
         count, sums = products[4, 4], products[4, :4]
         if count < len(products):
@@ -128,8 +128,16 @@ class Template:
             every: interval of the rows and columns that are read.
         """
         moved = np.column_stack([every * warp[:2, :2], warp[:2] @ [*self._corner, 1.0]])
-        rows, columns = (-(-size // every) for size in self._mask.shape)
+        rows, columns = (-(-size // every) for size in self.texture.mask[self.box].shape)
         return cv2.warpAffine(plane, moved, (columns, rows), flags=how | cv2.WARP_INVERSE_MAP)
+
+
+def find_slopes(
+    plane: Float32[np.ndarray, "h w"],
+) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
+    """Slopes along x and y [1/px]."""
+    right = cv2.Sobel(plane, cv2.CV_32F, 1, 0, scale=0.125)
+    return right, cv2.Sobel(plane, cv2.CV_32F, 0, 1, scale=0.125)
 
 
 def undo(

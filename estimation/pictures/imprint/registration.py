@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Float32, Int, UInt8
 from scipy.fft import irfft2, rfft2
 
-from estimation.pictures.imprint.alignment import Template, undo
+from estimation.pictures.imprint.alignment import Template, find_slopes, undo
 from estimation.pictures.imprint.painted import Texture
 from estimation.pictures.imprint.settings import ImprintSettings
 
@@ -143,8 +143,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
     shown = template.bring(now.mask, warp, cv2.INTER_NEAREST)
     mask = cv2.bitwise_and(template.texture.mask[template.box], shown)
     shared = np.zeros_like(mask)
-    thinned = slice(None, None, template.every), slice(None, None, template.every)
-    shared[thinned] = cv2.erode(mask, np.ones((3, 3), np.uint8))[thinned]
+    shared[template.thinned] = cv2.erode(mask, np.ones((3, 3), np.uint8))[template.thinned]
     shared = np.flatnonzero(shared)  # faster than `nonzero`
     if not len(shared):
         return None
@@ -152,8 +151,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
     x, y = columns - columns.mean(), rows - rows.mean()
     slopes, levels = [], []
     for plane in (template.texture.value[template.box], value):
-        right = cv2.Sobel(plane, cv2.CV_32F, 1, 0, scale=0.125).ravel()[shared]
-        down = cv2.Sobel(plane, cv2.CV_32F, 0, 1, scale=0.125).ravel()[shared]
+        right, down = (slope.ravel()[shared] for slope in find_slopes(plane))
         level = plane.ravel()[shared]
         level -= level.mean()
         spread = max(float(np.linalg.norm(level)), 1e-6)
