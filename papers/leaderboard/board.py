@@ -95,7 +95,7 @@ def _fit_length(angle: np.ndarray | None, case: Case) -> Float[np.ndarray, " fra
 
 
 def rank(scores: Sequence[Score], others: Sequence[Line] = ()) -> list[Row]:
-    """A row for each entry: right answers by tier [%], sorted by their mean, best first.
+    """A row for each entry: right answers by tier [%] and their mean, best mean first.
 
     Args:
         scores: scores of all entries.
@@ -106,11 +106,15 @@ def rank(scores: Sequence[Score], others: Sequence[Line] = ()) -> list[Row]:
     for entry in dict.fromkeys(score.entry for score in scores):
         own_scores = [score for score in scores if score.entry == entry]
         lines.append((entry, {tier: _share(own_scores, tier) for tier in settings.TIERS}))
-    lines.sort(key=lambda line: -sum(share or 0.0 for share in line[1].values()))
-    return [
-        {"entry": entry, **{f"{tier}, right [%]": _round(share) for tier, share in shares.items()}}
+    rows = [
+        {
+            "entry": entry,
+            **{f"{tier}, right [%]": _round(share) for tier, share in shares.items()},
+            MEAN: round(sum(share or 0.0 for share in shares.values()) / len(settings.TIERS), 1),
+        }
         for entry, shares in lines
     ]
+    return sorted(rows, key=lambda row: -row[MEAN])
 
 
 def tabulate(scores: Sequence[Score], by: str) -> list[Row]:
@@ -129,7 +133,7 @@ def tabulate(scores: Sequence[Score], by: str) -> list[Row]:
     return rows
 
 
-RIGHT = "right [%]"
+RIGHT, MEAN = "right [%]", "mean [%]"
 
 
 def _pool(place: str, entry: str, scores: Sequence[Score]) -> Row:

@@ -143,6 +143,7 @@ def test_groups_of_a_tier_weigh_the_same_and_the_best_entry_is_first():
     rows = board.rank(scores)
     assert [(row["entry"], row["virtual, right [%]"]) for row in rows] == [("b", 90.0), ("a", 50.0)]
     assert rows[0]["real, right [%]"] is None
+    assert rows[0][board.MEAN] == 30.0  # a tier without answers counts as 0
     assert board.plot(scores).axes
 
 
