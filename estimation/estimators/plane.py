@@ -44,6 +44,23 @@ def fit_motion(
     return Motion(turn, origin, image)
 
 
+def shear_strain(
+    before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]
+) -> float:
+    """Largest shear strain of the least-squares affine motion of some points [-].
+
+    It is half the difference between the principal stretches.
+
+    Args:
+        before: positions before, three or more [mm].
+        after: positions now [mm].
+    """
+    x, y = before - before.mean(), after - after.mean()
+    # y = turn x + shear conj(x), in least squares
+    parts = np.column_stack([x, np.conj(x)])
+    return float(np.abs(np.linalg.lstsq(parts, y)[0][1]))
+
+
 def in_contact_plane(
     stencils: Stencils,
     fields: Fields,

@@ -17,6 +17,7 @@ from jaxtyping import Bool
 from estimation.estimators.imprinted import ImprintedTurn, Turn
 from estimation.estimators.incremental import Incremental, IncrementalSettings
 from estimation.estimators.measurement import Z95, Measurement
+from estimation.estimators.plane import in_contact_plane, shear_strain
 from estimation.estimators.result import RESTS_OR_SLIDES, UNSEEN_TURN
 from estimation.fields.measure import Fields
 from estimation.fields.outline import Axis, measure_axis, turn_error, unwrap
@@ -157,12 +158,21 @@ class Tracked:
     def _follow_turn(self, fields: Fields, gel: Measurement) -> Turn:
         lasting = gel.restarts == self._gel_restarts and not self._resumed
         self._gel_restarts, self._resumed = gel.restarts, False
+        error = 0.5 * (gel.high - gel.low) / Z95
+        if not self._turn.known and gel.stick.any():
+            error = float(np.hypot(error, self._measure_shear(fields, gel.stick)))
         return self._turn.update(
-            self.gain * gel.angle,
-            self.gain * 0.5 * (gel.high - gel.low) / Z95,
-            fields.imprint,
-            lasting,
+            self.gain * gel.angle, self.gain * error, fields.imprint, lasting
         )
+
+    def _measure_shear(self, fields: Fields, stick: Bool[np.ndarray, " n"]) -> float:
+        """Shear strain of the markers that stick [-], an error of the angle that they give [rad].
+
+        A body that sticks does not strain. Where slip enters from one side, as in a contact that
+        the edge of the view cuts, the gel shears in layers, and turns by as much as it strains.
+        """
+        before, after = in_contact_plane(self.incremental.rigid.stencils, fields, stick)
+        return shear_strain(before[stick], after[stick])
 
     def _by_imprint(self, fields: Fields, gel: Measurement, confirmed: bool) -> Measurement:
         """The angle from imprint and gel together, and the markers that move with the imprint."""

@@ -7,6 +7,7 @@ import pytest
 
 from estimation.estimators.imprinted import MOST_CREEP, ImprintedTurn
 from estimation.estimators.measurement import Z95
+from estimation.estimators.plane import shear_strain
 from estimation.slip.motion import accumulate_slip, describe_counts
 from estimation.tracking.tracker import estimate_angles
 from tests.estimation.estimators.test_incremental import MICRON, ellipsoid_slips
@@ -72,6 +73,30 @@ def test_slow_slip_under_markers_that_seem_to_stick_is_in_the_angle_and_in_the_s
     slip = np.degrees(accumulate_slip(result))
     # the gel is that of the tenth of the markers that turned furthest: by up to twice φ's noise
     assert slip[-1] - slip[0] == pytest.approx(0.7 * angle[-1], abs=0.6)
+
+
+def test_gel_that_shears_in_layers_turns_by_as_much_as_it_strains():
+    rng = np.random.default_rng(6)
+    before = rng.normal(size=30) + 1j * rng.normal(size=30)
+    rigid = (1.0 + 0.05j) * before + 3.0
+    assert shear_strain(before, rigid) == pytest.approx(0.0, abs=1e-12)
+    layers = before + 0.02 * before.imag
+    assert shear_strain(before, layers) == pytest.approx(0.01)  # half the shear, as the rotation
+
+
+def test_the_first_angle_of_a_sheared_gel_is_uncertain_by_its_strain():
+    recording, _ = ellipsoid_slips(20, slip_from=20, slip_to=20, rate=0.0)
+    imprint = np.tile([0.0, 1e-4], (20, 1))
+    imprint[1:, 0] = 1e-6  # it counts from the first frame
+    slope, halves = 0.008, []
+    for shear in (0.0, slope):
+        positions = recording.positions.copy()
+        positions[..., 0] += shear * recording.layout.reference[:, 1]
+        given = replace(recording, positions=positions, imprint=imprint)
+        result = estimate_angles(given, "tracked", noise=MICRON)
+        halves.append(0.5 * (result.high - result.low)[-1])
+    assert np.degrees(halves[0]) < 0.1
+    assert halves[1] == pytest.approx(Z95 * 0.5 * slope, rel=0.05)
 
 
 def test_an_angle_that_is_restarts_says_since_when_and_is_never_exact():
