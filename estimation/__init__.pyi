@@ -25,10 +25,10 @@ from estimation.frames.recording import layout_markers as layout_markers
 from estimation.frames.source import FrameStream as FrameStream
 from estimation.frames.source import Source as Source
 from estimation.frames.source import record_source as record_source
+from estimation.output.comparison_plots import plot_grasp as plot_grasp
+from estimation.output.comparison_plots import plot_overview as plot_overview
 from estimation.output.plots import plot_angles as plot_angles
-from estimation.output.plots import plot_grasp as plot_grasp
 from estimation.output.plots import plot_maps as plot_maps
-from estimation.output.plots import plot_overview as plot_overview
 from estimation.output.record import RecordReader as RecordReader
 from estimation.output.record import RecordWriter as RecordWriter
 from estimation.output.table import TableWriter as TableWriter

@@ -44,9 +44,7 @@ def fit_motion(
     return Motion(turn, origin, image)
 
 
-def shear_strain(
-    before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]
-) -> float:
+def shear_strain(before: Complex[np.ndarray, " m"], after: Complex[np.ndarray, " m"]) -> float:
     """Largest shear strain of the least-squares affine motion of some points [-].
 
     It is half the difference between the principal stretches.

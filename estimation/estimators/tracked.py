@@ -161,9 +161,7 @@ class Tracked:
         error = 0.5 * (gel.high - gel.low) / Z95
         if not self._turn.known and gel.stick.any():
             error = float(np.hypot(error, self._measure_shear(fields, gel.stick)))
-        return self._turn.update(
-            self.gain * gel.angle, self.gain * error, fields.imprint, lasting
-        )
+        return self._turn.update(self.gain * gel.angle, self.gain * error, fields.imprint, lasting)
 
     def _measure_shear(self, fields: Fields, stick: Bool[np.ndarray, " n"]) -> float:
         """Shear strain of the markers that stick [-], an error of the angle that they give [rad].

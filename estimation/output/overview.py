@@ -16,9 +16,9 @@ from estimation.estimators.result import show_numbers
 from estimation.frames.files import write_whole
 from estimation.frames.names import counted
 from estimation.output.answer import describe_run, describe_turns
+from estimation.output.comparison_plots import plot_grasp, plot_overview
 from estimation.output.found import Run
 from estimation.output.load_plots import plot_moment
-from estimation.output.plots import plot_grasp, plot_overview
 from estimation.output.report import (
     describe_branch,
     figure_png,

@@ -21,6 +21,7 @@ from estimation.output.scene import (
     points_down,
     show_markers,
     show_numbers,
+    sticking_markers,
 )
 
 Values = Float[np.ndarray, " frames"]
@@ -127,8 +128,7 @@ def _describe_scene(run: Run, markers: KeptMarkers, step: int) -> dict[str, Any]
         spots, size = field.place(markers.positions)[None], field.size
     else:
         picture = picture_url(markers.picture)
-    sticks = markers.stick & bool(run.main.stick_markers[markers.row])  # unless it was withdrawn
-    shown = show_markers(spots, markers.valid, sticks, markers.contact)
+    shown = show_markers(spots, markers.valid, sticking_markers(run.main, markers), markers.contact)
     return {"row": markers.row // step, "size": size, "picture": picture, **shown}
 
 

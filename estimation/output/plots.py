@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from estimation.estimators.grasp import Grasp
 from estimation.estimators.result import Result, State, Track
 from estimation.frames.recording import Recording
 from estimation.output.record import KeptMarkers
@@ -23,6 +22,7 @@ from estimation.output.scene import (
     marker_signs,
     points_down,
     show_state,
+    sticking_markers,
 )
 from estimation.slip.motion import slip_curl, turned_since_counted
 
@@ -185,8 +185,9 @@ def plot_markers(
         top, middle, bottom = axes[:, column]
         since = track.time[frame.row] - track.time[0]
         top.set_title(f"{since:.2f} s\n{show_state(track.state[frame.row])}", fontsize=9)
+        signs = marker_signs(sticking_markers(track, frame), frame.contact)
         for kind, sign in zip(MARKER_COLOURS, "ox.", strict=True):
-            which = marker_signs(frame.stick, frame.contact) == sign
+            which = signs == sign
             middle.scatter(x[which], y[which], c=MARKER_COLOURS[kind], marker=sign, s=14)
         _scatter(top, x, y, rotation[column], rotation_scale)
         _scatter(bottom, x, y, turn[column], turn_scale)
@@ -203,94 +204,6 @@ def plot_markers(
     figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8, frameon=False)
     axes[2, 0].set_xlabel(f"x [{unit}]")
     axes[2, 0].set_ylabel(f"y [{unit}]")
-    return figure
-
-
-def plot_overview(
-    results: Mapping[str, Track],
-    outlines: Mapping[str, tuple[str, Float[np.ndarray, " frames"]]],
-) -> Figure:
-    """Angles of several recordings and of their contact outlines, each on its own clock.
-
-    An outline or imprint has no zero, so its curve starts on that of the angle.
-
-    Args:
-        results: tracks by recording.
-        outlines: label and angle [rad] of the outline or imprint, by recording.
-
-    Examples:
-        >>> from estimation import estimate_angles, follow_outline, plot_overview, simulate_pivot
-        >>> recording, _ = simulate_pivot(angles_deg=(0.0, 10.0), frames=(20,))
-        >>> outlines = {"lift": ("outline", follow_outline(recording).angle)}
-        >>> figure = plot_overview({"lift": estimate_angles(recording)}, outlines)
-        >>> figure.savefig("overview.png")
-        >>> print([text.get_text() for text in figure.axes[0].get_legend().get_texts()][-1])
-        bar on the zero line: macro slip
-    """
-    size = (9.0, 4.5)
-    figure, axis = plt.subplots(figsize=size, gridspec_kw=_margins(size))
-    for number, (name, result) in enumerate(results.items()):
-        time = result.time - result.time[0]
-        colour = f"C{number}"
-        axis.plot(time, np.degrees(result.angle), color=colour, lw=1.6, label=f"{name}: angle")
-        axis.fill_between(
-            time, np.degrees(result.low), np.degrees(result.high), color=colour, alpha=0.3, lw=0
-        )
-        what, outline = outlines[name]
-        shared = np.nonzero(result.answered & np.isfinite(outline))[0]
-        if len(shared):
-            outline = outline - outline[shared[0]] + result.angle[shared[0]]
-            axis.plot(time, np.degrees(outline), "--", color=colour, lw=1, label=f"{name}: {what}")
-        level = np.where(result.slipping, 0.0, np.nan)
-        axis.plot(time, level, color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
-    for width, label in ((9, "95 % interval"), (5, "bar on the zero line: macro slip")):
-        axis.plot([], [], color="0.5", lw=width, alpha=0.35, solid_capstyle="butt", label=label)
-    axis.axhline(0.0, color="0.7", lw=0.6)
-    axis.set_xlabel("time since the recording's first frame [s]")
-    axis.set_ylabel("object's angle [°]")
-    axis.legend(fontsize=8, frameon=False)
-    return figure
-
-
-def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
-    """Both fingers' angles on one clock, their joint angle, and their difference.
-
-    Args:
-        grasp: the comparison.
-        names: names of the two recordings.
-
-    Examples:
-        >>> from estimation import compare_fingers, estimate_angles, plot_grasp, simulate_pivot
-        >>> tracks = [
-        ...     estimate_angles(simulate_pivot(angles_deg=(0.0, turn), frames=(20,), seed=seed)[0])
-        ...     for seed, turn in ((0, 10.0), (1, -10.0))  # the fingers face each other
-        ... ]
-        >>> figure = plot_grasp(compare_fingers(*tracks), ["left", "right"])
-        >>> figure.savefig("grasp.png")
-        >>> print([axis.get_ylabel() for axis in figure.axes])
-        ["object's angle [°]", 'difference [°]']
-    """
-    size = (9.0, 5.4)
-    margins = _margins(size, top=0.15, hspace=0.06)
-    figure, (top, bottom) = plt.subplots(
-        2, 1, sharex=True, figsize=size, height_ratios=[2.4, 1], gridspec_kw=margins
-    )
-    label = "joint angle, 95 % interval"
-    top.fill_between(
-        grasp.time, *np.degrees([grasp.low, grasp.high]), color="0.8", lw=0, label=label
-    )
-    for angle, name, colour in zip((grasp.first, grasp.second), names, ("C0", "C1"), strict=True):
-        top.plot(grasp.time, np.degrees(angle), color=colour, lw=1.4, label=name)
-    top.set_ylabel("object's angle [°]")
-    top.legend(fontsize=8, frameon=False)
-    difference = np.degrees(grasp.second - grasp.first)
-    bottom.plot(grasp.time, difference, color="0.7", lw=1, label="no marker sticks on a finger")
-    holding = np.where(grasp.holds, difference, np.nan)
-    bottom.plot(grasp.time, holding, "k", lw=1.3, label="markers stick on both fingers")
-    bottom.axhline(0.0, color="0.7", lw=0.6)
-    bottom.set_ylabel("difference [°]")
-    bottom.set_xlabel(f"time since the first frame of {names[0]} [s]")
-    bottom.legend(fontsize=8, frameon=False)
     return figure
 
 
@@ -344,7 +257,7 @@ def _make_maps(
             "xlim": (low[0], high[0]),
             "ylim": (high[1], low[1]) if down else (low[1], high[1]),
         },
-        gridspec_kw=_margins(size, right=1.2, top=0.5, bottom=0.9, wspace=0.1, hspace=0.1),
+        gridspec_kw=set_margins(size, right=1.2, top=0.5, bottom=0.9, wspace=0.1, hspace=0.1),
     )
     for inner in axes[:-1].flat:
         inner.set_xticks([])
@@ -355,7 +268,7 @@ def _make_maps(
     return figure, axes
 
 
-def _margins(
+def set_margins(
     size: tuple[float, float],
     *,
     right: float = 0.15,

@@ -14,7 +14,7 @@ from estimation.frames.extras import require_extra
 from estimation.frames.inspection import disordered_times
 from estimation.output.found import Run
 from estimation.output.record import KeptMarkers
-from estimation.output.scene import MARKER_COLOURS, marker_signs
+from estimation.output.scene import MARKER_COLOURS, marker_signs, sticking_markers
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import RATE, is_camera, read_pictures
 from estimation.slip.alert import AlertLevel
@@ -154,8 +154,7 @@ def annotate(
     below, right = 2 * thickness + int(odd[0]), int(odd[1])
     image = cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_CONSTANT, value=(0, 0, 0))
     result, row = run.main, markers.row
-    sticks = markers.stick & bool(result.stick_markers[row])  # unless the answer was withdrawn
-    signs = marker_signs(sticks, markers.contact)
+    signs = marker_signs(sticking_markers(result, markers), markers.contact)
     for i in np.flatnonzero(markers.valid):
         for spot in enlarged * spots[:, i] + 0.5 * (enlarged - 1):
             mark_spot(image, spot, signs[i])

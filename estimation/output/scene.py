@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from estimation.estimators.result import State
+from estimation.estimators.result import State, Track
 from estimation.frames.recording import Frame
 from estimation.frames.source import Source
+from estimation.output.record import KeptMarkers
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.still import Shown
 
@@ -144,6 +145,16 @@ def points_down(convention: str) -> bool:
         convention: directions of the source's axes.
     """
     return "y down" in convention
+
+
+def sticking_markers(track: Track, markers: KeptMarkers) -> Bool[np.ndarray, " n"]:
+    """The stored markers that stick; none if the answer to their frame was withdrawn.
+
+    Args:
+        track: track of the method that detected them, after looking back.
+        markers: stored markers of a frame.
+    """
+    return markers.stick & bool(track.stick_markers[markers.row])
 
 
 def marker_signs(

@@ -6,9 +6,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from estimation.estimators.grasp import compare_fingers
 from estimation.estimators.result import Track
 from estimation.frames.noise import Noise
-from estimation.output.plots import plot_angles, plot_maps, plot_overview
+from estimation.output.comparison_plots import plot_grasp, plot_overview
+from estimation.output.plots import plot_angles, plot_maps
 from estimation.pictures.reading import CONVENTION
 from estimation.tracking.tracker import estimate_angles
 from tests.cases import lift
@@ -66,6 +68,20 @@ def test_the_legends_of_maps_and_overview_name_what_is_drawn(answered):
     plt.close("all")
 
 
+def test_maps_show_no_sticking_markers_where_the_answer_was_withdrawn(answered):
+    recording, result = answered
+
+    row = int(np.argmax(result.stick_markers))
+
+    def sticking(result):
+        figure = plot_maps(recording, result, [row])
+        return len(figure.axes[1].collections[0].get_offsets())
+
+    assert sticking(result) == result.stick[row].sum() > 0
+    assert sticking(replace(result, stick_markers=0 * result.stick_markers)) == 0
+    plt.close("all")
+
+
 def test_the_axis_of_the_angle_holds_the_truth(answered):
     _, result = answered
     truth = np.radians(np.linspace(0.0, -40.0, len(result.time)))
@@ -85,4 +101,9 @@ def test_a_long_stream_is_drawn_by_its_extremes(answered):
     assert np.nanmax(drawn) == pytest.approx(np.degrees(np.nanmax(result.angle)))
     spans = [collection for collection in top.collections if len(collection.get_paths()) > 1]
     assert 0 < len(spans) <= 5  # one artist for each state
+    outline = np.zeros(len(long.time))
+    overview = plot_overview({"left": long}, {"left": ("outline", outline)}).axes[0]
+    grasp = plot_grasp(compare_fingers(long, long), ["left", "right"]).axes[0]
+    for axis in (overview, grasp):
+        assert len(axis.lines[0].get_ydata()) < len(long.time)
     plt.close("all")
