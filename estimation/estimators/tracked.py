@@ -159,7 +159,7 @@ class Tracked:
         lasting = gel.restarts == self._gel_restarts and not self._resumed
         self._gel_restarts, self._resumed = gel.restarts, False
         error = 0.5 * (gel.high - gel.low) / Z95
-        if not self._turn.known and gel.stick.any():
+        if not (self._turn.known or gel.restarts) and gel.stick.any():
             error = float(np.hypot(error, self._measure_shear(fields, gel.stick)))
         return self._turn.update(self.gain * gel.angle, self.gain * error, fields.imprint, lasting)
 
