@@ -91,7 +91,7 @@ def test_commands_of_the_readme_are_those_that_are_checked():
     assert test in read(".ci/run").splitlines()
     assert test in read("CONTRIBUTING.md").splitlines()
     build = "python -m sphinx -W -c docs . build/docs"
-    for place in ("README.md", "CONTRIBUTING.md", "docs/conf.py"):
+    for place in ("CONTRIBUTING.md", "docs/conf.py"):
         assert build in read(place), place
 
 
