@@ -26,7 +26,15 @@ ITEMS = {
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),
     "finite_strain": ("atlas", "factors", "fields", "reference", "samples"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
-    "virtual_pivots": ("accuracy", "reversal", "elongated", "margin", "rendered", "slides"),
+    "virtual_pivots": (
+        "accuracy",
+        "reversal",
+        "elongated",
+        "margin",
+        "rendered",
+        "slides",
+        "few_markers",
+    ),
 }
 """Items of each paper: modules of its package."""
 

@@ -21,9 +21,11 @@ DRAWS = {
     "elongated": 50,
     "margin": 100,
     "slides": 60,
+    "few_markers": 8,
 }
 """Number of draws by item. `accuracy`: per angle, friction ratio and noise, in total over 1000 per
-ratio and noise; `rendered`: per angle; `elongated`: per μ; others: in total."""
+ratio and noise; `rendered`: per angle; `elongated`: per μ; `few_markers`: per
+shape and μ; others: in total."""
 
 QUICK_DRAWS = {
     "accuracy": 2,
@@ -32,6 +34,7 @@ QUICK_DRAWS = {
     "elongated": 1,
     "margin": 1,
     "slides": 3,
+    "few_markers": 1,
 }
 
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)
@@ -48,7 +51,7 @@ FRICTIONS = (0.35, 0.5)
 
 
 class Resolution(NamedTuple):
-    """Resolution of an elongated contact.
+    """Resolution of a solved contact.
 
     Attributes:
         cells: number of cells along each side of the grid.
@@ -63,3 +66,8 @@ class Resolution(NamedTuple):
 
 FINE = Resolution(48, (5, 30, 8, 80), (1, 3, 1, 4))
 COARSE = Resolution(24, (3, 10, 4, 40), (1, 1, 1, 2))
+
+FEW_FRICTIONS = (0.6, 0.3)
+"""μ of `few_markers` [-]: some markers stick up to 20°, or none does."""
+FEW_FINE = Resolution(72, (8, 40, 6, 42), (1, 2, 1, 3))
+FEW_COARSE = Resolution(32, (4, 10, 2, 10), (1, 1, 1, 1))

@@ -1,0 +1,282 @@
+"""Intervals while few markers stick, by shape, noise and number of sticking markers.
+
+Spheres, ellipsoids, round and square punches on layers are turned to 20° and back to −8°, solved
+with the contact model; their shapes move with the object. Each draw places and turns the markers at
+random, and each noise is added to the same motion.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from matplotlib.figure import Figure
+
+from contactmodel import (
+    AbstractIndenter,
+    Contact,
+    Ellipsoid,
+    Grid,
+    Layer,
+    Pose,
+    Rigid,
+    RoundPunch,
+    Sphere,
+    SquarePunch,
+    make_path,
+    solve_path,
+)
+from contactmodel.solution import ContactSolution
+from estimation.estimators import DEFAULT_METHOD
+from estimation.estimators.measurement import Z95
+from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.frames.recording import Recording
+from estimation.tracking.tracker import estimate_angles
+from estimation.virtual.contact import simulate_recording
+from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
+from papers.items import Track
+from papers.limits import angle_limit
+from papers.virtual_pivots import settings
+from papers.virtual_pivots.slides import GROUPS
+
+METHODS = (DEFAULT_METHOD, "rigid")
+UP, BACK, LOST = "up", "back", "after macro slip"
+CORNERS_DEG = (0.0, 20.0, 20.0, -8.0)
+WIDTH_MM = 18.0
+NOISES_MM = (1e-3, 3e-3, 1e-2)
+"""Noise of x and y; that of z is 3.5 times larger [mm]."""
+
+
+class Shape(NamedTuple):
+    """An object on a layer.
+
+    Attributes:
+        indenter: its shape.
+        thickness_mm: thickness of the layer [mm].
+        approach_mm: how far the object is pressed in [mm].
+    """
+
+    indenter: AbstractIndenter
+    thickness_mm: float
+    approach_mm: float
+
+
+@cache
+def shapes() -> dict[str, Shape]:
+    """The objects by name."""
+    return {
+        "sphere": Shape(Sphere(20.0), 8.0, 1.0),
+        "square punch": Shape(SquarePunch(7.0, 1.0), 5.0, 0.35),
+        "small sphere": Shape(Sphere(10.0), 4.0, 0.8),
+        "round punch": Shape(RoundPunch(4.0, 1.0), 5.0, 0.4),
+        "ellipsoid": Shape(Ellipsoid((19.0, 11.0, 10.0)), 6.0, 0.9),
+    }
+
+
+class Followed(NamedTuple):
+    """The frames in contact of one recording.
+
+    Attributes:
+        shape: name of the object.
+        noise: noise of x and y [mm].
+        phase: `up`, `back`, or `after macro slip`: since fewer than three markers had never
+            slipped, until the recording's end.
+        sticking: number of markers that have never slipped; after the turn, that stick now.
+        error: angle minus truth by method [deg]; NaN without an answer.
+        half_width: half-width of the interval by method [deg].
+        inside: whether the interval holds the truth, by method.
+        bound: half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick,
+            from one frame [deg].
+    """
+
+    shape: str
+    noise: float
+    phase: list[str]
+    sticking: Int[np.ndarray, " frames"]
+    error: Float[np.ndarray, "methods frames"]
+    half_width: Float[np.ndarray, "methods frames"]
+    inside: Bool[np.ndarray, "methods frames"]
+    bound: Float[np.ndarray, " frames"]
+
+
+@cache
+def solve_turn(name: str, friction: float, resolution: settings.Resolution) -> ContactSolution:
+    """The contacts of a shape along the path, with one kept step for each frame."""
+    shape = shapes()[name]
+    poses = [Pose(0.0)]
+    poses += [Pose(shape.approach_mm, twist=np.radians(angle)) for angle in CORNERS_DEG]
+    steps = [n * per for n, per in zip(resolution.frames, resolution.steps, strict=True)]
+    grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
+    contact = Contact(Layer(0.2, 0.48, shape.thickness_mm), Rigid(), shape.indenter, grid, friction)
+    solved = solve_path(contact, make_path(poses, steps), rtol=1e-5, sliding=True)
+    kept = np.cumsum(np.repeat(resolution.steps, resolution.frames)) - 1
+    return solved.map_steps(lambda leaf: leaf[kept])
+
+
+def compute(quick: bool = False, track: Track = iter) -> list[Followed]:
+    """Solve the contacts, simulate the recordings, and estimate their angles."""
+    draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["few_markers"]
+    resolution = settings.FEW_COARSE if quick else settings.FEW_FINE
+    names = list(shapes())[:2] if quick else list(shapes())
+    frictions = settings.FEW_FRICTIONS[:1] if quick else settings.FEW_FRICTIONS
+    cases = [(n, f, d) for n in names for f in frictions for d in range(draws)]
+    return [one for case in track(cases) for one in _follow(*case, resolution)]
+
+
+def _follow(
+    name: str, friction: float, draw: int, resolution: settings.Resolution
+) -> Iterator[Followed]:
+    """Follow one draw with each noise."""
+    rng = np.random.default_rng((11, draw))
+    x, y = rng.uniform(-0.5, 0.5, 2).tolist()
+    model = PivotModel(offset=(x, y), grid_angle=float(rng.uniform(0.0, np.pi / 2)))
+    camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=draw)
+    path = solve_turn(name, friction, resolution)
+    recording, truth = simulate_recording(path, lay_out_markers(model), camera)
+    for noise in NOISES_MM:
+        spread = noise * np.array([1.0, 1.0, 3.5])
+        noisy = recording.positions + spread * rng.normal(size=recording.positions.shape)
+        given = replace(recording, positions=noisy)
+        yield _compare(name, noise, given, truth)
+
+
+def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Followed:
+    touching = np.isfinite(truth.angle)
+    turned = np.arange(len(truth.angle)) > np.nanargmax(np.nan_to_num(truth.angle, nan=-np.inf))
+    held, now = truth.stick.sum(axis=1), truth.sticking_now.sum(axis=1)
+    lost = np.maximum.accumulate(touching & (held < MIN_STICK_MARKERS) & ~turned)
+    phase = np.where(lost, LOST, np.where(turned, BACK, UP))
+    sticking = np.where(turned | lost, now, held)
+    which = np.where(turned[:, None], truth.sticking_now, truth.stick)
+    points = recording.layout.reference[:, :2]
+    bound = [Z95 * np.degrees(angle_limit(points, markers, noise)) for markers in which]
+    results = [estimate_angles(recording, method) for method in METHODS]
+    angle, low, high = (
+        np.array([getattr(result, field) for result in results])[:, touching]
+        for field in ("angle", "low", "high")
+    )
+    true = truth.angle[touching]
+    return Followed(
+        shape=name,
+        noise=noise,
+        phase=phase[touching].tolist(),
+        sticking=sticking[touching],
+        error=np.degrees(angle - true),
+        half_width=np.degrees(0.5 * (high - low)),
+        inside=(low <= true) & (true <= high),
+        bound=np.array(bound)[touching],
+    )
+
+
+def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:
+    """Rows by noise, phase and sticking markers, over all shapes; and the same for each shape."""
+    names = list(dict.fromkeys(followed.shape for followed in result))
+    by_shape = [
+        {"shape": name, **row}
+        for name in names
+        for row in _tabulate([followed for followed in result if followed.shape == name])
+    ]
+    rows = _tabulate(result)
+    for row in rows:
+        same = ("noise [µm]", "phase", "markers that stick")
+        cells = [cell for cell in by_shape if all(cell[key] == row[key] for key in same)]
+        covered = {cell["shape"]: cell[COVERS] for cell in cells if cell[COVERS] is not None}
+        worst = min(covered, key=lambda name: covered[name], default=None)
+        row["worst shape"] = None if worst is None else f"{worst}, {covered[worst]:g} %"
+    return {"": rows, "_shapes": by_shape}
+
+
+COVERS = "interval covers [%]"
+
+
+def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
+    rows = []
+    for noise in dict.fromkeys(followed.noise for followed in result):
+        chosen = [followed for followed in result if followed.noise == noise]
+        phase = np.concatenate([followed.phase for followed in chosen])
+        sticking, bound = (
+            np.concatenate([getattr(followed, name) for followed in chosen])
+            for name in ("sticking", "bound")
+        )
+        values = [
+            np.concatenate([getattr(followed, name) for followed in chosen], axis=1)
+            for name in ("error", "half_width", "inside")
+        ]
+        groups = [(when, *group) for when in (UP, BACK) for group in GROUPS.items()]
+        for when, label, (least, most) in [*groups, (LOST, "any", (0, 400))]:
+            frames = (phase == when) & (sticking >= least) & (sticking <= most)
+            if frames.any():
+                ours, rigid = ([value[i][frames] for value in values] for i in range(2))
+                place = {"noise [µm]": 1e3 * noise, "phase": when, "markers that stick": label}
+                rows.append(
+                    {**place, **_row(*ours, bound[frames]), "rigid covers [%]": _cover(*rigid)}
+                )
+    return rows
+
+
+def _row(
+    error: Float[np.ndarray, " frames"],
+    half_width: Float[np.ndarray, " frames"],
+    inside: Bool[np.ndarray, " frames"],
+    bound: Float[np.ndarray, " frames"],
+) -> dict[str, object]:
+    known = np.isfinite(error)
+    wide = known & np.isfinite(bound)
+
+    def show(values: np.ndarray, summary=np.mean) -> float | None:
+        return float(f"{summary(values):.2g}") if len(values) else None
+
+    return {
+        "frames": len(error),
+        "answered [%]": show(100.0 * known),
+        "mean absolute error [°]": show(np.abs(error[known])),
+        "bias [°]": show(error[known]),
+        COVERS: _cover(error, half_width, inside),
+        "median half-width [°]": show(half_width[known], np.median),
+        "over the bound [-]": show(half_width[wide] / bound[wide], np.median),
+    }
+
+
+def _cover(
+    error: Float[np.ndarray, " frames"],
+    half_width: Float[np.ndarray, " frames"],
+    inside: Bool[np.ndarray, " frames"],
+) -> float | None:
+    known = np.isfinite(error + half_width)
+    return round(100.0 * float(inside[known].mean()), 1) if known.any() else None
+
+
+def plot(result: list[Followed]) -> Figure:
+    """Share of the intervals that cover the truth, by sticking markers: a panel for each noise."""
+    by_shape = tables(result)["_shapes"]
+    noises = sorted({row["noise [µm]"] for row in by_shape})
+    figure, axes = plt.subplots(
+        1,
+        len(noises),
+        sharey=True,
+        figsize=(3.6 * len(noises), 3.8),
+        squeeze=False,
+        layout="constrained",
+    )
+    groups = list(reversed(GROUPS))
+    for axis, noise in zip(axes[0], noises, strict=True):
+        for i, name in enumerate(dict.fromkeys(row["shape"] for row in by_shape)):
+            for when, mark in ((UP, "o-"), (BACK, "x--")):
+                cells = {
+                    row["markers that stick"]: row[COVERS]
+                    for row in by_shape
+                    if (row["shape"], row["noise [µm]"], row["phase"]) == (name, noise, when)
+                }
+                covered = [np.nan if cells.get(g) is None else cells[g] for g in groups]
+                label = name if when == UP else None
+                axis.plot(range(len(groups)), covered, mark, color=f"C{i}", label=label, ms=4)
+        axis.axhspan(92.0, 98.0, color="0.9", zorder=0)
+        axis.set_xticks(range(len(groups)), groups, fontsize=8)
+        axis.set_title(f"{noise:g} µm", fontsize=9)
+        axis.set_xlabel("markers that stick")
+    axes[0, 0].set_ylabel("interval covers [%]; dashed: turned back")
+    axes[0, 0].legend(fontsize=7, frameon=False)
+    return figure
