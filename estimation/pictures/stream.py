@@ -212,7 +212,7 @@ def find_exposure_flaw(image: Shaped[np.ndarray, "h w *colour"]) -> str:
     # mean grey levels (of 255) below and above which a picture shows nothing
     black, white = 8.0, 247.0
     channels = 1 if image.ndim == 2 else image.shape[2]
-    level = sum(cv2.mean(image)[:channels]) / channels  # a tenth of NumPy's time
+    level = sum(cv2.mean(image[::4])[:channels]) / channels  # every fourth row is enough
     level *= 255.0 / 65535.0 if image.dtype == np.uint16 else 1.0
     if level < black:
         return "the picture is black"

@@ -23,30 +23,29 @@ def model_dots(
         dx: of the pixels, from the window's middle.
         dy: the same along y.
     """
-    x, y = dx - p[:, :1], dy - p[:, 1:2]
-    gx = p[:, 2:3] * x + p[:, 4:5] * y
-    gy = p[:, 4:5] * x + p[:, 3:4] * y
-    size = np.sqrt(gx**2 + gy**2 + np.float32(1e-6))
-    nx = (p[:, 2:3] * gx + p[:, 4:5] * gy) / size
-    ny = (p[:, 4:5] * gx + p[:, 3:4] * gy) / size
-    slope = np.sqrt(nx**2 + ny**2 + np.float32(1e-9))
-    t = (size - 1.0) / (slope * p[:, 5:6])
+    blur, height = p[:, 5:6], p[:, 6:7]
+    inverse = p[:, [2, 4, 4, 3]].reshape(-1, 2, 2)
+    arm = np.array([dx, dy]) - p[:, :2, None]
+    round_arm = inverse @ arm
+    size = np.sqrt(np.einsum("nip,nip->np", round_arm, round_arm) + np.float32(1e-6))
+    normal = inverse @ round_arm
+    normal /= size[:, None]
+    slope = np.sqrt(np.einsum("nip,nip->np", normal, normal) + np.float32(1e-9))
+    t = (size - 1.0) / (slope * blur)
     inner = np.float32(0.5) * erfc(t * np.float32(np.sqrt(0.5)))
-    linear = p[:, 6:7] * inner + p[:, 7:8] + p[:, 8:9] * dx + p[:, 9:10] * dy
     bell = np.exp(np.float32(-0.5) * t**2) * np.float32(1.0 / np.sqrt(2.0 * np.pi))
-    edge = -p[:, 6:7] * bell / p[:, 5:6]
-    across = edge / (slope * size)
+    edge = bell * (-height / blur)
+    across = edge / slope
     jacobian = np.empty((len(p), 10, len(dx)), np.float32)
-    jacobian[:, 0] = -edge * nx / slope
-    jacobian[:, 1] = -edge * ny / slope
-    jacobian[:, 2] = across * gx * x
-    jacobian[:, 3] = across * gy * y
-    jacobian[:, 4] = across * (gx * y + gy * x)
+    np.multiply(normal, -across[:, None], out=jacobian[:, :2])
+    round_arm *= (across / size)[:, None]
+    np.multiply(round_arm, arm, out=jacobian[:, 2:4])
+    jacobian[:, 4] = np.einsum("nip,nip->np", round_arm, arm[:, ::-1])
     jacobian[:, 5] = -edge * t
     jacobian[:, 6] = inner
     jacobian[:, 7] = 1.0
     jacobian[:, 8], jacobian[:, 9] = dx, dy
-    return linear, jacobian
+    return np.matmul(p[:, None, 6:], jacobian[:, 6:])[:, 0], jacobian
 
 
 def fit_windows(
@@ -120,6 +119,7 @@ def _equations(
     jacobian *= weight[:, None]
     residual = (value - fitted) * weight
     matrix = (jacobian @ jacobian.transpose(0, 2, 1)).astype(float)
-    damping = 1e-5 * np.einsum("nii->ni", matrix) + 1e-6
-    matrix += damping[:, :, None] * np.eye(10)
+    diagonal = np.einsum("nii->ni", matrix)  # a view
+    diagonal *= 1.0 + 1e-5
+    diagonal += 1e-6
     return matrix, np.matmul(jacobian, residual[..., None])[..., 0].astype(float), residual

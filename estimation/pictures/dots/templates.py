@@ -126,14 +126,14 @@ def _refit_elongated(
     elongation = dots.elongation
     far = np.flatnonzero((elongation > least) & (elongation < most))
     frame = dots.axes[far] / style.radius
-    window = np.stack([templates.dx, templates.dy]).astype(float)
-    place = dots.centre[far, :, None] + frame @ window
-    last = np.array(grey.shape[::-1])[:, None] - 1.0
+    window = np.array([templates.dx, templates.dy], np.float32)
+    place = dots.centre[far, :, None].astype(np.float32) + frame.astype(np.float32) @ window
+    last = np.array(grey.shape[::-1], np.float32)[:, None] - 1
     inside = ((place >= 0.0) & (place <= last)).all(axis=(1, 2))
     far, frame, place = far[inside], frame[inside], place[inside]
     if not len(far):
         return dots
-    x, y = place.astype(np.float32).transpose(1, 0, 2)
+    x, y = place.transpose(1, 0, 2)
     value = cv2.remap(grey, x, y, cv2.INTER_LINEAR)
     value -= value.mean(axis=1, keepdims=True)
     entry = (SIZES.index(1.0) * (PARTS + 1) + PARTS // 2) * (PARTS + 1) + PARTS // 2
@@ -141,8 +141,9 @@ def _refit_elongated(
     gram, spread = templates.gram[[entry]], templates.inverse[[entry], :2, :2]
     own = _to_dots(fit, value, gram, spread, 1.0 / style.radius, style, float(value.shape[1]))
     # interpolation reduces the noise, and the density of samples is not one a pixel
-    share = place % 1.0
-    noise = ((1.0 - share) ** 2 + share**2).prod(axis=1).mean(axis=1) * np.linalg.det(frame)
+    share = place - np.floor(place)  # faster than `%`
+    kept = 1 - 2 * share * (1 - share)
+    noise = (kept[:, 0] * kept[:, 1]).mean(axis=1) * np.linalg.det(frame)
     transposed = frame.transpose(0, 2, 1)
     better = own._replace(
         centre=dots.centre[far] + np.einsum("nij,nj->ni", frame, own.centre),
@@ -182,18 +183,19 @@ def _fit_linear(
     if len(cut):
         count[cut], value[cut] = there.sum(axis=1), np.where(there, value[cut], 0.0)
         total[cut] = value[cut].sum(axis=1)
-    value -= (total / count)[:, None]
+    value -= (total / count).astype(value.dtype)[:, None]
     gram, spread = templates.gram[entry], templates.inverse[entry, :2, :2]
     fit = templates.fit(entry, value)
     if len(cut):
         value[cut] *= there
-        own = templates.jacobian[entry[cut]]
-        background = np.broadcast_to(templates.background, (len(cut), *templates.background.shape))
-        jacobian = np.concatenate([own, background], axis=1) * there[:, None]
-        gram[cut] = jacobian @ jacobian.transpose(0, 2, 1)
-        products = np.matmul(jacobian, value[cut][..., None])
-        sides = np.broadcast_to(np.eye(10, 2), (len(cut), 10, 2))
-        solved = np.linalg.solve(_damp(gram[cut]), np.concatenate([products, sides], axis=2))
+        planes = np.empty((len(cut), 11, value.shape[1]), np.float32)
+        planes[:, :7], planes[:, 7:10] = templates.jacobian[entry[cut]], templates.background
+        planes[:, 10] = value[cut]
+        planes *= there[:, None].astype(np.float32)
+        products = (planes[:, :10] @ planes.transpose(0, 2, 1)).astype(float)
+        gram[cut], sides = products[..., :10], np.zeros((len(cut), 10, 3))
+        sides[..., 0], sides[:, [0, 1], [1, 2]] = products[..., 10], 1.0
+        solved = np.linalg.solve(_damp(gram[cut]), sides)
         fit[cut], spread[cut] = solved[..., 0], solved[:, :2, 1:]
     start_inverse = 1.0 / (style.radius * np.asarray(SIZES)[size])
     dots = _to_dots(fit, value, gram, spread, start_inverse, style, count)

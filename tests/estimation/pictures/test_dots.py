@@ -14,6 +14,12 @@ from papers.marker_images.rivals import RIVALS, locate_by_blobs
 from tests.estimation.pictures.scenes import REST, picture, real
 
 
+def test_dark_dots_are_read_in_the_brightest_channel_and_bright_ones_in_the_darkest():
+    image = _rng().integers(0, 255, (5, 7, 3)).astype(np.uint8)
+    assert np.array_equal(to_grey(image, True), image.max(axis=2))
+    assert np.array_equal(to_grey(image, False), image.min(axis=2))
+
+
 def test_bound_is_the_known_one():
     for noise, printed in ((2.0, 0.0085), (5.0, 0.0214)):
         limit = position_limit(noise, RADIUS * np.eye(2), settings.CONTRAST, settings.BLUR)
