@@ -16,8 +16,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 from scipy.interpolate import RBFInterpolator
+from scipy.spatial import distance_matrix
+from scipy.special import xlogy
 
-from estimation.pictures.imprint.painted import Painted
+from estimation.pictures.imprint.painted import Painted, add_squares
 from estimation.pictures.lattice import Reference
 
 COARSE = 8
@@ -73,17 +75,18 @@ WEAKEST = 0.1
 
 
 class Print(NamedTuple):
-    """A picture warped back to the gel at rest.
+    """A picture warped back to the gel at rest, in a window around every dot.
 
     Attributes:
-        planes: its colours without dots and slow changes of light, grey levels of 255.
+        planes: its colours without dots and slow changes of light, grey levels of 255; 0 where
+            hidden.
         power: sum of squares over the colours.
         clear: 1 where the gel is visible without a dot, else 0.
     """
 
-    planes: list[Float32[np.ndarray, "h w"]]
-    power: Float32[np.ndarray, "h w"]
-    clear: Float32[np.ndarray, "h w"]
+    planes: list[Float32[np.ndarray, "m pixels"]]
+    power: Float32[np.ndarray, "m pixels"]
+    clear: Float32[np.ndarray, "m pixels"]
 
 
 class HoldFollower:
@@ -132,60 +135,67 @@ class HoldFollower:
         return Hold(since, lately, weakest)
 
     def _lay_grid(self, painted: Painted) -> None:
-        """Lay a grid of points over pictures of this size, with their weights of the dots."""
+        """Lay a grid of points over pictures of this size, with their weights of the dots.
+
+        The windows around the dots are mirrored at the picture's edge.
+        """
         self._part = painted.part
         height, width = painted.clear.shape
-        self._shape = (-(-height // COARSE) + 1, -(-width // COARSE) + 1)
+        self._shape = (-(-height // COARSE) + 2, -(-width // COARSE) + 2)
         row, column = np.mgrid[: self._shape[0], : self._shape[1]]
-        self._grid = np.stack([column, row], axis=-1).reshape(-1, 2) * float(COARSE * self._part)
+        points = COARSE * (np.stack([column, row], axis=-1).reshape(-1, 2) - 0.5) - 0.5
+        self._grid = points * self._part
         places = self._places / self._pitch
         self._spread = RBFInterpolator(places, np.eye(len(places)))(self._grid / self._pitch)
-        place = np.rint(self._places / self._part).astype(int)
-        self._columns, self._rows = np.clip(place, 0, [width - 1, height - 1]).T
+        apart, plane = distance_matrix(places, places), np.insert(places, 0, 1.0, axis=1)
+        plate = np.block([[apart * xlogy(apart, apart), plane], [plane.T, np.zeros((3, 3))]])
+        self._bending = np.linalg.inv(plate)[: len(places), : len(places)]
+        half = int(0.5 * self._settings.window * self._pitch / self._part)
+        last = np.array([[width - 1], [height - 1]])
+        place = np.clip(np.rint(self._places.T / self._part), 0, last)
+        column, row = last[..., None] - np.abs(
+            last[..., None] - np.abs(place[..., None] + np.arange(-half, half + 1))
+        )
+        index = (row[:, :, None] + COARSE) * COARSE * self._shape[1] + column[:, None] + COARSE
+        self._windows = index.reshape(len(row), -1).astype(int)
 
     def _take_back(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Print:
         """A picture warped so that its dots are at rest."""
         assert self._grid is not None
         moved = position - self._places
         lost = np.isnan(moved[:, 0])
-        if lost.any():
-            places = self._places / self._pitch
-            moved[lost] = RBFInterpolator(places[~lost], moved[~lost])(places[lost])
-        height, width = painted.clear.shape
+        if lost.any():  # they leave the thin plate through the other dots as it is
+            pull = self._bending[lost]
+            moved[lost] = np.linalg.solve(pull[:, lost], -pull[:, ~lost] @ moved[~lost])
         coarse = (self._grid + self._spread @ moved) / self._part
-        step = np.array([[COARSE, 0.0, 0.0], [0.0, COARSE, 0.0]])
-        where = cv2.warpAffine(
-            coarse.reshape(*self._shape, 2).astype(np.float32),
-            step,
-            (width, height),
-            flags=cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        column, row = where[..., 0].copy(), where[..., 1].copy()
-        *planes, clear = (
-            cv2.remap(plane, column, row, cv2.INTER_LINEAR)
-            for plane in (*painted.planes, painted.clear)
-        )
-        return Print(planes, _multiply(planes, planes), (clear > 0.9).astype(np.float32))
+        coarse = coarse.reshape(*self._shape, 2).astype(np.float32)
+        fine = cv2.resize(coarse, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
+        where = np.take(fine.view(np.complex64), self._windows)
+        column, row = where.real.copy(), where.imag.copy()
+        together = cv2.merge([*painted.planes, painted.clear])  # faster than plane by plane
+        *planes, clear = np.moveaxis(cv2.remap(together, column, row, cv2.INTER_LINEAR), -1, 0)
+        clear = (clear > 0.9).astype(np.float32)
+        planes = [plane * clear for plane in planes]
+        return Print(planes, add_squares(planes), clear)
 
     def _compare(
         self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], *shares: float
     ) -> list[float]:
         """Quantiles of the correlation around dots, weighted by the texture of the print."""
         settings = self._settings
-        width = (2 * int(0.5 * settings.window * self._pitch / self._part) + 1,) * 2
-        clear, product = before.clear * now.clear, _multiply(before.planes, now.planes)
-        values = (plane * clear for plane in (product, before.power, now.power))
-        around = cv2.blur(cv2.merge([clear, *values]), width)[self._rows, self._columns]
-        share = around[:, 0]
-        cross, first, second = around[:, 1:].T / (share + np.float32(1e-3))
+        pixels = np.float32(before.clear.shape[1])
+        share = _multiply(before.clear, now.clear) / pixels
+        pairs = [*zip(before.planes, now.planes, strict=True)]
+        cross = reduce(np.add, (_multiply(*pair) for pair in pairs))
+        first, second = _multiply(before.power, now.clear), _multiply(before.clear, now.power)
+        cross, first, second = np.stack([cross, first, second]) / (pixels * share + 1e-3 * pixels)
         power = np.maximum(first, second)
         seen = seen & (share > settings.seen)
         if not seen.any():
             return [np.nan] * len(shares)
         ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
-        share_of = np.linspace(0.0, 1.0, len(ranked))
-        bare, printed = np.interp([settings.bare, 1.0 - settings.printed], share_of, ranked)
+        places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
+        bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
         least = min(settings.contrast**2 * bare + 1.0, printed)
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         agreement = cross / np.sqrt(first * second + 1e-6)
@@ -198,7 +208,7 @@ class HoldFollower:
 
 
 def _multiply(
-    before: list[Float32[np.ndarray, "h w"]], now: list[Float32[np.ndarray, "h w"]]
-) -> Float32[np.ndarray, "h w"]:
-    """Product of two pictures, summed over the colours."""
-    return reduce(np.add, (a * b for a, b in zip(before, now, strict=True)))
+    before: Float32[np.ndarray, "m pixels"], now: Float32[np.ndarray, "m pixels"]
+) -> Float32[np.ndarray, " m"]:
+    """Product of two planes, summed over each window."""
+    return np.einsum("mk,mk->m", before, now)

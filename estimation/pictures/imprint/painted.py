@@ -32,6 +32,11 @@ class Texture:
         return cv2.GaussianBlur(self.value, (3, 3), 0)
 
     @cached_property
+    def size(self) -> int:
+        """Number of pixels that the mask shows."""
+        return cv2.countNonZero(self.mask)
+
+    @cached_property
     def inner(self) -> UInt8[np.ndarray, "h w"]:
         """The mask without the pixels beside hidden ones, on which their slopes depend."""
         return cv2.erode(self.mask, np.ones((3, 3), np.uint8))
@@ -71,7 +76,8 @@ class Painted:
         if len(self.colours) == 1:
             return self.planes[0]
         bare, mean = self.bare, self._mean_around(self.bare)
-        level = np.sqrt(_power(_smooth([colour - mean(colour) for colour in self.colours], bare)))
+        departing = [colour - mean(colour) for colour in self.colours]
+        level = np.sqrt(add_squares(_smooth(departing, bare)))
         return (level - mean(level)) * bare
 
     @cached_property
@@ -87,8 +93,8 @@ class Painted:
             reach: half the side of the square around each point [px].
         """
         width = (2 * int(reach / self.part) + 1,) * 2
-        power = self.shown * _power(_smooth(self._departing, self.shown))
-        column, row = self._nearest(np.nan_to_num(points) / self.part)
+        power = self.shown * add_squares(_smooth(self._departing, self.shown))
+        column, row = self._nearest(np.where(np.isnan(points), 0.0, points) / self.part)
         power, shown = (cv2.blur(plane, width)[row, column] for plane in (power, self.shown))
         return np.where(np.isfinite(points[:, 0]), np.sqrt(power / (shown + 1e-3)), np.nan)
 
@@ -121,11 +127,14 @@ class Painted:
         if not len(self.dots):
             return np.zeros(self.shown.shape, dtype=bool)
         column, row = self._nearest(self.dots)
-        signs = np.sign(np.median([plane[row, column] for plane in self._departing], axis=1))
+        middle = len(row) // 2  # sorted, since `np.median` of so few takes as long as a blur
+        at_dots = np.sort([plane[row, column] for plane in self._departing])
+        signs = np.sign(at_dots[:, middle])
         least = reduce(
             np.minimum, (sign * plane for sign, plane in zip(signs, self._departing, strict=True))
         )
-        worn = (least > share * np.median(least[row, column])) & (self.shown > 0.0)
+        typical = np.sort(least[row, column])[middle]
+        worn = (least > share * typical) & (self.shown > 0.0)
         reach = np.ones((2 * round(0.5 * self.radius) + 1,) * 2, np.uint8)
         return cv2.dilate(worn.astype(np.uint8), reach) > 0
 
@@ -150,10 +159,15 @@ def paint_out(
     part = max(min(round(picture.shape[0] / rows), int(radius / smallest_dot)), 1)
     size = (picture.shape[1] // part, picture.shape[0] // part)
     whole = picture[: part * size[1], : part * size[0]]  # other factors would shift its far side
-    small = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
-    image = small.astype(np.float32) * np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
+    if part % 2:  # the same averages as `INTER_AREA`, in half the time
+        around = cv2.blur(whole, (part, part), anchor=(0, 0))
+        small = cv2.resize(around, size, interpolation=cv2.INTER_NEAREST)
+    else:
+        small = cv2.resize(whole, size, interpolation=cv2.INTER_AREA)
+    unit = np.float32(1.0 / 257.0 if small.dtype == np.uint16 else 1.0)
+    colours = [plane * unit for plane in cv2.split(small)[:3]]
     dots, radius = dots / part, radius / part
-    shown = np.ones(image.shape[:2], np.float32)
+    shown = np.ones(small.shape[:2], np.float32)
     for x, y in np.rint(dots * 16).astype(int).tolist():
         cv2.circle(shown, (x, y), int(16 * 1.6 * radius), 0.0, -1, shift=4)
     if seen is not None:
@@ -161,7 +175,6 @@ def paint_out(
     rim = round(1.6 * radius)  # width of the edge, where dots may be cut and so not detected
     clear = np.zeros_like(shown)
     clear[rim:-rim, rim:-rim] = shown[rim:-rim, rim:-rim]
-    colours = [image] if image.ndim == 2 else list(cv2.split(image[..., :3]))
     return Painted(colours, shown, clear, dots, part, radius)
 
 
@@ -172,7 +185,7 @@ def _smooth(
     return [cv2.GaussianBlur(plane * clear, (0, 0), 1.0) for plane in departing]
 
 
-def _power(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
+def add_squares(planes: list[Float32[np.ndarray, "h w"]]) -> Float32[np.ndarray, "h w"]:
     """Sum of squares over all colours."""
     return reduce(np.add, (plane * plane for plane in planes))
 
