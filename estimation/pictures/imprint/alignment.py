@@ -6,6 +6,7 @@ compositional algorithm, in which all alignments with a texture share its slopes
 correlation coefficient maximization": the objective.
 """
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -53,8 +54,9 @@ class Template:
         )
         value = texture.smooth[self.box]
         rows, columns = value.shape
-        self._corner = np.array([self.box[1].start, self.box[0].start], float)
-        self._middle = self._corner + 0.5 * (np.array([columns, rows]) - 1.0)
+        self._shape = rows, columns
+        self._corner = x, y = self.box[1].start, self.box[0].start
+        self._middle = x + 0.5 * (columns - 1.0), y + 0.5 * (rows - 1.0)
         self._arm = 0.25 * (columns + rows)  # converts rotations to px
         x, y = (
             (np.linspace(-0.5, 0.5, count) * (count - 1) / self._arm).astype(np.float32)
@@ -66,7 +68,7 @@ class Template:
         self.every = 2 if value.size > 4 * enough else 1
         self.thinned = slice(None, None, self.every), slice(None, None, self.every)
         self._mask = np.ascontiguousarray(texture.mask[self.box][self.thinned])
-        self._inner = texture.inner[self.box][self.thinned]
+        self._inner = np.ascontiguousarray(texture.inner[self.box][self.thinned])
         self._planes = np.stack([plane[self.thinned] for plane in planes]).reshape(5, -1)
 
     def align(
@@ -80,14 +82,13 @@ class Template:
             settings: of the registration.
         """
         damping = 1e-3  # along uniform prints, over the sum of the curvatures [-]
-        warp = np.vstack([start, [0.0, 0.0, 1.0]])
-        every = self.every
+        warp, every = start, self.every
         shown = self.bring(now.mask, warp, cv2.INTER_NEAREST, every)
         shared = every**2 * cv2.countNonZero(cv2.bitwise_and(self._mask, shown))
-        if shared < settings.overlap * min(map(cv2.countNonZero, (self.texture.mask, now.mask))):
+        if shared < settings.overlap * min(self.texture.size, now.size):
             return None
         inner = self.bring(now.inner, warp, cv2.INTER_NEAREST, every)
-        seen = ((self._inner & inner) > 0).ravel().astype(np.float32)
+        seen = cv2.bitwise_and(self._inner, inner).ravel() * np.float32(1.0 / 255.0)
         products = ((self._planes * seen) @ self._planes.T).astype(float)
         count, sums = products[4, 4], products[4, :4]
         if count < len(products):
@@ -95,27 +96,27 @@ class Template:
         products = products[:4, :4] - np.outer(sums, sums) / count
         along, power = products[3, :3], products[3, 3]
         curvature = (products[:3, :3] - np.outer(along, along) / power) / power
-        curvature += damping * np.trace(curvature) * np.eye(3)
+        inverse = np.linalg.inv(curvature + damping * np.trace(curvature) * np.eye(3))
         quality = 0.0
         for step in range(settings.steps):
             level = self.bring(now.smooth, warp, cv2.INTER_LINEAR, every).ravel() * seen
-            *cross, total = (self._planes @ level).astype(float)
-            size = np.sqrt(power * max(float(level @ level) - total**2 / count, 1e-9))
-            cross = cross - sums * total / count
+            cross = (self._planes @ level).astype(float)
+            mean, cross = cross[4] / count, cross[:4] - sums * (cross[4] / count)
+            size = np.sqrt(power * max(float(level @ level) - mean**2 * count, 1e-9))
             quality = float(cross[3] / size)
-            if quality < (settings.hopeless if step >= settings.trial else 0.0):
+            if quality < settings.hopeless * min(step / settings.trial, 1.0):
                 return None
             pull = (cross[:3] - along * cross[3] / power) / size
-            moved = np.linalg.solve(curvature, pull) / max(quality, settings.hopeless)
-            warp = warp @ undo(moved[:2], moved[2] / self._arm, self._middle)
-            if np.abs(moved).max() < settings.smallest_px:
+            right, down, turn = (inverse @ pull / max(quality, settings.hopeless)).tolist()
+            warp = warp @ undo((right, down), turn / self._arm, self._middle)
+            if max(abs(right), abs(down), abs(turn)) < settings.smallest_px:
                 break
-        return Aligned(warp[:2], quality)
+        return Aligned(warp, quality)
 
     def bring(
         self,
         plane: Shaped[np.ndarray, "h w"],
-        warp: Float[np.ndarray, "_ 3"],
+        warp: Float[np.ndarray, "2 3"],
         how: int,
         every: int = 1,
     ) -> Shaped[np.ndarray, "rows columns"]:
@@ -127,8 +128,9 @@ class Template:
             how: interpolation, as named by OpenCV.
             every: interval of the rows and columns that are read.
         """
-        moved = np.column_stack([every * warp[:2, :2], warp[:2] @ [*self._corner, 1.0]])
-        rows, columns = (-(-size // every) for size in self.texture.mask[self.box].shape)
+        x, y = self._corner
+        moved = warp @ np.array([[every, 0.0, x], [0.0, every, y], [0.0, 0.0, 1.0]])
+        rows, columns = (-(-size // every) for size in self._shape)
         return cv2.warpAffine(plane, moved, (columns, rows), flags=how | cv2.WARP_INVERSE_MAP)
 
 
@@ -141,7 +143,7 @@ def find_slopes(
 
 
 def undo(
-    shift: Float[np.ndarray, "2"], turn: float, middle: Float[np.ndarray, "2"]
+    shift: tuple[float, float], turn: float, middle: tuple[float, float]
 ) -> Float[np.ndarray, "3 3"]:
     """The inverse of a small motion.
 
@@ -150,7 +152,7 @@ def undo(
         turn: about the middle [rad].
         middle: x and y [px].
     """
-    ahead = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    back = np.eye(3)
-    back[:2, :2], back[:2, 2] = ahead, middle - ahead @ (middle + shift)
-    return back
+    cos, sin = math.cos(turn), math.sin(turn)
+    x, y = middle[0] + shift[0], middle[1] + shift[1]
+    right, down = middle[0] - cos * x - sin * y, middle[1] + sin * x - cos * y
+    return np.array([[cos, sin, right], [-sin, cos, down], [0.0, 0.0, 1.0]])

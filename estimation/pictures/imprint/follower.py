@@ -120,19 +120,22 @@ class ImprintFollower:
 
         The keyframe of the last frame is tried first. If it fits badly, earlier keyframes with a
         smaller error are tried from the first on, then the last frame, and finally all rotations.
+        A print that stays lost is searched only at intervals.
         """
         settings = self._settings
         match = register(last.keyframe, texture, last.warp, settings)
         if match is not None and match.quality >= settings.new_keyframe:
             return match
+        if match is None and self.missed % settings.searched_every:
+            return None
         pose = before.pose if match is None else match.pose
         for closed in self._register_earlier(texture, pose, last.keyframe):
             if match is None or closed.error < match.error:
                 return closed
         if match is not None:
             return match
-        still = np.eye(2, 3, dtype=np.float32)
-        match = register(before, texture, still, settings)
+        if last.keyframe is not before:
+            match = register(before, texture, np.eye(2, 3, dtype=np.float32), settings)
         if match is None and self.confirmed:
             guess = search_motion(before.texture, texture, settings)
             if guess is not None:

@@ -1,5 +1,6 @@
 """Registration of two textures by the rigid motion of highest correlation, and its error."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -106,9 +107,8 @@ def register(
     if fit is None or fit.loss[0, 0] < settings.least_loss:
         return None
     inverse = _invert_loss(fit, settings)
-    turn, *shift = inverse @ fit.slopes @ fit.misfit
-    middle = fit.place.mean(axis=1)[::-1]
-    warp = warp @ undo(np.array(shift), turn, middle)
+    turn, right, down = (inverse @ (fit.slopes @ fit.misfit)).tolist()
+    warp = warp @ undo((right, down), turn, fit.middle)
     error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, inverse, settings)))
     lacking = (1.0 - quality) / settings.independent
     spread = _spread_shift(fit.loss[1:, 1:], lacking, texture.value.size, settings)
@@ -120,6 +120,8 @@ class _Fit(NamedTuple):
 
     Attributes:
         place: row and column of the pixels that both textures show.
+        middle: their mean x and y.
+        arm: their root mean square distance from it along x or y [px].
         slopes: change of each pixel's level by a rotation about the middle and by shifts along x
             and y.
         misfit: difference of the levels of each pixel; the levels are normalised to length 1.
@@ -128,6 +130,8 @@ class _Fit(NamedTuple):
     """
 
     place: Int[np.ndarray, "2 n"]
+    middle: tuple[float, float]
+    arm: float
     slopes: Float[np.ndarray, "3 n"]
     misfit: Float[np.ndarray, " n"]
     loss: Float[np.ndarray, "3 3"]
@@ -147,20 +151,24 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
     shared = np.flatnonzero(shared)  # faster than `nonzero`
     if not len(shared):
         return None
-    rows, columns = np.unravel_index(shared, mask.shape)
-    x, y = columns - columns.mean(), rows - rows.mean()
+    start = [[part.start] for part in template.box]
+    place = np.stack(np.unravel_index(shared, mask.shape)) + np.array(start)
+    middle = place.mean(axis=1)
+    y, x = place.astype(np.float32) - middle[:, None].astype(np.float32)
     slopes, levels = [], []
     for plane in (template.texture.value[template.box], value):
         right, down = (slope.ravel()[shared] for slope in find_slopes(plane))
         level = plane.ravel()[shared]
         level -= level.mean()
-        spread = max(float(np.linalg.norm(level)), 1e-6)
-        slopes.append(np.stack([x * down - y * right, right, down]) / spread)
-        levels.append(level / spread)
+        scale = np.float32(1.0 / max(math.sqrt(level @ level), 1e-6))
+        slopes.append(scale * np.array([x * down - y * right, right, down]))
+        levels.append(scale * level)
     correlation = max(float(levels[0] @ levels[1]), 1e-6)
     loss = slopes[0] @ slopes[1].T / correlation
     return _Fit(
-        place=np.stack([rows + template.box[0].start, columns + template.box[1].start]),
+        place=place,
+        middle=(float(middle[1]), float(middle[0])),
+        arm=float(np.sqrt((x @ x + y @ y) / (2 * len(x)))),
         slopes=0.5 * (slopes[0] + slopes[1]),
         misfit=levels[1] - levels[0],
         loss=0.5 * (loss + loss.T),
@@ -170,8 +178,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
 
 def _invert_loss(fit: _Fit, settings: ImprintSettings) -> Float[np.ndarray, "3 3"]:
     """Converts pulls of pixels to a motion; 0 along motions that the print hardly shows."""
-    arm = np.sqrt(np.mean(np.var(fit.place, axis=1)))  # converts rotations to px
-    scale = np.array([1.0 / arm, 1.0, 1.0])
+    scale = np.array([1.0 / fit.arm, 1.0, 1.0])
     along, ways = np.linalg.eigh(fit.loss * np.outer(scale, scale))
     seen = np.abs(along) > settings.alike * np.abs(along).max()
     inverse = (ways * seen / np.where(seen, along, 1.0)) @ ways.T

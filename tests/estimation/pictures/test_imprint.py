@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimation.pictures.imprint import follower as following
 from estimation.pictures.imprint.follower import ImprintFollower
 from estimation.pictures.imprint.painted import Texture, paint_out
 from estimation.pictures.imprint.registration import Keyframe, register, search_motion
@@ -57,6 +58,16 @@ def test_a_smooth_ball_says_nothing_of_a_turn():
     # the first frame is what others are compared with; none is begun anew in the next ones
     assert found[0].quality == 1.0
     assert all(np.isnan(one.angle) for one in found[1:])
+
+
+def test_a_print_that_stays_lost_is_searched_at_intervals(monkeypatch):
+    searched = []
+    monkeypatch.setattr(following, "search_motion", lambda *textures: searched.append(textures))
+    reliefs = [make_relief("texture", 0.15, 20.0, 0.02, np.random.default_rng(k)) for k in (4, 5)]
+    held, other = (TOUCHED * relief.at(CAMERA, np.zeros(2), 0.0) for relief in reliefs)
+    found = follow([held] * 2 + [other] * 7)
+    assert np.isnan([one.angle for one in found]).tolist() == [False] * 2 + [True] * 7
+    assert len(searched) == 3
 
 
 def test_the_place_of_the_imprint_is_followed_and_worn_dots_are_not():
