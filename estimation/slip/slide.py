@@ -5,6 +5,7 @@ object holds, both move together, however the gel is sheared. Their difference i
 direction and over any length.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,6 +24,25 @@ MARKER_ERROR = 0.003
 """Standard error of a marker's path along x and along y [pitches]: 5 µm for dots 1.9 mm apart."""
 
 
+OVER = 16
+"""Frames over which recent slip is measured."""
+
+AHEAD = 0.2
+"""Largest share of the gel's shear by which a print is ahead of the gel that holds it [-]."""
+
+
+class Recent(NamedTuple):
+    """Slip of the object over each marker in the last frames, beyond what shear alone may cause.
+
+    Attributes:
+        lately: slip within `OVER` frames [pitches]; NaN where unknown.
+        just: slip within a quarter of these frames [pitches]; NaN where unknown.
+    """
+
+    lately: Float[np.ndarray, " n"]
+    just: Float[np.ndarray, " n"]
+
+
 class Slide(NamedTuple):
     """Slip of the object over the gel.
 
@@ -35,12 +55,14 @@ class Slide(NamedTuple):
             print after the object touched, or after a long loss of the print.
         beyond: smallest ratio, over the markers, of the slip to the radius of its 95 % region [-].
             A print that is uniform along a line shows only slip across it.
+        recent: slip over each marker in the last frames; None if it is unknown.
     """
 
     slip: float = float("nan")
     slip_error: float = float("nan")
     slip_since: float = float("nan")
     beyond: float = float("nan")
+    recent: Recent | None = None
 
 
 class SlideWatch:
@@ -60,6 +82,8 @@ class SlideWatch:
         self._pitch = marker_pitch(layout)
         self._before: Float[np.ndarray, "n 2"] | None = None
         self._since = float("nan")
+        # paths of the markers and of the object at each of them, in the last frames
+        self._paths: deque[tuple[np.ndarray, np.ndarray] | None] = deque(maxlen=OVER + 1)
 
     def update(
         self,
@@ -78,6 +102,7 @@ class SlideWatch:
             point: point of the imprint, as in `Frame.print_point` [mm, mm²].
             time: time stamp [s].
         """
+        self._paths.append(None)
         if not contact.any():
             self._before = None
             return Slide()
@@ -87,12 +112,15 @@ class SlideWatch:
         first, now = np.array(point[:2]), np.array(point[2:4])
         if self._before is None or (imprint[0] == 0.0 and np.array_equal(first, now)):
             self._before, self._since = positions.copy(), time
+            self._paths.clear()
+            self._paths.append(None)
         turn, turn_error = imprint
         c, s = np.cos(turn), np.sin(turn)
         arms = positions - now
         # initial position of each marker if it had moved with the object ever since
         with_object = first + arms @ np.array([[c, -s], [s, c]])
         slips = (with_object - self._before) @ np.array([[c, s], [-s, c]])
+        self._paths[-1] = positions.copy(), with_object
         visible = contact & np.isfinite(slips[:, 0])
         if not visible.any():
             return Slide()
@@ -101,7 +129,16 @@ class SlideWatch:
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
         read = MARKER_ERROR * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
-        return self._judge(slips[visible], spread)
+        recent = Recent(self._measure(OVER, contact), self._measure(OVER // 4, contact))
+        return self._judge(slips[visible], spread)._replace(recent=recent)
+
+    def _measure(self, frames: int, contact: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Slip over each marker of the contact within some frames, as in `Recent`."""
+        then, now = self._paths[max(len(self._paths) - 1 - frames, 0)], self._paths[-1]
+        if then is None or now is None:
+            return np.full(len(contact), np.nan)
+        gel, slip = (np.linalg.norm(b - a, axis=1) for a, b in zip(then, now, strict=True))
+        return np.where(contact, np.maximum(slip - AHEAD * gel, 0.0) / self._pitch, np.nan)
 
     def _judge(self, slips: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 2"]) -> Slide:
         """The slip of the object, from the slip over each marker [mm] and its covariance [mm²]."""
