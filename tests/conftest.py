@@ -61,9 +61,13 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def _bound_memory():
-    """Let go of compiled programs, which are most of a worker's memory, once it has grown."""
+    """Let go of compiled programs, which are most of a worker's memory, once it has grown.
+
+    Only between files, because the tests of a file share programs: those that call the host, or
+    compile in less than 0.2 s, would be compiled again.
+    """
     yield
     if psutil.Process().memory_info().rss > LARGEST_WORKER:
         jax.clear_caches()
