@@ -251,15 +251,13 @@ class ContactSolution(eqx.Module):
         components = self._at(*self._of_object(depth), points)
         return jnp.stack(components, axis=-1)
 
-    @eqx.filter_jit
     def elastomer_rotation(self) -> Float[Array, "*path nx ny"]:
         """Rotation φ = ½ rot u_S at the centres of the cells, exact for their tractions [rad]."""
-        return self._rotation(self.problem.elastomer, self.traction)
+        return _rotation(self.problem.elastomer.linear, self.grid, self.traction)
 
-    @eqx.filter_jit
     def object_rotation(self) -> Float[Array, "*path nx ny"]:
         """Rotation ½ rot u_B by the object's deformation alone [rad]."""
-        return self._rotation(self.problem.object_, -self.traction)
+        return _rotation(self.problem.object_.linear, self.grid, -self.traction)
 
     def _is_read(self, depth: ArrayLike | None) -> bool:
         """Whether the field at a depth is corrected for finite strain: only at the surface."""
@@ -317,34 +315,13 @@ class ContactSolution(eqx.Module):
         below = check_depth(depth)
         return self.problem.object_.checked(self.grid.spacing, below), -self.traction, below
 
-    @eqx.filter_jit
     def _on_grid(self, body: AbstractBody, traction: Array, depth: Array | None) -> list[Array]:
-        coefficients = grid_coefficients(body, self.grid, depth)
-        spectra = Coefficients(*map(transform, coefficients, Coefficients._fields))
-        return _displacement(spectra, self.pressure, traction, convolve)
+        return _move_cells(body.linear, self.grid, (self.pressure, traction), depth)
 
-    def _rotation(self, body: AbstractBody, traction: Array) -> Array:
-        c = grid_coefficients(body, self.grid)
-        spectra = jnp.stack([transform(c.turn_x, "turn_x"), transform(c.turn_y, "turn_y")])
-        return jnp.sum(convolve(spectra, traction), axis=-3)
-
-    @eqx.filter_jit
     def _at(
         self, body: AbstractBody, traction: Array, depth: Array | None, points: Array
     ) -> list[Array]:
-        z = 0.0 if depth is None else depth
-
-        def add_up(coefficient: Array, field: Array) -> Array:
-            return jnp.sum(coefficient * field, axis=(-2, -1))
-
-        def at_point(point: Array) -> list[Array]:
-            x, y = point[:, None, None] - jnp.asarray(self.grid.points, point.dtype)
-            cell = cell_integrals(x, y, self.grid.spacing, z)
-            c = body.coefficients(cell, self.grid.spacing)
-            return _displacement(c, self.pressure, traction, add_up)
-
-        each = jax.lax.map(at_point, points, batch_size=16)
-        return [jnp.moveaxis(component, 0, -1) for component in each]
+        return _move_points(body.linear, self.grid, (self.pressure, traction), depth, points)
 
 
 def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:
@@ -362,6 +339,46 @@ def _stack(*leaves: Array) -> Array:
 
 def _problem(solution: Any) -> Any:
     return solution.problem
+
+
+@eqx.filter_jit  # of the numbers it needs, so that one program serves all shapes and laws
+def _move_cells(
+    body: AbstractBody, grid: Grid, loads: tuple[Array, Array], depth: Array | None
+) -> list[Array]:
+    """u_x, u_y and w of the centres of the cells under a pressure and a traction [mm]."""
+    coefficients = grid_coefficients(body, grid, depth)
+    spectra = Coefficients(*map(transform, coefficients, Coefficients._fields))
+    return _displacement(spectra, *loads, convolve)
+
+
+@eqx.filter_jit
+def _move_points(
+    body: AbstractBody,
+    grid: Grid,
+    loads: tuple[Array, Array],
+    depth: Array | None,
+    points: Array,
+) -> list[Array]:
+    """The same of points anywhere [mm]."""
+    z = 0.0 if depth is None else depth
+
+    def add_up(coefficient: Array, field: Array) -> Array:
+        return jnp.sum(coefficient * field, axis=(-2, -1))
+
+    def at_point(point: Array) -> list[Array]:
+        x, y = point[:, None, None] - jnp.asarray(grid.points, point.dtype)
+        cell = cell_integrals(x, y, grid.spacing, z)
+        return _displacement(body.coefficients(cell, grid.spacing), *loads, add_up)
+
+    each = jax.lax.map(at_point, points, batch_size=16)
+    return [jnp.moveaxis(component, 0, -1) for component in each]
+
+
+@eqx.filter_jit
+def _rotation(body: AbstractBody, grid: Grid, traction: Array) -> Array:
+    c = grid_coefficients(body, grid)
+    spectra = jnp.stack([transform(c.turn_x, "turn_x"), transform(c.turn_y, "turn_y")])
+    return jnp.sum(convolve(spectra, traction), axis=-3)
 
 
 def _displacement(c: Coefficients, pressure: Array, traction: Array, apply) -> list[Array]:

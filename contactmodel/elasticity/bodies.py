@@ -2,6 +2,7 @@
 
 import abc
 import math
+from functools import lru_cache
 
 import equinox as eqx
 import jax
@@ -68,6 +69,14 @@ class AbstractBody(eqx.Module):
     def is_corrected(self) -> bool:
         """Whether force and moment of its contacts are corrected (`ContactSolution.correction`)."""
         return False
+
+    @property
+    def linear(self) -> "AbstractBody":
+        """The body without corrections; its coefficients are the same.
+
+        Programs that need only coefficients take it, and are compiled once for all corrections.
+        """
+        return self
 
     @property
     @abc.abstractmethod
@@ -222,9 +231,21 @@ class Layer(AbstractBody):
         return self.neo_hookean or self.radius is not None
 
     @property
+    def linear(self) -> "Layer":
+        """The layer without corrections."""
+        numbers = self.shear_modulus, self.poisson_ratio, self.thickness
+        return jax.tree.unflatten(_linear_layer(), numbers)  # without checks
+
+    @property
     def softness(self) -> Float[Array, ""]:
         """1/G [1/MPa]."""
         return 1.0 / self.shear_modulus
+
+
+@lru_cache(maxsize=1)
+def _linear_layer() -> jax.tree_util.PyTreeDef:
+    """Structure of a layer without corrections."""
+    return jax.tree.structure(Layer(1.0, 0.5, 1.0))
 
 
 class Rigid(AbstractBody):

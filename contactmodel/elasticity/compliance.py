@@ -180,7 +180,8 @@ def pair_compliance(
         grid: cells.
         smooth: whether there is no friction; `shear` is then not computed and is 0.
     """
-    pair = _pair(elastomer, object_, _surface_integrals(grid), grid, smooth)
+    integrals = _surface_integrals(grid)
+    pair = _pair(elastomer.linear, object_.linear, integrals, grid, smooth)
     pull = pair.coupling
     if pull is None or is_traced(pull) or bool(np.any(np.asarray(pull))):
         return pair
