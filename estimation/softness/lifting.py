@@ -14,6 +14,8 @@ from estimation.softness.contact import Lifting
 
 _REACH = 40.0  # pitches
 _STEPS = 1200
+_RESOLUTION = 0.5  # standard deviation, in pitches, of what markers resolve
+_WAVE_RANGE, _NODES = 6.5, 600  # up to e^{-21} of the resolution
 
 
 class Kernels(NamedTuple):
@@ -157,25 +159,17 @@ class _Kernel:
         name: Literal["below", "thin", "along"],
     ) -> "_Kernel":
         """One of the `Kernels`, over the waves that markers resolve."""
-        wave_range, node_count = 6.5, 600  # up to e^{-21} of the resolution
         beyond = 25  # pitches over which the lattice is added up
-        resolution = 0.5  # standard deviation, in pitches, of what markers resolve
         h, z = thickness, depth
-        nodes, weights = scipy.special.roots_legendre(node_count)
-        top = wave_range / resolution
-        q = 0.5 * top * (nodes + 1.0)
+        q, weights, zeroth, second = _quadrature()
         gain = layer_gain(q * h, q * z)
         waves = {
-            "below": gain.below * np.exp(-0.5 * (q * resolution) ** 2),
+            "below": gain.below * np.exp(-0.5 * (q * _RESOLUTION) ** 2),
             "thin": (1.0 + gain.below)
             * ((1.0 + gain.transverse) * (1.0 + ball_gain(q * object_radius)) - 1.0),
             "along": (1.0 + gain.below) * gain.longitudinal,
         }
-        wave = waves[name] * q * 0.5 * top * weights / (2.0 * np.pi)
-        distance = np.linspace(0.0, _REACH, _STEPS + 1)
-        phase = np.outer(distance, q)
-        zeroth = scipy.special.j0(phase)
-        second = 2.0 * scipy.special.j1(phase) / np.maximum(phase, 1e-9) - zeroth
+        wave = waves[name] * q * weights / (2.0 * np.pi)
         even, odd = zeroth @ wave, second @ wave
         if name == "along":
             odd = -odd
@@ -186,6 +180,18 @@ class _Kernel:
         others = others[others > 0.0]
         uniform = 0.0 if np.isinf(h) else z / (h - z)  # of a wave of infinite length
         return _Kernel(even, odd, float(uniform - np.sum(_interpolate(even, others))))
+
+
+@lru_cache(maxsize=1)
+def _quadrature() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Wave numbers and weights, and J0 and J2 by distance and wave number; the same for all."""
+    nodes, weights = scipy.special.roots_legendre(_NODES)
+    half = 0.5 * _WAVE_RANGE / _RESOLUTION
+    q = half * (nodes + 1.0)
+    phase = np.outer(np.linspace(0.0, _REACH, _STEPS + 1), q)
+    zeroth = scipy.special.j0(phase)
+    second = 2.0 * scipy.special.j1(phase) / np.maximum(phase, 1e-9) - zeroth
+    return q, half * weights, zeroth, second
 
 
 def _interpolate(

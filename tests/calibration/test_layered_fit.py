@@ -88,7 +88,7 @@ def test_a_ball_gives_way_more_than_a_half_space(share, gain):
 
     1.5 %: modes of the whole sphere stand for waves of its pole, and lengths are along its chord.
     """
-    points, radius = lattice(0.5), 4.0
+    points, radius = lattice(0.5, 9.0), 4.0
     moved, inside = disc_turn(points, radius), np.hypot(*points.T) < 0.9 * radius
     lifting = LayeredSoftness(1.0, np.inf, object_radius=radius / share).lifting(points)
     turned = small_turn(points[inside], (moved + lifting.of(moved))[inside])
