@@ -3,6 +3,7 @@ import errno
 import json
 import os
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -77,12 +78,27 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-def test_everything_is_written(tmp_path, progress):
-    recording = lift(ANGLES)
-    outcome = run_all([Input(recording)], tmp_path / "out", Settings(), progress)
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Recording, outcome and folder of a plain run, and how often it measured a frame."""
+    measured = []
+
+    def count(*args):
+        measured.append(1)
+        return find_contact(*args)
+
+    recording, out = lift(ANGLES, name="<b>&"), tmp_path_factory.mktemp("run") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("estimation.fields.measure.find_contact", count)
+        outcome = run_all([Input(recording)], out, Settings(), Progress(disable=True))
+    return recording, outcome, out, len(measured)
+
+
+def test_everything_is_written(written):
+    recording, outcome, out, _ = written
     assert not outcome.interrupted
-    assert {path.name for path in (tmp_path / "out").iterdir()} == SINGLE
-    rows = rows_of(tmp_path / "out" / "angles.csv")
+    assert {path.name for path in out.iterdir()} == SINGLE
+    rows = rows_of(out / "angles.csv")
     assert tuple(rows[0]) == COLUMNS + MARGIN_COLUMNS + SHEAR_COLUMNS + ALERT_COLUMNS
     assert len(rows) == len(recording)
     result = estimate_angles(recording)
@@ -97,7 +113,7 @@ def test_everything_is_written(tmp_path, progress):
         # the moment rises in a straight line: no end can be told
         assert row["angle_margin_deg"] == row["moment_margin_Nmm"] == ""
         assert bool(row["stick_ratio"]) == bool(int(row["contact_markers"]))
-    everything = rows_of(tmp_path / "out" / "angles_all.csv")
+    everything = rows_of(out / "angles_all.csv")
     assert {row["method"] for row in everything} == set(METHODS)
     assert len(everything) == len(METHODS) * len(recording)
 
@@ -137,9 +153,8 @@ def test_withdrawn_answers_have_columns_of_their_own(tmp_path, progress):
     assert f"{len(rows) - figures['answered']} before contact; see" in outcome.lines[0]
 
 
-def test_the_report_needs_nothing_else(tmp_path, progress):
-    run_all([Input(lift(ANGLES))], tmp_path, Settings(), progress)
-    page = (tmp_path / "report.html").read_text()
+def test_the_report_needs_nothing_else(written):
+    page = (written[2] / "report.html").read_text()
     sources = re.findall(r"(?:src|href)\s*=\s*\"([^\"]*)\"", page)
     assert len(sources) == 3
     assert all(source.startswith("data:image/png;base64,") for source in sources)
@@ -148,13 +163,14 @@ def test_the_report_needs_nothing_else(tmp_path, progress):
     assert without_scripts.count("<img") == 3
 
 
-def test_names_from_outside_are_escaped(tmp_path, progress):
-    run_all([Input(lift(ANGLES, name="<b>&"))], tmp_path, Settings(), progress)
-    assert "<b>&" not in (tmp_path / "report.html").read_text()
+def test_names_from_outside_are_escaped(written):
+    page = (written[2] / "report.html").read_text()
+    assert "<b>&" not in page
+    assert "&lt;b&gt;&amp;" in page
 
 
 def test_several_recordings_get_a_folder_each(tmp_path, progress):
-    inputs = [Input(lift(ANGLES, name=name)) for name in ("left", "right", "left")]
+    inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", "right", "left")]
     outcome = run_all(inputs, tmp_path, Settings(), progress)
     assert {path.name for path in tmp_path.iterdir()} == {
         "left-1",
@@ -173,19 +189,9 @@ def test_several_recordings_get_a_folder_each(tmp_path, progress):
     assert {path.name for path in tmp_path.iterdir()} == SINGLE
 
 
-def test_a_frame_is_measured_once_for_all_methods_outline_and_looking_back(
-    tmp_path, progress, monkeypatch
-):
-    measured = []
-
-    def count(*args):
-        measured.append(1)
-        return find_contact(*args)
-
-    monkeypatch.setattr("estimation.fields.measure.find_contact", count)
-    recording = lift(ANGLES)
-    run_all([Input(recording)], tmp_path, Settings(), progress)
-    assert len(measured) == len(recording)
+def test_a_frame_is_measured_once_for_all_methods_outline_and_looking_back(written):
+    recording, *_, measured = written
+    assert measured == len(recording)
 
 
 def test_ctrl_c_keeps_what_was_done(tmp_path, progress, monkeypatch):
@@ -227,9 +233,9 @@ def test_a_recording_may_be_called_as_the_folder_of_the_run(tmp_path, progress, 
     assert folders == {"left", f"{UNFINISHED}-2"}
 
 
-def test_a_full_disk_leaves_no_half_written_file(tmp_path, progress, monkeypatch):
-    recording = lift(ANGLES)
-    run_all([Input(recording)], tmp_path, Settings(), progress)
+def test_a_full_disk_leaves_no_half_written_file(written, tmp_path, progress, monkeypatch):
+    recording, _, out, _ = written
+    shutil.copytree(out, tmp_path, dirs_exist_ok=True)
     before = (tmp_path / "angles.csv").read_bytes()
 
     def full(_):
