@@ -117,11 +117,11 @@ def test_gradients_meet_central_differences():
 def test_an_incompressible_layer_couples_and_settles(thickness):
     """Pressed and then turned; the thinner one is about a cell thick."""
     layer = Layer(1.0, 0.5, thickness)
-    pressed = solve_contact(Contact(layer, STEEL, BALL, GRID, 0.3), Pose(0.1))
+    pose = Pose(0.1, linear=True)
+    pressed = solve_contact(Contact(layer, STEEL, BALL, GRID, 0.3), pose)
     assert np.abs(pressed.slip * np.asarray(pressed.contact)).max() > 1e-4
-    turned = solve_contact(
-        Contact(layer, STEEL, BALL, GRID, 0.3), Pose(0.1, twist=0.02), previous=pressed
-    )
+    pose = Pose(0.1, twist=0.02, linear=True)
+    turned = solve_contact(Contact(layer, STEEL, BALL, GRID, 0.3), pose, previous=pressed)
     assert 0.05 < float(turned.stick_ratio) < 0.95
     for solution in (pressed, turned):
         assert float(solution.normal.residual) < 1e-8

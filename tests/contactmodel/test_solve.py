@@ -1,5 +1,7 @@
 """What users get from `solve_contact` and `solve_path`, and what they are told when it fails."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -34,6 +36,7 @@ PAD = HalfSpace(1.0, 0.45)
 STEEL = Rigid()
 BALL = Paraboloid(30.0)
 CONTACT = Contact(PAD, STEEL, BALL, GRID, 0.5)
+COARSE = Contact(PAD, STEEL, BALL, Grid((16, 16), (10.0, 10.0)), 0.5)
 PRESSED = Pose(0.3, twist=0.05, shift=(0.01, 0.02))
 
 
@@ -190,7 +193,7 @@ def test_too_few_steps_are_told():
         (lambda: solve(pose=make_path([Pose(0.0), Pose(0.1)], [2])), "solve_path"),
         (lambda: solve_path(CONTACT, Pose(0.1)), "make_path"),
         (lambda: solve_contact(Contact(STEEL, STEEL, BALL, GRID, 0.5), Pose(0.1)), "rigid"),
-        (lambda: solve(previous=solve(grid=Grid((16, 16), (10.0, 10.0)))), "the previous contact"),
+        (lambda: solve(previous=replace(solve(), problem=COARSE)), "the previous contact"),
     ],
 )
 def test_wrong_values_are_refused(wrong, words):
