@@ -3,6 +3,7 @@
 import abc
 import math
 from functools import lru_cache
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -243,7 +244,7 @@ class Layer(AbstractBody):
 
 
 @lru_cache(maxsize=1)
-def _linear_layer() -> jax.tree_util.PyTreeDef:
+def _linear_layer() -> Any:
     """Structure of a layer without corrections."""
     return jax.tree.structure(Layer(1.0, 0.5, 1.0))
 
