@@ -253,11 +253,11 @@ class ContactSolution(eqx.Module):
 
     def elastomer_rotation(self) -> Float[Array, "*path nx ny"]:
         """Rotation φ = ½ rot u_S at the centres of the cells, exact for their tractions [rad]."""
-        return _rotation(self.problem.elastomer.linear, self.grid, self.traction)
+        return _rotation(self.problem.elastomer.uncorrected, self.grid, self.traction)
 
     def object_rotation(self) -> Float[Array, "*path nx ny"]:
         """Rotation ½ rot u_B by the object's deformation alone [rad]."""
-        return _rotation(self.problem.object_.linear, self.grid, -self.traction)
+        return _rotation(self.problem.object_.uncorrected, self.grid, -self.traction)
 
     def _is_read(self, depth: ArrayLike | None) -> bool:
         """Whether the field at a depth is corrected for finite strain: only at the surface."""
@@ -316,12 +316,12 @@ class ContactSolution(eqx.Module):
         return self.problem.object_.checked(self.grid.spacing, below), -self.traction, below
 
     def _on_grid(self, body: AbstractBody, traction: Array, depth: Array | None) -> list[Array]:
-        return _move_cells(body.linear, self.grid, (self.pressure, traction), depth)
+        return _move_cells(body.uncorrected, self.grid, (self.pressure, traction), depth)
 
     def _at(
         self, body: AbstractBody, traction: Array, depth: Array | None, points: Array
     ) -> list[Array]:
-        return _move_points(body.linear, self.grid, (self.pressure, traction), depth, points)
+        return _move_points(body.uncorrected, self.grid, (self.pressure, traction), depth, points)
 
 
 def stack_steps(steps: Sequence[ContactSolution]) -> ContactSolution:

@@ -72,7 +72,7 @@ class AbstractBody(eqx.Module):
         return False
 
     @property
-    def linear(self) -> "AbstractBody":
+    def uncorrected(self) -> "AbstractBody":
         """The body without corrections; its coefficients are the same.
 
         Programs that need only coefficients take it, and are compiled once for all corrections.
@@ -232,10 +232,10 @@ class Layer(AbstractBody):
         return self.neo_hookean or self.radius is not None
 
     @property
-    def linear(self) -> "Layer":
+    def uncorrected(self) -> "Layer":
         """The layer without corrections."""
         numbers = self.shear_modulus, self.poisson_ratio, self.thickness
-        return jax.tree.unflatten(_linear_layer(), numbers)  # without checks
+        return jax.tree.unflatten(_plain_layer(), numbers)  # without checks
 
     @property
     def softness(self) -> Float[Array, ""]:
@@ -244,7 +244,7 @@ class Layer(AbstractBody):
 
 
 @lru_cache(maxsize=1)
-def _linear_layer() -> Any:
+def _plain_layer() -> Any:
     """Structure of a layer without corrections."""
     return jax.tree.structure(Layer(1.0, 0.5, 1.0))
 

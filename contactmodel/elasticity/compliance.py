@@ -181,7 +181,7 @@ def pair_compliance(
         smooth: whether there is no friction; `shear` is then not computed and is 0.
     """
     integrals = _surface_integrals(grid)
-    pair = _pair(elastomer.linear, object_.linear, integrals, grid, smooth)
+    pair = _pair(elastomer.uncorrected, object_.uncorrected, integrals, grid, smooth)
     pull = pair.coupling
     if pull is None or is_traced(pull) or bool(np.any(np.asarray(pull))):
         return pair
