@@ -1,11 +1,11 @@
 """Detection of slip along the gel, from the gel's shear and the object's print on it.
 
-There are three signs of slip. While the object holds, the gel's shear follows the load. Once all of
+There are four signs of slip. While the object holds, the gel's shear follows the load. Once all of
 the contact slips, the shear falls if friction falls with the slip, and stays constant otherwise.
 The print then moves over the gel (`estimation.pictures.hold`), unless the object is uniform along
 its path. And where the print is followed, it moves beyond all of the gel under it
-(`estimation.slip.slide`). Each sign is sufficient and none is certain: the probability of slip is
-that of at least one sign being right.
+(`estimation.slip.slide`), at once or slowly. Each sign is sufficient and none is certain: the
+probability of slip is that of at least one sign being right.
 
 Falling shear may also mean that the load is removed. This is assumed if the print has stayed on the
 gel. Without a print to compare, there is no verdict.
@@ -27,7 +27,7 @@ from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout
-from estimation.slip.slide import Slide
+from estimation.slip.slide import Recent, Slide
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,11 @@ class ShearSettings:
             slide [-].
         sticking: smallest correlation over the parts of the print, above which all of the contact
             sticks [-].
+        strayed: slip within 16 frames from which a marker counts as slipping [pitches].
+        lost: slip within 16 frames over all markers but two at which slip has even odds [pitches].
+        lost_spread: change of that slip that multiplies the odds by e [pitches].
+        going: slip within four frames over a quarter of the markers, from which the object still
+            slips [pitches].
     """
 
     markers: int = 10
@@ -69,6 +74,10 @@ class ShearSettings:
     unloaded: float = 0.96
     resting: float = 0.95
     sticking: float = 0.9
+    strayed: float = 0.08
+    lost: float = 0.04
+    lost_spread: float = 0.004
+    going: float = 0.02
 
 
 class Shear(NamedTuple):
@@ -88,6 +97,7 @@ class Shear(NamedTuple):
         slides: whether the print shows that the object slides.
         holds: whether the print shows that the object has not slid lately.
         sticks: whether the print shows that all of the contact sticks.
+        strays: whether the object slips over a quarter of the markers or more.
         slip: how far the object has slid over the gel [mm]; NaN if unknown.
         slip_error: half-width of the 95 % interval of that distance [mm].
         slip_since: time stamp of the frame from which that distance counts [s].
@@ -109,6 +119,7 @@ class Shear(NamedTuple):
     slides: bool = False
     holds: bool = False
     sticks: bool = False
+    strays: bool = False
     slip: float = float("nan")
     slip_error: float = float("nan")
     slip_since: float = float("nan")
@@ -190,6 +201,8 @@ class ShearWatch:
         self._shears: deque[tuple[float, float]] = deque(maxlen=settings.memory)
         self._raw: deque[tuple[float, float, float]] = deque(maxlen=3)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
+        self.strayed: Bool[np.ndarray, " n"] | None = None
+        """Markers over which the object slips in the last frame; None if it slips nowhere."""
 
     def update(
         self,
@@ -206,6 +219,7 @@ class ShearWatch:
             hold: correlations of the print with earlier ones [-]; NaN if unknown.
             slide: slip of the object over the gel.
         """
+        self.strayed = None
         if not contact.any():
             self._restart()
             return Shear()
@@ -225,7 +239,32 @@ class ShearWatch:
             self._beyond.append(slide.beyond)
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
-        return self._judge((since, slid), *now)._replace(**slips)
+        judged = self._judge((since, slid), *now)._replace(**slips)
+        return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
+
+    def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
+        """The shear with the signs of a slip that is too slow for a few frames to show it."""
+        settings = self._settings
+        lately, just = (np.sort(slip[np.isfinite(slip)]) for slip in recent)
+        if min(len(lately), len(just)) < MIN_STICK_MARKERS:
+            return shear
+        if just[-1 - len(just) // 4] < settings.going:
+            return shear
+        self.strayed = np.nan_to_num(recent.lately) > settings.strayed
+        strays = bool(lately[-1 - len(lately) // 4] > settings.strayed)
+        # fewer than three markers hold
+        lost = (float(lately[MIN_STICK_MARKERS - 1]) - settings.lost) / settings.lost_spread
+        probability = shear.slip_probability
+        if lost > 0.0 or isfinite(probability):
+            held = 1.0 - (probability if isfinite(probability) else 0.0)
+            probability = 1.0 - held * (1.0 - float(expit(lost)))
+        return shear._replace(
+            slip_probability=probability,
+            slides=shear.slides or lost > 0.0,
+            holds=shear.holds and lost < 0.0,
+            sticks=shear.sticks and not strays,
+            strays=strays,
+        )
 
     def _measure(
         self, points: Float[np.ndarray, "n 2"], contact: Bool[np.ndarray, " n"]

@@ -129,8 +129,11 @@ class SlideWatch:
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
         read = MARKER_ERROR * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
+        slide = self._judge(slips[visible], spread)
+        if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
+            return slide  # a print that is uniform along a line would seem to stay behind the gel
         recent = Recent(self._measure(OVER, contact), self._measure(OVER // 4, contact))
-        return self._judge(slips[visible], spread)._replace(recent=recent)
+        return slide._replace(recent=recent)
 
     def _measure(self, frames: int, contact: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Slip over each marker of the contact within some frames, as in `Recent`."""

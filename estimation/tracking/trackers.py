@@ -158,6 +158,8 @@ class Trackers:
         turned = self.counts[method].turned(state, since.restarts, fields.rotation)
         gel_low, gel_high = gel_ends(turned, fields.contact)
         stick = fields.contact if self.shear.sticks else gel.stick & (not self.shear.slides)
+        if self._shear.strayed is not None:
+            stick = stick & ~self._shear.strayed
         return Estimate(
             time=frame.time,
             source_index=frame.source_index,
@@ -201,6 +203,8 @@ class Trackers:
             return State.MACRO_SLIP, why
         if self.shear.sticks:
             return State.STICK, why and STICKS_UNTOLD
+        if self.shear.strays:
+            return State.INCIPIENT, why and UNTOLD_TURN
         if why or not gel.stick.any():
             if self.shear.holds or self.load.holds:
                 return State.INCIPIENT, why and UNTOLD_TURN

@@ -14,7 +14,7 @@ from estimation.slip.shear import (
     conclude,
     join_outcomes,
 )
-from estimation.slip.slide import Slide
+from estimation.slip.slide import Recent, Slide
 from estimation.sources import read_recording
 from estimation.tracking.stream import Stream
 from estimation.tracking.tracker import estimate_angles
@@ -76,6 +76,27 @@ def test_slipped_where_the_print_is_beyond_all_of_the_gel():
     assert held[10].slides
     assert held[-1].slip_probability < 0.05
     assert (held[-1].slip, held[-1].slip_error, held[-1].slip_since) == (0.2, 0.1, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("core", "goes", "state"),
+    [
+        (True, True, State.INCIPIENT),  # the rim slips around a core
+        (False, True, State.MACRO_SLIP),
+        (False, False, State.STICK),  # it has come to rest
+    ],
+)
+def test_slow_slip_is_seen_where_the_print_of_a_few_frames_hardly_moves(core, goes, state):
+    away = np.linalg.norm(REST - 3.5, axis=1)
+    lately = np.where(TOUCHED, 0.1 * (away > 1.0) if core else 0.1, np.nan)
+    watched = ShearWatch(LAYOUT)
+    for _ in range(5):
+        slide = Slide(0.1, 0.2, 0.0, 0.5, Recent(lately, lately / 4.0 if goes else 0.0 * lately))
+        found = watched.update(REST, TOUCHED, (0.97, 0.97, 0.97), slide)
+    assert found.state == state
+    assert (found.slip_probability > 0.95) == (state == State.MACRO_SLIP)
+    if goes:
+        np.testing.assert_array_equal(watched.strayed, TOUCHED & (away > 1.0 if core else TOUCHED))
 
 
 @pytest.mark.parametrize("located", [True, False])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.recording import layout_markers
-from estimation.slip.slide import MARKER_ERROR, TILTED, SlideWatch
+from estimation.slip.slide import AHEAD, MARKER_ERROR, OVER, TILTED, SlideWatch
 
 REST = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).reshape(-1, 2)
 LAYOUT = layout_markers(REST)
@@ -95,7 +95,7 @@ def test_slip_counts_anew_where_the_print_does():
     watched.update(REST, TOUCHED, *still, 0.0)
     gone = watched.update(REST, TOUCHED, (0.0, 0.0), (*MIDDLE, *(MIDDLE + 1.0), *SURE), 1.0)
     assert gone.slip == pytest.approx(np.sqrt(2.0))
-    assert np.isnan(watched.update(REST, TOUCHED, (np.nan, np.nan), NOWHERE, 2.0)).all()
+    assert is_unknown(watched.update(REST, TOUCHED, (np.nan, np.nan), NOWHERE, 2.0))
     anew = watched.update(REST, TOUCHED, *still, 3.0)
     assert (anew.slip, anew.slip_since) == (0.0, 3.0)
 
@@ -103,5 +103,33 @@ def test_slip_counts_anew_where_the_print_does():
 def test_nothing_is_known_without_contact_or_markers():
     watched = SlideWatch(LAYOUT)
     known = (0.0, 0.0), (*MIDDLE, *MIDDLE, *SURE), 0.0
-    assert np.isnan(watched.update(REST, ~ALL, *known)).all()
-    assert np.isnan(watched.update(np.full_like(REST, np.nan), ALL, *known)).all()
+    assert is_unknown(watched.update(REST, ~ALL, *known))
+    assert is_unknown(watched.update(np.full_like(REST, np.nan), ALL, *known))
+
+
+def test_recent_slip_is_that_over_each_marker():
+    """The object turns over resting gel, and stands still for the last frames."""
+    turns = np.append(0.01 * np.arange(OVER + 1), np.full(2, 0.01 * OVER))
+    still = np.zeros(len(turns))
+    recent = watch(still, turns, [REST] * len(turns))[-1].recent
+    chord = 2.0 * np.sin(0.5 * 0.01 * (OVER - 2)) * AWAY
+    np.testing.assert_allclose(recent.lately[TOUCHED], chord[TOUCHED], atol=1e-9)
+    np.testing.assert_allclose(recent.just[TOUCHED], 2.0 * np.sin(0.01) * AWAY[TOUCHED], atol=1e-9)
+    assert np.isnan(recent.lately[~TOUCHED]).all()
+    goes_along = watch(still, turns, [turned(REST, turn) for turn in turns])[-1].recent
+    assert np.nanmax(goes_along.lately) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_recent_slip_leaves_out_by_how_much_a_print_may_lead_sheared_gel():
+    ways = np.linspace(0.0, 1.0, OVER + 1)[:, None] * [1.0, 0.0]
+    gels = [REST + (1.0 - 0.5 * AHEAD) * way for way in ways]
+    assert np.nanmax(watch(ways, np.zeros(len(ways)), gels)[-1].recent.lately) == 0.0
+
+
+def test_recent_slip_is_unknown_where_the_print_is_alike_along_a_line():
+    along = (1e-4, 9.0, 0.0)
+    assert watch([0.0] * 9, np.zeros(9), [REST] * 9, along)[-1].recent is None
+
+
+def is_unknown(slide):
+    return slide.recent is None and np.isnan(slide[:4]).all()
