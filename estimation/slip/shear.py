@@ -240,10 +240,20 @@ class ShearWatch:
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
         judged = self._judge((since, slid), *now)._replace(**slips)
-        return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
+        if slide.recent is None:
+            return judged
+        _, weakest = now
+        return self._follow_slow_slip(judged, slide.recent, alike=weakest > self._settings.sticking)
 
-    def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
-        """The shear with the signs of a slip that is too slow for a few frames to show it."""
+    def _follow_slow_slip(self, shear: Shear, recent: Recent, *, alike: bool) -> Shear:
+        """The shear with the signs of a slip that is too slow for a few frames to show it.
+
+        Args:
+            shear: by the other signs.
+            recent: slip over each marker in the last frames.
+            alike: whether the print of some frames ago looks like that of now. Otherwise the slip
+                is fast, and the print shows its end sooner.
+        """
         settings = self._settings
         lately, just = (np.sort(slip[np.isfinite(slip)]) for slip in recent)
         if min(len(lately), len(just)) < MIN_STICK_MARKERS:
@@ -260,7 +270,7 @@ class ShearWatch:
             probability = 1.0 - held * (1.0 - float(expit(lost)))
         return shear._replace(
             slip_probability=probability,
-            slides=shear.slides or lost > 0.0,
+            slides=shear.slides or (alike and lost > 0.0),
             holds=shear.holds and lost < 0.0,
             sticks=shear.sticks and not strays,
             strays=strays,
