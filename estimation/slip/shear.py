@@ -201,6 +201,7 @@ class ShearWatch:
         self._shears: deque[tuple[float, float]] = deque(maxlen=settings.memory)
         self._raw: deque[tuple[float, float, float]] = deque(maxlen=3)
         self._beyond: deque[float] = deque(maxlen=settings.memory)
+        self._going = False  # whether the object slipped over a quarter of the markers just now
         self.strayed: Bool[np.ndarray, " n"] | None = None
         """Markers over which the object slips in the last frame; None if it slips nowhere."""
 
@@ -252,25 +253,27 @@ class ShearWatch:
             shear: by the other signs.
             recent: slip over each marker in the last frames.
             alike: whether the print of some frames ago looks like that of now. Otherwise the slip
-                is fast, and the print shows its end sooner.
+                is fast, and the print shows its end sooner, as does a rate that has fallen by half.
         """
         settings = self._settings
         lately, just = (np.sort(slip[np.isfinite(slip)]) for slip in recent)
         if min(len(lately), len(just)) < MIN_STICK_MARKERS:
             return shear
-        if just[-1 - len(just) // 4] < settings.going:
+        before, self._going = self._going, bool(just[-1 - len(just) // 4] > settings.going)
+        if not (before and self._going):  # a single frame may be wrong
             return shear
         self.strayed = np.nan_to_num(recent.lately) > settings.strayed
         strays = bool(lately[-1 - len(lately) // 4] > settings.strayed)
         # fewer than three markers hold
-        lost = (float(lately[MIN_STICK_MARKERS - 1]) - settings.lost) / settings.lost_spread
+        third, recently = lately[MIN_STICK_MARKERS - 1], just[MIN_STICK_MARKERS - 1]
+        lost = (float(third) - settings.lost) / settings.lost_spread
         probability = shear.slip_probability
         if lost > 0.0 or isfinite(probability):
             held = 1.0 - (probability if isfinite(probability) else 0.0)
             probability = 1.0 - held * (1.0 - float(expit(lost)))
         return shear._replace(
             slip_probability=probability,
-            slides=shear.slides or (alike and lost > 0.0),
+            slides=shear.slides or bool(alike and lost > 0.0 and 8.0 * recently > third),
             holds=shear.holds and lost < 0.0,
             sticks=shear.sticks and not strays,
             strays=strays,
