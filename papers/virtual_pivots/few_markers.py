@@ -123,7 +123,11 @@ def compute(quick: bool = False, track: Track = iter) -> list[Followed]:
     names = list(shapes())[:2] if quick else list(shapes())
     frictions = settings.FEW_FRICTIONS[:1] if quick else settings.FEW_FRICTIONS
     cases = [(n, f, d) for n in names for f in frictions for d in range(draws)]
-    return [one for case in track(cases) for one in _follow(*case, resolution)]
+    return [
+        followed
+        for name, friction, draw in track(cases)
+        for followed in _follow(name, friction, draw, resolution)
+    ]
 
 
 def _follow(
@@ -209,11 +213,17 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
         for when, label, (least, most) in [*groups, (LOST, "any", (0, 400))]:
             frames = (phase == when) & (sticking >= least) & (sticking <= most)
             if frames.any():
-                ours, rigid = ([value[i][frames] for value in values] for i in range(2))
-                place = {"noise [µm]": 1e3 * noise, "phase": when, "markers that stick": label}
-                rows.append(
-                    {**place, **_row(*ours, bound[frames]), "rigid covers [%]": _cover(*rigid)}
+                (error, rigid_error), (half_width, rigid_width), (inside, rigid_inside) = (
+                    value[:, frames] for value in values
                 )
+                row: dict[str, object] = {
+                    "noise [µm]": 1e3 * noise,
+                    "phase": when,
+                    "markers that stick": label,
+                }
+                row |= _row(error, half_width, inside, bound[frames])
+                row["rigid covers [%]"] = _cover(rigid_error, rigid_width, rigid_inside)
+                rows.append(row)
     return rows
 
 
@@ -252,7 +262,7 @@ def _cover(
 def plot(result: list[Followed]) -> Figure:
     """Share of the intervals that cover the truth, by sticking markers: a panel for each noise."""
     by_shape = tables(result)["_shapes"]
-    noises = sorted({row["noise [µm]"] for row in by_shape})
+    noises = sorted({1e3 * followed.noise for followed in result})
     figure, axes = plt.subplots(
         1,
         len(noises),
