@@ -12,7 +12,7 @@ from estimation.estimators import (
     method_constants,
     method_settings,
 )
-from estimation.fields.contact import SHARE
+from estimation.fields.contact import CONTACT_SHARE
 from estimation.fields.stick import check_positive, check_share
 from estimation.frames.recording import ONSET_MM
 
@@ -43,7 +43,7 @@ class ContactSettings:
     """
 
     onset_mm: float = ONSET_MM
-    contact_share: float = SHARE
+    contact_share: float = CONTACT_SHARE
     stick_share: float = 0.9
 
     def __post_init__(self) -> None:
@@ -86,10 +86,6 @@ class AlertSettings:
             raise ValueError(f"thresholds of alerts must not be below 0: {vars(self)}")
         if self.rate_frames < 5:
             raise ValueError(f"rate_frames is {self.rate_frames}; give 5 frames or more")
-
-
-DEFAULT_CONTACT = ContactSettings()
-DEFAULT_ALERT = AlertSettings()
 
 
 @dataclass(frozen=True)

@@ -14,15 +14,10 @@ import numpy as np
 
 from estimation.estimators.measurement import Z95
 
-READING = np.radians(0.04)
+READING_NOISE = np.radians(0.04)
 """Noise of a registration from frame to frame, in addition to the error that it reports [rad].
 
 The median of nineteen published clips was 0.03°, the range 0.01 to 0.13°."""
-CREEP, MOST_CREEP = np.radians(0.06), np.radians(2.0)
-"""Creep of an object over gel that it seems to stick to, per frame and in total [rad].
-
-In half of thirty published clips its root mean square was 0.2° and did not grow with time. In a
-fifth it exceeded 0.5° after 8 frames, 1.1° after 32 and 2° after 64."""
 
 
 class Turn(NamedTuple):
@@ -100,11 +95,16 @@ class ImprintedTurn:
 
     def _predict(self, gel: float, lasting: bool) -> None:
         """Turn with the gel; without it the angle's variance becomes infinite."""
+        # creep of an object over gel that it seems to stick to, per frame and in total [rad]: in
+        # half of thirty published clips its root mean square was 0.2° and did not grow with time,
+        # and in a fifth it exceeded 0.5° after 8 frames, 1.1° after 32 and 2° after 64
+        frame_creep, most_creep = np.radians(0.06), np.radians(2.0)
         step = gel - self._gel if lasting else np.nan
         self._unseen += 1
         if np.isfinite(step):
             self._angle += step
-            crept = np.minimum(CREEP * np.array([self._unseen - 1, self._unseen]), MOST_CREEP)
+            frames = np.array([self._unseen - 1, self._unseen])
+            crept = np.minimum(frame_creep * frames, most_creep)
             self._variance += float(crept[1] ** 2 - crept[0] ** 2)
         else:
             self._variance = np.inf
@@ -117,20 +117,20 @@ class ImprintedTurn:
         else:
             self._common += self._drift**2 + self._variance
         self._zero = self._angle - angle
-        self._variance = READING**2
+        self._variance = READING_NOISE**2
 
     def _correct(self, angle: float) -> float:
         """Correct the angle by the imprint's; return how far gel and imprint have parted [rad]."""
         jump = 4.0  # standard errors by which gel and imprint may differ over one frame
         apart = angle - self._angle
         if np.isinf(self._variance):
-            self._angle, self._variance = angle, READING**2
+            self._angle, self._variance = angle, READING_NOISE**2
             return 0.0
-        expected = float(np.sqrt(self._variance + READING**2))
+        expected = float(np.sqrt(self._variance + READING_NOISE**2))
         parted = abs(apart) > jump * expected
         if parted:
             self._variance += apart**2
-        share = self._variance / (self._variance + READING**2)
+        share = self._variance / (self._variance + READING_NOISE**2)
         self._angle += share * apart
         self._variance *= 1.0 - share
         return apart if parted else 0.0

@@ -25,6 +25,7 @@ from estimation.fields.stick import (
 from estimation.frames.noise import Noise
 
 STRICT_THRESHOLD = float(np.radians(0.4))
+"""Threshold of `paper_strict` [-]: see `PaperSettings.threshold`."""
 
 
 @dataclass(frozen=True)

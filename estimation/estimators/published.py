@@ -24,12 +24,10 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.fields.measure import Fields
-from estimation.fields.outline import LEAST_MARKERS
+from estimation.fields.outline import LEAST_AXIS_MARKERS
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import MIN_STICK_MARKERS, check_positive
 from estimation.frames.noise import Noise
-
-ROUND = "the contact has no distinct long axis"
 
 
 class Kabsch:
@@ -205,7 +203,8 @@ class Castano:
         rim = fields.contact & ~erode(fields.contact, self.stencils)
         axis, error = _long_axis(fields.positions[fields.contact, :2], rim[fields.contact])
         if error > self.largest_error:
-            return Measurement.none(np.zeros_like(fields.contact), ROUND)
+            reason = "the contact has no distinct long axis"
+            return Measurement.none(np.zeros_like(fields.contact), reason)
         if not self._recent:
             self._first = axis
         last = self._recent[-1] if self._recent else axis
@@ -306,7 +305,7 @@ def _long_axis(
     """
     squared = _squares(points)
     spread, across = squared.sum(), np.sqrt(np.sum(np.abs(squared[rim]) ** 2) / 24.0)
-    enough = len(points) >= LEAST_MARKERS and abs(spread) > 0.0
+    enough = len(points) >= LEAST_AXIS_MARKERS and abs(spread) > 0.0
     error = 0.5 * across / abs(spread) if enough else np.inf
     return float(0.5 * np.angle(spread)), float(error)
 

@@ -32,17 +32,12 @@ from estimation.frames.noise import Noise
 
 CORE_MARKERS = 9
 """Number of markers about the stick centre from which a fit starts: three rows of three."""
-CORE_SIZES = (CORE_MARKERS, 7, 5, 4)
-"""Numbers of markers of the cores that are tried, largest first."""
-INNER_LIKELY, INNER_CERTAIN = 1.645, 1.96
-"""Standard errors by which the inner half of a small stick region may turn beyond the whole: the
-interval covers the first (95 %, one-sided); beyond the second, the outer half slips."""
-WEIGHTS_SETTLED = 1e-4
-"""Change of the weights below which a fit has converged: a thousandth of the standard error."""
 BIWEIGHT_CUT = 5.0
-# Standard error over that of an unweighted fit, times the square root of the mean weight: two
-# normal coordinates and a cut at 5 standard deviations (quadrature; tested).
+"""Residual from which a marker has no weight [noise or misfit per coordinate]."""
 BIWEIGHT_ERROR = 0.950
+"""Standard error over that of an unweighted fit, times the square root of the mean weight [-].
+
+For two normal coordinates and a cut at 5 standard deviations, by quadrature; a test repeats it."""
 
 
 @dataclass(frozen=True)
@@ -238,16 +233,14 @@ def fit_rigid_rotation(
         noise_mm: noise per in-plane coordinate and frame [mm]; 0 if unknown.
         since: fields of the frame that the rotation counts from; None for the unloaded shape.
     """
+    # standard errors by which the inner half may turn beyond the whole: the interval covers the
+    # first (95 %, one-sided); beyond the second, the outer half slips
+    inner_likely, inner_certain = 1.645, 1.96
     before, after = in_contact_plane(stencils, fields, segment, since)
     noise_mm = noise_mm if since is None else np.sqrt(2.0) * noise_mm
     x, y = before[segment], after[segment]
-    body, scale = _fit_core(x, y, np.abs(x - before[fields.centre]), noise_mm)
-    for _ in range(50):  # a few suffice
-        residual = body.motion.residual(x, y)
-        weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
-        previous, body = body, _Body(weights, fit_motion(x, y, weights))
-        if np.abs(weights - previous.weights).max() < WEIGHTS_SETTLED:
-            break
+    core, scale = _fit_core(x, y, np.abs(x - before[fields.centre]), noise_mm)
+    body = _reweight(x, y, core, scale)
     while True:
         stick = np.zeros_like(segment)
         stick[segment] = body.weights > 0
@@ -262,8 +255,8 @@ def fit_rigid_rotation(
         inner = body.take_inner_half(x, y)
         ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
         error = scale * np.sqrt(1.0 / inner.information(x) - 1.0 / information)
-        if ahead <= INNER_CERTAIN * error:
-            lag = np.sign(lag) * max(abs(lag), ahead + INNER_LIKELY * error)
+        if ahead <= inner_certain * error:
+            lag = np.sign(lag) * max(abs(lag), ahead + inner_likely * error)
             break
         body = inner
     return RigidFit(
@@ -312,8 +305,9 @@ def _fit_core(
         distance: distance of each marker from the stick centre [mm].
         noise_mm: noise per coordinate of the motion [mm]; 0 if unknown.
     """
+    sizes = (CORE_MARKERS, 7, 5, 4)  # numbers of markers of the cores that are tried
     ranked, cores = np.sort(distance), list[tuple[_Body, float]]()
-    for size in CORE_SIZES:
+    for size in sizes:
         weights = (distance <= ranked[:size][-1]).astype(float)
         body = _Body(weights, fit_motion(x, y, weights))
         cores.append((body, _scale(body.motion.residual(x, y)[weights > 0], noise_mm)))
@@ -337,6 +331,21 @@ def _is_mostly_rim(stencils: Stencils, stick: Bool[np.ndarray, " n"]) -> bool:
     neighbours = stencils.neighbours[stick]
     inside = np.all(stick[neighbours] | (neighbours < 0), axis=1)
     return bool(np.mean(inside) < 0.5)
+
+
+def _reweight(
+    x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"], core: _Body, scale: float
+) -> _Body:
+    """The body after iteratively reweighted least squares, which start from the core; in mm."""
+    # change of the weights below which a fit has converged [-]: a thousandth of the standard error
+    settled, body = 1e-4, core
+    for _ in range(50):  # a few suffice
+        residual = body.motion.residual(x, y)
+        weights = np.maximum(1.0 - (np.abs(residual) / (BIWEIGHT_CUT * scale)) ** 2, 0.0) ** 2
+        previous, body = body, _Body(weights, fit_motion(x, y, weights))
+        if np.abs(weights - previous.weights).max() < settled:
+            break
+    return body
 
 
 def _undetected_slip(

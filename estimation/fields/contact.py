@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float, Int
 
 from estimation.fields.stencils import Stencils
 
-SHARE = 0.5
+CONTACT_SHARE = 0.5
+"""Share of the largest indentation above which a marker is in contact [-]."""
 
 
 def find_contact(

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from contactmodel.equations import mean_line_rotation, polar_rotation
-from estimation.fields.contact import SHARE, find_contact, known_contact
+from estimation.fields.contact import CONTACT_SHARE, find_contact, known_contact
 from estimation.fields.stencils import Stencils, cross, in_space, unit
 from estimation.frames.recording import ONSET_MM, Frame
 
@@ -52,7 +52,7 @@ def measure_fields(
     frame: Frame,
     *,
     onset_mm: float = ONSET_MM,
-    share: float = SHARE,
+    share: float = CONTACT_SHARE,
 ) -> Fields:
     """Displacement, rotation and contact region of a frame.
 

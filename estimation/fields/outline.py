@@ -16,7 +16,8 @@ from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.recording import Recording
 
-LEAST_MARKERS = 9
+LEAST_AXIS_MARKERS = 9
+"""Least number of markers in contact for a long axis."""
 
 
 class Axis(NamedTuple):
@@ -73,7 +74,7 @@ def measure_axis(fields: Fields) -> Axis:
     largest_error_deg = 3.0
     nothing = Axis(np.nan, np.nan, np.nan, np.nan)
     points = fields.positions[fields.contact, :2]
-    if len(points) < LEAST_MARKERS:
+    if len(points) < LEAST_AXIS_MARKERS:
         return nothing._replace(reason=f"{len(points)} markers in contact")
     if not fields.indentation[fields.contact].any():
         return nothing._replace(reason="a single view cannot show the indentation")

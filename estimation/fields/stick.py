@@ -13,6 +13,7 @@ from jaxtyping import Bool
 from estimation.fields.measure import Fields
 
 MIN_STICK_MARKERS = 3
+"""Least number of markers that count as sticking."""
 ANGLE_FLOOR_DEG = 2.0
 """Least denominator of Eq. (15): the smallest angle of the range the paper states."""
 

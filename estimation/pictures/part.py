@@ -136,7 +136,7 @@ class Part:
     def darken(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "h w *colour"]:
         """A whole picture, with the pixels that are not read at half their brightness."""
         same_size = self.mask is None or self.mask.image.shape[:2] == image.shape[:2]
-        if self == WHOLE or not same_size:
+        if self == Part() or not same_size:
             return image
         read = np.zeros(image.shape[:2], dtype=bool)
         self._window(read)[:] = True if self.seen is None else self.seen
@@ -149,9 +149,6 @@ class Part:
             return image
         x, y, width, height = self.crop
         return image[y : y + height, x : x + width]
-
-
-WHOLE = Part()
 
 
 def _light(mask: Still) -> Float32[np.ndarray, "h w"]:

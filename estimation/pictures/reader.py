@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from estimation.frames.recording import Frame, MarkerLayout
-from estimation.pictures.part import WHOLE, Part
+from estimation.pictures.part import Part
 from estimation.pictures.rig import Rig
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.still import Still, read_still
@@ -56,7 +56,7 @@ class ImageSettings:
     unloaded: int | Still | Path | str | Shaped[np.ndarray, "h w *colour"] | None = None
     rig: Rig | None = None
     rate: float | None = None
-    part: Part = WHOLE
+    part: Part = Part()
 
     def __post_init__(self) -> None:
         """Check rate and part, and read the unloaded picture."""
@@ -69,7 +69,7 @@ class ImageSettings:
             raise ValueError(
                 f"got {self.rate:g} pictures per second (--fps): it must be a number above 0"
             )
-        if self.rig is not None and self.part != WHOLE:
+        if self.rig is not None and self.part != Part():
             raise ValueError(
                 "the calibration of two views (--stereo) applies to whole pictures: leave out "
                 "--crop and --mask"
@@ -181,7 +181,7 @@ class MarkerReader(ABC):
     layout: MarkerLayout
     scale: float
     unit: str
-    origin: Float[np.ndarray, " 2"] = WHOLE.origin
+    origin: Float[np.ndarray, " 2"] = Part().origin
     chosen: str = ""
     provisional: bool = False
 

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from estimation.fields.contact import SHARE
+from estimation.fields.contact import CONTACT_SHARE
 from estimation.frames.recording import ONSET_MM
 from estimation.pictures.corners.placing import SMALLEST
 from estimation.pictures.corners.reader import lay_out
@@ -105,7 +105,7 @@ class StereoReader(MarkerReader):
         rest = self.layout.reference
         flaw = find_tear_flaw(self.left.neighbours, rest[:, :2], points[:, :2])
         depth = np.nan_to_num(rest[:, 2] - points[:, 2])
-        pressed = (depth >= SHARE * depth.max()) & (depth >= ONSET_MM)
+        pressed = (depth >= CONTACT_SHARE * depth.max()) & (depth >= ONSET_MM)
         seen = np.isfinite(points[:, 0])
         return flaw or find_unseen_flaw(self.left.rest.position, pressed, seen)
 

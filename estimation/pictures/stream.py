@@ -25,7 +25,7 @@ from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
 from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
-from estimation.pictures.part import SMALLEST, WHOLE, Part
+from estimation.pictures.part import SMALLEST, Part
 from estimation.pictures.still import LARGEST, check_size, load_picture, unpack_picture
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def ignored_rate(rate: float, clock: str) -> str:
     return f"The rate of {rate:g} pictures per second (--fps) is not used: times come from {clock}."
 
 
-def read_pictures(path: Path, rate: float | None = None, part: Part = WHOLE) -> Iterator[Picture]:
+def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) -> Iterator[Picture]:
     """Read the pictures at a path in order.
 
     A picture that cannot be read, or whose size differs from the first, has a flaw. If a source

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimation.choices import DEFAULT_ALERT, AlertSettings
+from estimation.choices import AlertSettings
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import State, take_rows
 from estimation.slip.friction import Friction
@@ -66,7 +66,7 @@ class Alert(NamedTuple):
 class AlertWatch:
     """Follows angle and friction in use, and predicts when they reach their limits."""
 
-    def __init__(self, settings: AlertSettings = DEFAULT_ALERT) -> None:
+    def __init__(self, settings: AlertSettings = AlertSettings()) -> None:
         """Begin without any frame.
 
         Args:

@@ -42,9 +42,6 @@ class MarginSettings:
     noise_frames: float = 3.0
 
 
-DEFAULT_SETTINGS = MarginSettings()
-
-
 class Branch(NamedTuple):
     """A fitted branch of the moment–angle curve.
 
@@ -94,7 +91,7 @@ def fit_branch(
     moment: Float[np.ndarray, " points"],
     sign: float,
     guess: Float[np.ndarray, " 3"] | None = None,
-    settings: MarginSettings = DEFAULT_SETTINGS,
+    settings: MarginSettings = MarginSettings(),
 ) -> Branch:
     """Fit limit, stiffness and start moment of a branch to measured points.
 

@@ -73,9 +73,6 @@ class SlipSettings:
     least_margin: float = 0.25
 
 
-DEFAULT_SETTINGS = SlipSettings()
-
-
 class Disc(NamedTuple):
     """The stick region, from the markers' motion over a window.
 

@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from estimation.choices import DEFAULT_ALERT, AlertSettings
+from estimation.choices import AlertSettings
 from estimation.estimators.result import Estimate, State
 from estimation.slip.alert import Alert, AlertWatch
 from estimation.slip.branch import Branch
@@ -20,7 +20,7 @@ class LoadWatch:
     frame, so a loop that reads the angle alone does not pay for them.
     """
 
-    def __init__(self, settings: AlertSettings = DEFAULT_ALERT) -> None:
+    def __init__(self, settings: AlertSettings = AlertSettings()) -> None:
         """Begin without any frame.
 
         Args:

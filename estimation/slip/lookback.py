@@ -26,7 +26,7 @@ from estimation.estimators.result import (
 )
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
-from estimation.slip.disc import DEFAULT_SETTINGS, SlipSettings
+from estimation.slip.disc import SlipSettings
 from estimation.slip.onset import MacroSlip, SightPath, SlipWatch, date_slips
 
 FOLLOWING = ("tracked", "incremental")
@@ -37,7 +37,7 @@ def find_slips(
     recording: Recording,
     result: Result,
     noise: Noise,
-    settings: SlipSettings = DEFAULT_SETTINGS,
+    settings: SlipSettings = SlipSettings(),
 ) -> list[MacroSlip]:
     """Macro slips of a recording, certain and possible ones, in order of time.
 
@@ -54,7 +54,7 @@ def find_slips(
 
 
 def date_doubts(
-    track: Track, sights: SightPath, settings: SlipSettings = DEFAULT_SETTINGS
+    track: Track, sights: SightPath, settings: SlipSettings = SlipSettings()
 ) -> list[MacroSlip]:
     """Macro slips, certain and possible ones, from the sights recorded frame by frame.
 
@@ -79,7 +79,7 @@ def withdraw(
     outline: Float[np.ndarray, " frames"],
     *,
     keep: bool = False,
-    settings: SlipSettings = DEFAULT_SETTINGS,
+    settings: SlipSettings = SlipSettings(),
 ) -> Kept:
     """The result without angles reported while the object may have been sliding unnoticed.
 

@@ -9,7 +9,6 @@ from estimation.estimators.measurement import Z95
 from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.slip.branch import (
-    DEFAULT_SETTINGS,
     LEAST_STICK_RATIO,
     Branch,
     MarginSettings,
@@ -61,7 +60,7 @@ class MarginTracker:
         last: the branch of the last frame with a margin; None before it.
     """
 
-    def __init__(self, settings: MarginSettings = DEFAULT_SETTINGS) -> None:
+    def __init__(self, settings: MarginSettings = MarginSettings()) -> None:
         """Begin without any frame."""
         self.settings = settings
         self.last: Branch | None = None
@@ -159,7 +158,7 @@ class MarginPath(NamedTuple):
 
 def follow_margin(
     track: Track,
-    settings: MarginSettings = DEFAULT_SETTINGS,
+    settings: MarginSettings = MarginSettings(),
     known: MarginPath | None = None,
     changed: Bool[np.ndarray, " frames"] | None = None,
 ) -> MarginPath:
@@ -210,7 +209,7 @@ def end_stick_ratio(contact_markers: int) -> float:
 
 
 def margin_at(
-    branch: Branch, angle: float, end: float, settings: MarginSettings = DEFAULT_SETTINGS
+    branch: Branch, angle: float, end: float, settings: MarginSettings = MarginSettings()
 ) -> Margin:
     """The margin at an angle on a branch; NaN while the branch's limit is undetermined.
 

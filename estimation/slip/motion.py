@@ -16,7 +16,7 @@ from estimation.fields.measure import Fields
 
 
 class Since(NamedTuple):
-    """The frame that a method's angle counts from.
+    """The frame that a method's angle counts from; by default the value before the first frame.
 
     Attributes:
         restarts: number of restarts of the count since the object touched.
@@ -31,10 +31,6 @@ class Since(NamedTuple):
         if not fields.contact.any():
             return Since(0, time)
         return self if gel.restarts == self.restarts else Since(gel.restarts, time)
-
-
-NO_COUNT = Since()
-"""The value before the first frame."""
 
 
 class Count:

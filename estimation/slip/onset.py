@@ -22,7 +22,6 @@ from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
 from estimation.slip.disc import (
-    DEFAULT_SETTINGS,
     NO_DISC,
     Disc,
     SlipSettings,
@@ -86,7 +85,7 @@ class SightPath(NamedTuple):
         return cls(*discs.reshape(-1, len(Disc._fields)).T, rests=rests)
 
 
-def date_slips(sights: SightPath, settings: SlipSettings = DEFAULT_SETTINGS) -> list[MacroSlip]:
+def date_slips(sights: SightPath, settings: SlipSettings = SlipSettings()) -> list[MacroSlip]:
     """The certain macro slips of a recording, dated by its discs."""
     slips: list[MacroSlip] = []
     discs = np.column_stack(sights[:3])[sights.misfit <= settings.round_misfit]
@@ -151,7 +150,7 @@ class SlipWatch:
     """Follows the stick disc frame by frame, over all windows whose motion shows one."""
 
     def __init__(
-        self, layout: MarkerLayout, noise: Noise, settings: SlipSettings = DEFAULT_SETTINGS
+        self, layout: MarkerLayout, noise: Noise, settings: SlipSettings = SlipSettings()
     ) -> None:
         """Begin without any frame.
 

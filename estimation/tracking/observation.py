@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from estimation.choices import DEFAULT_CONTACT, ContactSettings
+from estimation.choices import ContactSettings
 from estimation.fields.contact import reaches_edge
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
@@ -41,7 +41,7 @@ class Observer:
         self,
         layout: MarkerLayout,
         softness: Softness = RIGID_OBJECT,
-        contact: ContactSettings = DEFAULT_CONTACT,
+        contact: ContactSettings = ContactSettings(),
     ) -> None:
         """Make an observer.
 

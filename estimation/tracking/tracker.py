@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from estimation.choices import DEFAULT_ALERT, DEFAULT_CONTACT, AlertSettings, ContactSettings
+from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import (
     DEFAULT_METHOD,
 )
@@ -51,8 +51,8 @@ class Tracker:
         *,
         noise: Noise | None = None,
         softness: Softness = RIGID_OBJECT,
-        contact: ContactSettings = DEFAULT_CONTACT,
-        alert: AlertSettings = DEFAULT_ALERT,
+        contact: ContactSettings = ContactSettings(),
+        alert: AlertSettings = AlertSettings(),
         **constants: Any,
     ) -> None:
         """Make a tracker.

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.choices import DEFAULT_ALERT, DEFAULT_CONTACT, AlertSettings, ContactSettings
+from estimation.choices import AlertSettings, ContactSettings
 from estimation.estimators import (
     Measurement,
     make_estimator,
@@ -23,7 +23,7 @@ from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.slip.load import LoadWatch
-from estimation.slip.motion import NO_COUNT, Count, Since, gel_ends
+from estimation.slip.motion import Count, Since, gel_ends
 from estimation.slip.shear import Shear, ShearWatch
 from estimation.slip.slide import Slide, SlideWatch
 from estimation.softness import RIGID_OBJECT, Contact, Softness
@@ -63,8 +63,8 @@ class Trackers:
         *,
         noise: Noise | None = None,
         softness: Softness = RIGID_OBJECT,
-        contact: ContactSettings = DEFAULT_CONTACT,
-        alert: AlertSettings = DEFAULT_ALERT,
+        contact: ContactSettings = ContactSettings(),
+        alert: AlertSettings = AlertSettings(),
     ) -> None:
         """Make the trackers.
 
@@ -215,7 +215,7 @@ class Trackers:
 
 
 def label_frame(
-    frame: Frame, reason: str, since: Since = NO_COUNT, state: State = State.UNKNOWN
+    frame: Frame, reason: str, since: Since = Since(), state: State = State.UNKNOWN
 ) -> Estimate:
     """An estimate without an angle, with the reason.
 

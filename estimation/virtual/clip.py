@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from contactmodel.contact import Contact
 from contactmodel.grid import Grid
 from contactmodel.pose import Pose
-from estimation.choices import DEFAULT_CONTACT
+from estimation.choices import ContactSettings
 from estimation.estimators.plane import fit_motion
 from estimation.estimators.result import State
 from estimation.pictures.render import Camera, cover_with_dots, digitise, project_discs
@@ -396,5 +396,5 @@ def _judge(under: int, holding: int, ratio: float, touching: bool) -> State:
         return State.NO_CONTACT
     if ratio < 0.02:  # not 0, because the centre of a rotation on the spot rests
         return State.MACRO_SLIP
-    enough = holding >= DEFAULT_CONTACT.stick_share * under
+    enough = holding >= ContactSettings().stick_share * under
     return State.STICK if enough else State.INCIPIENT

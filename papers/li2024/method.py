@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimation.estimators.paper import STRICT_THRESHOLD, PaperSettings
-from estimation.fields.contact import SHARE
+from estimation.fields.contact import CONTACT_SHARE
 from estimation.fields.stick import ANGLE_FLOOR_DEG
 from estimation.frames.recording import ONSET_MM
 from papers.items import Track
@@ -21,7 +21,7 @@ def compute(quick: bool = False, track: Track = iter) -> Method:
     """The library's default constants."""
     settings = PaperSettings()
     constants = {
-        "contact_share": SHARE,
+        "contact_share": CONTACT_SHARE,
         "onset": ONSET_MM,
         "threshold": settings.threshold,
         "fewest_stick_markers": settings.min_stick_markers,

@@ -18,7 +18,7 @@ from rich.table import Table
 
 from estimation.estimators import METHODS, Rigid
 from estimation.estimators.rigid import fit_rigid_rotation
-from estimation.fields.contact import SHARE, find_contact
+from estimation.fields.contact import CONTACT_SHARE, find_contact
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import grow_stick_region
@@ -93,7 +93,7 @@ def stage_table(recording: Recording, noise: Noise) -> Table:
             fields.indentation,
             known,
             ONSET_MM,
-            SHARE,
+            CONTACT_SHARE,
         )
         segment = timed(
             "growth by Eq. 15",

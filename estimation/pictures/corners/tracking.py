@@ -26,7 +26,7 @@ from estimation.pictures.corners.placing import (
 from estimation.pictures.lattice import Lattice, fit_lattice, lattice_neighbours
 from estimation.pictures.light import to_light
 from estimation.pictures.lines import straighten_edges
-from estimation.pictures.part import WHOLE, Part
+from estimation.pictures.part import Part
 
 FEWEST = 12
 """Least number of corners in one piece for a picture to count as a checkerboard."""
@@ -65,7 +65,7 @@ class CornerTracker:
     """
 
     def __init__(
-        self, style: CornerStyle, plan: Plan, rest: Seen, note: str, part: Part = WHOLE
+        self, style: CornerStyle, plan: Plan, rest: Seen, note: str, part: Part = Part()
     ) -> None:
         """Start with a reference."""
         self.style, self.plan, self.rest, self.note, self.part = style, plan, rest, note, part
@@ -73,7 +73,7 @@ class CornerTracker:
 
     @classmethod
     def learn(
-        cls, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False, part: Part = WHOLE
+        cls, picture: Shaped[np.ndarray, "h w *colour"], unloaded: bool = False, part: Part = Part()
     ) -> "CornerTracker":
         """Detect the corners in a picture and make the reference.
 
@@ -268,7 +268,7 @@ def _seen(corners: Corners, turn: Int[np.ndarray, " n"]) -> Seen:
 
 
 def _look(
-    grey: Float32[np.ndarray, "h w"], style: CornerStyle, part: Part = WHOLE
+    grey: Float32[np.ndarray, "h w"], style: CornerStyle, part: Part = Part()
 ) -> tuple[Corners, Board, list[Cells]]:
     """Corners of a picture, their coordinates, and the cells of every large enough piece."""
     corners = find_corners(grey, style)

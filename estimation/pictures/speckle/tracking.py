@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Int
 
-from estimation.pictures.part import WHOLE, Part
+from estimation.pictures.part import Part
 from estimation.pictures.speckle.seeds import FeatureSeeds, Guess, find_shift, flatten_light, stay
 from estimation.pictures.speckle.subsets import (
     Match,
@@ -60,7 +60,7 @@ class Lattice(NamedTuple):
     left_out: dict[str, int]
 
 
-def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> SpeckleStyle:
+def find_speckle_style(grey: Float32[np.ndarray, "h w"], part: Part = Part()) -> SpeckleStyle:
     """Estimate the size of the speckles, and choose subsets that contain enough of them.
 
     Args:
@@ -119,7 +119,7 @@ def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int, part: Part) -> 
 
 
 def lay_points(
-    grey: Float32[np.ndarray, "h w"], style: SpeckleStyle, part: Part = WHOLE
+    grey: Float32[np.ndarray, "h w"], style: SpeckleStyle, part: Part = Part()
 ) -> Lattice:
     """Lay points of interest wherever the picture has enough texture that is unique.
 
@@ -214,7 +214,7 @@ class SpeckleTracker:
         searched: number of pictures in which features were needed.
     """
 
-    def __init__(self, grey: Float32[np.ndarray, "h w"], part: Part = WHOLE) -> None:
+    def __init__(self, grey: Float32[np.ndarray, "h w"], part: Part = Part()) -> None:
         """Make the reference from a picture.
 
         Args:

@@ -4,7 +4,6 @@ from scipy.ndimage import binary_erosion
 
 from estimation.estimators import PUBLISHED_METHODS
 from estimation.estimators.published import (
-    ROUND,
     Castano,
     CastanoSettings,
     Dong,
@@ -153,7 +152,7 @@ def test_castano_has_no_answer_on_a_round_contact(offset):
     positions, _ = deform(model, layout, np.ones(len(twist)), twist)
     result = estimate_angles(recording_of(layout, positions), "castano", noise=MICRON)
     assert not result.answered.any()
-    assert set(result.reason) == {ROUND}
+    assert set(result.reason) == {"the contact has no distinct long axis"}
     assert set(result.state) == {State.UNKNOWN}
 
 

@@ -12,7 +12,7 @@ from calibration.__main__ import app
 from calibration.stereo import Pose, calibrate_from_pictures, calibrate_stereo
 from contactmodel.common.inputs import RenamedKeyWarning
 from estimation.__main__ import app as run_app
-from estimation.fields.contact import SHARE
+from estimation.fields.contact import CONTACT_SHARE
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.neighbours import grid_neighbours
@@ -170,7 +170,9 @@ def test_the_contact_region_is_that_of_the_arrays(surface):
     for points in (move(flat), triangulate(SMALL, *see(SMALL, move(flat), rng)).points):
         frame = Frame(points, 0.0, 0)
         stencils = make_stencils(MarkerLayout(rest, grid_neighbours((20, 20)), (20, 20)))
-        regions.append(measure_fields(stencils, frame, onset_mm=ONSET_MM, share=SHARE).contact)
+        regions.append(
+            measure_fields(stencils, frame, onset_mm=ONSET_MM, share=CONTACT_SHARE).contact
+        )
     assert regions[0].sum() > 50
     # 2 µm of noise shifts the rim, where the depth falls by 0.1 mm per mm, by 0.04 pitches
     assert (regions[0] != regions[1]).sum() <= 2
