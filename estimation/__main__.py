@@ -121,7 +121,7 @@ def report(
 @app.command()
 def fetch(
     names: Annotated[
-        list[str], typer.Argument(metavar="DATASET...", help=f"{', '.join(datasets.NAMES)}")
+        list[str], typer.Argument(metavar="DATASET...", help=f"{', '.join(datasets.list_names())}")
     ],
 ) -> None:
     """Download published data sets to the cache, unless it holds them intact."""

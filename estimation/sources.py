@@ -10,7 +10,7 @@ from typing import NamedTuple
 from contactmodel.common.inputs import naming
 from contactmodel.common.version import __version__
 from estimation.frames import datasets
-from estimation.frames.archive import SUFFIX, read_archive
+from estimation.frames.archive import is_archive, read_archive
 from estimation.frames.bags.bag import is_bag, split_place
 from estimation.frames.bags.source import BagSource
 from estimation.frames.bags.topics import find_topic, list_topics
@@ -33,7 +33,7 @@ from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
 EXPECTED = (
-    f"a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*{SUFFIX}), a video, a "
+    "a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*.npz), a video, a "
     "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, "
     "lerobot), a LeRobot data set or a camera (camera:0)"
 )
@@ -223,7 +223,7 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: give {EXPECTED}")
     if not path.is_dir():
-        if path.suffix == SUFFIX or is_pictures(path):
+        if is_archive(path) or is_pictures(path):
             return [path]
         hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
         raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
@@ -238,7 +238,7 @@ def _find_inside(path: Path) -> list[Path]:
     recordings = [
         entry
         for entry in inside
-        if entry.suffix == SUFFIX
+        if is_archive(entry)
         or is_bag(entry)
         or is_rows(entry)
         or is_lerobot(entry)
@@ -295,7 +295,7 @@ def find_paths(
     """
     paths: list[Path] = []
     for name in names:
-        is_dataset = name in datasets.NAMES and not Path(name).exists()
+        is_dataset = name in datasets.list_names() and not Path(name).exists()
         folders = datasets.fetch_runs(name, say) if is_dataset else [Path(name)]
         paths += [path for folder in folders for path in find_recordings(folder, topics)]
     return paths

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from estimation.frames.bags.types import DEFINITIONS, PAIR, TAC3D
+from estimation.frames.bags.types import MESSAGE_DEFINITIONS, MessageType
 
 NOW = 1_700_000_000 * 10**9
 """When the bags start [ns]."""
@@ -28,7 +28,7 @@ class Sent(NamedTuple):
 
 def types(ros1: bool = False):
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.LATEST)
-    for name, text in DEFINITIONS.items():
+    for name, text in MESSAGE_DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
     return store
 
@@ -53,12 +53,12 @@ def tac3d(positions, displacements, number=0, time=0.0, **changes):
         "ResultantForce": np.array([0.0, 0.0, -2.0]),
         "ResultantMoment": np.array([0.0, 0.0, float(number)]),
     }
-    return types().types[TAC3D](**(values | changes))
+    return types().types[MessageType.TAC3D](**(values | changes))
 
 
 def pair(left, right, after=0):
     """A message of the node for two fingers."""
-    return types().types[PAIR](header(after), left, right)
+    return types().types[MessageType.TAC3D_PAIR](header(after), left, right)
 
 
 def cloud(positions, after=0, ros1=False):

@@ -9,7 +9,7 @@ from functools import cache
 import pytest
 from ruamel.yaml import YAML
 
-from estimation.frames.extras import EXTRAS, MissingExtraError, require_extra
+from estimation.frames.extras import EXTRA_PACKAGES, MissingExtraError, require_extra
 from estimation.sources import read_recording
 from papers import items
 from papers.__main__ import main
@@ -56,14 +56,14 @@ def reached_from(module):
 
 
 def test_extras_are_those_of_the_project():
-    for extra, names in EXTRAS.items():
+    for extra, names in EXTRA_PACKAGES.items():
         assert set(names) == packages(PROJECT["optional-dependencies"][extra])
 
 
 @needs_sources
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_package_imported_is_required_or_in_an_extra(package):
-    extra = {one for names in EXTRAS.values() for one in names}
+    extra = {one for names in EXTRA_PACKAGES.values() for one in names}
     known = {*PACKAGES} | packages(PROJECT["dependencies"]) | extra
     for path in sorted((ROOT / package).rglob("*.py")):
         roots = {name.split(".")[0] for name in imported_modules(path)}

@@ -24,7 +24,6 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.fields.measure import Fields
-from estimation.fields.outline import LEAST_AXIS_MARKERS
 from estimation.fields.stencils import Stencils
 from estimation.fields.stick import MIN_STICK_MARKERS, check_positive
 from estimation.frames.noise import Noise
@@ -303,9 +302,10 @@ def _long_axis(
     rim represents an area of which the outline cuts off a random share: the variance of its w is
     |w|²/12, half of it across Σw.
     """
+    least_markers = 9
     squared = _squares(points)
     spread, across = squared.sum(), np.sqrt(np.sum(np.abs(squared[rim]) ** 2) / 24.0)
-    enough = len(points) >= LEAST_AXIS_MARKERS and abs(spread) > 0.0
+    enough = len(points) >= least_markers and abs(spread) > 0.0
     error = 0.5 * across / abs(spread) if enough else np.inf
     return float(0.5 * np.angle(spread)), float(error)
 

@@ -16,9 +16,6 @@ from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.recording import Recording
 
-LEAST_AXIS_MARKERS = 9
-"""Least number of markers in contact for a long axis."""
-
 
 class Axis(NamedTuple):
     """Long axis of the contact.
@@ -70,11 +67,12 @@ def measure_axis(fields: Fields) -> Axis:
     when a marker of the rim enters or leaves. The axis is rejected if the contact has too few
     markers or is too round, or if the fit is too poor.
     """
+    least_markers = 9
     least_elongation = 1.2
     largest_error_deg = 3.0
     nothing = Axis(np.nan, np.nan, np.nan, np.nan)
     points = fields.positions[fields.contact, :2]
-    if len(points) < LEAST_AXIS_MARKERS:
+    if len(points) < least_markers:
         return nothing._replace(reason=f"{len(points)} markers in contact")
     if not fields.indentation[fields.contact].any():
         return nothing._replace(reason="a single view cannot show the indentation")

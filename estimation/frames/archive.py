@@ -21,8 +21,7 @@ from estimation.frames.files import write_whole
 from estimation.frames.recording import MarkerLayout, Recording, declared_arrays
 
 FORMAT_VERSION = 2
-SUFFIX = ".npz"
-_TYPES: dict[Any, type] = {Bool: bool, Int: int, Float: float}
+"""Version of the format that is written; older ones are read too."""
 
 
 def write_archive(recording: Recording, path: str | Path) -> None:
@@ -66,8 +65,8 @@ def write_archive(recording: Recording, path: str | Path) -> None:
         (43, 400, 3)
     """
     path = Path(path)
-    if path.suffix != SUFFIX:
-        raise ValueError(f"{path} must end in {SUFFIX}, the suffix of recording archives")
+    if not is_archive(path):
+        raise ValueError(f"{path} must end in .npz, the suffix of recording archives")
     entries = {"format_version": FORMAT_VERSION} | _contents(recording.layout)
     entries |= _contents(recording)
     present = {name: np.asarray(entry) for name, entry in entries.items() if entry is not None}
@@ -86,6 +85,11 @@ def _contents(part: MarkerLayout | Recording) -> dict[str, Any]:
         for name, hint in hints.items()
         if hint is not MarkerLayout
     }
+
+
+def is_archive(path: Path) -> bool:
+    """Whether the path has the suffix of recording archives."""
+    return path.suffix == ".npz"
 
 
 def read_archive(path: str | Path) -> Recording:
@@ -139,6 +143,7 @@ def _read_part(
         KeyError: an entry is missing.
         TypeError: an entry is of another type.
     """
+    types: dict[Any, type] = {Bool: bool, Int: int, Float: float}
     # required entries that the first archives lack
     later = ("unit", "warnings")
     arrays, values = declared_arrays(part), {}
@@ -148,7 +153,7 @@ def _read_part(
             continue
         entry = entries[name]
         if name in arrays:
-            values[name] = entry.astype(_TYPES[arrays[name].dtype], casting="same_kind", copy=False)
+            values[name] = entry.astype(types[arrays[name].dtype], casting="same_kind", copy=False)
         else:
             values[name] = _read_plain(name, entry, hint)
     return values

@@ -24,23 +24,24 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from contactmodel.common.cache import cache_folder
 from estimation.frames.names import counted
 
-_PUBLISHED = tomllib.loads((files("estimation.frames") / "datasets.toml").read_text("utf-8"))
-_WHEEL: dict[str, str] = _PUBLISHED["wheel"]
-_SETS: dict[str, dict] = _PUBLISHED["sets"]
+_PUBLISHED_DATA = tomllib.loads((files("estimation.frames") / "datasets.toml").read_text("utf-8"))
 
-NAMES: tuple[str, ...] = tuple(_SETS)
-"""Names of the data sets that can be fetched."""
+
+def list_names() -> tuple[str, ...]:
+    """Names of the data sets that can be fetched."""
+    return tuple(_PUBLISHED_DATA["sets"])
 
 
 def fetch(name: str, log: Callable[[str], None] = lambda line: None) -> Path:
     """Return the folder of a data set, and download it unless it is there and intact.
 
     Args:
-        name: one of `NAMES`.
+        name: one of the names of `list_names`.
         log: called with a line of text for each step.
 
     Raises:
@@ -65,7 +66,7 @@ def fetch(name: str, log: Callable[[str], None] = lambda line: None) -> Path:
     folder = find(name)
     if folder is not None:
         return folder
-    published = _SETS[name]
+    published = _published(name)
     for root in _roots():
         if (root / _local(name)).exists():
             log(f"{root / _local(name)} is incomplete or damaged, and is not used")
@@ -75,7 +76,7 @@ def fetch(name: str, log: Callable[[str], None] = lambda line: None) -> Path:
     if "url" in published:
         _download_files(name, cache, log)
         return _shown(cache, name)
-    published = published.get("wheel", _WHEEL)
+    published = published.get("wheel", _PUBLISHED_DATA["wheel"])
     wheel = _find_wheel(published)
     if wheel is None:
         log(f"downloading {published['filename']}")
@@ -88,13 +89,13 @@ def find(name: str) -> Path | None:
     """The folder of a data set that is complete and intact; None if there is none.
 
     Args:
-        name: one of `NAMES`.
+        name: one of the names of `list_names`.
 
     Raises:
         ValueError: there is no such data set.
     """
-    if name not in _SETS:
-        raise ValueError(f"there is no data set {name!r}: choose from {', '.join(NAMES)}")
+    if name not in _PUBLISHED_DATA["sets"]:
+        raise ValueError(f"there is no data set {name!r}: choose from {', '.join(list_names())}")
     expected = list_files(name).items()
     for root in _roots():
         if all(_is_intact(root / _local(name) / file, sha256) for file, sha256 in expected):
@@ -106,7 +107,7 @@ def fetch_runs(name: str, log: Callable[[str], None] = lambda line: None) -> lis
     """Fetch a data set, and return its folders that hold recordings.
 
     Args:
-        name: one of `NAMES`.
+        name: one of the names of `list_names`.
         log: called with a line of text for each step.
 
     Raises:
@@ -114,29 +115,34 @@ def fetch_runs(name: str, log: Callable[[str], None] = lambda line: None) -> lis
         OSError: as for `fetch`.
     """
     folder = fetch(name, log)
-    return [folder / run for run in _SETS[name].get("runs", [""])]
+    return [folder / run for run in _published(name).get("runs", [""])]
 
 
 def list_files(name: str) -> dict[str, str]:
     """The sha256 of each file of a data set, by its path in the set's folder.
 
     Args:
-        name: one of `NAMES`.
+        name: one of the names of `list_names`.
     """
-    if "files" in _SETS[name]:
-        return _SETS[name]["files"]
+    if "files" in _published(name):
+        return _published(name)["files"]
     listed = (files("estimation.frames") / f"{name}.sha256").read_text("utf-8")
     return {file: sha256 for sha256, file in (line.split("  ", 1) for line in listed.splitlines())}
 
 
+def _published(name: str) -> dict[str, Any]:
+    """The published address, licence and files of a data set."""
+    return _PUBLISHED_DATA["sets"][name]
+
+
 def _local(name: str) -> str:
     """The name of the folder that holds a data set."""
-    return _SETS[name].get("local", name)
+    return _published(name).get("local", name)
 
 
 def _shown(root: Path, name: str) -> Path:
     """The folder of a data set that holds its recordings."""
-    return root / _local(name) / _SETS[name].get("shown", "")
+    return root / _local(name) / _published(name).get("shown", "")
 
 
 def _roots() -> list[Path]:
@@ -167,7 +173,7 @@ def _download_files(name: str, cache: Path, log: Callable[[str], None]) -> None:
     for folder, count in Counter(str(Path(file).parent) for file in missing).items():
         log(f"downloading {counted(count, 'file', 'files')} of {folder}")
     download = partial(_download, name, root)
-    with ThreadPoolExecutor(_SETS[name].get("at_once", 1)) as pool:
+    with ThreadPoolExecutor(_published(name).get("at_once", 1)) as pool:
         list(pool.map(download, missing, missing.values()))  # the first failure cancels the rest
 
 
@@ -177,7 +183,7 @@ def _download(name: str, root: Path, file: str, sha256: str) -> None:
 
     target = root / file
     target.unlink(missing_ok=True)
-    url = _SETS[name]["url"] + file.removeprefix(_SETS[name].get("apart", ""))
+    url = _published(name)["url"] + file.removeprefix(_published(name).get("apart", ""))
     try:
         pooch.retrieve(url, f"sha256:{sha256}", fname=target.name, path=target.parent)
     except ValueError as error:
@@ -250,7 +256,7 @@ def _unpack(wheel: Path, name: str, cache: Path) -> None:
 
     Names and content of the files are those of the manifest; the archive cannot choose them.
     """
-    published = _SETS[name]
+    published = _published(name)
     with tempfile.TemporaryDirectory(dir=cache, prefix=f".{name}-") as temporary:
         fresh, old = Path(temporary) / "fresh", Path(temporary) / "old"
         with zipfile.ZipFile(wheel) as archive:

@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-EXTRAS: dict[str, tuple[str, ...]] = {
+EXTRA_PACKAGES: dict[str, tuple[str, ...]] = {
     "peers": ("trackpy",),
     "video": ("av",),
     "bags": ("mcap", "rosbags"),
@@ -24,13 +24,13 @@ def require_extra(extra: str, job: str) -> None:
     """Check that the packages of an extra are installed, without importing them.
 
     Args:
-        extra: one of `EXTRAS`.
+        extra: one of `EXTRA_PACKAGES`.
         job: subject of the message: the activity that needs the packages.
 
     Raises:
         MissingExtraError: a package is not installed.
     """
-    if absent := [package for package in EXTRAS[extra] if find_spec(package) is None]:
+    if absent := [package for package in EXTRA_PACKAGES[extra] if find_spec(package) is None]:
         raise MissingExtraError(
             f"{job} needs {', '.join(absent)} (not installed): "
             f'run `pip install "contactmodel[{extra}]"`'

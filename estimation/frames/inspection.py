@@ -8,6 +8,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,7 +16,7 @@ from scipy.spatial import KDTree
 
 from estimation.frames.names import counted
 from estimation.frames.recording import (
-    LARGEST,
+    LARGEST_VALUE,
     ONSET_MM,
     Frame,
     Recording,
@@ -23,12 +24,17 @@ from estimation.frames.recording import (
     expect_places,
 )
 
-UNSEEN, FROZEN = "not seen at times", "frozen at times while others moved"
-"""What is wrong with markers, after "3 markers were", in recordings and live."""
 FROZEN_STEPS = 5
 """Number of consecutive steps without motion after which a marker counts as frozen.
 
 Good markers with rounded coordinates have one or two such steps."""
+
+
+class MarkerFault(StrEnum):
+    """Faults of markers, in words that follow "3 markers were"."""
+
+    UNSEEN = "not seen at times"
+    FROZEN = "frozen at times while others moved"
 
 
 def inspect_recording(recording: Recording) -> Recording:
@@ -76,8 +82,8 @@ def inspect_recording(recording: Recording) -> Recording:
     remarks = [
         *absurd,
         *_index_notes(recording),
-        *_count(UNSEEN, ~seen),
-        *_count(FROZEN, frozen),
+        *_count(MarkerFault.UNSEEN, ~seen),
+        *_count(MarkerFault.FROZEN, frozen),
         *list_flaws(Counter(flaw for flaw in flaws if flaw)),
         *_length_notes(recording, valid & ~blank[:, None]),
     ]
@@ -119,8 +125,8 @@ class LiveInspector:
         if 2 * (shared & ~same).sum() > shared.sum():
             self._still = np.where(same, self._still + 1, 0)
         frozen = np.logical_and(seen, self._still >= FROZEN_STEPS)
-        self._count(UNSEEN, ~seen)
-        self._count(FROZEN, frozen)
+        self._count(MarkerFault.UNSEEN, ~seen)
+        self._count(MarkerFault.FROZEN, frozen)
         return replace(frame, valid=frame.valid & ~frozen) if frozen.any() else frame
 
     def notes(self) -> tuple[str, ...]:
@@ -143,10 +149,12 @@ def _take_out_absurd(recording: Recording) -> tuple[Recording, list[str]]:
         values = getattr(recording, name)
         if values is None or name == "time" or kind.dtype is not Float:
             continue
-        absurd = ~(np.isnan(values) | (np.abs(values) < LARGEST))
+        absurd = ~(np.isnan(values) | (np.abs(values) < LARGEST_VALUE))
         if absurd.any():
             changed[name] = np.where(absurd, np.nan, values)
-            notes.append(f"{absurd.sum()} values of `{name}` are {LARGEST:g} or more: left out")
+            notes.append(
+                f"{absurd.sum()} values of `{name}` are {LARGEST_VALUE:g} or more: left out"
+            )
     if "positions" in changed:
         changed["valid"] = recording.valid & np.isfinite(changed["positions"]).all(axis=-1)
     return replace(recording, **changed), notes

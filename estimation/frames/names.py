@@ -8,9 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-DUPLICATE = "the picture has the same number as the one before"
-"""Flaw of a picture that has the same number as the previous one."""
-
 
 class Numbering(NamedTuple):
     """Frame numbers of pictures.

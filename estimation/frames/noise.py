@@ -19,13 +19,6 @@ from estimation.frames.names import counted
 from estimation.frames.recording import Recording
 from estimation.frames.source import Source
 
-SURROUNDINGS = 12
-"""Number of nearest markers to which a quadratic surface is fitted: two rings of a square grid."""
-
-
-FEWEST_SAMPLES = 300
-"""Least number of residuals per coordinate, for which their median is accurate to about 7 %."""
-
 
 @dataclass(frozen=True)
 class Noise:
@@ -101,10 +94,10 @@ def estimate_noise(recording: Recording) -> Noise:
     """
     # distances at which errors count as independent [frames]; trackers average over three
     white_lags = range(3, 9)
+    fewest = 300  # residuals per coordinate, for which their median is accurate to about 7 %
     layout = recording.layout
     displacement = recording.positions - layout.reference
-    repeats = (displacement == 0).all(axis=(1, 2))
-    usable = recording.valid & ~repeats[:, None]
+    usable = recording.valid & ~(displacement == 0).all(axis=(1, 2))[:, None]
     rough = _take_off_smooth(
         np.where(usable[..., None], displacement, np.nan), *_surroundings(layout.reference)
     )
@@ -112,14 +105,14 @@ def estimate_noise(recording: Recording) -> Noise:
     number_to_row = dict(zip(recording.source_index[rows].tolist(), rows.tolist(), strict=True))
     for lag in white_lags:
         triples = _triples(number_to_row, lag)
-        white = _second_difference_variance(rough, triples)
+        white = _second_difference_variance(rough, triples, fewest)
         if np.isfinite(white).all():
             break
     else:
         raise ValueError(
             f"the noise cannot be estimated from {counted(len(recording), 'frame', 'frames')}: it "
             f"requires frames i, i + {white_lags.start} and i + {2 * white_lags.start} of the "
-            f"source with {FEWEST_SAMPLES} markers in all; give the noise, or record longer"
+            f"source with {fewest} markers in all; give the noise, or record longer"
         )
     if not (white[:2] > 0).all():
         raise ValueError(
@@ -130,7 +123,7 @@ def estimate_noise(recording: Recording) -> Noise:
     plane = float(variance[:2].mean())
     # with correlation ρ the variance at lag l is (6 − 8 ρ(l) + 2 ρ(2l)) σ²
     one, two = (
-        _second_difference_variance(rough, _triples(number_to_row, lag))[:2].mean()
+        _second_difference_variance(rough, _triples(number_to_row, lag), fewest)[:2].mean()
         for lag in (1, 2)
     )
     rho_two = (6 - _ratio(two, plane)) / 8
@@ -152,13 +145,15 @@ def _surroundings(
     Row i is (x_i − Σ w_j x_j) / √(1 + Σ w_j²), of gain one, with weights that reproduce quadratics.
     Markers whose value would be extrapolated (corners) have no row.
     """
+    # number of nearest markers to which a quadratic is fitted: two rings of a square grid
+    surroundings = 12
     plane = reference[:, :2]
-    if len(plane) <= SURROUNDINGS:
+    if len(plane) <= surroundings:
         raise ValueError(
-            f"the noise cannot be estimated from {len(plane)} markers: more than {SURROUNDINGS} "
+            f"the noise cannot be estimated from {len(plane)} markers: more than {surroundings} "
             "are needed; give the noise"
         )
-    near = np.asarray(scipy.spatial.KDTree(plane).query(plane, SURROUNDINGS + 1)[1])[:, 1:]
+    near = np.asarray(scipy.spatial.KDTree(plane).query(plane, surroundings + 1)[1])[:, 1:]
     offset = plane[near] - plane[:, None]
     x, y = np.moveaxis(offset / np.abs(offset).mean(), -1, 0)
     quadratic = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-2)
@@ -177,7 +172,7 @@ def _take_off_smooth(
 ) -> Float[np.ndarray, "frames m d"]:
     """Apply the operator in every frame; NaN where a marker of the surroundings is NaN."""
     frames, markers, dimensions = displacement.shape
-    starts = np.arange(0, columns.size + 1, SURROUNDINGS + 1)
+    starts = np.arange(0, columns.size + 1, columns.shape[1])
     operator = scipy.sparse.csr_array(
         (values.ravel(), columns.ravel(), starts), shape=(len(columns), markers)
     )
@@ -196,13 +191,16 @@ def _triples(row: dict[int, int], lag: int) -> Int[np.ndarray, "triples 3"]:
 
 
 def _second_difference_variance(
-    rough: Float[np.ndarray, "frames m d"], triples: Int[np.ndarray, "triples 3"]
+    rough: Float[np.ndarray, "frames m d"], triples: Int[np.ndarray, "triples 3"], fewest: int
 ) -> Float[np.ndarray, " d"]:
-    """Variance of second differences in time per coordinate, from the median deviation."""
+    """Variance of second differences in time per coordinate, from the median deviation.
+
+    NaN for fewer samples than `fewest`.
+    """
     before, now, after = (rough[triples[:, i]] for i in range(3))
     difference = (before - 2 * now + after).reshape(-1, rough.shape[-1])
     difference = difference[np.isfinite(difference).all(axis=-1)]
-    if len(difference) < FEWEST_SAMPLES:
+    if len(difference) < fewest:
         return np.full(rough.shape[-1], np.nan)
     return (1.4826 * np.median(np.abs(difference), axis=0)) ** 2
 

@@ -25,17 +25,17 @@ def _expect_positions(positions: np.ndarray, valid: np.ndarray) -> None:
 
 ONSET_MM = 0.1
 """Displacement from which a marker counts as moved by an object [mm]."""
-LARGEST = 1e9
+LARGEST_VALUE = 1e9
 """Length, force, moment or angle from which a value is no measurement [mm, N, N·mm, rad]."""
 
 
 def expect_places(reference: Float[np.ndarray, "n d"]) -> None:
-    """Check that all positions at rest are finite and below `LARGEST`.
+    """Check that all positions at rest are finite and below `LARGEST_VALUE`.
 
     Raises:
         ValueError: a position is not.
     """
-    if not (np.abs(reference) < LARGEST).all():
+    if not (np.abs(reference) < LARGEST_VALUE).all():
         why = "that are not finite, or too far away: leave out these markers"
         raise ValueError(f"`reference` has positions {why}")
 

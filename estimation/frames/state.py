@@ -10,30 +10,29 @@ from typing import Any
 
 from contactmodel.common.version import __version__
 
-OTHERS = {
-    ("collections", "Counter"),
-    ("collections", "deque"),
-    ("numpy", "dtype"),
-    ("numpy", "ndarray"),
-    ("numpy._core.multiarray", "_reconstruct"),
-    ("numpy._core.multiarray", "scalar"),
-    ("numpy._core.numeric", "_frombuffer"),
-    ("numpy.core.multiarray", "_reconstruct"),
-    ("numpy.core.multiarray", "scalar"),
-    ("numpy.core.numeric", "_frombuffer"),
-    ("pathlib", "PosixPath"),
-    ("pathlib", "WindowsPath"),
-}
-
 
 class _Reader(pickle.Unpickler):
     """Rejects all classes but value classes of this project."""
 
     def find_class(self, module: str, name: str) -> Any:
         """Return a class by name, if it may be read."""
+        foreign = {
+            ("collections", "Counter"),
+            ("collections", "deque"),
+            ("numpy", "dtype"),
+            ("numpy", "ndarray"),
+            ("numpy._core.multiarray", "_reconstruct"),
+            ("numpy._core.multiarray", "scalar"),
+            ("numpy._core.numeric", "_frombuffer"),
+            ("numpy.core.multiarray", "_reconstruct"),
+            ("numpy.core.multiarray", "scalar"),
+            ("numpy.core.numeric", "_frombuffer"),
+            ("pathlib", "PosixPath"),
+            ("pathlib", "WindowsPath"),
+        }
         packages = ("contactmodel.", "estimation.")
         writers = "estimation.output."
-        if (module, name) in OTHERS:
+        if (module, name) in foreign:
             return super().find_class(module, name)
         ours = module.startswith(packages) and not module.startswith(writers)
         if ours and "." not in name:

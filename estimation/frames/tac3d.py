@@ -27,6 +27,7 @@ and displacements are taken from it throughout. If no frame is loaded, the refer
 of the measured positions.
 """
 
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
@@ -35,15 +36,20 @@ from jaxtyping import Float, Int
 from contactmodel.common.stored import read_array
 from estimation.frames.recording import Recording, layout_markers
 
-POSITIONS = "3D_Positions"
-DISPLACEMENTS = "3D_Displacements"
-TIME = "sendTimestamp"
-NEEDED = (POSITIONS, DISPLACEMENTS, TIME)
+
+class _Needed(StrEnum):
+    """Names of the arrays that every recording has."""
+
+    POSITIONS = "3D_Positions"
+    DISPLACEMENTS = "3D_Displacements"
+    TIME = "sendTimestamp"
 
 
 def is_tac3d(folder: Path) -> bool:
     """Whether the folder looks like a Tac3D recording, even if it is incomplete."""
-    return any((folder / f"{name}.npy").exists() for name in (POSITIONS, DISPLACEMENTS))
+    return any(
+        (folder / f"{name}.npy").exists() for name in (_Needed.POSITIONS, _Needed.DISPLACEMENTS)
+    )
 
 
 def read_tac3d(folder: str | Path) -> Recording:
@@ -55,19 +61,19 @@ def read_tac3d(folder: str | Path) -> Recording:
         OSError: a file cannot be read.
     """
     folder = Path(folder)
-    missing = [f"{name}.npy" for name in NEEDED if not (folder / f"{name}.npy").exists()]
+    missing = [f"{name}.npy" for name in _Needed if not (folder / f"{name}.npy").exists()]
     if missing:
         raise FileNotFoundError(
             f"{folder} lacks {', '.join(missing)}: copy the complete folder of the recording"
         )
-    positions = _read_array(folder, POSITIONS)
+    positions = _read_array(folder, _Needed.POSITIONS)
     if positions.ndim != 3 or positions.shape[2] != 3 or len(positions) == 0:
         raise ValueError(
-            f"{folder / POSITIONS}.npy has shape {positions.shape}; it must be "
+            f"{folder / _Needed.POSITIONS}.npy has shape {positions.shape}; it must be "
             "(frames, markers, 3) with at least one frame"
         )
     frames = len(positions)
-    displacements = _read_array(folder, DISPLACEMENTS, positions.shape)
+    displacements = _read_array(folder, _Needed.DISPLACEMENTS, positions.shape)
     forces = _read_optional(folder, "3D_Forces", positions.shape)
     reference, notes = find_reference(positions, displacements)
     seen = np.isfinite(reference).all(axis=-1)
@@ -79,7 +85,7 @@ def read_tac3d(folder: str | Path) -> Recording:
         layout=layout_markers(reference[seen]),
         positions=positions[:, seen],
         valid=np.all(np.isfinite(positions[:, seen]), axis=-1),
-        time=_read_array(folder, TIME, (frames,)),
+        time=_read_array(folder, _Needed.TIME, (frames,)),
         source_index=_read_index(folder, frames),
         force=_read_optional(folder, "3D_ResultantForce", (frames, 3)),
         moment=_read_optional(folder, "3D_ResultantMoment", (frames, 3)),
@@ -143,8 +149,8 @@ def _read_array(
         return np.array(stored, dtype=float)
     if [n for n in stored.shape if n != 1] != [n for n in shape if n != 1]:
         raise ValueError(
-            f"{path} has shape {stored.shape}; {POSITIONS}.npy requires {shape}: the files are "
-            "not of one recording"
+            f"{path} has shape {stored.shape}; {_Needed.POSITIONS}.npy requires {shape}: the files "
+            "are not of one recording"
         )
     return np.array(stored, dtype=float).reshape(shape)
 

@@ -8,7 +8,7 @@ from estimation.frames.names import name_recordings
 from estimation.frames.recording import Frame
 from estimation.frames.source import SOURCE_FACTS, FrameStream, Source
 from estimation.live.feed import Feed
-from estimation.live.tac3d import PREFIX, Tac3DSource
+from estimation.live.tac3d import Tac3DSource, is_tac3d_port
 from estimation.pictures.stream import is_camera
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, find_paths, open_source
@@ -35,7 +35,7 @@ def open_live(
         ValueError: the name stands for no source or for several, or a recording cannot be resumed.
         OSError: the source cannot be read.
     """
-    if name.startswith(PREFIX):
+    if is_tac3d_port(name):
         feed = Feed(name, choices, say)
         source = Tac3DSource(name, feed)
         checkpoint, _ = find_earlier(resume, "", name, settings)

@@ -22,15 +22,10 @@ from estimation.frames.extras import require_extra
 from estimation.frames.inspection import LiveInspector
 from estimation.frames.recording import Frame, MarkerLayout
 
-PREFIX = "tac3d:"
-"""Prefix of the names of these sources."""
-_ARRAYS = {
-    "Positions": "3D_Positions",
-    "Displacements": "3D_Displacements",
-    "Forces": "3D_Forces",
-    "ResultantForce": "3D_ResultantForce",
-    "ResultantMoment": "3D_ResultantMoment",
-}
+
+def is_tac3d_port(name: str) -> bool:
+    """Whether a source's name is that of a Tac3D sensor that sends to a port: `tac3d:PORT`."""
+    return name.startswith("tac3d:")
 
 
 class Tac3DReceiver:
@@ -54,7 +49,7 @@ class Tac3DReceiver:
             OSError: the port is not available.
         """
         require_extra("tac3d", f"following {name}")
-        port, _, self.sensor = name.removeprefix(PREFIX).partition("/")
+        port, _, self.sensor = name.removeprefix("tac3d:").partition("/")
         if not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
             raise ValueError(f"{name!r} has no port: give tac3d:PORT, as set in the Tac3D program")
         self.others: set[str] = set()
@@ -94,7 +89,7 @@ class Tac3DReceiver:
             others = ", ".join(sorted(self.others))
             notes.append(
                 f"Only {self.sensor} is followed; other sensors send to the same port: {others} "
-                f"({PREFIX}PORT/SENSOR chooses)."
+                f"(tac3d:PORT/SENSOR chooses)."
             )
         if self.foreign:
             notes.append(f"{self.foreign} packets were not of a Tac3D sensor, or damaged.")
@@ -197,6 +192,7 @@ def _decode(head: bytes, data: bytes) -> Any:
     from ruamel.yaml import YAML, YAMLError
 
     largest = 65536  # size of a head [bytes]
+    arrays = ("Positions", "Displacements", "Forces", "ResultantForce", "ResultantMoment")
     if len(head) > largest:
         raise ValueError("the head is too long")
     try:
@@ -209,7 +205,8 @@ def _decode(head: bytes, data: bytes) -> Any:
     progress = parts.get("InitializeProgress")
     if progress is not None and struct.unpack_from("=i", data, int(progress["offset"]))[0] != 100:
         return None
-    for name, sent in _ARRAYS.items():
+    for name in arrays:
+        sent = f"3D_{name}"
         part = parts[sent]
         shape = (int(part["height"]), int(part["width"]))
         if min(shape) < 1 or int(part["offset"]) < 0:

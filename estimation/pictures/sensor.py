@@ -52,7 +52,7 @@ from contactmodel.common.settings import (
 from contactmodel.elasticity.pad import RENAMED, SENSOR_VERSION, Pad
 from estimation.frames.files import write_whole
 from estimation.frames.noise import Noise
-from estimation.frames.recording import LARGEST
+from estimation.frames.recording import LARGEST_VALUE
 from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.part import Part
 
@@ -114,7 +114,7 @@ class Lens:
                 self.matrix,
                 CONVERGED,
             )[:, 0]
-            if not (np.abs(undistorted[finite]) < LARGEST).all():
+            if not (np.abs(undistorted[finite]) < LARGEST_VALUE).all():
                 raise ValueError(
                     "the lens model maps points of the picture to infinity: calibrate it again"
                 )

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from PIL import Image, UnidentifiedImageError
 
-LARGEST = 50_000_000
+MOST_PIXELS = 50_000_000
 """Most pixels of a picture; larger pictures are rejected before they are decoded."""
 
 
@@ -147,9 +147,9 @@ def check_size(width: int, height: int, what: Path) -> None:
     Raises:
         ValueError: the picture has too many pixels or none.
     """
-    if width * height > LARGEST:
+    if width * height > MOST_PIXELS:
         raise ValueError(
-            f"{what} declares {width}×{height} pixels; at most {LARGEST // 10**6} million are "
+            f"{what} declares {width}×{height} pixels; at most {MOST_PIXELS // 10**6} million are "
             "read: scale it down"
         )
     if width * height == 0:

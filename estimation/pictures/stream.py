@@ -24,9 +24,9 @@ from estimation.frames.bags.bag import split_place
 from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
-from estimation.frames.names import DUPLICATE, Numbering, counted, natural_key, number_pictures
+from estimation.frames.names import Numbering, counted, natural_key, number_pictures
 from estimation.pictures.part import SMALLEST, Part
-from estimation.pictures.still import LARGEST, check_size, load_picture, unpack_picture
+from estimation.pictures.still import MOST_PIXELS, check_size, load_picture, unpack_picture
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -148,7 +148,7 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
         part: of each picture that is read.
 
     Raises:
-        ValueError: there are no pictures, a picture has more than `LARGEST` pixels, or the part
+        ValueError: there are no pictures, a picture has more than `MOST_PIXELS` pixels, or the part
             does not fit them.
         ImportError: the path is a video and PyAV is not installed.
         OSError: the path cannot be opened.
@@ -244,7 +244,7 @@ def _read_folder(folder: Path, rate: float) -> Iterator[Picture]:
     for number, file in zip(numbers, files, strict=True):
         stamp = stamps.get(number, np.nan) if stamps else number / rate
         if number == before:
-            yield Picture(None, stamp, number, DUPLICATE)
+            yield Picture(None, stamp, number, "the picture has the same number as the one before")
             continue
         before = number
         image, flaw = load_picture(file)
@@ -284,7 +284,7 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
         stamps = _read_times(_table_beside(path))
         stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
-        stream.codec_context.options = {"max_pixels": str(LARGEST)}  # limit for later frames
+        stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}  # limit for later frames
         rate = float(stream.average_rate or RATE)
 
         def stamp_of(number: int, own: float | None = None) -> float:

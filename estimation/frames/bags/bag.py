@@ -17,9 +17,6 @@ from typing import IO, Any, NamedTuple
 from estimation.frames.bags.types import ros_types, to_ros2_name
 from estimation.frames.extras import require_extra
 
-SUFFIXES = {".mcap", ".bag", ".db3"}
-"""Suffixes of bags that are files; a ROS 2 folder has a `metadata.yaml`."""
-
 
 class Channel(NamedTuple):
     """The messages of one topic.
@@ -61,9 +58,11 @@ class Contents(NamedTuple):
 
 def is_bag(path: Path) -> bool:
     """Whether there is a bag at the path."""
+    # of bags that are files; a ROS 2 folder has a `metadata.yaml`
+    suffixes = {".mcap", ".bag", ".db3"}
     if (path / "metadata.yaml").is_file():
-        return any(SUFFIXES & set(file.suffixes) for file in path.iterdir())
-    return path.suffix in SUFFIXES and path.is_file()
+        return any(suffixes & set(file.suffixes) for file in path.iterdir())
+    return path.suffix in suffixes and path.is_file()
 
 
 def split_place(path: Path) -> tuple[Path, str] | None:

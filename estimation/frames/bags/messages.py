@@ -15,7 +15,6 @@ from estimation.frames.flat import FRAME_FIELDS, LAYOUT_FIELDS, restore_frame, r
 from estimation.frames.recording import Frame, MarkerLayout, layout_markers
 from estimation.frames.tac3d import find_reference
 
-UNKNOWN = float("nan")
 Vectors = Float[np.ndarray, "n 3"]
 
 
@@ -36,7 +35,7 @@ class Seen(NamedTuple):
     number: int
     displacements: Vectors | None = None
     forces: Vectors | None = None
-    wrench: tuple[float, ...] = (UNKNOWN,) * 6
+    wrench: tuple[float, ...] = (np.nan,) * 6
 
 
 def stamp_message(content: Any, number: int = 0) -> Stamped:

@@ -6,14 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimation.frames.bags.bag import Channel, describe_bag, read_messages, split_place
-from estimation.frames.bags.types import FRAME
-
-KINDS = ("frames", "Tac3D frames", "points", "pictures")
-"""Kinds of topics; if no topic is named, the first kind that the bag has is read."""
-
-EXPECTED = (
-    "Tac3D frames, PointCloud2 of markers, Image, CompressedImage or what `run --sink mcap` writes"
-)
+from estimation.frames.bags.types import MessageType
 
 
 class Stamped(NamedTuple):
@@ -38,7 +31,7 @@ class Topic(NamedTuple):
 
     Attributes:
         name: of the topic; with the name of the field if each message is of two fingers.
-        kind: one of `KINDS`; empty if the topic is not of a tactile sensor.
+        kind: frames, Tac3D frames, points or pictures; empty if the sensor is not tactile.
         channel: of the messages.
         field: name of the field that is read; empty for the whole message.
     """
@@ -85,6 +78,10 @@ def find_topic(place: Path) -> tuple[Path, Topic]:
             sensor.
         OSError: there is no bag, or it cannot be read.
     """
+    # if no topic is named, the first kind of topics that the bag has is read
+    read_kinds = ("frames", "Tac3D frames", "points", "pictures")
+    readable = "Tac3D frames, PointCloud2 of markers, Image, CompressedImage"
+    readable += " or what `run --sink mcap` writes"
     split = split_place(place)
     if split is None:
         raise FileNotFoundError(f"{place} does not exist, and is not a topic in a bag")
@@ -97,14 +94,14 @@ def find_topic(place: Path) -> tuple[Path, Topic]:
                 if topic.kind:
                     return bag, topic
                 raise ValueError(
-                    f"{bag}: {topic.describe()}: a topic of {EXPECTED} is expected; it holds {held}"
+                    f"{bag}: {topic.describe()}: a topic of {readable} is expected; it holds {held}"
                     + _explain(topics)
                 )
         raise ValueError(f"{bag} has no topic {name}; it holds {held}")
     kinds = [topic.kind for topic in topics]
-    first = next((kind for kind in KINDS if kind in kinds), None)
+    first = next((kind for kind in read_kinds if kind in kinds), None)
     if first is None:
-        raise ValueError(f"{bag} has no topic of {EXPECTED}; it holds {held}{_explain(topics)}")
+        raise ValueError(f"{bag} has no topic of {readable}; it holds {held}{_explain(topics)}")
     candidates = [topic for topic in topics if topic.kind == first]
     if len(candidates) > 1:
         names = ", ".join(topic.name for topic in candidates)
@@ -151,10 +148,10 @@ def _explain(topics: list[Topic]) -> str:
 
 def _kind_of(channel: Channel) -> str:
     kinds = {
-        FRAME: "frames",
-        "sensor_msgs/msg/PointCloud2": "points",
+        MessageType.FRAME: "frames",
+        MessageType.POINTS: "points",
         "sensor_msgs/msg/Image": "pictures",
-        "sensor_msgs/msg/CompressedImage": "pictures",
+        MessageType.PICTURE: "pictures",
     }
     if channel.type.endswith("/Frame") and _has_tac3d(channel):
         return "Tac3D frames"

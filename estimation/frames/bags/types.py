@@ -1,15 +1,28 @@
 """Message types that are known even if a bag does not define them."""
 
+from enum import StrEnum
 from typing import Any
 
 from estimation.frames.flat import FRAME_FIELDS, LAYOUT_FIELDS, PLAIN_FIELDS
 
-TAC3D = "tactile_msgs/msg/Frame"
-"""The message of the Tac3D ROS nodes; ports of these nodes may use another package."""
-FRAME = "contactmodel_msgs/msg/Frame"
-"""This project's message, which holds a complete frame."""
-PAIR = "tactile_msgs/msg/TactileMsg"
-"""The message of the Tac3D node for two fingers."""
+
+class MessageType(StrEnum):
+    """Types of the messages that are read or written, in ROS 2's notation.
+
+    - `FRAME`: this project's message, which holds a complete frame.
+    - `ANSWER`: this project's message, which holds the answer to a frame.
+    - `TAC3D`: message of the Tac3D ROS nodes; ports of these nodes may use another package.
+    - `TAC3D_PAIR`: message of the Tac3D node for two fingers.
+    - `POINTS`, `WRENCH`, `PICTURE`: messages of ROS.
+    """
+
+    FRAME = "contactmodel_msgs/msg/Frame"
+    ANSWER = "contactmodel_msgs/msg/Answer"
+    TAC3D = "tactile_msgs/msg/Frame"
+    TAC3D_PAIR = "tactile_msgs/msg/TactileMsg"
+    POINTS = "sensor_msgs/msg/PointCloud2"
+    WRENCH = "geometry_msgs/msg/WrenchStamped"
+    PICTURE = "sensor_msgs/msg/CompressedImage"
 
 
 def _define_frame() -> str:
@@ -25,9 +38,9 @@ def _define_frame() -> str:
     return "\n".join([*fields, ""])
 
 
-DEFINITIONS = {
-    FRAME: _define_frame(),
-    TAC3D: """\
+MESSAGE_DEFINITIONS = {
+    MessageType.FRAME: _define_frame(),
+    MessageType.TAC3D: """\
 string SN
 uint32 index
 float64 sendTimestamp
@@ -38,7 +51,7 @@ float64[1200] Forces
 float64[3] ResultantForce
 float64[3] ResultantMoment
 """,
-    PAIR: """\
+    MessageType.TAC3D_PAIR: """\
 std_msgs/Header header
 Frame left
 Frame right
@@ -50,7 +63,8 @@ Frame right
 def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any:
     """Make a store of types for `rosbags`.
 
-    Without a name, it has the types of ROS 2 and of `DEFINITIONS`; else the types of a definition.
+    Without a name, it has the types of ROS 2 and of `MESSAGE_DEFINITIONS`; else the types of a
+    definition.
 
     Args:
         name: of the defined type.
@@ -65,7 +79,7 @@ def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any
         store.register(types)
         return store
     store = get_typestore(Stores.LATEST)
-    for own, text in DEFINITIONS.items():
+    for own, text in MESSAGE_DEFINITIONS.items():
         add_type(store, own, text)
     return store
 

@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 from contactmodel.common.inputs import naming
 from estimation.frames.extras import require_extra
 
-EPISODE = re.compile(r"episode_(\d+)")
-
 
 class Clip(NamedTuple):
     """Part of a video.
@@ -96,7 +94,7 @@ def find_clip(place: Path) -> Clip | None:
         ValueError: there is no such episode, or the data set is damaged.
         OSError: the data set cannot be read.
     """
-    episode = EPISODE.fullmatch(place.name)
+    episode = re.fullmatch(r"episode_(\d+)", place.name)
     if episode is None or len(place.parts) < 3 or not is_lerobot(place.parents[1]):
         return None
     path = place.parents[1]

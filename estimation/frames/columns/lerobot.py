@@ -8,6 +8,7 @@ frames in full precision, and `meta/contactmodel.json` the layout.
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from contactmodel.common.inputs import naming
 from estimation.frames.columns.rows import (
-    ANSWER,
+    ANSWER_PREFIX,
     Columns,
     RowFile,
     batch_rows,
@@ -27,18 +28,31 @@ from estimation.frames.files import write_folder
 from estimation.frames.flat import FRAME_FIELDS
 from estimation.frames.source import Source
 
-DATA = "data/chunk-000/file-000.parquet"
-EPISODES = "meta/episodes/chunk-000/file-000.parquet"
-OWN = "contactmodel."
-FOUND = "observation.contact."
-POINTS = "observation.tactile.points"
-ABOUT = "meta/contactmodel.json"
-TASK = "hold and turn an object"
+
+class _File(StrEnum):
+    """Files of a data set, by their paths in its folder."""
+
+    DATA = "data/chunk-000/file-000.parquet"
+    EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+    ABOUT = "meta/contactmodel.json"
+
+
+class _Feature(StrEnum):
+    """Names of features; names that end in a dot are prefixes.
+
+    - `EXACT`: prefix of the exact values of a frame, from which it is restored.
+    - `ANSWER`: prefix of the quantities of a frame's answer.
+    - `POINTS`: displacements and forces of the markers.
+    """
+
+    EXACT = "contactmodel."
+    ANSWER = "observation.contact."
+    POINTS = "observation.tactile.points"
 
 
 def is_ours(path: Path) -> bool:
     """Whether the path is a LeRobot data set written by `write_lerobot`."""
-    return (path / ABOUT).is_file()
+    return (path / _File.ABOUT).is_file()
 
 
 def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] = ()) -> None:
@@ -71,7 +85,7 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
     times: list[float] = []
     features, statistics = dict[str, Any](), _Statistics()
     with write_folder(path) as folder:
-        for name in (DATA, EPISODES):
+        for name in (_File.DATA, _File.EPISODES):
             (folder / name).parent.mkdir(parents=True)
         writer = None
         for columns in batch_rows(source, answers):
@@ -79,15 +93,15 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
             features = features or {name: _describe(values) for name, values in named.items()}
             statistics.update(named)
             table = pyarrow.table({name: _to_arrow(values) for name, values in named.items()})
-            writer = writer or parquet.ParquetWriter(folder / DATA, table.schema)
+            writer = writer or parquet.ParquetWriter(folder / _File.DATA, table.schema)
             writer.write_table(table)
         if writer is None:
             raise ValueError(f"{source.name} has no frames: there is nothing to write to {path}")
         writer.close()
-        features[POINTS]["names"] = ["dx", "dy", "dz", "Fx", "Fy", "Fz"]
+        features[_Feature.POINTS]["names"] = ["dx", "dy", "dz", "Fx", "Fy", "Fz"]
         _write_meta(folder, len(times), _find_rate(times), features)
         _write_json(folder / "meta" / "stats.json", statistics.content())
-        _write_json(folder / ABOUT, describe_rows(source))
+        _write_json(folder / _File.ABOUT, describe_rows(source))
 
 
 def open_lerobot(path: Path) -> RowFile:
@@ -101,24 +115,26 @@ def open_lerobot(path: Path) -> RowFile:
     require_extra("lerobot", f"reading {path}")
     with naming(path, "not a data set of `--sink lerobot`, or damaged"):
         try:
-            about = json.loads((path / ABOUT).read_text(encoding="utf-8"))
+            about = json.loads((path / _File.ABOUT).read_text(encoding="utf-8"))
             return open_rows(about, _read(path))
         except (LookupError, TypeError, AttributeError, RecursionError) as error:
-            raise ValueError(f"{ABOUT} lacks {error}") from error
+            raise ValueError(f"{_File.ABOUT} lacks {error}") from error
 
 
 def _read(path: Path) -> Iterator[Columns]:
     """The exact columns of the frames, in batches."""
     from pyarrow import ArrowException, parquet
 
-    names = [OWN + name for name in FRAME_FIELDS]
+    names = [_Feature.EXACT + name for name in FRAME_FIELDS]
     try:
-        with parquet.ParquetFile(path / DATA) as file:
+        with parquet.ParquetFile(path / _File.DATA) as file:
             for batch in file.iter_batches(columns=names, batch_size=256):
-                yield {name: _from_arrow(batch.column(OWN + name)) for name in FRAME_FIELDS}
+                yield {
+                    name: _from_arrow(batch.column(_Feature.EXACT + name)) for name in FRAME_FIELDS
+                }
     except (ArrowException, LookupError, OSError) as error:
         why = " ".join(str(error).split())
-        raise ValueError(f"{path / DATA} is damaged ({why}): copy it again") from error
+        raise ValueError(f"{path / _File.DATA} is damaged ({why}): copy it again") from error
 
 
 def _name_columns(columns: Columns, reference: np.ndarray, times: list[float]) -> dict[str, Any]:
@@ -129,14 +145,14 @@ def _name_columns(columns: Columns, reference: np.ndarray, times: list[float]) -
     points[..., : reference.shape[1]] = columns["positions"] - reference
     points[..., 3 : 3 + reference.shape[1]] = columns["forces"]
     since = np.array(times[first:]) - next((time for time in times if np.isfinite(time)), 0.0)
-    named: dict[str, Any] = {POINTS: points}
+    named: dict[str, Any] = {_Feature.POINTS: points}
     for name, values in columns.items():
-        if not name.startswith(ANSWER):
-            named[OWN + name] = values
+        if not name.startswith(ANSWER_PREFIX):
+            named[_Feature.EXACT + name] = values
         elif isinstance(values, list) or values.dtype.kind != "f":
-            named[FOUND + name.removeprefix(ANSWER)] = values
+            named[_Feature.ANSWER + name.removeprefix(ANSWER_PREFIX)] = values
         else:
-            named[FOUND + name.removeprefix(ANSWER)] = values.astype(np.float32)
+            named[_Feature.ANSWER + name.removeprefix(ANSWER_PREFIX)] = values.astype(np.float32)
     index = np.arange(first, first + rows)
     zero = np.zeros(rows, dtype=np.int64)
     return named | {
@@ -193,6 +209,7 @@ def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) 
     import pyarrow
     from pyarrow import parquet
 
+    task = "hold and turn an object"
     info = {
         "codebase_version": "v3.0",
         "robot_type": "contactmodel",
@@ -211,7 +228,7 @@ def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) 
     _write_json(folder / "meta" / "info.json", info)
     episode = {
         "episode_index": [0],
-        "tasks": [[TASK]],
+        "tasks": [[task]],
         "length": [frames],
         "data/chunk_index": [0],
         "data/file_index": [0],
@@ -220,8 +237,8 @@ def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) 
         "meta/episodes/chunk_index": [0],
         "meta/episodes/file_index": [0],
     }
-    parquet.write_table(pyarrow.table(episode), folder / EPISODES)
-    tasks = pyarrow.table({"task_index": [0], "task": [TASK]})
+    parquet.write_table(pyarrow.table(episode), folder / _File.EPISODES)
+    tasks = pyarrow.table({"task_index": [0], "task": [task]})
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored}
@@ -244,7 +261,7 @@ class _Statistics:
 
     def update(self, named: Mapping[str, Any]) -> None:
         for name, values in named.items():
-            if name.startswith(OWN) or isinstance(values, list):
+            if name.startswith(_Feature.EXACT) or isinstance(values, list):
                 continue
             finite, exact = np.isfinite(values), np.asarray(values, dtype=float)
             zero = np.where(finite, exact, 0.0)

@@ -19,7 +19,7 @@ from estimation.frames.source import FrameStream, Source
 Columns = Mapping[str, Any]
 """Values of a batch of rows by the name of their column: arrays, and lists of texts."""
 FORMAT_VERSION = 1
-ANSWER = "answer."
+ANSWER_PREFIX = "answer."
 """Prefix of columns that belong to a frame's answer instead of the frame."""
 
 
@@ -90,7 +90,7 @@ def batch_rows(
     while batch := list(islice(frames, many)):
         rows = [flatten_frame(frame) for frame in batch]
         if given is not None:
-            named = ({ANSWER + name: value for name, value in row.items()} for row in given)
+            named = ({ANSWER_PREFIX + name: value for name, value in row.items()} for row in given)
             rows = [row | answer for row, answer in zip(rows, named, strict=False)]
             if len(rows) < len(batch):
                 raise ValueError("there are fewer answers than frames")

@@ -15,10 +15,6 @@ from estimation.frames.files import write_folder
 from estimation.frames.flat import FRAME_FIELDS
 from estimation.frames.source import Source
 
-SUFFIX = ".zarr"
-ROWS = 256
-"""Number of rows of a chunk."""
-
 
 def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] = ()) -> None:
     """Write the frames of a source as a Zarr group; a failed write leaves no partial group.
@@ -44,9 +40,10 @@ def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] 
     require_extra("zarr", f"writing {path}")
     import zarr
 
+    chunk_rows = 256  # rows of a chunk
     with write_folder(path) as folder:
         group, arrays = zarr.create_group(folder), dict[str, Any]()
-        for columns in batch_rows(source, answers, ROWS):
+        for columns in batch_rows(source, answers, chunk_rows):
             for name, values in columns.items():
                 if isinstance(values, list):
                     values = np.array(values, dtype=np.dtypes.StringDType())
@@ -55,7 +52,7 @@ def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] 
                     arrays[name] = group.create_array(
                         name,
                         shape=(0, *values.shape[1:]),
-                        chunks=(ROWS, *values.shape[1:]),
+                        chunks=(chunk_rows, *values.shape[1:]),
                         dtype=kind,
                     )
                 arrays[name].append(values)
@@ -64,7 +61,7 @@ def write_zarr(path: Path, source: Source, answers: Iterable[Mapping[str, Any]] 
 
 def is_zarr(path: Path) -> bool:
     """Whether there is a Zarr group at the path."""
-    return path.suffix == SUFFIX and path.is_dir()
+    return path.suffix == ".zarr" and path.is_dir()
 
 
 def open_zarr(path: Path) -> RowFile:
@@ -91,9 +88,10 @@ def open_zarr(path: Path) -> RowFile:
 
 
 def _read_columns(path: Path, arrays: dict[str, Any]) -> Iterator[Columns]:
-    for start in range(0, arrays["time"].shape[0], ROWS):
+    chunk_rows = 256  # rows to read at a time
+    for start in range(0, arrays["time"].shape[0], chunk_rows):
         try:
-            columns = {name: array[start : start + ROWS] for name, array in arrays.items()}
+            columns = {name: array[start : start + chunk_rows] for name, array in arrays.items()}
         except (ValueError, LookupError, TypeError, RuntimeError) as error:
             raise _damaged(path, error) from error
         yield columns

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.estimators.measurement import Z95
 from estimation.frames.bags.bag import describe_bag, read_messages
-from estimation.frames.bags.types import FRAME, add_type, ros_types
+from estimation.frames.bags.types import MessageType, add_type, ros_types
 from estimation.frames.extras import require_extra
 from estimation.frames.files import growing
 from estimation.frames.flat import LAYOUT_FIELDS, flatten_frame, flatten_layout
@@ -18,11 +18,6 @@ from estimation.frames.source import Source
 from estimation.output.scene import keep_pictures
 from estimation.output.table import read_cells, tabulate_answer
 from estimation.tracking.stream import Answer
-
-ANSWER = "contactmodel_msgs/msg/Answer"
-POINTS = "sensor_msgs/msg/PointCloud2"
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-PICTURE = "sensor_msgs/msg/CompressedImage"
 
 
 class BagWriter:
@@ -120,7 +115,7 @@ class BagWriter:
                 frame[name] = value.ravel()[: 0 if unknown else None]
         yield (
             "frame",
-            FRAME,
+            MessageType.FRAME,
             frame
             | {
                 "dimensions": answer.frame.positions.shape[1],
@@ -130,18 +125,18 @@ class BagWriter:
             },
         )
         header = self._header()
-        yield "answer", ANSWER, {"header": header} | self._row(answer)
-        yield "markers", POINTS, {"header": header} | self._points(answer)
+        yield "answer", MessageType.ANSWER, {"header": header} | self._row(answer)
+        yield "markers", MessageType.POINTS, {"header": header} | self._points(answer)
         wrench = np.array(answer.frame.wrench)
         if np.isfinite(wrench).any():
             vectors = (wrench[:3], 1e-3 * wrench[3:])  # ROS uses N·m
             make = self._types.types["geometry_msgs/msg/Vector3"]
             force, moment = (make(*vector.tolist()) for vector in vectors)
             message = self._types.types["geometry_msgs/msg/Wrench"](force, moment)
-            yield "wrench", WRENCH, {"header": header, "wrench": message}
+            yield "wrench", MessageType.WRENCH, {"header": header, "wrench": message}
         if (shown := self._find_picture(answer.frame)) is not None:
             jpeg = np.frombuffer(shown.copy.jpeg, np.uint8)
-            yield "picture", PICTURE, {"header": header, "format": "jpeg", "data": jpeg}
+            yield "picture", MessageType.PICTURE, {"header": header, "format": "jpeg", "data": jpeg}
 
     def _header(self) -> Any:
         stamp = self._types.types["builtin_interfaces/msg/Time"](*divmod(self._stamp, 10**9))
@@ -153,10 +148,10 @@ class BagWriter:
         row = {name.lower(): value for name, value in row.items()}
         spread = (float(row["angle_high_deg"]) - float(row["angle_low_deg"])) / (2.0 * Z95)
         row["angle_variance_deg2"] = spread**2  # of a normal distribution with this 95 % interval
-        if ANSWER not in self._types.types:
+        if MessageType.ANSWER not in self._types.types:
             kinds = {str: "string", int: "int64", float: "float64"}
             lines = [f"{kinds[type(value)]} {name}" for name, value in row.items()]
-            add_type(self._types, ANSWER, "\n".join(["std_msgs/Header header", *lines]))
+            add_type(self._types, MessageType.ANSWER, "\n".join(["std_msgs/Header header", *lines]))
         return row
 
     def _points(self, answer: Answer) -> dict[str, Any]:
@@ -186,7 +181,9 @@ class BagWriter:
 
 def read_answers(path: Path) -> Iterator[dict[str, Any]]:
     """The answers in a file by `BagWriter`, each as values by field."""
-    (channel,) = (channel for channel in describe_bag(path).channels if channel.type == ANSWER)
+    (channel,) = (
+        channel for channel in describe_bag(path).channels if channel.type == MessageType.ANSWER
+    )
     for message in read_messages(path, channel):
         if message.content is not None:
             row = dict(vars(message.content))

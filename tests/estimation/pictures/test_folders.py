@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.archive import write_archive
-from estimation.frames.names import DUPLICATE, name_recordings, natural_key, number_pictures
+from estimation.frames.names import name_recordings, natural_key, number_pictures
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.stream import describe_pictures, read_pictures
 from estimation.sources import find_recordings, read_recording
@@ -57,7 +57,8 @@ def test_a_number_that_two_pictures_have_counts_once(tmp_path):
     folder = write(tmp_path / "clip", ["p1.png", "p01.png", "p2.png", "p3.png", "p3.jpg"])
     pictures = list(read_pictures(folder, 30.0))
     assert [one.number for one in pictures] == [1, 1, 2, 3, 3]
-    assert [one.flaw for one in pictures] == ["", DUPLICATE, "", "", DUPLICATE]
+    duplicate = "the picture has the same number as the one before"
+    assert [one.flaw for one in pictures] == ["", duplicate, "", "", duplicate]
     (warning,) = describe_pictures(folder, 30.0)
     assert "2 pictures have the same number" in warning
     assert "p1.png after p01.png" in warning

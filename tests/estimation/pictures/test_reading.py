@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from estimation.__main__ import app
-from estimation.frames.extras import EXTRAS
+from estimation.frames.extras import EXTRA_PACKAGES
 from estimation.frames.noise import Noise
 from estimation.output import preview
 from estimation.output.record import RecordReader
@@ -360,6 +360,6 @@ def test_a_preview_that_cannot_be_written_is_refused_before_the_run(monkeypatch,
     monkeypatch.setattr(preview, "ENCODERS", ("no_encoder",))
     with pytest.raises(ValueError, match=r"needs an H.264 encoder, no_encoder; .*--force-reinst"):
         run_all([], tmp_path, Settings(preview=True), Progress(disable=True))
-    monkeypatch.setitem(EXTRAS, "video", ("no_package",))
+    monkeypatch.setitem(EXTRA_PACKAGES, "video", ("no_package",))
     with pytest.raises(ValueError, match=r"preview.*needs no_package.*contactmodel\[video\]"):
         run_all([], tmp_path, Settings(preview=True), Progress(disable=True))
