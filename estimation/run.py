@@ -6,7 +6,7 @@ from collections.abc import Sequence, Sized
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from rich.progress import Progress
 
@@ -17,20 +17,17 @@ from estimation.output.found import Run, describe_loaded_start, describe_printed
 from estimation.output.missing import describe_answers
 from estimation.output.overview import put_side_by_side
 from estimation.output.preview import find_encoder, write_preview
-from estimation.output.record import NAME, RecordReader, RecordWriter
+from estimation.output.record import RECORD_NAME, RecordReader, RecordWriter
 from estimation.output.report import FIRM_MARKERS, summarise, write_run
-from estimation.output.result_folder import MANIFEST, ResultFolder, renew_results
+from estimation.output.result_folder import MANIFEST_NAME, ResultFolder, renew_results
 from estimation.output.sinks.by_name import check_sinks, finish_files, growing_files, open_sinks
 from estimation.output.table import TableWriter
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.stream import is_pictures
 from estimation.settings import Settings
 from estimation.softness import expect_scale
-from estimation.sources import UNFINISHED, Input, identity_of, name_folders
+from estimation.sources import UNFINISHED_NAME, Input, identity_of, name_folders
 from estimation.tracking.stream import Sink, Stream, make_trackers
-
-CHECKPOINT_S = 5.0
-"""Time between checkpoints; a killed run repeats at most this much work [s]."""
 
 
 class Outcome(NamedTuple):
@@ -75,7 +72,7 @@ def run_all(
     inner = names if len(inputs) > 1 else [""]
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
-    with renew_results(out, "estimation run", lines.append, draft=UNFINISHED) as results:
+    with renew_results(out, "estimation run", lines.append, draft=UNFINISHED_NAME) as results:
         _expect_finished(out, inner if resume else [])
         for item, name, folder in zip(inputs, names, inner, strict=True):
             job = _Job(item, name, folder, results, settings)
@@ -111,8 +108,8 @@ def _check_all(inputs: Sequence[Input], settings: Settings) -> None:
 
 def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
     """Expect no frames of an unfinished run, except in folders that are resumed."""
-    folders = [out / UNFINISHED / inner for inner in resumed]
-    for place in sorted((out / UNFINISHED).rglob(NAME)):
+    folders = [out / UNFINISHED_NAME / inner for inner in resumed]
+    for place in sorted((out / UNFINISHED_NAME).rglob(RECORD_NAME)):
         if place.parent in folders:
             continue
         with RecordReader(place) as record:
@@ -121,7 +118,7 @@ def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
             raise ValueError(
                 f"{place.parent} has {frames} frames of an unfinished run: continue it "
                 "with the same command and --resume, give another folder (--out), or remove "
-                f"{out / UNFINISHED}"
+                f"{out / UNFINISHED_NAME}"
             )
         place.unlink()  # the record of a run without a frame
 
@@ -130,9 +127,11 @@ def _expect_finished(out: Path, resumed: Sequence[str]) -> None:
 class _Job:
     """One recording of a run.
 
-    `inner` is its folder within that of the results; `notes` are messages of its sinks.
+    `inner` is its folder within that of the results; `notes` are messages of its sinks. A killed
+    run repeats at most the work of `checkpoint_s` seconds, the time between checkpoints.
     """
 
+    checkpoint_s: ClassVar[float] = 5.0
     input: Input
     name: str
     inner: str
@@ -153,7 +152,7 @@ class _Job:
     @property
     def record(self) -> Path:
         """Path of the record of its frames."""
-        return self.input.record or self.folder / NAME
+        return self.input.record or self.folder / RECORD_NAME
 
     def follow(self, progress: Progress, more: Sequence[Sink]) -> bool:
         """Answer the remaining frames; return whether Ctrl-C interrupted them."""
@@ -186,7 +185,7 @@ class _Job:
     @property
     def _files(self) -> list[str]:
         """Names of the files that grow with every frame."""
-        return [NAME, "angles.csv", *growing_files(self.settings.sink)]
+        return [RECORD_NAME, "angles.csv", *growing_files(self.settings.sink)]
 
     def _answer(
         self, stream: Stream, writer: RecordWriter, sinks: list[Sink], progress: Progress
@@ -198,7 +197,7 @@ class _Job:
         try:
             for _ in stream.answers(*sinks):
                 progress.advance(task)
-                if time.monotonic() > saved + CHECKPOINT_S:
+                if time.monotonic() > saved + self.checkpoint_s:
                     self._write_state(writer, stream)
                     saved = time.monotonic()
         except KeyboardInterrupt:
@@ -287,17 +286,17 @@ def report_all(folder: Path) -> list[str]:
         ValueError: a record is damaged, or of a later version, or the folder is `unfinished`.
         OSError: a file cannot be written.
     """
-    if folder.name == UNFINISHED:
+    if folder.name == UNFINISHED_NAME:
         raise ValueError(
             f"{folder} belongs to a run: give the output folder of the run, {folder.parent}"
         )
     places = [
         place
-        for place in sorted(folder.rglob(NAME))
-        if not any((up / MANIFEST).exists() for up in place.parents if folder in up.parents)
+        for place in sorted(folder.rglob(RECORD_NAME))
+        if not any((up / MANIFEST_NAME).exists() for up in place.parents if folder in up.parents)
     ]
     if not places:
-        raise FileNotFoundError(f"{folder} has no {NAME}: give the output folder of a run")
+        raise FileNotFoundError(f"{folder} has no {RECORD_NAME}: give the output folder of a run")
     lines: list[str] = []
     done: list[tuple[Run, dict[str, Any]]] = []
     with renew_results(folder, "estimation run", lines.append) as results:
@@ -308,7 +307,7 @@ def report_all(folder: Path) -> list[str]:
                     lines.append(f"{place} has no frames yet")
                     continue
                 run, inner = find_in_record(record), place.parent.relative_to(folder)
-                if UNFINISHED in inner.parts:
+                if UNFINISHED_NAME in inner.parts:
                     summary = write_run(run, place.parent, table=False)
                 else:
                     summary = write_run(run, results.draft / inner)

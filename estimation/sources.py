@@ -24,7 +24,7 @@ from estimation.frames.recording import Recording
 from estimation.frames.source import SOURCE_FACTS, FrameStream, Source, record_source
 from estimation.frames.state import load_state
 from estimation.frames.tac3d import is_tac3d, read_tac3d
-from estimation.output.record import NAME, RecordReader
+from estimation.output.record import RECORD_NAME, RecordReader
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource, read_images
 from estimation.pictures.stream import Picture, ignored_rate, is_camera, is_pictures
@@ -32,7 +32,7 @@ from estimation.settings import Settings
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
-EXPECTED = (
+EXPECTED_SOURCES = (
     "a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*.npz), a video, a "
     "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, "
     "lerobot), a LeRobot data set or a camera (camera:0)"
@@ -221,12 +221,12 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
     if is_camera(path) or find_clip(path):
         return [path]
     if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist: give {EXPECTED}")
+        raise FileNotFoundError(f"{path} does not exist: give {EXPECTED_SOURCES}")
     if not path.is_dir():
         if is_archive(path) or is_pictures(path):
             return [path]
         hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
-        raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED}")
+        raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED_SOURCES}")
     if is_tac3d(path) or is_rows(path) or is_pictures(path):
         return [path]
     return _find_inside(path)
@@ -247,7 +247,7 @@ def _find_inside(path: Path) -> list[Path]:
     ]
     if not recordings:
         what = "holds no recording" if inside else "is empty"
-        raise ValueError(f"{path} {what}: expected {EXPECTED}, or a folder of these")
+        raise ValueError(f"{path} {what}: expected {EXPECTED_SOURCES}, or a folder of these")
     return [
         place
         for entry in recordings
@@ -255,7 +255,7 @@ def _find_inside(path: Path) -> list[Path]:
     ]
 
 
-UNFINISHED = "unfinished"
+UNFINISHED_NAME = "unfinished"
 """Folder within the output folder that holds a run until it is finished."""
 
 
@@ -347,7 +347,7 @@ def open_inputs(
 
 def name_folders(names: Sequence[str]) -> list[str]:
     """The names, numbered where two are equal or one equals that of the unfinished run's folder."""
-    return number_alike([UNFINISHED, *names])[1:]
+    return number_alike([UNFINISHED_NAME, *names])[1:]
 
 
 def find_earlier(
@@ -356,7 +356,7 @@ def find_earlier(
     """The checkpoint of an earlier run over a source, or the record if that run finished."""
     if folder is None:
         return None, None
-    for place in (folder / UNFINISHED / inner / NAME, folder / inner / NAME):
+    for place in (folder / UNFINISHED_NAME / inner / RECORD_NAME, folder / inner / RECORD_NAME):
         if not place.is_file():
             continue
         with RecordReader(place) as record:

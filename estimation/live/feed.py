@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from estimation.choices import LiveChoices
 from estimation.frames.names import counted
-from estimation.tracking.stream import AHEAD_LIVE
+from estimation.tracking.stream import AHEAD_LIVE_FRAMES
 
 Item = TypeVar("Item")
 """A frame, a picture or a message: any object with a `time` [s]."""
@@ -125,7 +125,7 @@ class Feed:
     @property
     def _must_wait(self) -> bool:
         """Whether no frame may be dropped, as while a recording waits for its first answer."""
-        return self._waits or (self._paced and self._taken <= AHEAD_LIVE)
+        return self._waits or (self._paced and self._taken <= AHEAD_LIVE_FRAMES)
 
     def _pace(self, items: Iterator[Any]) -> Iterator[Any]:
         """Items at the pace of their times; steps backwards or far ahead are passed at once.

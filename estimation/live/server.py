@@ -14,9 +14,6 @@ from estimation.live.window import Window
 from estimation.output.report import render_page
 from estimation.output.scene import page_colours
 
-MOST_BROWSERS = 8
-"""Largest number of browsers that can show a run at the same time."""
-
 
 class WindowServer(socketserver.ThreadingTCPServer):
     """Serves a window in separate threads.
@@ -26,9 +23,11 @@ class WindowServer(socketserver.ThreadingTCPServer):
         page: content of the page, the same for all browsers.
         host: address at which the page is served.
         seats: limits the number of browsers.
+        most_browsers: largest number of browsers that can show a run at the same time.
     """
 
     allow_reuse_address, daemon_threads = True, True
+    most_browsers = 8
 
     def __init__(self, window: Window, title: str, host: str, port: int) -> None:
         """Start the server.
@@ -44,7 +43,7 @@ class WindowServer(socketserver.ThreadingTCPServer):
         """
         self.window, self.host = window, host
         self.page = render_page("window.html", {}, title=title, colours=page_colours()).encode()
-        self.seats = threading.BoundedSemaphore(MOST_BROWSERS)
+        self.seats = threading.BoundedSemaphore(self.most_browsers)
         try:
             family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
             self.address_family = family
@@ -65,8 +64,8 @@ class WindowServer(socketserver.ThreadingTCPServer):
     def close(self) -> None:
         """Stop the server, after a moment in which browsers receive the last event."""
         patience = 1.0  # time for all browsers [s]
-        for _ in range(MOST_BROWSERS):
-            self.seats.acquire(timeout=patience / MOST_BROWSERS)
+        for _ in range(self.most_browsers):
+            self.seats.acquire(timeout=patience / self.most_browsers)
         self.shutdown()
         self.server_close()
 

@@ -4,19 +4,12 @@ from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators.result import Track
 from estimation.output.scene import choose_rows
 from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.branch import Branch
-
-ALERT_COLOURS = {
-    AlertLevel.WATCH: "#f2c14e",
-    AlertLevel.ACT: "#f2803a",
-    AlertLevel.SLIPS: "#c92a2a",
-}
 
 
 def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
@@ -57,7 +50,13 @@ def plot_friction(track: Track, grips: GripPath) -> Figure:
         track: track of the chosen method.
         grips: friction and alerts.
     """
-    drawn = choose_rows(grips.friction_used, grips.friction, grips.friction_high, *_alerts(grips))
+    colours = {
+        AlertLevel.WATCH: "#f2c14e",
+        AlertLevel.ACT: "#f2803a",
+        AlertLevel.SLIPS: "#c92a2a",
+    }
+    alerts = [np.array([shown == level for shown in grips.level], dtype=float) for level in colours]
+    drawn = choose_rows(grips.friction_used, grips.friction, grips.friction_high, *alerts)
     time, grips = track.time[drawn] - track.time[0], grips.take(drawn)
     figure, axis = plt.subplots(figsize=(9.0, 3.2), layout="constrained")
     axis.plot(time, grips.friction_used, color="#08306b", lw=1.4, label="in use")
@@ -65,18 +64,11 @@ def plot_friction(track: Track, grips: GripPath) -> Figure:
     axis.fill_between(
         time, grips.friction_low, grips.friction_high, color="#b2182b", alpha=0.2, lw=0
     )
-    for (level, colour), alerted in zip(ALERT_COLOURS.items(), _alerts(grips), strict=True):
-        bar = np.where(alerted, 0.0, np.nan)
+    for (level, colour), alerted in zip(colours.items(), alerts, strict=True):
+        bar = np.where(alerted[drawn], 0.0, np.nan)
         axis.plot(time, bar, color=colour, lw=6, solid_capstyle="butt", label=f"alert: {level}")
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("friction [-]")
     axis.legend(loc="upper left", fontsize=8, frameon=False, ncols=3)
     return figure
-
-
-def _alerts(grips: GripPath) -> list[Float[np.ndarray, " frames"]]:
-    """For each level of `ALERT_COLOURS`, 1 in frames that have it and 0 in others."""
-    return [
-        np.array([shown == level for shown in grips.level], dtype=float) for level in ALERT_COLOURS
-    ]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from estimation.output.found import Run
-from estimation.output.preview import TICKS, to_ticks
+from estimation.output.preview import TICKS_PER_SECOND, to_ticks
 from estimation.output.record import KeptMarkers
 from estimation.output.scene import (
     Field,
@@ -56,7 +56,7 @@ def describe_play(
     ]
     return {
         "colours": page_colours(),
-        "time": show_numbers(to_ticks(main.time)[rows] / TICKS, 4),
+        "time": show_numbers(to_ticks(main.time)[rows] / TICKS_PER_SECOND, 4),
         "frame": main.source_index[rows].tolist(),
         "states": _runs(str(main.state[row]) for row in rows),
         "reasons": _runs(main.reason[row] for row in rows),

@@ -20,9 +20,9 @@ from estimation.pictures.stream import RATE, is_camera, read_pictures
 from estimation.slip.alert import AlertLevel
 from estimation.slip.motion import follow_gel
 
-ENCODERS = ("libx264", "libopenh264")
+H264_ENCODERS = ("libx264", "libopenh264")
 """H.264 encoders that run on any processor, in order of preference."""
-TICKS = 90_000
+TICKS_PER_SECOND = 90_000
 """Resolution of a video's times [1/s]."""
 
 
@@ -37,11 +37,11 @@ def find_encoder() -> str:
     import av
     from av.codec.codec import UnknownCodecError
 
-    for name in ENCODERS:
+    for name in H264_ENCODERS:
         with suppress(UnknownCodecError):
             return av.Codec(name, "w").name
     raise ValueError(
-        f"a preview (--preview) needs an H.264 encoder, {' or '.join(ENCODERS)}; PyAV "
+        f"a preview (--preview) needs an H.264 encoder, {' or '.join(H264_ENCODERS)}; PyAV "
         f"{av.__version__} was built without one: install its wheel with `pip install "
         "--force-reinstall --only-binary av av`"
     )
@@ -102,13 +102,13 @@ def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
             assert isinstance(stream, av.VideoStream)
             stream.height, stream.width = size[:2]
             stream.pix_fmt = "yuv420p"
-            stream.codec_context.time_base = Fraction(1, TICKS)
+            stream.codec_context.time_base = Fraction(1, TICKS_PER_SECOND)
             stream.codec_context.max_b_frames = 0  # they would end the video before its last frame
             for tick, image in chain([ahead], pictures):
                 if image.shape != size:
                     continue
                 frame = av.VideoFrame.from_ndarray(image, format="bgr24")
-                frame.pts, frame.time_base = tick, Fraction(1, TICKS)
+                frame.pts, frame.time_base = tick, Fraction(1, TICKS_PER_SECOND)
                 container.mux(stream.encode(frame))
             container.mux(stream.encode())
     except FFmpegError as error:
@@ -116,15 +116,15 @@ def _encode(pictures: Iterator[tuple[int, np.ndarray]], path: Path) -> None:
 
 
 def to_ticks(time: Float[np.ndarray, " frames"]) -> Int[np.ndarray, " frames"]:
-    """Times since the first frame [1 / `TICKS` s], interpolated for frames without a valid time."""
+    """Times since the first frame [1 / `TICKS_PER_SECOND` s], interpolated where none is valid."""
     rows = np.arange(len(time))
     good = np.flatnonzero(np.isfinite(time) & ~disordered_times(time))
     step = float(np.median(np.diff(time[good]) / np.diff(good))) if len(good) > 1 else 1.0 / RATE
     if not len(good):
-        return np.rint(rows * step * TICKS).astype(int)
+        return np.rint(rows * step * TICKS_PER_SECOND).astype(int)
     since = np.interp(rows, good, time[good] - time[good[0]])
     since += step * (np.minimum(rows - good[0], 0) + np.maximum(rows - good[-1], 0))
-    ticks = np.rint((since - since[0]) * TICKS).astype(int)
+    ticks = np.rint((since - since[0]) * TICKS_PER_SECOND).astype(int)
     return np.maximum.accumulate(ticks - rows) + rows
 
 

@@ -35,28 +35,14 @@ from estimation.slip.onset import SightPath
 from estimation.slip.shear import ShearPath
 from estimation.tracking.stream import Answer
 
-NAME = "record.sqlite"
+RECORD_NAME = "record.sqlite"
 FORMAT_VERSION = 2
-PATIENCE_S = 60.0
-"""Longest time that the end of a run waits for a report that reads its record [s]."""
-MOST_KEPT = 256
-"""Largest number of evenly spread frames whose markers are stored, unless all are."""
 
-_SHEAR: dict[str, str] = dict.fromkeys(
+_SHEAR_COLUMNS: dict[str, str] = dict.fromkeys(
     ("shear", "hold", "slipped", "slip", "slip_error", "slip_since"), "REAL"
 )
 """Columns of the fields of `ShearPath`, in their order; the format keeps these names."""
-_OTHERS = {
-    "axis": "REAL",
-    "imprint": "REAL",
-    "rests": "INTEGER",
-    **{f"disc_{name}": "REAL" for name in Disc._fields},
-    **{name: "REAL" for name in Margin._fields},
-    **_SHEAR,
-    **dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"},
-}
-"""Columns of each frame in addition to the methods' answers."""
-_MARKERS = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
+_MARKER_TYPES = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
 
 
 class KeptMarkers(NamedTuple):
@@ -86,6 +72,10 @@ class KeptMarkers(NamedTuple):
 class RecordWriter:
     """The sink that stores the answer of each frame.
 
+    Attributes:
+        most_kept: largest number of evenly spread frames whose markers are stored, unless all are.
+        patience_s: longest time that the end of a run waits for a report that reads its record [s].
+
     Examples:
         >>> from contextlib import closing
         >>> from pathlib import Path
@@ -98,6 +88,8 @@ class RecordWriter:
         >>> print(answer.row + 1, "frames")
         43 frames
     """
+
+    most_kept, patience_s = 256, 60.0
 
     def __init__(
         self,
@@ -121,14 +113,14 @@ class RecordWriter:
         self._path, self._methods, self._every = path, methods, every_marker
         self._pictures = pictures
         self._stride, self._written = 1, -np.inf
-        columns = {"row": "INTEGER PRIMARY KEY"} | _columns(methods) | _OTHERS
+        columns = _columns(methods)
         with _opening(path) as self._database:
             run = self._database.execute
             run("PRAGMA journal_mode=WAL")
             run("PRAGMA synchronous=NORMAL")
             named = ", ".join(f'"{name}" {kind}' for name, kind in columns.items())
             run(f"CREATE TABLE IF NOT EXISTS frames ({named})")
-            blobs = ", ".join(f"{name} BLOB" for name in (*_MARKERS, "picture", "spots"))
+            blobs = ", ".join(f"{name} BLOB" for name in (*_MARKER_TYPES, "picture", "spots"))
             run(f"CREATE TABLE IF NOT EXISTS markers (row INTEGER PRIMARY KEY, {blobs})")
             run("CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, content TEXT)")
             run("CREATE TABLE IF NOT EXISTS checkpoint (row INTEGER, state BLOB)")
@@ -188,7 +180,7 @@ class RecordWriter:
 
     def _end_log(self) -> None:
         """Merge the log into the database once no program reads it, or patience ends."""
-        patience = time.monotonic() + PATIENCE_S
+        patience = time.monotonic() + self.patience_s
         while True:
             try:
                 self._database.execute("PRAGMA journal_mode=DELETE")
@@ -215,7 +207,7 @@ class RecordWriter:
         arrays = (frame.positions, answer.turned, frame.valid, main.stick, main.contact)
         blobs = [
             np.ascontiguousarray(values, dtype=kind).tobytes()
-            for values, kind in zip(arrays, _MARKERS.values(), strict=True)
+            for values, kind in zip(arrays, _MARKER_TYPES.values(), strict=True)
         ]
         picture = spots = None
         if self._pictures is not None:
@@ -224,7 +216,7 @@ class RecordWriter:
         values = [answer.row, *blobs, picture, spots]
         marks = ", ".join("?" * len(values))
         self._database.execute(f"INSERT INTO markers VALUES ({marks})", values)
-        if not self._every and answer.row // self._stride >= MOST_KEPT:
+        if not self._every and answer.row // self._stride >= self.most_kept:
             self._stride *= 2
             self._database.execute("DELETE FROM markers WHERE row % ?", (self._stride,))
 
@@ -307,7 +299,7 @@ class RecordReader:
 
     def shears(self) -> ShearPath:
         """Shear of the gel and slip of the object along it, by frame."""
-        return ShearPath(*self._arrays(_SHEAR))
+        return ShearPath(*self._arrays(_SHEAR_COLUMNS))
 
     def grips(self) -> GripPath:
         """Friction and alerts, by frame."""
@@ -321,7 +313,7 @@ class RecordReader:
             for row, *blobs, picture, spots in cursor:
                 arrays = [
                     np.frombuffer(blob, dtype=kind)
-                    for blob, kind in zip(blobs, _MARKERS.values(), strict=True)
+                    for blob, kind in zip(blobs, _MARKER_TYPES.values(), strict=True)
                 ]
                 positions, turned, valid, stick, contact = arrays
                 count = len(turned)
@@ -388,7 +380,17 @@ def _kinds() -> dict[str, str]:
 
 def _columns(methods: tuple[str, ...]) -> dict[str, str]:
     kinds = _kinds().items()
-    return {f"{method}.{name}": kind for method in methods for name, kind in kinds}
+    return {
+        "row": "INTEGER PRIMARY KEY",
+        **{f"{method}.{name}": kind for method in methods for name, kind in kinds},
+        "axis": "REAL",
+        "imprint": "REAL",
+        "rests": "INTEGER",
+        **{f"disc_{name}": "REAL" for name in Disc._fields},
+        **{name: "REAL" for name in Margin._fields},
+        **_SHEAR_COLUMNS,
+        **dict.fromkeys(GripPath._fields, "REAL") | {"level": "TEXT"},
+    }
 
 
 def _plain(value: Any) -> Any:

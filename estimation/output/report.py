@@ -34,28 +34,7 @@ from estimation.slip.motion import accumulate_slip, follow_gel
 from estimation.slip.onset import MacroSlip
 
 FIRM_MARKERS = 10
-FIGURES = (
-    ("frames with an angle", "answered", 0),
-    ("smallest angle [°]", "angle_min_deg", 2),
-    ("largest angle [°]", "angle_max_deg", 2),
-    ("median half-width [°]", "half_width_median_deg", 4),
-    ("largest slip over the gel [°]", "slip_largest_deg", 2),
-    ("slip over the gel in the last frame with an angle [°]", "slip_last_deg", 2),
-)
-"""Figures of a method in the report: label, name in the summary, and digits."""
-TRUTH_FIGURES = (
-    ("mean absolute error [°]", "mean_absolute_error_deg", 4),
-    (
-        f"mean absolute error [°], {FIRM_MARKERS} or more markers stick",
-        "mean_absolute_error_firm_deg",
-        4,
-    ),
-    (
-        f"share of intervals that cover the truth, {FIRM_MARKERS} or more markers stick",
-        "interval_holds_truth_firm",
-        3,
-    ),
-)
+"""Sticking markers from which a frame counts among those with many."""
 
 
 def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
@@ -98,6 +77,29 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     return summary
 
 
+def _list_figures(with_truth: bool) -> tuple[tuple[str, str, int], ...]:
+    """Figures of a method in the report: label, name in the summary, and digits.
+
+    Args:
+        with_truth: add the errors, which need the true angles.
+    """
+    figures = (
+        ("frames with an angle", "answered", 0),
+        ("smallest angle [°]", "angle_min_deg", 2),
+        ("largest angle [°]", "angle_max_deg", 2),
+        ("median half-width [°]", "half_width_median_deg", 4),
+        ("largest slip over the gel [°]", "slip_largest_deg", 2),
+        ("slip over the gel in the last frame with an angle [°]", "slip_last_deg", 2),
+    )
+    many = f"{FIRM_MARKERS} or more markers stick"
+    errors = (
+        ("mean absolute error [°]", "mean_absolute_error_deg", 4),
+        (f"mean absolute error [°], {many}", "mean_absolute_error_firm_deg", 4),
+        (f"share of intervals that cover the truth, {many}", "interval_holds_truth_firm", 3),
+    )
+    return figures + errors if with_truth else figures
+
+
 def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """The report of a run as an HTML page.
 
@@ -122,7 +124,7 @@ def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, byt
         down=down,
         lie=lie,
         colours=page_colours(),
-        figures=FIGURES + (TRUTH_FIGURES if run.truth is not None else ()),
+        figures=_list_figures(with_truth=run.truth is not None),
         settings=explain_settings(run.settings, run.method),
         play=describe_play(run, references),
     )

@@ -22,7 +22,7 @@ from filelock import FileLock, Timeout
 
 from estimation.frames.files import check_writable, write_whole
 
-MANIFEST = "manifest.json"
+MANIFEST_NAME = "manifest.json"
 FORMAT_VERSION = 1
 
 Listed = dict[str, dict[str, str]]
@@ -43,7 +43,7 @@ class ResultFolder:
         self.draft = draft
         self._command = command
         self._say = say
-        self._listed = _read_manifest(path / MANIFEST)
+        self._listed = _read_manifest(path / MANIFEST_NAME)
         self._stale = dict(self._listed.get(command, {}))
         self._published = False
 
@@ -120,7 +120,7 @@ class ResultFolder:
         self._say(f"{target} is not as an earlier run wrote it: kept as {kept.name}")
 
     def _write_manifest(self) -> None:
-        path = self.path / MANIFEST
+        path = self.path / MANIFEST_NAME
         if os.path.lexists(path) and not _read_manifest(path):
             self._set_aside(path)
         content = {"format_version": FORMAT_VERSION, "written": self._listed}

@@ -15,7 +15,7 @@ from estimation.settings import Settings
 from estimation.slip.alert import Alert
 from estimation.slip.shear import Shear
 from estimation.softness import expect_scale
-from estimation.tracking.stream import MOST_HELD
+from estimation.tracking.stream import MOST_HELD_FRAMES
 from estimation.tracking.tracker import Tracker
 from estimation.tracking.trackers import label_frame
 
@@ -60,7 +60,7 @@ class ImageTracker:
         self.reader: MarkerReader | None = None
         self.tracker: Tracker | None = None
         self._inspector = LiveInspector()
-        self._held: deque[Frame] = deque(maxlen=MOST_HELD)
+        self._held: deque[Frame] = deque(maxlen=MOST_HELD_FRAMES)
         self._size: tuple[int, int] | None = None
         self._count = 0
         images = self.settings.images

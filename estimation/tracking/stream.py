@@ -31,11 +31,9 @@ from estimation.slip.shear import Shear
 from estimation.softness import expect_scale
 from estimation.tracking.trackers import Trackers
 
-AHEAD = 96
-"""Frames that are read before the first answer, to estimate the noise."""
-AHEAD_LIVE = 24
+AHEAD_LIVE_FRAMES = 24
 """Frames that are read from a live source before the first answer: 1 s at 25 frames per second."""
-MOST_HELD = 2000
+MOST_HELD_FRAMES = 2000
 """Largest number of frames that a better reference, found after them, can answer again."""
 
 
@@ -308,9 +306,11 @@ class Stream:
         self.follower = Follower(source.layout, settings, noise, notes)
 
     def _look_ahead(self) -> tuple[Noise | None, tuple[str, ...]]:
+        # frames that are read before the first answer, to estimate the noise
+        ahead = AHEAD_LIVE_FRAMES if self.source.live else 96
         layout = self.source.layout
         try:
-            for frame in islice(self._frames, AHEAD_LIVE if self.source.live else AHEAD):
+            for frame in islice(self._frames, ahead):
                 self._ahead.append(frame)
         except KeyboardInterrupt:
             self.interrupted = True
@@ -383,10 +383,10 @@ class Stream:
         return self.source.reevaluate(frames) if isinstance(self.source, PictureSource) else frames
 
     def _hold(self, frame: Frame) -> None:
-        """Keep a frame while a better reference may come, up to `MOST_HELD` frames."""
+        """Keep a frame while a better reference may come, up to `MOST_HELD_FRAMES` frames."""
         if not self.source.provisional:
             self._held = []
-        elif self._held is not None and len(self._held) < MOST_HELD:
+        elif self._held is not None and len(self._held) < MOST_HELD_FRAMES:
             self._held.append(frame)
         else:
             self._held = None

@@ -24,7 +24,7 @@ from estimation.frames.recording import Frame, Recording
 from estimation.frames.source import FrameStream
 from estimation.live.feed import Feed
 from estimation.live.source import open_live, play
-from estimation.output.record import NAME
+from estimation.output.record import RECORD_NAME
 from estimation.output.sinks.lines import JsonWriter
 from estimation.output.sinks.outlet import Outlet
 from estimation.run import run_all
@@ -103,7 +103,7 @@ def main() -> None:
             run_all([one], folder, settings, Progress(disable=True), sinks)
         finally:
             console.print(watch.table())
-        size = (folder / NAME).stat().st_size / arguments.frames
+        size = (folder / RECORD_NAME).stat().st_size / arguments.frames
     out.close()
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0 - watch.start_mib
     console.print(f"record: {size:.0f} bytes per frame")

@@ -32,7 +32,7 @@ from estimation.pictures.stream import Picture
 from estimation.run import run_all
 from estimation.settings import Settings
 from estimation.sources import open_inputs
-from estimation.tracking.stream import AHEAD_LIVE
+from estimation.tracking.stream import AHEAD_LIVE_FRAMES
 from estimation.tracking.tracker import estimate_angles
 from tests.cases import domed_pad, lift
 from tests.estimation.pictures.test_reading import write_folder
@@ -87,7 +87,7 @@ def test_a_recording_played_fast_loses_nothing():
 
 def test_a_recording_keeps_its_pace_but_waits_for_no_clock_that_jumps(monkeypatch):
     stamps = [0.0, 0.05, np.nan, 0.1, 5000.0, 5000.05, 3.0, 3.05]
-    monkeypatch.setattr("estimation.live.feed.AHEAD_LIVE", -1)
+    monkeypatch.setattr("estimation.live.feed.AHEAD_LIVE_FRAMES", -1)
     feed = Feed("clip", LiveChoices(), print, recorded=True)
     began, seen = time.monotonic(), []
     for _ in feed(iter([Picture(None, one, 0) for one in stamps])):
@@ -102,14 +102,14 @@ def test_a_recording_begins_with_the_first_answer():
     feed, read = Feed("clip", LiveChoices(queue=2), print, recorded=True), threading.Event()
 
     def source():
-        yield from items(AHEAD_LIVE + 20, 1e-4)
+        yield from items(AHEAD_LIVE_FRAMES + 20, 1e-4)
         read.set()
 
     given = feed(source())
-    first = [next(given).number for _ in range(AHEAD_LIVE)]  # the first answer takes long
-    assert first == list(range(AHEAD_LIVE))
+    first = [next(given).number for _ in range(AHEAD_LIVE_FRAMES)]  # the first answer takes long
+    assert first == list(range(AHEAD_LIVE_FRAMES))
     assert feed.lost == 0
-    assert next(given).number == AHEAD_LIVE
+    assert next(given).number == AHEAD_LIVE_FRAMES
     assert read.wait(10.0)
     assert list(given)
     assert feed.lost

@@ -14,7 +14,7 @@ from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
 from estimation.output.explain import explain_settings
 from estimation.output.table import GRIP_COLUMNS, MARGIN_COLUMNS
-from estimation.run import UNFINISHED, Input, run_all
+from estimation.run import UNFINISHED_NAME, Input, run_all
 from estimation.settings import Settings
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
@@ -225,12 +225,12 @@ def test_ctrl_c_before_the_first_answer_leaves_nothing(tmp_path, progress, monke
 
 
 def test_a_recording_may_be_called_as_the_folder_of_the_run(tmp_path, progress, monkeypatch):
-    inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", UNFINISHED)]
+    inputs = [Input(lift(ANGLES[:6], name=name)) for name in ("left", UNFINISHED_NAME)]
     monkeypatch.setattr("estimation.run.write_run", lambda run, folder: {})
     monkeypatch.setattr("estimation.output.overview.write_overview", lambda done, folder: None)
     run_all(inputs, tmp_path, Settings(noise=Noise.from_std(1e-3)), progress)
     folders = {path.name for path in tmp_path.iterdir() if path.is_dir()}
-    assert folders == {"left", f"{UNFINISHED}-2"}
+    assert folders == {"left", f"{UNFINISHED_NAME}-2"}
 
 
 def test_a_full_disk_leaves_no_half_written_file(written, tmp_path, progress, monkeypatch):

@@ -26,7 +26,7 @@ from estimation.frames.recording import Frame, Recording, layout_markers
 from estimation.frames.source import record_source
 from estimation.output.record import RecordWriter
 from estimation.output.sinks.by_name import (
-    FILES,
+    SINK_FILES,
     check_sinks,
     finish_files,
     open_sinks,
@@ -106,7 +106,7 @@ def write(recording, folder: Path, name: str) -> Path:
     with opened(recording, folder, name) as sink:
         for _ in Stream(recording, settings_of(recording)).answers(sink):
             pass
-    return folder / FILES[name]
+    return folder / SINK_FILES[name]
 
 
 def read(path: Path) -> Recording:
@@ -124,7 +124,7 @@ def assert_alike(found: Recording, expected: Recording) -> None:
 def test_a_recording_comes_back_equal(tmp_path, name, flat):
     recording = pressed(flat)
     assert_alike(read(write(recording, tmp_path, name)), recording)
-    assert [one.name for one in tmp_path.iterdir()] == [FILES[name]]
+    assert [one.name for one in tmp_path.iterdir()] == [SINK_FILES[name]]
 
 
 def test_files_of_frames_have_every_field_of_a_frame():
@@ -183,7 +183,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, monkeypatch):
     """The files are those of the recording, and it could be read after the kill."""
     recording, out, sinks = pressed(), tmp_path / "out", ("mcap", "zarr", "rrd")
     write_archive(recording, tmp_path / "lift.npz")
-    monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
+    monkeypatch.setattr("estimation.run._Job.checkpoint_s", 0.0)
     take = RecordWriter.put
 
     def take_until(self, answer):
@@ -195,13 +195,13 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, monkeypatch):
         patch.setattr(RecordWriter, "put", take_until)
         with pytest.raises(MemoryError):
             run(tmp_path / "lift.npz", out, *sinks)
-    assert_alike(read(out / "unfinished" / FILES["mcap"]), recording.head(8))
+    assert_alike(read(out / "unfinished" / SINK_FILES["mcap"]), recording.head(8))
     run(tmp_path / "lift.npz", out, *sinks, resume=True)
-    assert len(read_rrd(out / FILES["rrd"])["/angle"]) == len(recording)
+    assert len(read_rrd(out / SINK_FILES["rrd"])["/angle"]) == len(recording)
     for name in sinks:
         if name in FORMATS:
-            assert_alike(read(out / FILES[name]), recording)
-        assert FILES[name] in (out / "manifest.json").read_text()
+            assert_alike(read(out / SINK_FILES[name]), recording)
+        assert SINK_FILES[name] in (out / "manifest.json").read_text()
     assert not list(out.rglob(".frames*"))
 
 
@@ -216,7 +216,7 @@ def test_a_better_reference_begins_the_file_anew(tmp_path, name):
         sink.restart()
         for answer in answers[:3]:
             sink.put(answer._replace(layout=moved))
-    found = read(tmp_path / FILES[name])
+    found = read(tmp_path / SINK_FILES[name])
     assert len(found) == 3
     np.testing.assert_array_equal(found.layout.reference, moved.reference)
 

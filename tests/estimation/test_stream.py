@@ -16,13 +16,13 @@ from estimation.frames.recording import MarkerLayout
 from estimation.frames.source import FrameStream
 from estimation.frames.state import load_state, save_state
 from estimation.output import report
-from estimation.output.record import FORMAT_VERSION, MOST_KEPT, RecordReader, RecordWriter
-from estimation.output.sinks.lines import HEADER, LineWriter
+from estimation.output.record import FORMAT_VERSION, RecordReader, RecordWriter
+from estimation.output.sinks.lines import LineWriter
 from estimation.output.table import TableWriter
 from estimation.run import report_all, run_all
 from estimation.settings import Settings
 from estimation.sources import Input, find_earlier, open_inputs
-from estimation.tracking.stream import AHEAD, AHEAD_LIVE, Checkpoint, Stream
+from estimation.tracking.stream import AHEAD_LIVE_FRAMES, Checkpoint, Stream
 from estimation.tracking.tracker import estimate_angles
 from estimation.tracking.trackers import Trackers
 from tests.cases import lift
@@ -97,7 +97,7 @@ def test_a_better_reference_answers_the_frames_before_anew(recording, monkeypatc
     assert taken.restarts == 1
     assert [answer.row for answer in taken.answers] == list(range(len(recording)))
     assert len(answers) == len(recording) + 6
-    monkeypatch.setattr("estimation.tracking.stream.MOST_HELD", 4)
+    monkeypatch.setattr("estimation.tracking.stream.MOST_HELD_FRAMES", 4)
     taken, stream = Taken(), Stream(Moved(recording, 6), SETTINGS)
     assert len(list(stream.answers(taken))) == len(recording)
     assert taken.restarts == 0
@@ -141,7 +141,7 @@ def test_a_state_that_could_run_something_is_refused():
 def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypatch):
     whole, out = tmp_path / "whole", tmp_path / "cut"
     run_all([Input(recording)], whole, SETTINGS, Progress(disable=True))
-    monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
+    monkeypatch.setattr("estimation.run._Job.checkpoint_s", 0.0)
 
     def until(row):
         put = TableWriter.put
@@ -188,7 +188,7 @@ def test_a_killed_run_is_whole_so_far_and_goes_on(recording, tmp_path, monkeypat
 
 
 def test_ctrl_c_within_a_frame_is_gone_on_with_as_if_it_had_not_come(tmp_path, monkeypatch):
-    monkeypatch.setattr("estimation.run.CHECKPOINT_S", 0.0)
+    monkeypatch.setattr("estimation.run._Job.checkpoint_s", 0.0)
     monkeypatch.setattr("estimation.output.overview.write_overview", lambda done, folder: None)
     monkeypatch.setattr(report, "figure_png", lambda figure: plt.close(figure) or b"")
     names = [str(tmp_path / f"{name}.npz") for name in "ab"]
@@ -236,9 +236,9 @@ def test_the_noise_of_what_is_live_is_told_sooner(recording):
     read = []
     frames = (read.append(frame) or frame for frame in islice(cycle(recording), 200))
     Stream(FrameStream(recording.layout, frames, live=True), Settings())
-    assert len(read) == AHEAD_LIVE
+    assert len(read) == AHEAD_LIVE_FRAMES
     Stream(FrameStream(recording.layout, frames), Settings())
-    assert len(read) == AHEAD_LIVE + AHEAD
+    assert len(read) == AHEAD_LIVE_FRAMES + 96
 
 
 def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
@@ -246,7 +246,7 @@ def test_a_run_may_end_while_its_record_is_read(tmp_path, monkeypatch):
     writer.set_metadata(format_version=FORMAT_VERSION)
     writer.commit()
     with RecordReader(tmp_path / "record.sqlite") as record:
-        monkeypatch.setattr("estimation.output.record.PATIENCE_S", 0.0)
+        monkeypatch.setattr("estimation.output.record.RecordWriter.patience_s", 0.0)
         writer.close()
         assert len(record) == 0
 
@@ -256,17 +256,17 @@ def test_the_record_has_every_quantity_and_some_markers(recording, tmp_path):
     writer = RecordWriter(path, ("tracked", "rigid"))
     writer.set_metadata(format_version=FORMAT_VERSION)
     answers = list(Stream(streamed(recording), SETTINGS).answers())
-    for row in range(2 * MOST_KEPT):
+    for row in range(2 * RecordWriter.most_kept):
         writer.put(answers[row % len(answers)]._replace(row=row))
     writer.close()
     with RecordReader(path) as record:
-        assert len(record) == 2 * MOST_KEPT
+        assert len(record) == 2 * RecordWriter.most_kept
         track = record.track("rigid")
         for name in Record.columns():
             expected = [getattr(answer.estimates["rigid"], name) for answer in answers]
             np.testing.assert_array_equal(getattr(track, name)[: len(answers)], expected)
         kept = [one.row for one in record.markers()]
-        assert kept == list(range(0, 2 * MOST_KEPT, 2))
+        assert kept == list(range(0, 2 * RecordWriter.most_kept, 2))
     (tmp_path / "other").write_bytes(b"no database at all, but long enough to be looked at" * 40)
     with pytest.raises(ValueError, match="not the record of a run, or damaged"):
         RecordReader(tmp_path / "other")
@@ -279,9 +279,11 @@ def test_lines_say_each_frame_once(recording):
     writer = LineWriter(said.append, "tracked")
     for answer in Stream(Moved(recording, 6), SETTINGS).answers(writer):
         assert len(said) <= answer.row + 2 or answer.row < 6
-    assert said[0] == HEADER
+    assert said[0] == LineWriter.header
     assert len(said) == 1 + len(recording)
-    rows = [dict(zip(HEADER.split(","), line.split(","), strict=True)) for line in said[1:]]
+    rows = [
+        dict(zip(LineWriter.header.split(","), line.split(","), strict=True)) for line in said[1:]
+    ]
     assert rows[0]["alert"] == "unknown"  # nothing touches
     assert {row["alert"] for row in rows} >= {"unknown", "none"}
 

@@ -14,8 +14,8 @@ from rerun.chunk import RrdReader
 
 from estimation.frames.noise import Noise
 from estimation.output.sinks.bag import BagWriter
-from estimation.output.sinks.by_name import FILES
-from estimation.output.sinks.viewer import FILE_HEADER, LiveViewer, ViewerFile, Viewing
+from estimation.output.sinks.by_name import SINK_FILES
+from estimation.output.sinks.viewer import LiveViewer, ViewerFile, Viewing
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.reading import PictureSource
 from estimation.pictures.sensor import Sensor
@@ -80,7 +80,7 @@ def test_the_file_has_every_answer(tmp_path, recording, answers):
 def test_pictures_are_in_the_file_of_the_viewer_and_in_mcap(tmp_path):
     pictures = list(turned_pictures())[:3]
     source = PictureSource(write_folder(tmp_path / "clip", pictures), KNOWN)
-    files = [tmp_path / FILES[one] for one in ("rrd", "mcap")]
+    files = [tmp_path / SINK_FILES[one] for one in ("rrd", "mcap")]
     settings = Settings(noise=Noise.from_std(0.01, "px"), images=KNOWN)
     with (
         closing(ViewerFile(files[0], source, "tracked")) as viewer,
@@ -117,7 +117,8 @@ def test_a_killed_file_is_whole_and_gone_on_with(tmp_path, recording, answers, t
         wait_for_rows(path, 7)
         sink._stream.flush()  # of other quantities
         on_disc = path.read_bytes()  # before it is closed
-        killed.write_bytes(on_disc + on_disc[FILE_HEADER : FILE_HEADER + torn])
+        # after the header of 12 bytes comes the first message
+        killed.write_bytes(on_disc + on_disc[12 : 12 + torn])
     with closing(ViewerFile(killed, recording, "tracked", rows=7)) as sink:
         for answer in answers[7:]:
             sink.put(answer)

@@ -166,7 +166,7 @@ def test_the_page_is_whole_and_nothing_else_is_served(recording, answers):
 
 
 def test_browsers_that_take_nothing_or_are_gone_delay_nothing(recording, answers, monkeypatch):
-    monkeypatch.setattr(serving, "MOST_BROWSERS", 2)
+    monkeypatch.setattr(serving.WindowServer, "most_browsers", 2)
     window = opened(recording)
     with served(window) as port:
         lazy, gone = (socket.create_connection(("127.0.0.1", port)) for _ in range(2))

@@ -16,7 +16,7 @@ from estimation.output.sinks.outlet import close_outlet, open_stdout, open_udp
 from estimation.output.sinks.viewer import LiveViewer, ViewerFile, connect_viewer, spawn_viewer
 from estimation.tracking.stream import Sink
 
-FILES = {
+SINK_FILES = {
     "mcap": "frames.mcap",
     "rrd": "frames.rrd",
     "zarr": "frames.zarr",
@@ -27,17 +27,6 @@ FILES = {
 Zarr and LeRobot files cannot grow row by row without the risk of damage by a kill, so they are made
 from the MCAP file at the end of the run.
 """
-COLUMNS = ("zarr", "lerobot")
-EXTRAS = {
-    "mcap": ("bags",),
-    "rrd": ("view",),
-    "rerun": ("view",),
-    "zarr": ("bags", "zarr"),
-    "lerobot": ("bags", "lerobot"),
-}
-"""Extras that each sink requires."""
-READERS = ("udp", "rerun")
-"""Sinks with an address, `udp:HOST:PORT`; `rerun` without an address opens a viewer."""
 
 
 def check_sinks(names: tuple[str, ...]) -> None:
@@ -47,15 +36,24 @@ def check_sinks(names: tuple[str, ...]) -> None:
         ImportError: an extra is not installed.
         ValueError: an unknown sink.
     """
+    # sinks with an address, `udp:HOST:PORT`; `rerun` without an address opens a viewer
+    addressees = ("udp", "rerun")
+    extras = {
+        "mcap": ("bags",),
+        "rrd": ("view",),
+        "rerun": ("view",),
+        "zarr": ("bags", "zarr"),
+        "lerobot": ("bags", "lerobot"),
+    }
     for name in names:
         kind, addressed, _ = name.partition(":")
-        if addressed and kind in READERS:
+        if addressed and kind in addressees:
             read_address(name)
-        elif name not in (*FILES, "json", "rerun"):
-            readers = [f"{reader}:{at}" for reader in READERS for at in ("PORT", "HOST:PORT")]
-            choices = ", ".join((*FILES, "json", "rerun", *readers))
+        elif name not in (*SINK_FILES, "json", "rerun"):
+            readers = [f"{reader}:{at}" for reader in addressees for at in ("PORT", "HOST:PORT")]
+            choices = ", ".join((*SINK_FILES, "json", "rerun", *readers))
             raise ValueError(f"unknown sink {name!r} (--sink): choose from {choices}")
-        for extra in EXTRAS.get(kind, ()):
+        for extra in extras.get(kind, ()):
             require_extra(extra, f"the sink {name}")
 
 
@@ -90,7 +88,7 @@ def open_sinks(
     check_sinks(names)
     readers: list[Sink] = []
     for name in names:
-        if name in FILES:
+        if name in SINK_FILES:
             continue
         if name.startswith("rerun"):
             at = None if name == "rerun" else read_address(name)
@@ -102,7 +100,7 @@ def open_sinks(
             outlet = open_stdout() if name == "json" else open_udp(*read_address(name))
             readers.append(JsonWriter(outlet.send, method, source.unit))
         opened.callback(close_outlet, outlet, name, tell)
-    kinds = {FILES["mcap"]: BagWriter, FILES["rrd"]: ViewerFile}
+    kinds = {SINK_FILES["mcap"]: BagWriter, SINK_FILES["rrd"]: ViewerFile}
     files: list[Sink] = [
         opened.enter_context(closing(kinds[file](folder / file, source, method, rows)))
         for file in growing_files(names)
@@ -116,8 +114,8 @@ def growing_files(names: tuple[str, ...]) -> list[str]:
     Args:
         names: names of the sinks.
     """
-    grown = {"mcap" if name in COLUMNS else name for name in names}
-    return [FILES[name] for name in ("mcap", "rrd") if name in grown]
+    grown = {"mcap" if name in ("zarr", "lerobot") else name for name in names}
+    return [SINK_FILES[name] for name in ("mcap", "rrd") if name in grown]
 
 
 def finish_files(names: tuple[str, ...], folder: Path) -> None:
@@ -131,11 +129,12 @@ def finish_files(names: tuple[str, ...], folder: Path) -> None:
         ImportError: an extra is not installed.
         OSError: a file cannot be written.
     """
-    bag = folder / FILES["mcap"]
-    for name, write in zip(COLUMNS, (write_zarr, write_lerobot), strict=True):
+    bag = folder / SINK_FILES["mcap"]
+    writers = {"zarr": write_zarr, "lerobot": write_lerobot}
+    for name, write in writers.items():
         if name in names:
-            write(folder / FILES[name], BagSource(bag), read_answers(bag))
-    if set(COLUMNS) & set(names) and "mcap" not in names:
+            write(folder / SINK_FILES[name], BagSource(bag), read_answers(bag))
+    if set(writers) & set(names) and "mcap" not in names:
         bag.unlink()
 
 

@@ -10,8 +10,6 @@ import numpy as np
 from estimation.output.table import read_cells, tabulate_answer
 from estimation.tracking.stream import Answer
 
-HEADER = "time_s,source_index,state,angle_deg,angle_low_deg,angle_high_deg,alert,reason"
-
 
 class AnswerLines(ABC):
     """A sink that writes each answer as a line, and only one line for each frame."""
@@ -45,10 +43,12 @@ class AnswerLines(ABC):
 class LineWriter(AnswerLines):
     """Writes answers as comma-separated values, after a header."""
 
+    header = "time_s,source_index,state,angle_deg,angle_low_deg,angle_high_deg,alert,reason"
+
     def __init__(self, say: Callable[[str], None], method: str) -> None:
         """Make a sink and write the header; arguments as in `AnswerLines`."""
         super().__init__(say, method)
-        say(HEADER)
+        say(self.header)
 
     def show(self, answer: Answer) -> str:
         """The line of an answer."""

@@ -24,16 +24,6 @@ from estimation.pictures.still import Shown
 from estimation.slip.alert import AlertLevel
 from estimation.tracking.stream import Answer
 
-APPLICATION = "contactmodel"
-LEVEL_COLOURS = dict(
-    zip(AlertLevel, ("#d4ecd0", "#fbeebf", "#f0b27a", "#f6cfc9", "#c9c9e8"), strict=True)
-)
-
-FILE_HEADER, MESSAGE_HEADER = 12, struct.Struct("<QQ")
-"""Bytes before the first message of a file; kind and length of a message, before its content."""
-END = 0
-"""Kind of the message that ends a closed file."""
-
 
 class Viewing:
     """Logs answers to Rerun.
@@ -65,7 +55,8 @@ class Viewing:
         }.items():
             self._name_lines(path, names)
         self._name_states("state", STATE_COLOURS)
-        self._name_states("alert", LEVEL_COLOURS)
+        colours = ("#d4ecd0", "#fbeebf", "#f0b27a", "#f6cfc9", "#c9c9e8")
+        self._name_states("alert", dict(zip(AlertLevel, colours, strict=True)))
 
     def show(self, answer: Answer, shown: Shown | None) -> None:
         """Log an answer.
@@ -219,7 +210,7 @@ def open_stream(path: Path | None = None) -> Any:
     import rerun as rr
 
     own = None if path is None else uuid5(NAMESPACE_URL, path.resolve().as_uri())
-    return rr.RecordingStream(APPLICATION, recording_id=own)
+    return rr.RecordingStream("contactmodel", recording_id=own)
 
 
 def spawn_viewer(stream: Any) -> None:
@@ -287,14 +278,17 @@ def _drop_torn_message(path: Path) -> bool:
     Returns:
         Whether the file has messages.
     """
+    before = 12  # length of the file's header, before its first message [bytes]
+    header = struct.Struct("<QQ")  # kind and length of a message, before its content
+    end = 0  # kind of the message that ends a closed file
     with path.open("r+b") as file:
-        size, whole, kind = os.fstat(file.fileno()).st_size, FILE_HEADER, None
+        size, whole, kind = os.fstat(file.fileno()).st_size, before, None
         file.seek(whole)
-        while kind != END and len(header := file.read(MESSAGE_HEADER.size)) == MESSAGE_HEADER.size:
-            kind, length = MESSAGE_HEADER.unpack(header)
+        while kind != end and len(head := file.read(header.size)) == header.size:
+            kind, length = header.unpack(head)
             if file.seek(length, os.SEEK_CUR) > size:
                 break
             whole = file.tell()
-        if kind != END:
+        if kind != end:
             file.truncate(min(whole, size))
-        return whole > FILE_HEADER
+        return whole > before

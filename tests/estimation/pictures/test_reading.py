@@ -17,7 +17,7 @@ from estimation.frames.extras import EXTRA_PACKAGES
 from estimation.frames.noise import Noise
 from estimation.output import preview
 from estimation.output.record import RecordReader
-from estimation.output.sinks.lines import HEADER, LineWriter
+from estimation.output.sinks.lines import LineWriter
 from estimation.pictures.dots.reader import DotReader
 from estimation.pictures.dots.tracking import DotTracker
 from estimation.pictures.reader import ImageSettings
@@ -283,7 +283,7 @@ def test_a_camera_is_answered_picture_by_picture_and_keeps_what_it_gave(
         assert record.track("tracked").reason[4] == "the camera was disconnected"
     lines = [text.strip().splitlines() for text in (*printed, capsys.readouterr().out)]
     assert lines[0] == []
-    assert lines[1][0] == HEADER
+    assert lines[1][0] == LineWriter.header
     assert [len(one) for one in lines[1:]] == [2, 1, 1, 1, 1]
     cells = [one[-1].split(",") for one in lines[1:]]
     assert [one[2] for one in cells[:2]] == ["no_contact"] * 2
@@ -350,14 +350,14 @@ def test_a_folder_is_run_in_natural_order_with_warnings_and_a_preview(pictures, 
 
 def test_times_that_are_none_get_a_place_in_a_preview():
     time = np.array([np.nan, 5.0, 5.1, np.nan, 99.0, 5.4, 5.5, 5.0, np.nan])
-    ticks = preview.to_ticks(time) / preview.TICKS
+    ticks = preview.to_ticks(time) / preview.TICKS_PER_SECOND
     assert ticks == pytest.approx(0.1 * np.arange(9), abs=1e-4)
     assert preview.to_ticks(np.full(3, np.nan)) == pytest.approx([0, 3000, 6000])
     assert (np.diff(preview.to_ticks(np.array([0.0, 1e-9, 2e-9]))) > 0).all()
 
 
 def test_a_preview_that_cannot_be_written_is_refused_before_the_run(monkeypatch, tmp_path):
-    monkeypatch.setattr(preview, "ENCODERS", ("no_encoder",))
+    monkeypatch.setattr(preview, "H264_ENCODERS", ("no_encoder",))
     with pytest.raises(ValueError, match=r"needs an H.264 encoder, no_encoder; .*--force-reinst"):
         run_all([], tmp_path, Settings(preview=True), Progress(disable=True))
     monkeypatch.setitem(EXTRA_PACKAGES, "video", ("no_package",))
