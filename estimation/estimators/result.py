@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float, Int
 TOO_FEW_STICK = "too few markers stick"
 UNSEEN_TURN = "holds again after an unobserved rotation"
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
-UNTOLD_TURN = "no slip is seen, but too few markers move as one body to give an angle"
-STICKS_UNTOLD = "the contact sticks, but the object's rotation so far is unknown"
 """Reasons for a missing or uncertain angle that several modules give."""
 
 

@@ -8,7 +8,7 @@ from contactmodel.common.options import describe_parameters
 from estimation.choices import AlertSettings, ContactSettings, Known
 from estimation.estimators import METHODS, PUBLISHED_METHODS, method_settings
 from estimation.settings import Settings
-from estimation.softness.files import KINDS
+from estimation.softness.files import SOFTNESS_KINDS
 
 
 class Explained(NamedTuple):
@@ -36,7 +36,7 @@ def explain_settings(settings: Mapping[str, Any], method: str) -> list[Explained
     """
     owners: list[object] = [Settings, ContactSettings, AlertSettings, Known]
     kind = settings.get("softness", {}).get("kind")
-    owners += [KINDS[kind]] if kind in KINDS else []
+    owners += [SOFTNESS_KINDS[kind]] if kind in SOFTNESS_KINDS else []
     owners += [type(method_settings(method))] if method in METHODS | PUBLISHED_METHODS else []
     meanings = {name: text for owner in owners for name, text in describe_parameters(owner).items()}
     meanings |= {

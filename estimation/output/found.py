@@ -11,7 +11,7 @@ from estimation.estimators.result import State, Track
 from estimation.output.record import KeptMarkers, RecordReader
 from estimation.slip.alert import GripPath
 from estimation.slip.branch import Branch
-from estimation.slip.lookback import FOLLOWING, date_doubts, withdraw
+from estimation.slip.lookback import date_doubts, withdraw
 from estimation.slip.margin import MarginPath, follow_margin
 from estimation.slip.motion import describe_counts
 from estimation.slip.onset import MacroSlip, describe_slips
@@ -135,7 +135,8 @@ def find_in_record(record: RecordReader) -> Run:
     slips = date_doubts(live, record.sights()) if about["looks_back"] else []
 
     def look_back(track: Track) -> Track:
-        if track.method not in FOLLOWING:
+        # only methods that follow the object can have lost it
+        if track.method not in ("tracked", "incremental"):
             return track
         return withdraw(track, slips, outline, keep=about["settings"]["keep_withdrawn"])
 

@@ -16,7 +16,7 @@ from estimation.output.found import Run
 from estimation.output.record import KeptMarkers
 from estimation.output.scene import MARKER_COLOURS, marker_signs, sticking_markers
 from estimation.pictures.reader import ImageSettings
-from estimation.pictures.stream import RATE, is_camera, read_pictures
+from estimation.pictures.stream import DEFAULT_RATE, is_camera, read_pictures
 from estimation.slip.alert import AlertLevel
 from estimation.slip.motion import follow_gel
 
@@ -119,7 +119,11 @@ def to_ticks(time: Float[np.ndarray, " frames"]) -> Int[np.ndarray, " frames"]:
     """Times since the first frame [1 / `TICKS_PER_SECOND` s], interpolated where none is valid."""
     rows = np.arange(len(time))
     good = np.flatnonzero(np.isfinite(time) & ~disordered_times(time))
-    step = float(np.median(np.diff(time[good]) / np.diff(good))) if len(good) > 1 else 1.0 / RATE
+    step = (
+        float(np.median(np.diff(time[good]) / np.diff(good)))
+        if len(good) > 1
+        else 1.0 / DEFAULT_RATE
+    )
     if not len(good):
         return np.rint(rows * step * TICKS_PER_SECOND).astype(int)
     since = np.interp(rows, good, time[good] - time[good[0]])

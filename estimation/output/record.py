@@ -29,7 +29,7 @@ from estimation.estimators.result import (
 )
 from estimation.pictures.reading import PictureSource
 from estimation.slip.alert import AlertLevel, GripPath
-from estimation.slip.disc import NO_DISC, Disc
+from estimation.slip.disc import Disc
 from estimation.slip.margin import Margin, MarginPath
 from estimation.slip.onset import SightPath
 from estimation.slip.shear import ShearPath
@@ -196,7 +196,7 @@ class RecordWriter:
         for method in self._methods:
             estimate = answer.estimates[method]
             values += [_plain(getattr(estimate, name)) for name in Record.columns()]
-        disc = answer.sight.disc or NO_DISC
+        disc = answer.sight.disc or Disc()
         others = (answer.axis, answer.frame.imprint[0], int(answer.sight.rests))
         shear = [getattr(answer.shear, name) for name in ShearPath._fields]
         grip = (*answer.friction, *answer.alert[1:], answer.alert.level)

@@ -22,9 +22,6 @@ from scipy.special import xlogy
 from estimation.pictures.imprint.painted import Painted, add_squares
 from estimation.pictures.lattice import Reference
 
-COARSE = 8
-"""Spacing of the points at which the displacement is interpolated [px of the scaled picture]."""
-
 
 @dataclass(frozen=True)
 class HoldSettings:
@@ -42,6 +39,9 @@ class HoldSettings:
         bare: share of the dots that count as the barest [-].
         printed: share of the dots that is always compared: the dots with the most texture [-].
         seen: share of a window that must be visible, without dots, in both pictures [-].
+        spacing: distance between the points at which the displacement is interpolated [px of the
+            scaled picture].
+        weak: share of the dots with the weakest correlation, whose best is `Hold.weakest` [-].
     """
 
     window: float = 1.0
@@ -53,6 +53,8 @@ class HoldSettings:
     bare: float = 0.15
     printed: float = 0.15
     seen: float = 0.2
+    spacing: int = 8
+    weak: float = 0.1
 
 
 class Hold(NamedTuple):
@@ -71,7 +73,6 @@ class Hold(NamedTuple):
 
 
 UNKNOWN = Hold(np.nan, np.nan, np.nan)
-WEAKEST = 0.1
 
 
 class Print(NamedTuple):
@@ -128,7 +129,7 @@ class HoldFollower:
         self._frames += 1
         self._recent.append(now)
         (since,) = self._compare(self._earlier[0], now, seen, 0.5)
-        lately, weakest = self._compare(self._recent[0], now, seen, 0.5, WEAKEST)
+        lately, weakest = self._compare(self._recent[0], now, seen, 0.5, self._settings.weak)
         if lately < self._settings.alike:
             shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
             (lately,) = self._compare(shortly, now, seen, 0.5)
@@ -141,9 +142,10 @@ class HoldFollower:
         """
         self._part = painted.part
         height, width = painted.clear.shape
-        self._shape = (-(-height // COARSE) + 2, -(-width // COARSE) + 2)
+        spacing = self._settings.spacing
+        self._shape = (-(-height // spacing) + 2, -(-width // spacing) + 2)
         row, column = np.mgrid[: self._shape[0], : self._shape[1]]
-        points = COARSE * (np.stack([column, row], axis=-1).reshape(-1, 2) - 0.5) - 0.5
+        points = spacing * (np.stack([column, row], axis=-1).reshape(-1, 2) - 0.5) - 0.5
         self._grid = points * self._part
         places = self._places / self._pitch
         self._spread = RBFInterpolator(places, np.eye(len(places)))(self._grid / self._pitch)
@@ -156,7 +158,7 @@ class HoldFollower:
         column, row = last[..., None] - np.abs(
             last[..., None] - np.abs(place[..., None] + np.arange(-half, half + 1))
         )
-        index = (row[:, :, None] + COARSE) * COARSE * self._shape[1] + column[:, None] + COARSE
+        index = (row[:, :, None] + spacing) * spacing * self._shape[1] + column[:, None] + spacing
         self._windows = index.reshape(len(row), -1).astype(int)
 
     def _take_back(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Print:
@@ -169,7 +171,8 @@ class HoldFollower:
             moved[lost] = np.linalg.solve(pull[:, lost], -pull[:, ~lost] @ moved[~lost])
         coarse = (self._grid + self._spread @ moved) / self._part
         coarse = coarse.reshape(*self._shape, 2).astype(np.float32)
-        fine = cv2.resize(coarse, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
+        spacing = self._settings.spacing
+        fine = cv2.resize(coarse, None, fx=spacing, fy=spacing, interpolation=cv2.INTER_LINEAR)
         where = np.take(fine.view(np.complex64), self._windows)
         column, row = where.real.copy(), where.imag.copy()
         together = cv2.merge([*painted.planes, painted.clear])  # faster than plane by plane

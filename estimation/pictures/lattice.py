@@ -11,11 +11,8 @@ from estimation.frames.recording import MarkerLayout
 
 NEAR = 0.4
 """Largest distance of a dot from its expected position [pitches]; half a pitch is ambiguous."""
-MOST_AT_REST = 0.02
-"""Largest root mean square distance of dots at rest from rows bent only by a lens [pitches]."""
-AROUND = 12
-"""Number of nearest dots among which the next dot of a row is searched."""
-STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+LATTICE_STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+"""Steps to the next points of a square lattice: ahead along each axis, then back."""
 
 
 class Lattice(NamedTuple):
@@ -41,24 +38,25 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
     nothing = Lattice(np.zeros(0, dtype=int), np.zeros((0, 2), dtype=int), np.nan)
     if len(centre) < 9:
         return nothing
+    candidates = 12  # nearest dots among which the next dot of a row is searched
     tree = KDTree(centre)
-    distance, near = nearest(tree, centre, min(AROUND + 1, len(centre)))
+    distance, near = nearest(tree, centre, min(candidates + 1, len(centre)))
     pitch = float(np.median(distance[:, 1:4]))
     vectors = centre[near[:, 1:5]] - centre[:, None]
     short = vectors[distance[:, 1:5] < 1.4 * pitch]
     basis = _common_basis(short, pitch)
     if basis is None:
         return nothing
-    spots = centre[:, None] + STEPS @ basis
+    spots = centre[:, None] + LATTICE_STEPS @ basis
     off = nearest(tree, spots.reshape(-1, 2))[0].reshape(len(centre), 4)
     start = int(np.argmin(np.sort(off, axis=1)[:, 3]))
     place, local = centre @ np.array([1.0, 1.0j]), np.zeros((len(centre), 2), dtype=complex)
     front, local[start] = np.array([start]), basis @ np.array([1.0, 1.0j])
     number = {start: (0, 0)}
-    taken, steps = {(0, 0)}, STEPS.tolist()
+    taken, steps = {(0, 0)}, LATTICE_STEPS.tolist()
     while len(front):
         around, row = near[front], np.arange(len(front))[:, None]
-        ahead = place[front, None] + local[front] @ STEPS.T
+        ahead = place[front, None] + local[front] @ LATTICE_STEPS.T
         off = np.abs(place[around][:, None] - ahead[:, :, None])
         closest = off.argmin(axis=2)
         close = off[row, np.arange(4), closest] < NEAR * pitch
@@ -72,7 +70,7 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
                 links.append((i, j, step))
         behind, front, step = np.array(links, dtype=int).reshape(-1, 3).T
         local[front] = local[behind]
-        half = 0.5 * STEPS[step].sum(axis=1) * (place[front] - place[behind])
+        half = 0.5 * LATTICE_STEPS[step].sum(axis=1) * (place[front] - place[behind])
         local[front, step % 2] = 0.5 * local[front, step % 2] + half
     dots = np.array(sorted(number))
     return Lattice(dots, np.array([number[i] for i in dots]), pitch)
@@ -177,9 +175,15 @@ class Irregularity(NamedTuple):
     mean: float
 
     @property
+    def excess(self) -> float:
+        """Root mean square distance beyond the largest one of an unloaded gel [pitches]."""
+        at_rest = 0.02  # largest one, with rows bent only by a lens [pitches]
+        return self.mean - at_rest
+
+    @property
     def rests(self) -> bool:
         """Whether the distances are small enough for an unloaded gel."""
-        return self.largest < 0.065 and self.mean < MOST_AT_REST
+        return self.largest < 0.065 and self.excess < 0.0
 
     @property
     def reach(self) -> float:
@@ -190,7 +194,7 @@ class Irregularity(NamedTuple):
         """
         if self.largest > NEAR:
             return 0.0
-        return max(self.mean - MOST_AT_REST, 0.0) / np.sqrt(1.5)
+        return max(self.excess, 0.0) / np.sqrt(1.5)
 
 
 def find_irregularity(lattice: Lattice, place: Float[np.ndarray, "m 2"]) -> Irregularity:
@@ -314,9 +318,10 @@ def lay_reference(
     Raises:
         ValueError: there are fewer than three dots, or all are on one line.
     """
+    most_around = 12  # nearest dots that may help
     reach = 2.3  # distance up to which dots help to predict the position of another [pitches]
     neighbours = delaunay_neighbours(position, 1.3)
-    count = min(AROUND + 1, len(position))
+    count = min(most_around + 1, len(position))
     distance, around = nearest(KDTree(position), position, count)
     pitch = float(np.median(distance[:, 1:4]))
     around = np.where(distance < reach * pitch, around, -1)[:, 1:]
@@ -340,7 +345,7 @@ def lattice_neighbours(corner: Int[np.ndarray, "rows columns"]) -> Int[np.ndarra
     """
     padded = np.pad(corner, 1, constant_values=-1)
     at = np.argwhere(corner >= 0) + 1
-    around = [padded[tuple((at + step).T)] for step in STEPS[[2, 0, 3, 1]]]
+    around = [padded[tuple((at + step).T)] for step in LATTICE_STEPS[[2, 0, 3, 1]]]
     neighbours = np.full((len(at), 4), -1)
     neighbours[corner[tuple((at - 1).T)]] = np.stack(around, axis=1)
     return neighbours

@@ -9,12 +9,8 @@ from jaxtyping import Bool, Float, Float32, Shaped
 
 from estimation.pictures.still import Still
 
-DARKEST = 127.0
-"""Pixels of a mask up to this grey level (of 255) are not read."""
-SMALLEST = 16
+SMALLEST_SIDE_PX = 16
 """Smallest width and height of a picture [px]."""
-BLEND = 31
-"""Side of the square whose mean replaces a masked pixel [px]."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +31,13 @@ class Part:
     def __post_init__(self) -> None:
         """Check the values."""
         if self.crop is not None and (
-            min(self.crop[:2]) < 0 or min(self.crop[2:], default=0) < SMALLEST
+            min(self.crop[:2]) < 0 or min(self.crop[2:], default=0) < SMALLEST_SIDE_PX
         ):
             raise ValueError(
                 f"the crop is {self._describe_crop()}: it must begin within the picture and be at "
-                f"least {SMALLEST} px wide and high (--crop X Y WIDTH HEIGHT)"
+                f"least {SMALLEST_SIDE_PX} px wide and high (--crop X Y WIDTH HEIGHT)"
             )
-        if self.mask is not None and not (_light(self.mask) > DARKEST).any():
+        if self.mask is not None and not _is_bright(self.mask).any():
             raise ValueError(
                 f"the mask {self.mask.path} is completely black, and black parts are not read: "
                 "make it white where the pad is (--mask)"
@@ -90,7 +86,7 @@ class Part:
     @cached_property
     def seen(self) -> Bool[np.ndarray, "h w"] | None:
         """Which pixels of the part are read; None if all are."""
-        return None if self.mask is None else self._window(_light(self.mask) > DARKEST)
+        return None if self.mask is None else self._window(_is_bright(self.mask))
 
     @cached_property
     def _room(self) -> Float32[np.ndarray, "h w"] | None:
@@ -102,7 +98,7 @@ class Part:
     @cached_property
     def _weight(self) -> Float32[np.ndarray, "h w"]:
         assert self.seen is not None
-        return cv2.blur(self.seen.astype(np.float32), (BLEND, BLEND))
+        return _average(self.seen.astype(np.float32))
 
     def cut(self, image: Shaped[np.ndarray, "h w *colour"]) -> Shaped[np.ndarray, "k l *colour"]:
         """The part of a picture; masked pixels take the mean colour of the pixels around them."""
@@ -113,7 +109,7 @@ class Part:
         if image.ndim == 3:
             seen, weight = seen[..., None], weight[..., None]
         mean = image[self.seen].mean(axis=0)
-        colour = cv2.blur(image.astype(np.float32) * seen, (BLEND, BLEND))
+        colour = _average(image.astype(np.float32) * seen)
         colour = np.where(weight > 1e-3, colour / np.maximum(weight, 1e-3), mean)
         filled = image.copy()
         filled[~self.seen] = np.rint(colour[~self.seen]).astype(image.dtype)
@@ -151,8 +147,16 @@ class Part:
         return image[y : y + height, x : x + width]
 
 
-def _light(mask: Still) -> Float32[np.ndarray, "h w"]:
-    """The grey level of a mask, 0 to 255."""
+def _average(image: Float32[np.ndarray, "h w *colour"]) -> Float32[np.ndarray, "h w *colour"]:
+    """The mean around each pixel, which replaces masked ones."""
+    side = 31  # of the square over which it is taken [px]
+    return cv2.blur(image, (side, side))
+
+
+def _is_bright(mask: Still) -> Bool[np.ndarray, "h w"]:
+    """Which pixels a mask allows to be read."""
+    darkest = 127.0  # grey level of 255 up to which pixels are not read
     image = mask.image.astype(np.float32)
     image = image if image.ndim == 2 else image[..., :3].max(axis=-1)
-    return image * np.float32(1.0 / 257.0 if mask.image.dtype == np.uint16 else 1.0)
+    light = image * np.float32(1.0 / 257.0 if mask.image.dtype == np.uint16 else 1.0)
+    return light > darkest

@@ -31,13 +31,7 @@ from estimation.pictures.stream import (
     take_part,
 )
 
-CONVENTION = (
-    "x to the right and y down in the picture, z away from the camera, out of the elastomer: "
-    "counter-clockwise about z is clockwise on the screen"
-)
-
-
-READERS: dict[str, type[MarkerReader]] = dict(
+MARKER_READERS: dict[str, type[MarkerReader]] = dict(
     zip(MARKER_KINDS, (CornerReader, DotReader, SpeckleReader), strict=True)
 )
 """The reader of each marker type."""
@@ -79,6 +73,11 @@ class PictureSource:
         80 of 80 markers followed, in px
     """
 
+    convention = (
+        "x to the right and y down in the picture, z away from the camera, out of the elastomer: "
+        "counter-clockwise about z is clockwise on the screen"
+    )
+
     def __init__(
         self,
         path: str | Path,
@@ -110,7 +109,7 @@ class PictureSource:
         path, settings = Path(path), ImageSettings() if settings is None else settings
         self.path, self.live = path, feed is not None or is_camera(path)
         self.name = name or name_recordings([path])[0]
-        self.source, self.convention = str(path), CONVENTION
+        self.source = str(path)
         self.warnings = describe_pictures(path, settings.rate)
         reader = None if state is None else state.reader
         self._settings, self._skip = settings, skip
@@ -338,13 +337,13 @@ def make_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
         kind = "dots"  # only dots have a radius and a polarity
     if kind is None:
         return _find_reader(first, settings)
-    return READERS[kind](first, settings)
+    return MARKER_READERS[kind](first, settings)
 
 
 def _find_reader(first: Picture, settings: ImageSettings) -> MarkerReader:
     """The reader for the first marker type that is detected in a picture."""
     refusals = []
-    for kind, reader in READERS.items():
+    for kind, reader in MARKER_READERS.items():
         try:
             made = reader(first, settings)
         except ValueError as error:

@@ -15,18 +15,8 @@ from jaxtyping import Bool, Float, Int, Shaped
 from estimation.fields.contact import reaches_edge
 from estimation.pictures.lattice import Reference
 
-SHARE = 0.35
-"""Dispersion at the region's boundary, as a share of the largest [-]."""
-ONSET = 0.04
-"""Displacement from which contact is detected [pitches]; 0.1 mm is a tenth on most pads."""
-LIGHT_ONSET = 6.0
-"""Change of grey level (of 255) from which contact is detected."""
-MIDDLE = 9
-"""Markers that form a contact's centre; a jump in a pivot may hide markers further out."""
 NOT_SETTLED = "a contact at the edge of the view has not settled"
 """Flaw of a frame whose contact is still entering the view."""
-SETTLED, ALIKE = 8, 0.7
-"""A contact counts as fully in view once it keeps this share of its markers over 8 frames."""
 
 
 def region_of_dispersion(
@@ -48,6 +38,9 @@ def region_of_dispersion(
         whole: dots that the picture's edge does not cut; cut dots jump and do not count. All by
             default.
     """
+    # displacement from which contact is detected [pitches]; 0.1 mm is a tenth on most pads
+    onset = 0.04
+    share = 0.35  # dispersion at the region's boundary, over the largest [-]
     seen = np.isfinite(displacement[:, 0])
     counts = seen if whole is None else seen & whole
     far = np.linalg.norm(np.nan_to_num(displacement), axis=1)
@@ -58,9 +51,9 @@ def region_of_dispersion(
     count = np.maximum(counted.sum(axis=1), 1)
     dispersion = np.sqrt(np.where(counted, squared[with_self], 0.0).sum(axis=1) / count)
     largest = dispersion[counts].max(initial=0.0)
-    if largest < ONSET * reference.pitch:
+    if largest < onset * reference.pitch:
         return np.zeros_like(seen)
-    return seen & _hull(reference.position, seen & (dispersion >= SHARE * largest))
+    return seen & _hull(reference.position, seen & (dispersion >= share * largest))
 
 
 def region_of_light(
@@ -77,14 +70,16 @@ def region_of_light(
         now: the picture of the frame.
         position: dots of the frame [px]; NaN where not visible.
     """
+    onset = 6.0  # change from which contact is detected [grey levels of 255]
+    share = 0.35  # change at the region's boundary, over the largest [-]
     change = np.abs(_smooth(now, reference.pitch) - _smooth(before, reference.pitch))
     change = change.max(axis=-1) if change.ndim == 3 else change
     seen = np.isfinite(position[:, 0])
     pixel = np.clip(np.rint(np.nan_to_num(position)), 0, np.array(change.shape[::-1]) - 1)
     level = np.where(seen, change[pixel[:, 1].astype(int), pixel[:, 0].astype(int)], 0.0)
-    if level.max(initial=0.0) < LIGHT_ONSET:
+    if level.max(initial=0.0) < onset:
         return np.zeros_like(seen)
-    return seen & (level >= max(0.5 * LIGHT_ONSET, SHARE * level.max()))
+    return seen & (level >= max(0.5 * onset, share * level.max()))
 
 
 def region_of_print(
@@ -139,12 +134,13 @@ def find_unseen_flaw(
         contact: the visible markers in contact.
         seen: which markers are visible.
     """
+    central = 9  # markers that form the centre; a jump in a pivot may hide markers further out
     region = np.flatnonzero(_hull(rest, contact))
     if not len(region):
         return ""
     place = rest[region]
     far = np.linalg.norm(place - place.mean(axis=0), axis=1)
-    middle = region[np.argsort(far)[:MIDDLE]]
+    middle = region[np.argsort(far)[:central]]
     if seen[middle].any():
         return ""
     return f"none of the {len(middle)} markers in the contact's centre is visible"
@@ -213,17 +209,19 @@ class Arrival:
 
     def find_flaw(self, contact: Bool[np.ndarray, " m"]) -> str:
         """Why the contact in the next frame cannot be judged yet; empty if it can."""
+        # a contact counts as fully in view once it keeps this share of its markers over 8 frames
+        settled, alike = 8, 0.7
         if not contact.any():
-            self._arriving, self._before = False, deque(maxlen=SETTLED)
+            self._arriving, self._before = False, deque(maxlen=settled)
             return ""
         if self._before is None:
             return ""
-        if len(self._before) < SETTLED:
+        if len(self._before) < settled:
             self._arriving |= reaches_edge(self.reference.neighbours, contact)
         self._before.append(contact)
-        if len(self._before) == SETTLED:
+        if len(self._before) == settled:
             overlap = min((c & contact).sum() / (c | contact).sum() for c in self._before)
-            self._arriving &= bool(overlap < ALIKE)
+            self._arriving &= bool(overlap < alike)
         return NOT_SETTLED if self._arriving else ""
 
 

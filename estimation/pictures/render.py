@@ -1,6 +1,6 @@
 """Virtual images of dots and speckle with known positions.
 
-Every dot is an ellipse with a sharp rim, drawn on a grid `OVERSAMPLING` times finer than the
+Every dot is an ellipse with a sharp rim, drawn on a grid `OVERSAMPLING_FACTOR` times finer than the
 picture, blurred there and averaged over the pixels. The images do not use the model of the fit.
 """
 
@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-OVERSAMPLING = 4
+OVERSAMPLING_FACTOR = 4
+"""Cells of the fine grid along each side of a pixel."""
 
 
 class Camera(NamedTuple):
@@ -49,7 +50,7 @@ class Camera(NamedTuple):
     def fine_shape(self) -> tuple[int, int]:
         """Height and width of the fine grid on which markers are drawn, including its border."""
         height, width = self.height + 2 * self.margin, self.width + 2 * self.margin
-        return OVERSAMPLING * height, OVERSAMPLING * width
+        return OVERSAMPLING_FACTOR * height, OVERSAMPLING_FACTOR * width
 
     def project(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Picture positions [px], x right and y down, of points in the contact plane [mm]."""
@@ -161,7 +162,7 @@ def digitise(
 
 def _print_dots(camera: Camera, centres: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Share of each cell of the fine grid that dots cover."""
-    n, margin = OVERSAMPLING, camera.margin
+    n, margin = OVERSAMPLING_FACTOR, camera.margin
     cover = np.zeros(camera.fine_shape, dtype=np.float32)
     for centre, axis in zip(centres, axes, strict=True):
         _draw(cover, n * (centre + margin) + 0.5 * (n - 1), n * axis)
@@ -170,7 +171,7 @@ def _print_dots(camera: Camera, centres: np.ndarray, axes: np.ndarray) -> np.nda
 
 def _blur(camera: Camera, cover: np.ndarray) -> np.ndarray:
     """Average the cover of the fine grid over the pixels, after the blur."""
-    n, margin = OVERSAMPLING, camera.margin
+    n, margin = OVERSAMPLING_FACTOR, camera.margin
     if camera.blur > 0.0:
         cover = cv2.GaussianBlur(cover, (0, 0), n * camera.blur)
     rows, columns = (size // n for size in camera.fine_shape)

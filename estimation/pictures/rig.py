@@ -22,13 +22,7 @@ from contactmodel.common.settings import check_limits, from_table, read_toml, to
 from estimation.frames.files import write_whole
 
 FORMAT_VERSION = 1
-RENAMED = {"width": "width_px", "height": "height_px"} | {
-    f"{view}.{key}": f"{view}.{key}_{name}"
-    for view in ("left", "right")
-    for key, name in (("centre", "px"), ("rotation", "rad"), ("translation", "mm"))
-}
-"""Keys of version 0.1.0 and their present names."""
-VIEWS = ("left", "right")
+VIEW_NAMES = ("left", "right")
 
 
 @dataclass(frozen=True)
@@ -87,7 +81,7 @@ class Rig:
         width: of each view, half of the picture's [px].
         height: of the pictures [px].
         error: root mean square reprojection error of the calibration per coordinate [px].
-        mirrored: the `VIEWS` that an odd number of mirrors reverses.
+        mirrored: the `VIEW_NAMES` that an odd number of mirrors reverses.
 
     Raises:
         ValueError: `mirrored` names an unknown view.
@@ -123,7 +117,7 @@ class Rig:
     def locate(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 n 2"]:
         """Positions of points [mm] in the whole picture [px], in the left and the right view."""
         seen = np.stack([self.left.project(points), self.right.project(points)])
-        for i, name in enumerate(VIEWS):
+        for i, name in enumerate(VIEW_NAMES):
             if name in self.mirrored:
                 seen[i, :, 0] = self.width - 1 - seen[i, :, 0]
         seen[1, :, 0] += self.width
@@ -134,11 +128,11 @@ def check_mirrored(names: Collection[str]) -> None:
     """Check the names of mirrored views.
 
     Raises:
-        ValueError: a name is not one of `VIEWS`.
+        ValueError: a name is not one of `VIEW_NAMES`.
     """
     for name in names:
-        if name not in VIEWS:
-            raise ValueError(f"mirrored is {name!r}; it must be {' or '.join(VIEWS)}")
+        if name not in VIEW_NAMES:
+            raise ValueError(f"mirrored is {name!r}; it must be {' or '.join(VIEW_NAMES)}")
 
 
 def split_views(
@@ -148,7 +142,9 @@ def split_views(
     half = picture.shape[1] // 2
     left, right = (
         view[:, ::-1] if name in mirrored else view
-        for name, view in zip(VIEWS, (picture[:, :half], picture[:, half : 2 * half]), strict=True)
+        for name, view in zip(
+            VIEW_NAMES, (picture[:, :half], picture[:, half : 2 * half]), strict=True
+        )
     )
     return left, right
 
@@ -233,6 +229,12 @@ def read_rig(path: Path) -> Rig:
         OSError: the file cannot be read.
         ValueError: the file is not a stereo calibration.
     """
-    content = read_toml(path, FORMAT_VERSION, RENAMED)
+    # keys of version 0.1.0 and their present names
+    renamed = {"width": "width_px", "height": "height_px"} | {
+        f"{view}.{key}": f"{view}.{key}_{name}"
+        for view in VIEW_NAMES
+        for key, name in (("centre", "px"), ("rotation", "rad"), ("translation", "mm"))
+    }
+    content = read_toml(path, FORMAT_VERSION, renamed)
     with naming(path, "no stereo calibration"):
         return from_table(content, Rig)

@@ -56,8 +56,6 @@ from estimation.frames.recording import LARGEST_VALUE
 from estimation.pictures.kinds import MARKER_KINDS
 from estimation.pictures.part import Part
 
-CONVERGED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
-
 
 @dataclass(frozen=True)
 class Lens:
@@ -102,6 +100,8 @@ class Lens:
         Raises:
             ValueError: the lens model maps a point to infinity.
         """
+        # steps, and change of a position [px], at which the iteration ends
+        converged = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-12)
         undistorted = np.full(points.shape, np.nan)
         finite = np.isfinite(points).all(axis=1)
         if finite.any():
@@ -112,7 +112,7 @@ class Lens:
                 None,
                 None,
                 self.matrix,
-                CONVERGED,
+                converged,
             )[:, 0]
             if not (np.abs(undistorted[finite]) < LARGEST_VALUE).all():
                 raise ValueError(

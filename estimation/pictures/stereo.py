@@ -5,7 +5,7 @@ from jaxtyping import Float, Int, Shaped
 
 from estimation.fields.contact import CONTACT_SHARE
 from estimation.frames.recording import ONSET_MM
-from estimation.pictures.corners.placing import SMALLEST
+from estimation.pictures.corners.placing import SMALLEST_PIECE
 from estimation.pictures.corners.reader import lay_out
 from estimation.pictures.corners.tracking import CornerTracker, Seen
 from estimation.pictures.reader import ImageSettings, MarkerReader, Row
@@ -13,7 +13,7 @@ from estimation.pictures.region import find_tear_flaw, find_unseen_flaw
 from estimation.pictures.rig import Rig, triangulate
 from estimation.pictures.stream import Picture, find_exposure_flaw
 
-TOO_MANY = 0.3
+MOST_MISFITTING_SHARE = 0.3
 """Share of misfitting markers from which the whole frame is rejected."""
 
 
@@ -54,7 +54,7 @@ class StereoReader(MarkerReader):
         rest = triangulate(self.rig, left.rest.position, right.rest.position)
         fitting = rest.misfit < self.limit
         seen = np.isfinite(rest.misfit).sum()
-        if fitting.sum() < max((1.0 - TOO_MANY) * seen, SMALLEST):
+        if fitting.sum() < max((1.0 - MOST_MISFITTING_SHARE) * seen, SMALLEST_PIECE):
             swapped = _median_misfit(self.rig, right.rest.position, left.rest.position)
             cause = "the views are swapped" if swapped < self.limit else advice
             raise ValueError(
@@ -85,7 +85,7 @@ class StereoReader(MarkerReader):
         located = triangulate(self.rig, left.position, right.position)
         bad = located.misfit > self.limit
         count = np.isfinite(located.misfit).sum()
-        if bad.sum() > TOO_MANY * count or count < SMALLEST:
+        if bad.sum() > MOST_MISFITTING_SHARE * count or count < SMALLEST_PIECE:
             flaw = (
                 f"{bad.sum()} of {count} corners seen in both views do not fit the calibration: "
                 "is it another camera's?"

@@ -5,8 +5,8 @@ do not number the pictures, they are counted from 0, like the frames of a video.
 
 Time stamps come from a table (`times.csv` in the folder, `CLIP.csv` beside `CLIP.avi`; columns
 `frame` and `time_s`), else from the video's container or the camera's clock. In a folder without a
-table, the time is the frame number over the rate (`RATE` by default), so that missing frames leave
-a gap.
+table, the time is the frame number over the rate (`DEFAULT_RATE` by default), so that missing
+frames leave a gap.
 """
 
 import time
@@ -25,13 +25,13 @@ from estimation.frames.bags.topics import find_topic, holds_pictures, read_topic
 from estimation.frames.columns.episodes import Clip, find_clip
 from estimation.frames.extras import require_extra
 from estimation.frames.names import Numbering, counted, natural_key, number_pictures
-from estimation.pictures.part import SMALLEST, Part
+from estimation.pictures.part import SMALLEST_SIDE_PX, Part
 from estimation.pictures.still import MOST_PIXELS, check_size, load_picture, unpack_picture
 
 if TYPE_CHECKING:
     from av.container import InputContainer
 
-RATE = 30.0
+DEFAULT_RATE = 30.0
 """Assumed rate of a folder's pictures if neither a table nor a rate is given [1/s]."""
 
 
@@ -120,7 +120,7 @@ def describe_pictures(path: Path, rate: float | None = None) -> tuple[str, ...]:
             )
         if rate is None and not stamps:
             warnings.append(
-                f"No rate is known: {RATE:g} pictures per second are assumed. All times, "
+                f"No rate is known: {DEFAULT_RATE:g} pictures per second are assumed. All times, "
                 "time_s included, rest on this assumption. Give the true rate "
                 f"(`run --fps`), or the times in {table.name} (columns frame, time_s)."
             )
@@ -160,7 +160,7 @@ def read_pictures(path: Path, rate: float | None = None, part: Part = Part()) ->
     elif clip := find_clip(path):
         source = _read_clip(clip)
     elif path.is_dir():
-        source = _read_folder(path, RATE if rate is None else rate)
+        source = _read_folder(path, DEFAULT_RATE if rate is None else rate)
     else:
         source = _read_video(path)
     size = None
@@ -190,7 +190,7 @@ def fit_picture(picture: Picture, part: Part, size: tuple[int, int] | None) -> P
             "values from 0 to 1"
         )
     width, height = picture.size
-    if min(width, height) < SMALLEST:
+    if min(width, height) < SMALLEST_SIDE_PX:
         return picture._replace(flaw=f"the picture is {width}×{height}, too small to show markers")
     if size is None:
         part.expect(width, height)
@@ -285,7 +285,7 @@ def _read_video(path: Path, start: float = 0.0) -> Iterator[Picture]:
         stream = container.streams.video[0]
         stream.codec_context.thread_count = 1
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}  # limit for later frames
-        rate = float(stream.average_rate or RATE)
+        rate = float(stream.average_rate or DEFAULT_RATE)
 
         def stamp_of(number: int, own: float | None = None) -> float:
             if stamps:

@@ -74,7 +74,7 @@ class SlipSettings:
 
 
 class Disc(NamedTuple):
-    """The stick region, from the markers' motion over a window.
+    """The stick region, from the markers' motion over a window; NaN for a frame without one.
 
     Attributes:
         time: middle of the window [s].
@@ -84,14 +84,10 @@ class Disc(NamedTuple):
         misfit: share of the markers' motion, beyond their noise, that is not the disc's [-].
     """
 
-    time: float
-    margin: float
-    error: float
-    misfit: float = 0.0
-
-
-NO_DISC = Disc(np.nan, np.nan, np.nan, np.nan)
-"""The disc of frames without one."""
+    time: float = np.nan
+    margin: float = np.nan
+    error: float = np.nan
+    misfit: float = np.nan
 
 
 class DiscFit(NamedTuple):

@@ -20,9 +20,6 @@ from estimation.estimators.measurement import Z95
 from estimation.slip.branch import Branch
 from estimation.softness.contact import disc_radius
 
-HERTZ_ARM = 3.0 * np.pi / 16.0
-"""Arm of the friction of a turning contact over its radius: M₀/(μPa) [-]."""
-
 
 @dataclass(frozen=True)
 class FrictionSettings:
@@ -120,7 +117,8 @@ class FrictionWatch:
         if not (np.isfinite([*force, moment]).all() and pressed > self._settings.least_force):
             return
         x, y = contact.mean(axis=0)
-        self._arm = pressed * HERTZ_ARM * disc_radius(contact)
+        hertz_arm = 3.0 * np.pi / 16.0  # arm of friction over the contact's radius: M₀/(μPa) [-]
+        self._arm = pressed * hertz_arm * disc_radius(contact)
         about = moment - (x * force[1] - y * force[0])
         shear, twist = np.hypot(force[0], force[1]) / pressed, about / self._arm
         self._recent.append(float(np.hypot(shear, twist)))

@@ -29,9 +29,6 @@ from estimation.frames.recording import Recording
 from estimation.slip.disc import SlipSettings
 from estimation.slip.onset import MacroSlip, SightPath, SlipWatch, date_slips
 
-FOLLOWING = ("tracked", "incremental")
-"""Methods that follow the object; their angles are withdrawn where they may have lost it."""
-
 
 def find_slips(
     recording: Recording,

@@ -16,7 +16,7 @@ from estimation.slip.branch import (
     margin_after,
 )
 
-THIRD_MARKER = (0.91, 0.092)
+THIRD_MARKER_DISTANCE = (0.91, 0.092)
 """Distance from a point to the third-nearest marker of a square grid, in pitches.
 
 Mean and standard deviation over all points."""
@@ -205,7 +205,7 @@ def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.nda
 def end_stick_ratio(contact_markers: int) -> float:
     """c/a at which three of the contact's markers stick, at least that of Lubkin's table [-]."""
     radius = np.sqrt(max(contact_markers, MIN_STICK_MARKERS) / np.pi)  # in pitches
-    return float(np.clip(THIRD_MARKER[0] / radius, LEAST_STICK_RATIO, 0.99))
+    return float(np.clip(THIRD_MARKER_DISTANCE[0] / radius, LEAST_STICK_RATIO, 0.99))
 
 
 def margin_at(
@@ -231,7 +231,7 @@ def margin_at(
         axis=1,
     )
     variance = np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0)
-    spread = THIRD_MARKER[1] / THIRD_MARKER[0]
+    spread = THIRD_MARKER_DISTANCE[1] / THIRD_MARKER_DISTANCE[0]
     variance += (margin_after(best, travel, end * (1.0 - spread)) - middle) ** 2
     half = Z95 * np.sqrt(variance)
     # the moment's interval includes the rms difference of measured and fitted moments

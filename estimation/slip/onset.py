@@ -22,7 +22,6 @@ from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
 from estimation.slip.disc import (
-    NO_DISC,
     Disc,
     SlipSettings,
     describe_disc,
@@ -80,7 +79,7 @@ class SightPath(NamedTuple):
     @classmethod
     def of(cls, *frames: Sight) -> "SightPath":
         """Gather the sight of each frame."""
-        discs = np.array([sight.disc or NO_DISC for sight in frames], dtype=float)
+        discs = np.array([sight.disc or Disc() for sight in frames], dtype=float)
         rests = np.array([sight.rests for sight in frames], dtype=bool)
         return cls(*discs.reshape(-1, len(Disc._fields)).T, rests=rests)
 

@@ -15,27 +15,15 @@ from jaxtyping import Bool, Float
 from estimation.fields.stencils import marker_pitch
 from estimation.frames.recording import MarkerLayout
 
-TILTED = 0.08
-"""Share of the gel's shear by which a print is ahead of the gel that holds it [-].
-
-A sheared contact grows at its front. In 19 held published lifts the share was 0.18 at most."""
-
-MARKER_ERROR = 0.003
-"""Standard error of a marker's path along x and along y [pitches]: 5 µm for dots 1.9 mm apart."""
-
-
-OVER = 16
+RECENT_FRAMES = 16
 """Frames over which recent slip is measured."""
-
-AHEAD = 0.2
-"""Largest share of the gel's shear by which a print is ahead of the gel that holds it [-]."""
 
 
 class Recent(NamedTuple):
     """Slip of the object over each marker in the last frames, beyond what shear alone may cause.
 
     Attributes:
-        lately: slip within `OVER` frames [pitches]; NaN where unknown.
+        lately: slip within `RECENT_FRAMES` frames [pitches]; NaN where unknown.
         just: slip within a quarter of these frames [pitches]; NaN where unknown.
     """
 
@@ -83,7 +71,7 @@ class SlideWatch:
         self._before: Float[np.ndarray, "n 2"] | None = None
         self._since = float("nan")
         # paths of the markers and of the object at each of them, in the last frames
-        self._paths: deque[tuple[np.ndarray, np.ndarray] | None] = deque(maxlen=OVER + 1)
+        self._paths: deque[tuple[np.ndarray, np.ndarray] | None] = deque(maxlen=RECENT_FRAMES + 1)
 
     def update(
         self,
@@ -103,6 +91,11 @@ class SlideWatch:
             time: time stamp [s].
         """
         self._paths.append(None)
+        # share of the gel's shear by which a print is ahead of the gel that holds it [-]: a sheared
+        # contact grows at its front. In 19 held published lifts the share was 0.18 at most
+        tilted = 0.08
+        # standard error of a marker's path along x and y [pitches]: 5 µm for dots 1.9 mm apart
+        marker_error = 0.003
         if not contact.any():
             self._before = None
             return Slide()
@@ -125,23 +118,27 @@ class SlideWatch:
         if not visible.any():
             return Slide()
         across = turn_error * arms[visible][:, ::-1] * [-1.0, 1.0]
-        sheared = TILTED * np.linalg.norm((positions - self._before)[visible], axis=1)
+        sheared = tilted * np.linalg.norm((positions - self._before)[visible], axis=1)
         spread = np.array([[xx, xy], [xy, yy]]) + across[:, :, None] * across[:, None]
-        read = MARKER_ERROR * self._pitch
+        read = marker_error * self._pitch
         spread += (read**2 + sheared[:, None, None] ** 2) * np.eye(2)
         slide = self._judge(slips[visible], spread)
         if 2.0 * np.sqrt(np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1]) > 0.25 * self._pitch:
             return slide  # a print that is uniform along a line would seem to stay behind the gel
-        recent = Recent(self._measure(OVER, contact), self._measure(OVER // 4, contact))
+        recent = Recent(
+            self._measure(RECENT_FRAMES, contact), self._measure(RECENT_FRAMES // 4, contact)
+        )
         return slide._replace(recent=recent)
 
     def _measure(self, frames: int, contact: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Slip over each marker of the contact within some frames, as in `Recent`."""
+        # largest share of the gel's shear by which a print is ahead of the gel that holds it [-]
+        most_ahead = 0.2
         then, now = self._paths[max(len(self._paths) - 1 - frames, 0)], self._paths[-1]
         if then is None or now is None:
             return np.full(len(contact), np.nan)
         gel, slip = (np.linalg.norm(b - a, axis=1) for a, b in zip(then, now, strict=True))
-        return np.where(contact, np.maximum(slip - AHEAD * gel, 0.0) / self._pitch, np.nan)
+        return np.where(contact, np.maximum(slip - most_ahead * gel, 0.0) / self._pitch, np.nan)
 
     def _judge(self, slips: Float[np.ndarray, "m 2"], spread: Float[np.ndarray, "m 2 2"]) -> Slide:
         """The slip of the object, from the slip over each marker [mm] and its covariance [mm²]."""

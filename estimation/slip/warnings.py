@@ -26,9 +26,6 @@ from estimation.fields.stencils import Stencils, make_stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import Recording
 
-STICK_SHARE = 0.8
-LEAST_MOTION_MM = 0.05
-
 
 class SlipWarning(NamedTuple):
     """A slip warning over a recording.
@@ -81,7 +78,7 @@ def warn_by_turning_ratio(recording: Recording, *, bound: float = 0.5) -> SlipWa
     return _warn(recording, _turning_ratio, lambda signal: signal < bound)
 
 
-WARNINGS: dict[str, Callable[[Recording], SlipWarning]] = {
+SLIP_WARNINGS: dict[str, Callable[[Recording], SlipWarning]] = {
     "entropy": warn_by_entropy,
     "stick_ratio": warn_by_stick_ratio,
     "turning_ratio": warn_by_turning_ratio,
@@ -109,18 +106,20 @@ def _warn(
     return SlipWarning(signal, warned, first)
 
 
-def _tangential(stencils: Stencils, fields: Fields) -> Float[np.ndarray, " m"]:
-    """Size of the contact's displacements along the surface [mm]."""
+def _tangential(stencils: Stencils, fields: Fields) -> Float[np.ndarray, " m"] | None:
+    """Size of the contact's displacements along the surface [mm]; None if all are small."""
+    least_motion = 0.05  # largest displacement below which there is no warning [mm]
     normals = stencils.normals[fields.contact]
     along = fields.displacement[fields.contact]
     along = along - np.sum(along * normals, axis=1, keepdims=True) * normals
-    return np.linalg.norm(along, axis=1)
+    moved = np.linalg.norm(along, axis=1)
+    return None if moved.max() < least_motion else moved
 
 
 def _entropy(stencils: Stencils, fields: Fields) -> float:
     entropy_bins = 10
     moved = _tangential(stencils, fields)
-    if moved.max() < LEAST_MOTION_MM:
+    if moved is None:
         return np.nan
     share = np.histogram(moved, entropy_bins, (0.0, moved.max()))[0] / len(moved)
     return float(-np.sum(share * np.log(np.maximum(share, 1e-30))) / np.log(entropy_bins))
@@ -128,9 +127,9 @@ def _entropy(stencils: Stencils, fields: Fields) -> float:
 
 def _stick_ratio(stencils: Stencils, fields: Fields) -> float:
     moved = _tangential(stencils, fields)
-    if moved.max() < LEAST_MOTION_MM:
+    if moved is None:
         return np.nan
-    return float(np.mean(moved >= STICK_SHARE * moved.max()))
+    return _near_largest(moved, moved.max())
 
 
 def _turning_ratio(stencils: Stencils, fields: Fields) -> float:
@@ -139,4 +138,10 @@ def _turning_ratio(stencils: Stencils, fields: Fields) -> float:
     largest = np.percentile(turned, 90)
     if largest < np.radians(least_rotation_deg):
         return np.nan
-    return float(np.mean(turned >= STICK_SHARE * largest))
+    return _near_largest(turned, largest)
+
+
+def _near_largest(values: Float[np.ndarray, " m"], largest: float) -> float:
+    """Share of the markers whose value is near the largest: these count as sticking [-]."""
+    near = 0.8  # of the largest value, from which on a marker sticks [-]
+    return float(np.mean(values >= near * largest))

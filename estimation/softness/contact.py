@@ -11,7 +11,7 @@ from contactmodel.common.settings import key_of, unit
 from estimation.fields.measure import Fields
 
 Range = tuple[float, float]
-RATIO = unit(least=0.0, required="give k, 0 for a rigid object")
+RATIO_METADATA = unit(least=0.0, required="give k, 0 for a rigid object")
 """Of the field k, which every file must have."""
 
 

@@ -58,13 +58,11 @@ class Softness(Protocol):
         ...
 
 
-KINDS: dict[str, type[ScalarSoftness | LayeredSoftness]] = {
+SOFTNESS_KINDS: dict[str, type[ScalarSoftness | LayeredSoftness]] = {
     "scalar": ScalarSoftness,
     "layered": LayeredSoftness,
 }
 """Softnesses by their `kind` in a file."""
-RENAMED = {"validity.normal_force_N": "validity.normal_force_n"}
-"""Keys of version 0.1.0, and what they are called now."""
 
 
 def expect_scale(softness: Softness, unit: str, name: str) -> None:
@@ -122,9 +120,13 @@ def read_softness(path: Path) -> Softness:
         >>> print(f"k = {softness.stiffness_ratio}, {softness.thickness} mm thick")
         k = 0.5, 4.0 mm thick
     """
-    content = read_toml(path, FORMAT_VERSION, RENAMED)
+    # keys of version 0.1.0 and their present names
+    renamed = {"validity.normal_force_N": "validity.normal_force_n"}
+    content = read_toml(path, FORMAT_VERSION, renamed)
     with naming(path):
         kind = content.pop("kind", "scalar")
-        if not isinstance(kind, str) or kind not in KINDS:
-            raise ValueError(f"unknown kind of softness {kind!r}; choose from {', '.join(KINDS)}")
-        return from_table(content, KINDS[kind])
+        if not isinstance(kind, str) or kind not in SOFTNESS_KINDS:
+            raise ValueError(
+                f"unknown kind of softness {kind!r}; choose from {', '.join(SOFTNESS_KINDS)}"
+            )
+        return from_table(content, SOFTNESS_KINDS[kind])

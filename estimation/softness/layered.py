@@ -32,7 +32,7 @@ from jaxtyping import Float
 
 from contactmodel.common.settings import check_limits, to_table, unit
 from estimation.softness.contact import (
-    RATIO,
+    RATIO_METADATA,
     Contact,
     Lifting,
     Validity,
@@ -74,7 +74,7 @@ class LayeredSoftness:
         4.0 mm: 10.2°
     """
 
-    stiffness_ratio: float = field(metadata=RATIO)
+    stiffness_ratio: float = field(metadata=RATIO_METADATA)
     thickness: float = field(metadata=unit("mm", above=0.0, most=np.inf))
     depth: float = field(default=0.0, metadata=unit("mm", least=0.0))
     covariance: Matrix = ((0.0, 0.0, 0.0),) * 3

@@ -12,10 +12,10 @@ from contactmodel.elasticity.transfer import ball_gain, layer_gain
 from estimation.frames.recording import MarkerLayout
 from estimation.softness.contact import Lifting
 
-_REACH = 40.0  # pitches
-_STEPS = 1200
-_RESOLUTION = 0.5  # standard deviation, in pitches, of what markers resolve
-_WAVE_RANGE, _NODES = 6.5, 600  # up to e^{-21} of the resolution
+_TABLE_REACH = 40.0
+"""Distance to which kernels are tabulated [pitches]."""
+_MARKER_RESOLUTION = 0.5
+"""Standard deviation of what markers resolve [pitches]."""
 
 
 class Kernels(NamedTuple):
@@ -164,7 +164,7 @@ class _Kernel:
         q, weights, zeroth, second = _quadrature()
         gain = layer_gain(q * h, q * z)
         waves = {
-            "below": gain.below * np.exp(-0.5 * (q * _RESOLUTION) ** 2),
+            "below": gain.below * np.exp(-0.5 * (q * _MARKER_RESOLUTION) ** 2),
             "thin": (1.0 + gain.below)
             * ((1.0 + gain.transverse) * (1.0 + ball_gain(q * object_radius)) - 1.0),
             "along": (1.0 + gain.below) * gain.longitudinal,
@@ -185,10 +185,12 @@ class _Kernel:
 @lru_cache(maxsize=1)
 def _quadrature() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Wave numbers and weights, and J0 and J2 by distance and wave number; the same for all."""
-    nodes, weights = scipy.special.roots_legendre(_NODES)
-    half = 0.5 * _WAVE_RANGE / _RESOLUTION
+    wave_range, node_count = 6.5, 600  # up to e^{-21} of the resolution
+    steps = 1200  # of the table
+    nodes, weights = scipy.special.roots_legendre(node_count)
+    half = 0.5 * wave_range / _MARKER_RESOLUTION
     q = half * (nodes + 1.0)
-    phase = np.outer(np.linspace(0.0, _REACH, _STEPS + 1), q)
+    phase = np.outer(np.linspace(0.0, _TABLE_REACH, steps + 1), q)
     zeroth = scipy.special.j0(phase)
     second = 2.0 * scipy.special.j1(phase) / np.maximum(phase, 1e-9) - zeroth
     return q, half * weights, zeroth, second
@@ -198,7 +200,8 @@ def _interpolate(
     table: Float[np.ndarray, " steps"], distance: Float[np.ndarray, "..."]
 ) -> Float[np.ndarray, "..."]:
     """Values of a table at distances in pitches; its end beyond."""
-    place = np.minimum(distance * (_STEPS / _REACH), _STEPS - 1.0)
-    whole = np.minimum(place.astype(int), _STEPS - 1)
+    steps = len(table) - 1
+    place = np.minimum(distance * (steps / _TABLE_REACH), steps - 1.0)
+    whole = np.minimum(place.astype(int), steps - 1)
     rest = place - whole
     return table[whole] * (1.0 - rest) + table[whole + 1] * rest

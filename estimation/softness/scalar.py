@@ -17,7 +17,7 @@ from jaxtyping import Float
 from contactmodel.common.settings import check_limits, to_table, unit
 from contactmodel.equations import object_rotation
 from estimation.estimators.measurement import Z95, Measurement
-from estimation.softness.contact import RATIO, Contact, Validity, check_covariance
+from estimation.softness.contact import RATIO_METADATA, Contact, Validity, check_covariance
 
 Covariance = tuple[tuple[float, float], tuple[float, float]]
 
@@ -50,7 +50,7 @@ class ScalarSoftness:
         k = 0.5: 10.0°
     """
 
-    stiffness_ratio: float = field(default=0.0, metadata=RATIO)
+    stiffness_ratio: float = field(default=0.0, metadata=RATIO_METADATA)
     load_term: float = field(default=0.0, metadata=unit("rad"))
     covariance: Covariance = ((0.0, 0.0), (0.0, 0.0))
     load_by_force: bool = False

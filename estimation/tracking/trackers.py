@@ -13,9 +13,7 @@ from estimation.estimators import (
     share_fits,
 )
 from estimation.estimators.result import (
-    STICKS_UNTOLD,
     TOO_FEW_STICK,
-    UNTOLD_TURN,
     Estimate,
     State,
 )
@@ -202,12 +200,15 @@ class Trackers:
         if self.shear.slides:
             return State.MACRO_SLIP, why
         if self.shear.sticks:
-            return State.STICK, why and STICKS_UNTOLD
+            return State.STICK, why and (
+                "the contact sticks, but the object's rotation so far is unknown"
+            )
+        untold = "no slip is seen, but too few markers move as one body to give an angle"
         if self.shear.strays:
-            return State.INCIPIENT, why and UNTOLD_TURN
+            return State.INCIPIENT, why and untold
         if why or not gel.stick.any():
             if self.shear.holds or self.load.holds:
-                return State.INCIPIENT, why and UNTOLD_TURN
+                return State.INCIPIENT, why and untold
             return State.MACRO_SLIP, why
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
             return State.STICK, ""

@@ -38,7 +38,7 @@ class Scene:
             at the point of first contact.
         path: poses of the object, one for each frame. The object touches where the approach is
             above 0; rotation and shift count from the last frame before first contact.
-        relief: the object's print, one of `RELIEFS`.
+        relief: the object's print, texture, edges, stripes or smooth.
         slope: root mean square of the relief's slope where it is steep [-].
         centre: point of first contact, from the middle of the view [mm].
         first: number of poses before the clip; the clip starts loaded if the object touches then.

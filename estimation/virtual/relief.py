@@ -8,9 +8,6 @@ from jaxtyping import Float, Float32
 
 from estimation.pictures.render import Camera
 
-RELIEFS = ("texture", "edges", "stripes", "smooth")
-"""Kinds of relief: random roughness, straight ridges, parallel repeated ridges, and none."""
-
 
 class Relief(NamedTuple):
     """Small heights of the object's face, in addition to its shape.
@@ -49,7 +46,8 @@ def make_relief(
     """Draw a random relief.
 
     Args:
-        kind: one of `RELIEFS`.
+        kind: texture (random roughness), edges (straight ridges), stripes (parallel repeated
+            ridges) or smooth.
         slope: root mean square of the slope where the relief is steep [-].
         size: side of the square that the relief covers [mm].
         step: side of a cell [mm].
@@ -59,14 +57,15 @@ def make_relief(
         ValueError: there is no such kind.
     """
     coarse_step = 0.1  # step in which reliefs are drawn before they are refined [mm]
-    if kind not in RELIEFS:
-        raise ValueError(f"unknown relief {kind!r}; choose from {', '.join(RELIEFS)}")
+    makers = {"texture": _roughen, "edges": _add_edges, "stripes": _repeat}
+    kinds = (*makers, "smooth")
+    if kind not in kinds:
+        raise ValueError(f"unknown relief {kind!r}; choose from {', '.join(kinds)}")
     count = round(size / step)
     place = coarse_step * (np.arange(round(size / coarse_step)) + 0.5) - 0.5 * size
     if kind == "smooth":
         return Relief(np.zeros((count, count), np.float32), step)
-    make = {"texture": _roughen, "edges": _add_edges, "stripes": _repeat}[kind]
-    drawn = make(place, rng).astype(np.float32)
+    drawn = makers[kind](place, rng).astype(np.float32)
     height = cv2.resize(drawn, (count, count), interpolation=cv2.INTER_CUBIC)
     across, along = np.gradient(height, step)
     steepness = np.hypot(across, along)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.slip.warnings import WARNINGS
+from estimation.slip.warnings import SLIP_WARNINGS
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.leaderboard import settings
 
@@ -23,7 +23,7 @@ def tabulate_warnings(draws: int) -> list[dict[str, object]]:
             simulate_pivot(PivotModel(friction_ratio=ratio), seed=draw, **settings.TWIST)
             for draw in range(draws)
         ]
-        for name, warn in WARNINGS.items():
+        for name, warn in SLIP_WARNINGS.items():
             false, firm_frames, leads, missed = 0, 0, [], 0
             for recording, truth in pivots:
                 warned = warn(recording).warned

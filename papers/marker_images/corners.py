@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 from scipy.special import erf
 
-from estimation.pictures.corners.fit import ROUND, CornerStyle, fit_corners
+from estimation.pictures.corners.fit import CornerStyle, fit_corners, reach_of_window
 from estimation.pictures.corners.pattern import (
     CornerTruth,
     Pattern,
@@ -148,7 +148,7 @@ def limits(noise: float) -> tuple[tuple[float, float], tuple[float, float]]:
     """Bounds of position [px] and angle [rad]: of the square window, and of the fit's own."""
     half = int(CornerStyle(settings.PITCH).radius)
     y, x = np.mgrid[-half : half + 1, -half : half + 1]
-    own = np.hypot(x, y) <= ROUND * CornerStyle(settings.PITCH).radius
+    own = np.hypot(x, y) <= reach_of_window(CornerStyle(settings.PITCH).radius)
     exact_blur, exact_noise = np.sqrt(settings.BLUR**2 + 1.0 / 12.0), np.sqrt(noise**2 + 1.0 / 12.0)
     return (
         corner_limit(noise, np.ones_like(own), settings.BLUR, settings.CONTRAST, sloping=False),

@@ -23,7 +23,7 @@ from estimation.frames import datasets
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Recording
 from estimation.slip.shear import Outcome, Shear, ShearSettings, conclude, find_slip_probability
-from estimation.slip.warnings import WARNINGS
+from estimation.slip.warnings import SLIP_WARNINGS
 from estimation.sources import read_recording
 from estimation.tracking.trackers import Trackers
 from papers.items import Track
@@ -188,7 +188,7 @@ def answer(root: Path, label: Label) -> Lift:
     moved = (recording.positions - recording.positions[0])[..., :2]
     scores = {RULE: apply_rule(moved, settings.RuleSettings())}
     scores[UNPRINTED] = _share_of_macro_slip(alone)
-    for name, warn in WARNINGS.items():
+    for name, warn in SLIP_WARNINGS.items():
         scores[f"warning: {name.replace('_', ' ')}"] = float(warn(recording).warned.mean())
     frames = tuple(map(int, recording.source_index))
     outcome = conclude(np.array([shear.slip_probability for shear in shears]), track)

@@ -11,7 +11,7 @@ from estimation.estimators.result import Track
 from estimation.frames.noise import Noise
 from estimation.output.comparison_plots import plot_grasp, plot_overview
 from estimation.output.plots import plot_angles, plot_maps
-from estimation.pictures.reading import CONVENTION
+from estimation.pictures.reading import PictureSource
 from estimation.tracking.tracker import estimate_angles
 from tests.cases import lift
 
@@ -24,7 +24,7 @@ def answered():
 
 def test_maps_of_pictures_lie_as_the_pictures_do(answered):
     recording, result = answered
-    taken = replace(recording, convention=CONVENTION)
+    taken = replace(recording, convention=PictureSource.convention)
     for one, down in ((recording, False), (taken, True)):
         figure = plot_maps(one, result, [1, 3])
         shown = [axis.get_ylim() for axis in figure.axes[:6]]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from estimation.choices import ContactSettings
 from estimation.estimators import METHODS
-from estimation.estimators.result import STICKS_UNTOLD, State
+from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame
@@ -70,7 +70,7 @@ def test_reason_where_the_print_sticks_but_the_angle_is_unknown():
         )
     assert last.state == State.STICK
     assert np.isnan(last.angle)
-    assert last.reason == STICKS_UNTOLD
+    assert last.reason == "the contact sticks, but the object's rotation so far is unknown"
 
 
 def test_noise_is_estimated_unless_given():

@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 
 from estimation.pictures.corners.fit import Corners
 from estimation.pictures.corners.rings import Rings
-from estimation.pictures.lattice import STEPS
+from estimation.pictures.lattice import LATTICE_STEPS
 
 
 class Board(NamedTuple):
@@ -50,7 +50,7 @@ def connect_corners(corners: Corners | Rings, pitch: float) -> Board:
         return Board(np.zeros(0, dtype=int), np.zeros((0, 2), dtype=int), np.zeros(0, dtype=int))
     neighbours, slots = link.tolist(), back.tolist()
     label, place, turned = [-1] * count, [(0, 0)] * count, [0] * count
-    steps = [(int(a), int(b)) for a, b in STEPS]
+    steps = [(int(a), int(b)) for a, b in LATTICE_STEPS]
     pieces = 0
     for start in np.argsort(-(link >= 0).sum(axis=1), kind="stable").tolist():
         if label[start] >= 0:
@@ -146,7 +146,7 @@ def _contradicted(
     """Corners at both ends of links that contradict their coordinates."""
     i, slot = np.nonzero(link >= 0)
     j, way = link[i, slot], (slot - turn[i]) % 4
-    wrong = (index[j] != index[i] + STEPS[way]).any(axis=1)
+    wrong = (index[j] != index[i] + LATTICE_STEPS[way]).any(axis=1)
     wrong |= turn[j] != (back[i, slot] - way - 2) % 4
     return np.unique(np.concatenate([i[wrong], j[wrong]]))
 

@@ -13,14 +13,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int, Shaped
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from estimation.pictures.corners.rings import Rings, find_saddles, half_edges, read_rings
-
-ROUND = 1.2
-"""The window is a square without pixels farther from the corner than this [half sides]."""
-EXPLAINED = 0.8
-"""Share of the variance around a corner that its fit must explain [-]."""
 
 
 class CornerStyle(NamedTuple):
@@ -68,6 +63,12 @@ class Corners(NamedTuple):
         """Directions of the four half edges, rising and falling in turn, ascending [rad]."""
         return half_edges(self.angles)
 
+    @property
+    def is_explained(self) -> Bool[np.ndarray, " n"]:
+        """Whether the fit explains enough of the variance around each corner."""
+        least = 0.8  # share that must be explained [-]
+        return self.explained > least
+
     def take(self, which: Shaped[np.ndarray, " m"]) -> "Corners":
         """Select corners by index or mask."""
         return Corners(*(value[which] for value in self))
@@ -85,7 +86,7 @@ def find_corners(grey: Float[np.ndarray, "h w"], style: CornerStyle) -> Corners:
     odd = 15.0
     rings = find_rings(grey, style)
     corners = fit_corners(grey, rings, style)
-    good = (corners.explained > EXPLAINED) & (corners.contrast > 0.0)
+    good = corners.is_explained & (corners.contrast > 0.0)
     good &= np.linalg.norm(corners.position - rings.position, axis=1) < 0.2 * style.radius
     good &= np.isfinite(corners.covariance).all(axis=(1, 2))
     if good.any():
@@ -151,6 +152,15 @@ def fit_corners(
     )
 
 
+def reach_of_window(radius: float) -> float:
+    """Distance from the corner up to which a window, a square without its corners, extends [px].
+
+    Args:
+        radius: half its side [px].
+    """
+    return 1.2 * radius
+
+
 class _Window(NamedTuple):
     """The pixels around a corner that are fitted.
 
@@ -168,7 +178,7 @@ class _Window(NamedTuple):
     def of_radius(cls, radius: float) -> "_Window":
         half = int(radius)
         dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).astype(np.float32)
-        inside = dx**2 + dy**2 <= (ROUND * radius) ** 2
+        inside = dx**2 + dy**2 <= reach_of_window(radius) ** 2
         return cls(dx[inside], dy[inside], radius)
 
     def cut(

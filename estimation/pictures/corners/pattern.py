@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from estimation.pictures.render import OVERSAMPLING, Camera, expose
+from estimation.pictures.render import OVERSAMPLING_FACTOR, Camera, expose
 
 Project = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
 """Maps points of the unloaded pattern [mm] to positions in the picture [px]."""
@@ -89,7 +89,7 @@ def render_pattern(
     per_px = np.stack([np.hypot(down, right) for down, right in slopes], axis=-1)
     fine, wide = (
         [cv2.resize(values[..., i].astype(np.float32), shape[::-1]) for i in (0, 1)]
-        for values in (cells, per_px / OVERSAMPLING)
+        for values in (cells, per_px / OVERSAMPLING_FACTOR)
     )
     strips = [slice(start, start + strip) for start in range(0, shape[0], strip)]
     printed = [_print(pattern, [a[s] for a in fine], [w[s] for w in wide]) for s in strips]

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from estimation.pictures.corners.board import Board, Cells, spin
 from estimation.pictures.corners.fit import Corners
 
-SMALLEST = 9
+SMALLEST_PIECE = 9
 """Number of corners of the smallest piece that is placed."""
 
 
@@ -225,7 +225,7 @@ def _by_rest(
         return None
     order = np.argsort(count)
     most, second = count[order[-1]], count[order[-2]] if len(count) > 1 else 0
-    if most < max(SMALLEST // 2, resting * len(members)) or most < 2 * second:
+    if most < max(SMALLEST_PIECE // 2, resting * len(members)) or most < 2 * second:
         return None
     quarter, shift = int(choices[order[-1], 0]), choices[order[-1], 1:]
     at = np.argwhere(spin(cells, quarter).corner >= 0) + shift

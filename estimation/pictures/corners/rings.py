@@ -14,9 +14,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-SAMPLES = 64
-"""Number of points on each circle."""
-
 
 class Rings(NamedTuple):
     """Results of the two-ring detector at each seed.
@@ -98,21 +95,22 @@ def read_rings(
         radius: of the window around a corner [px].
     """
     inner, outer = 0.4, 0.85  # radii of the circles, as shares of the window's
+    samples = 64  # number of points on each circle
     least_contrast = 8.0  # least difference of bright and dark [grey levels of 255]
     if not len(centre):
         none = np.zeros(0)
         return Rings(centre, np.zeros((0, 2)), none, none, none > 0)
-    turn = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)
+    turn = 2.0 * np.pi / samples * np.arange(samples)
     radii = radius * np.array([inner, outer])
     x, y = (
         (middle[:, None] + np.outer(radii, part).ravel()).astype(np.float32)
         for middle, part in zip(centre.T, (np.cos(turn), np.sin(turn)), strict=True)
     )
     value = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    value = value.reshape(len(centre), 2, SAMPLES)
+    value = value.reshape(len(centre), 2, samples)
     ordered = np.sort(value, axis=-1)
-    bright = ordered[..., -SAMPLES // 4 :].mean(axis=(1, 2))
-    dark = ordered[..., : SAMPLES // 4].mean(axis=(1, 2))
+    bright = ordered[..., -samples // 4 :].mean(axis=(1, 2))
+    dark = ordered[..., : samples // 4].mean(axis=(1, 2))
     level = 0.5 * (bright + dark)
     inside = ((centre > radius - 0.5) & (centre < np.array(grey.shape[::-1]) - radius)).all(axis=1)
     crossing, good = _crossings(value - level[:, None, None])
@@ -145,17 +143,18 @@ def _crossings(
         The angles [rad], 0 unless there are four; and whether both circles have four crossings that
         match.
     """
+    samples = value.shape[-1]
     above = value > 0.0
     after = np.roll(above, -1, axis=-1)
     cross = above != after
     good = (cross.sum(axis=-1) == 4).all(axis=-1)
     share = value / np.where(cross, value - np.roll(value, -1, axis=-1), 1.0)
     angles = np.zeros((len(value), 2, 4))
-    at = np.flatnonzero(cross & good[:, None, None]).reshape(-1, 2, 4) % SAMPLES
+    at = np.flatnonzero(cross & good[:, None, None]).reshape(-1, 2, 4) % samples
     exact = at + np.take_along_axis(share[good], at, axis=-1)
     falls = np.take_along_axis(above[good], at[..., :1], axis=-1)
     exact = np.where(falls, np.roll(exact, -1, axis=-1), exact)
-    exact *= 2.0 * np.pi / SAMPLES
+    exact *= 2.0 * np.pi / samples
     # the outer circle's first rising crossing may be the inner one's second
     apart = np.angle(np.exp(1j * (exact[:, 1] - exact[:, 0])))
     swapped = np.angle(np.exp(1j * (np.roll(exact[:, 1], 2, axis=-1) - exact[:, 0])))

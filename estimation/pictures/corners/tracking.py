@@ -8,7 +8,6 @@ from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from estimation.pictures.corners.board import Board, Cells, connect_corners, read_cells
 from estimation.pictures.corners.fit import (
-    EXPLAINED,
     Corners,
     CornerStyle,
     find_corners,
@@ -16,7 +15,7 @@ from estimation.pictures.corners.fit import (
     fit_corners,
 )
 from estimation.pictures.corners.placing import (
-    SMALLEST,
+    SMALLEST_PIECE,
     Misfit,
     Placed,
     Plan,
@@ -27,11 +26,6 @@ from estimation.pictures.lattice import Lattice, fit_lattice, lattice_neighbours
 from estimation.pictures.light import to_light
 from estimation.pictures.lines import straighten_edges
 from estimation.pictures.part import Part
-
-FEWEST = 12
-"""Least number of corners in one piece for a picture to count as a checkerboard."""
-COVERED = 0.2
-"""Least share of the picture that the corners must cover."""
 
 
 class Seen(NamedTuple):
@@ -90,7 +84,7 @@ class CornerTracker:
         corners, board, pieces = _look(grey, style, part)
         if not pieces:
             raise ValueError(
-                f"fewer than {SMALLEST} complete corners of a checkerboard were detected"
+                f"fewer than {SMALLEST_PIECE} complete corners of a checkerboard were detected"
             )
         cells = pieces[0]
         index = np.argwhere(cells.corner >= 0)
@@ -123,7 +117,7 @@ class CornerTracker:
             placed = place_board(self.plan, corners, board, pieces)
         else:
             placed = place_by_misfit(self.plan, corners, board, pieces[0], misfit)
-        if placed is None or (placed.corner >= 0).sum() < SMALLEST:
+        if placed is None or (placed.corner >= 0).sum() < SMALLEST_PIECE:
             raise ValueError(
                 "the pattern in the two views cannot be matched: it fits nowhere, or in several "
                 "places equally well"
@@ -150,7 +144,7 @@ class CornerTracker:
         corners, board, pieces = _look(grey, self.style, self.part)
         placed = place_board(self.plan, corners, board, pieces)
         here = placed.corner >= 0
-        if here.sum() >= max(lost * len(here), SMALLEST):
+        if here.sum() >= max(lost * len(here), SMALLEST_PIECE):
             return self._straighten(grey, corners, placed)
         flaw = f"only {here.sum()} of {len(here)} corners were recognised"
         if placed.left_out:
@@ -178,7 +172,7 @@ class CornerTracker:
         again = placed.corner[bent]
         fitted = fit_corners(grey, corners.take(again), small)
         good = np.linalg.norm(fitted.position - corners.position[again], axis=1) < 0.1 * small.pitch
-        good &= (fitted.explained > EXPLAINED) & np.isfinite(fitted.covariance).all(axis=(1, 2))
+        good &= fitted.is_explained & np.isfinite(fitted.covariance).all(axis=(1, 2))
         for whole, part in zip(corners, fitted, strict=True):
             whole[again[good]] = part[good]
         seen = _everywhere(corners, placed)
@@ -202,7 +196,7 @@ class CornerTracker:
         )
 
 
-def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED) -> CornerStyle:
+def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = 0.2) -> CornerStyle:
     """Estimate pitch and blur of the checkerboard in a picture.
 
     Args:
@@ -212,15 +206,16 @@ def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED
     Raises:
         ValueError: the picture shows no checkerboard.
     """
+    fewest = 12  # corners in one piece for a picture to count as a checkerboard
     pitches = (23.0, 15.0, 10.0, 34.0)  # distances between corners that are tried [px]
     best, most = None, 0
     for pitch in pitches:
         style: CornerStyle | None = CornerStyle(pitch)
         board = connect_corners(find_rings(grey, style), pitch)
-        if (board.piece == 0).sum() < FEWEST:
+        if (board.piece == 0).sum() < fewest:
             continue  # without a fit
         for _ in range(2):
-            style = style and _refined(grey, style)
+            style = style and _refined(grey, style, fewest)
         if style is None:
             continue
         corners = find_corners(grey, style)
@@ -236,12 +231,14 @@ def find_corner_style(grey: Float32[np.ndarray, "h w"], covered: float = COVERED
     return best
 
 
-def _refined(grey: Float32[np.ndarray, "h w"], style: CornerStyle) -> CornerStyle | None:
-    """The style of the largest piece found with another style; None if the piece is too small."""
+def _refined(
+    grey: Float32[np.ndarray, "h w"], style: CornerStyle, fewest: int
+) -> CornerStyle | None:
+    """The style of the largest piece found with another style; None for fewer corners."""
     corners = find_corners(grey, style)
     board = connect_corners(corners, style.pitch)
     whole = np.flatnonzero(board.piece == 0)
-    if len(whole) < FEWEST:
+    if len(whole) < fewest:
         return None
     pitch = _pitch(corners.position[whole], board.place[whole])
     return CornerStyle(pitch, float(np.median(corners.blur[whole])))
@@ -276,7 +273,8 @@ def _look(
     board = connect_corners(corners, style.pitch)
     sizes = np.bincount(board.piece[board.piece >= 0], minlength=1)
     pieces = [
-        read_cells(grey, corners, board, int(piece)) for piece in np.flatnonzero(sizes >= SMALLEST)
+        read_cells(grey, corners, board, int(piece))
+        for piece in np.flatnonzero(sizes >= SMALLEST_PIECE)
     ]
     return corners, board, pieces
 

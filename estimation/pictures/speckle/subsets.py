@@ -9,16 +9,12 @@ maps grey levels to steps. Brightness and contrast are two of the matrix's rows,
 normalisation is needed.
 """
 
+from functools import cache
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-
-CLIPPED = (3.0, 250.0)
-"""Grey levels (of 255) below and above which a pixel may be clipped."""
-FINER, TAPS, KAISER = 3, 8, 5.0
-"""Upsampling factor of pictures, and length and Kaiser parameter of the upsampling filter."""
 
 
 class Subsets(NamedTuple):
@@ -115,7 +111,8 @@ def count_clipped(
     grey: Float32[np.ndarray, "h w"], centre: Float[np.ndarray, "n 2"], radius: float
 ) -> Float[np.ndarray, " n"]:
     """Share of nearly black or white pixels around each centre [-]."""
-    clipped = ((grey < CLIPPED[0]) | (grey > CLIPPED[1])).astype(np.float32)
+    black, white = 3.0, 250.0  # grey levels of 255 beyond which a pixel may be clipped
+    clipped = ((grey < black) | (grey > white)).astype(np.float32)
     size = 2 * round(radius) + 1
     share = cv2.blur(clipped, (size, size), borderType=cv2.BORDER_REPLICATE)
     last = np.array(grey.shape[::-1]) - 1
@@ -126,29 +123,32 @@ def count_clipped(
 class Sampler:
     """Interpolates a picture's grey levels between pixels.
 
-    The picture is upsampled `FINER` times by a windowed sinc, and then interpolated linearly. This
+    The picture is upsampled `finer` times by a windowed sinc, and then interpolated linearly. This
     is as accurate as a cubic spline in the original picture, for a fraction of the time.
     """
+
+    finer = 3
 
     def __init__(self, grey: Float32[np.ndarray, "h w"]) -> None:
         """Prepare a picture."""
         self.size = np.array(grey.shape[::-1])
         rows, columns = grey.shape
-        single, middle = np.ones(1, np.float32), TAPS // 2 - 1
-        tall = np.empty((rows, FINER, columns), np.float32)
+        finer, between = self.finer, _make_filters(self.finer)
+        single, middle = np.ones(1, np.float32), len(between[0]) // 2 - 1
+        tall = np.empty((rows, finer, columns), np.float32)
         tall[:, 0] = grey
-        for part, taps in enumerate(BETWEEN, start=1):
+        for part, taps in enumerate(between, start=1):
             tall[:, part] = cv2.sepFilter2D(
                 grey, -1, single, taps, anchor=(0, middle), borderType=cv2.BORDER_REPLICATE
             )
-        tall = tall.reshape(FINER * rows, columns)
+        tall = tall.reshape(finer * rows, columns)
         across = [
             cv2.sepFilter2D(
                 tall, -1, taps, single, anchor=(middle, 0), borderType=cv2.BORDER_REPLICATE
             )
-            for taps in BETWEEN
+            for taps in between
         ]
-        self.fine = cv2.merge([tall, *across]).reshape(FINER * rows, FINER * columns)
+        self.fine = cv2.merge([tall, *across]).reshape(finer * rows, finer * columns)
 
     def __call__(
         self,
@@ -163,21 +163,23 @@ class Sampler:
             place: of the squares' middles in the picture [px].
             shape: deformation gradient F of each square.
         """
-        motion = (FINER * np.concatenate([shape, place[..., None]], axis=2)).astype(np.float32)
+        motion = (self.finer * np.concatenate([shape, place[..., None]], axis=2)).astype(np.float32)
         ahead = np.concatenate([offset, np.ones_like(offset[:, :1])], axis=1).T
         x, y = motion[:, 0] @ ahead, motion[:, 1] @ ahead
         return cv2.remap(self.fine, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def _between(share: float) -> Float32[np.ndarray, " taps"]:
-    """Weights of the pixels around for the value at a share of the way between two pixels."""
-    distance = np.arange(TAPS) - (TAPS // 2 - 1) - share
-    window = np.i0(KAISER * np.sqrt(np.clip(1.0 - (2.0 * distance / TAPS) ** 2, 0.0, 1.0)))
-    weight = np.sinc(distance) * window
-    return (weight / weight.sum()).astype(np.float32)
-
-
-BETWEEN = [_between(part / FINER) for part in range(1, FINER)]
+@cache
+def _make_filters(finer: int) -> tuple[Float32[np.ndarray, " taps"], ...]:
+    """Weights of the pixels around for the values at each `finer`-th part between two pixels."""
+    taps, kaiser = 8, 5.0  # length and Kaiser parameter of the filters
+    filters = []
+    for part in range(1, finer):
+        distance = np.arange(taps) - (taps // 2 - 1) - part / finer
+        window = np.i0(kaiser * np.sqrt(np.clip(1.0 - (2.0 * distance / taps) ** 2, 0.0, 1.0)))
+        weight = np.sinc(distance) * window
+        filters.append((weight / weight.sum()).astype(np.float32))
+    return tuple(filters)
 
 
 def match_subsets(

@@ -24,9 +24,9 @@ from estimation.pictures.speckle.subsets import (
     match_subsets,
 )
 
-CLIPPED = 0.1
+MOST_CLIPPED = 0.1
 """Largest share of a subset's pixels that may be nearly black or white [-]."""
-PIECE = 4
+FEWEST_AGREEING = 4
 """Least number of neighbouring points that must agree with each other."""
 
 
@@ -111,7 +111,7 @@ def _unique_radius(grey: Float32[np.ndarray, "h w"], least: int, part: Part) -> 
         return min(radii[0], min(grey.shape) // 8)
     sample = np.random.default_rng(0).integers(low, high, (fewest, 2))
     sample = sample[part.shows(sample.astype(float), float(largest))]
-    sample = sample[count_clipped(grey, sample.astype(float), float(largest)) < CLIPPED]
+    sample = sample[count_clipped(grey, sample.astype(float), float(largest)) < MOST_CLIPPED]
     for radius in radii:
         if radius >= min(least, largest) and _recurs(grey, sample, radius).mean() < rare_share:
             return radius
@@ -142,14 +142,14 @@ def lay_points(
     )
     x, y = np.meshgrid(xs, ys)
     centre = np.stack([x.ravel(), y.ravel()], axis=1)
-    if len(centre) < 2 * PIECE:
+    if len(centre) < 2 * FEWEST_AGREEING:
         raise ValueError(
-            f"the picture has room for {len(centre)} points of its texture; at least {2 * PIECE} "
-            "are needed"
+            f"the picture has room for {len(centre)} points of its texture; at least "
+            f"{2 * FEWEST_AGREEING} are needed"
         )
     subsets = make_subsets(grey, centre, style.radius)
     hidden = ~part.shows(subsets.centre, np.sqrt(2.0) * style.radius)
-    clipped = ~hidden & (count_clipped(grey, subsets.centre, float(style.radius)) > CLIPPED)
+    clipped = ~hidden & (count_clipped(grey, subsets.centre, float(style.radius)) > MOST_CLIPPED)
     error = sensor_noise * np.sqrt(subsets.unit[:, :2, :2].trace(axis1=1, axis2=2))
     faint = ~(hidden | clipped) & ((error > least_error) | _is_noise(grey, centre, style.radius))
     again = np.zeros(len(centre), dtype=bool)
@@ -162,7 +162,7 @@ def lay_points(
         "without texture": int(faint.sum()),
         "ambiguous": int(again.sum()),
     }
-    if clear.sum() < max(usable * (~hidden).sum(), 2 * PIECE):
+    if clear.sum() < max(usable * (~hidden).sum(), 2 * FEWEST_AGREEING):
         reasons = ", ".join(f"{count} {why}" for why, count in left_out.items() if count)
         raise ValueError(f"too many of {len(clear)} places in the picture are unusable: {reasons}")
     number = np.full(len(clear), -1)
@@ -247,13 +247,13 @@ class SpeckleTracker:
             match = self._spread(sampler, match)
             if match.good.mean() >= firm:
                 break
-        clipped = count_clipped(grey, match.position, float(self.style.radius)) > CLIPPED
+        clipped = count_clipped(grey, match.position, float(self.style.radius)) > MOST_CLIPPED
         shown = self.part.shows(match.position, np.sqrt(2.0) * self.style.radius)
         match = _blank(match, match.good & shown & ~clipped)
         match = _blank(match, self._fits(match))
         seen = int(match.good.sum())
         self.last = Guess(match.position, match.deformation)
-        if seen < max(lost * len(match.good), PIECE):
+        if seen < max(lost * len(match.good), FEWEST_AGREEING):
             self.last = None
             flaw = f"only {seen} of {len(match.good)} points of the speckle were recognised"
             if clipped.sum() > seen:
@@ -306,7 +306,7 @@ class SpeckleTracker:
         off = np.linalg.norm(match.position[:, None] - there, axis=2)
         agree = linked & (off < apart * self.style.pitch)
         count = agree.sum(axis=1)
-        return match.good & (count >= PIECE - 1) & (2 * count >= linked.sum(axis=1))
+        return match.good & (count >= FEWEST_AGREEING - 1) & (2 * count >= linked.sum(axis=1))
 
 
 def _follow(

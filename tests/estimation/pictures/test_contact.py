@@ -7,8 +7,6 @@ import pytest
 from estimation.pictures.lattice import make_reference
 from estimation.pictures.reader import ImageSettings
 from estimation.pictures.region import (
-    LIGHT_ONSET,
-    SETTLED,
     Arrival,
     find_unseen_flaw,
     region_of_dispersion,
@@ -57,7 +55,7 @@ def test_no_change_of_light_is_no_contact():
     rng = np.random.default_rng(1)
     before, now = picture(REST, rng), picture(REST, rng)
     assert not region_of_light(REFERENCE, before, now, REFERENCE.position).any()
-    faint = lit(now, 0.7 * LIGHT_ONSET)
+    faint = lit(now, 0.7 * 6.0)
     assert not region_of_light(REFERENCE, before, faint, REFERENCE.position).any()
 
 
@@ -123,7 +121,7 @@ def test_a_contact_that_comes_in_over_the_edge_is_judged_once_it_has_settled():
     late, loaded, inside = (Arrival(REFERENCE) for _ in range(3))
     assert not late.find_flaw(none)
     assert all("settled" in late.find_flaw(one) for one in coming)
-    still = [late.find_flaw(coming[-1]) for _ in range(SETTLED)]
+    still = [late.find_flaw(coming[-1]) for _ in range(8)]
     assert still[0]
     assert not still[-1]
     # a clip that starts so, and a contact away from the edge, count at once

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from estimation.slip.branch import Branch
-from estimation.slip.friction import HERTZ_ARM, FrictionWatch
+from estimation.slip.friction import FrictionWatch
 
 RADIUS, PRESSED = 4.0, 5.0
 NODES = np.stack(np.meshgrid(*2 * [np.arange(-5.0, 5.5, 0.25)]), axis=-1).reshape(-1, 2)
 DISC = NODES[np.linalg.norm(NODES, axis=1) < RADIUS]
-ARM = HERTZ_ARM * np.sqrt(2.0 * np.mean(np.sum(DISC**2, axis=1)))
+ARM = 3.0 * np.pi / 16.0 * np.sqrt(2.0 * np.mean(np.sum(DISC**2, axis=1)))
 
 
 def follow(watch, shear, moment, frames=5, slips=False, centre=(0.0, 0.0)):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.frames.recording import layout_markers
-from estimation.slip.slide import AHEAD, MARKER_ERROR, OVER, TILTED, SlideWatch
+from estimation.slip.slide import RECENT_FRAMES, SlideWatch
 
 REST = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).reshape(-1, 2)
 LAYOUT = layout_markers(REST)
@@ -67,14 +67,14 @@ def test_the_interval_has_the_errors_of_place_turn_and_shear():
     place, sheared = (
         watch([0.0, far], [0.0, 0.0], [REST, REST + gel], spread)[-1] for gel in (0.0, far / 2.0)
     )
-    sheared_error = np.hypot(0.02, TILTED * 0.5)
-    assert place.slip_error == pytest.approx(RADIUS * np.hypot(0.02, MARKER_ERROR))
-    assert sheared.slip_error == pytest.approx(RADIUS * np.hypot(sheared_error, MARKER_ERROR))
+    sheared_error = np.hypot(0.02, 0.08 * 0.5)
+    assert place.slip_error == pytest.approx(RADIUS * np.hypot(0.02, 0.003))
+    assert sheared.slip_error == pytest.approx(RADIUS * np.hypot(sheared_error, 0.003))
     one = np.zeros_like(TOUCHED)
     one[np.flatnonzero(AWAY == 3.0)[0]] = True
     watched = SlideWatch(LAYOUT)
     turned_about = watched.update(REST, one, (0.0, 0.01), (*MIDDLE, *MIDDLE, 0.0, 0.0, 0.0), 0.0)
-    assert turned_about.slip_error == pytest.approx(RADIUS * np.hypot(0.03, MARKER_ERROR))
+    assert turned_about.slip_error == pytest.approx(RADIUS * np.hypot(0.03, 0.003))
 
 
 def test_a_print_that_is_alike_along_a_line_does_not_show_slip_that_way():
@@ -109,10 +109,10 @@ def test_nothing_is_known_without_contact_or_markers():
 
 def test_recent_slip_is_that_over_each_marker():
     """The object turns over resting gel, and stands still for the last frames."""
-    turns = np.append(0.01 * np.arange(OVER + 1), np.full(2, 0.01 * OVER))
+    turns = np.append(0.01 * np.arange(RECENT_FRAMES + 1), np.full(2, 0.01 * RECENT_FRAMES))
     still = np.zeros(len(turns))
     recent = watch(still, turns, [REST] * len(turns))[-1].recent
-    chord = 2.0 * np.sin(0.5 * 0.01 * (OVER - 2)) * AWAY
+    chord = 2.0 * np.sin(0.5 * 0.01 * (RECENT_FRAMES - 2)) * AWAY
     np.testing.assert_allclose(recent.lately[TOUCHED], chord[TOUCHED], atol=1e-9)
     np.testing.assert_allclose(recent.just[TOUCHED], 2.0 * np.sin(0.01) * AWAY[TOUCHED], atol=1e-9)
     assert np.isnan(recent.lately[~TOUCHED]).all()
@@ -121,8 +121,8 @@ def test_recent_slip_is_that_over_each_marker():
 
 
 def test_recent_slip_leaves_out_by_how_much_a_print_may_lead_sheared_gel():
-    ways = np.linspace(0.0, 1.0, OVER + 1)[:, None] * [1.0, 0.0]
-    gels = [REST + (1.0 - 0.5 * AHEAD) * way for way in ways]
+    ways = np.linspace(0.0, 1.0, RECENT_FRAMES + 1)[:, None] * [1.0, 0.0]
+    gels = [REST + 0.9 * way for way in ways]
     assert np.nanmax(watch(ways, np.zeros(len(ways)), gels)[-1].recent.lately) == 0.0
 
 

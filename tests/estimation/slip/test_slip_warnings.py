@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.slip.warnings import (
-    WARNINGS,
+    SLIP_WARNINGS,
     warn_by_entropy,
     warn_by_stick_ratio,
     warn_by_turning_ratio,
@@ -58,7 +58,7 @@ def test_a_twist_without_slip_alarms_what_was_made_for_shear():
     assert warn_by_turning_ratio(recording).signal[1] > 0.9
 
 
-@pytest.mark.parametrize("warning", WARNINGS.values())
+@pytest.mark.parametrize("warning", SLIP_WARNINGS.values())
 def test_without_contact_or_motion_there_is_no_signal(warning):
     signal = warning(pressed(shear(0.0))).signal
     assert np.isnan(signal).all()
