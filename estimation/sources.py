@@ -32,12 +32,6 @@ from estimation.settings import Settings
 from estimation.tracking.stream import Checkpoint
 from estimation.virtual.recording import Truth, simulate_pivot
 
-EXPECTED_SOURCES = (
-    "a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*.npz), a video, a "
-    "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, "
-    "lerobot), a LeRobot data set or a camera (camera:0)"
-)
-
 
 def read_recording(path: str | Path, images: ImageSettings | None = None) -> Recording:
     """Read the recording at `path`, name it after its file or folder, and inspect it.
@@ -205,6 +199,11 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
         >>> print([path.name for path in find_recordings("grasps")])
         ['grasp2.npz', 'grasp10.npz']
     """
+    expected = (
+        "a folder of Tac3D arrays (3D_Positions.npy, …), a recording archive (*.npz), a video, a "
+        "folder of images, a bag (*.mcap, *.bag, a ROS 2 folder), what --sink writes (*.zarr, "
+        "lerobot), a LeRobot data set or a camera (camera:0)"
+    )
     path = Path(path)
     if split_place(path):
         places = [path / topic.strip("/") for topic in topics] or [path]
@@ -221,18 +220,18 @@ def find_recordings(path: str | Path, topics: Sequence[str] = ()) -> list[Path]:
     if is_camera(path) or find_clip(path):
         return [path]
     if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist: give {EXPECTED_SOURCES}")
+        raise FileNotFoundError(f"{path} does not exist: give {expected}")
     if not path.is_dir():
         if is_archive(path) or is_pictures(path):
             return [path]
         hint = f"; give its folder, {path.parent}" if path.suffix == ".npy" else ""
-        raise ValueError(f"{path} is a file of another kind{hint}: expected {EXPECTED_SOURCES}")
+        raise ValueError(f"{path} is a file of another kind{hint}: expected {expected}")
     if is_tac3d(path) or is_rows(path) or is_pictures(path):
         return [path]
-    return _find_inside(path)
+    return _find_inside(path, expected)
 
 
-def _find_inside(path: Path) -> list[Path]:
+def _find_inside(path: Path, expected: str) -> list[Path]:
     """The recordings in a folder."""
     inside = sorted(path.iterdir(), key=natural_key)
     recordings = [
@@ -247,7 +246,7 @@ def _find_inside(path: Path) -> list[Path]:
     ]
     if not recordings:
         what = "holds no recording" if inside else "is empty"
-        raise ValueError(f"{path} {what}: expected {EXPECTED_SOURCES}, or a folder of these")
+        raise ValueError(f"{path} {what}: expected {expected}, or a folder of these")
     return [
         place
         for entry in recordings

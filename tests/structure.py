@@ -44,6 +44,18 @@ def imported_modules(path: Path) -> set[str]:
     return found
 
 
+def find_constants(path: Path) -> list[str]:
+    """Names in capitals that a file assigns at its top level."""
+    names = []
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        targets = [node.target] if isinstance(node, ast.AnnAssign) else targets
+        for target in targets:
+            parts = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
+            names += [part.id for part in parts if isinstance(part, ast.Name) and part.id.isupper()]
+    return names
+
+
 def find_levels(package: str) -> list[Path]:
     """The folders of a package, itself the first, from the root of the checkout."""
     folders = {path.parent for path in (ROOT / package).rglob("*.py")}

@@ -11,6 +11,7 @@ from tests.structure import (
     PACKAGES,
     ROOT,
     draw_rooms,
+    find_constants,
     find_levels,
     find_rooms,
     imported_modules,
@@ -20,6 +21,18 @@ from tests.structure import (
 
 MOST_ENTRIES = 20
 LONGEST_FILE, LONGEST_FUNCTION = 400, 60  # lines
+MOST_CONSTANTS = 79  # at the top level of the files of `estimation`
+SINGLE_WORDS = {
+    "METHODS",
+    "Z95",
+    "LOST",
+    "NEAR",
+    "PARTS",
+    "RESTING",
+    "SIZES",
+    "UNKNOWN",
+}
+"""Constants whose names may be one word; no others may be added."""
 
 
 @pytest.mark.parametrize("name", [".git", *PACKAGES])
@@ -64,6 +77,15 @@ def test_files_and_functions_stay_short(package):
             if isinstance(node, ast.FunctionDef):
                 lines = (node.end_lineno or 0) - node.lineno + 1
                 assert lines <= LONGEST_FUNCTION, f"{path}: {node.name}"
+
+
+@needs_sources
+def test_constants_are_few_and_their_names_say_what_they_are():
+    constants = [
+        name for path in (ROOT / "estimation").rglob("*.py") for name in find_constants(path)
+    ]
+    assert len(constants) <= MOST_CONSTANTS
+    assert {name for name in constants if "_" not in name.strip("_")} <= SINGLE_WORDS
 
 
 @needs_sources

@@ -69,6 +69,7 @@ PUBLISHED_METHODS: dict[str, Callable[..., Estimator]] = {
 """Published methods of other groups by name, made in the same way; they give no intervals."""
 
 DEFAULT_METHOD = "tracked"
+"""Method whose angles are reported unless another is chosen."""
 
 
 def share_fits(estimators: Iterable[Estimator]) -> None:

@@ -9,9 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 TOO_FEW_STICK = "too few markers stick"
+"""Reason for a missing angle: fewer markers stick than a rotation requires."""
 UNSEEN_TURN = "holds again after an unobserved rotation"
+"""Reason for a withdrawn or missing angle: the object may have turned while it slid."""
 RESTS_OR_SLIDES = "the gel rests with few markers sticking: the object may rest or slide"
-"""Reasons for a missing or uncertain angle that several modules give."""
+"""Reason for an uncertain angle: with so few sticking markers, a slide cannot be excluded."""
 
 
 class State(StrEnum):

@@ -30,6 +30,7 @@ from contactmodel.common.cache import cache_folder
 from estimation.frames.names import counted
 
 _PUBLISHED_DATA = tomllib.loads((files("estimation.frames") / "datasets.toml").read_text("utf-8"))
+"""The wheel of data sets without one of their own (`wheel`), and all sets by name (`sets`)."""
 
 
 def list_names() -> tuple[str, ...]:

@@ -36,13 +36,15 @@ from estimation.slip.shear import ShearPath
 from estimation.tracking.stream import Answer
 
 RECORD_NAME = "record.sqlite"
+"""Name of the record in a run's folder."""
 FORMAT_VERSION = 2
-
+"""Version of the format that is written and read."""
 _SHEAR_COLUMNS: dict[str, str] = dict.fromkeys(
     ("shear", "hold", "slipped", "slip", "slip_error", "slip_since"), "REAL"
 )
 """Columns of the fields of `ShearPath`, in their order; the format keeps these names."""
 _MARKER_TYPES = {"positions": "f4", "turned": "f4", "valid": "?", "stick": "?", "contact": "?"}
+"""Columns of the stored markers, with the types of their values."""
 
 
 class KeptMarkers(NamedTuple):
@@ -379,12 +381,10 @@ def _kinds() -> dict[str, str]:
 
 
 def _columns(methods: tuple[str, ...]) -> dict[str, str]:
-    kinds = _kinds().items()
     return {
         "row": "INTEGER PRIMARY KEY",
-        **{f"{method}.{name}": kind for method in methods for name, kind in kinds},
-        "axis": "REAL",
-        "imprint": "REAL",
+        **{f"{method}.{name}": kind for method in methods for name, kind in _kinds().items()},
+        **dict.fromkeys(("axis", "imprint"), "REAL"),
         "rests": "INTEGER",
         **{f"disc_{name}": "REAL" for name in Disc._fields},
         **{name: "REAL" for name in Margin._fields},

@@ -23,7 +23,9 @@ from filelock import FileLock, Timeout
 from estimation.frames.files import check_writable, write_whole
 
 MANIFEST_NAME = "manifest.json"
+"""Name of the file that lists the files of each command."""
 FORMAT_VERSION = 1
+"""Version of the format that is written and read."""
 
 Listed = dict[str, dict[str, str]]
 """SHA-256 of files, by command and by name in the folder."""

@@ -36,17 +36,6 @@ MARGIN_COLUMNS = (
 )
 """Columns of the margin before macro slip; empty where it is undetermined."""
 
-GRIP_COLUMNS = (
-    "friction_used",
-    "friction",
-    "friction_low",
-    "friction_high",
-    "time_to_slip_s",
-    "time_to_slip_low_s",
-    "time_to_slip_high_s",
-)
-"""Columns of friction and time to slip; empty where unknown."""
-
 Table = Mapping[str, list[str]]
 """The cells of a table, by column."""
 
@@ -254,10 +243,19 @@ def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
 
 def tabulate_grip(grips: GripPath) -> dict[str, list[str]]:
     """The cells of friction and alerts, by column; empty for NaN."""
+    names = (
+        "friction_used",
+        "friction",
+        "friction_low",
+        "friction_high",
+        "time_to_slip_s",
+        "time_to_slip_low_s",
+        "time_to_slip_high_s",
+    )
     *numbers, levels = grips
     table = {
         name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
-        for name, values in zip(GRIP_COLUMNS, numbers, strict=True)
+        for name, values in zip(names, numbers, strict=True)
     }
     return table | {"alert": [str(level) for level in levels]}
 

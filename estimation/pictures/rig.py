@@ -22,7 +22,9 @@ from contactmodel.common.settings import check_limits, from_table, read_toml, to
 from estimation.frames.files import write_whole
 
 FORMAT_VERSION = 1
+"""Version of the format that is written and read."""
 VIEW_NAMES = ("left", "right")
+"""Names of the two views, in the order of their halves of the picture."""
 
 
 @dataclass(frozen=True)

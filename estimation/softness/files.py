@@ -14,6 +14,7 @@ from estimation.softness.layered import LayeredSoftness
 from estimation.softness.scalar import ScalarSoftness
 
 FORMAT_VERSION = 1
+"""Version of the format that is written and read."""
 
 
 @runtime_checkable

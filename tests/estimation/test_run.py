@@ -13,7 +13,7 @@ from estimation.estimators import METHODS
 from estimation.fields.contact import find_contact
 from estimation.frames.noise import Noise
 from estimation.output.explain import explain_settings
-from estimation.output.table import GRIP_COLUMNS, MARGIN_COLUMNS
+from estimation.output.table import MARGIN_COLUMNS
 from estimation.run import UNFINISHED_NAME, Input, run_all
 from estimation.settings import Settings
 from estimation.tracking.tracker import estimate_angles
@@ -29,7 +29,16 @@ SHEAR_COLUMNS = (
     "slip_error_mm",
     "slip_since_s",
 )
-ALERT_COLUMNS = (*GRIP_COLUMNS, "alert")
+ALERT_COLUMNS = (
+    "friction_used",
+    "friction",
+    "friction_low",
+    "friction_high",
+    "time_to_slip_s",
+    "time_to_slip_low_s",
+    "time_to_slip_high_s",
+    "alert",
+)
 COLUMNS = (
     "time_s",
     "frame",

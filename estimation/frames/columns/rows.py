@@ -19,6 +19,7 @@ from estimation.frames.source import FrameStream, Source
 Columns = Mapping[str, Any]
 """Values of a batch of rows by the name of their column: arrays, and lists of texts."""
 FORMAT_VERSION = 1
+"""Version of the format that is written and read."""
 ANSWER_PREFIX = "answer."
 """Prefix of columns that belong to a frame's answer instead of the frame."""
 
