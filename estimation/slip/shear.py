@@ -327,7 +327,7 @@ class ShearWatch:
 def find_slip_probability(
     signs: Float[np.ndarray, "3 ..."], settings: ShearSettings
 ) -> Float[np.ndarray, "..."]:
-    """Probability that all of the contact has slipped recently, from three signs [-].
+    """Probability that all of the contact has slipped recently, from three of the signs [-].
 
     Args:
         signs: lost share of the shear's peak; correlation of the print on the gel with an earlier

@@ -203,12 +203,13 @@ class Trackers:
             return State.STICK, why and (
                 "the contact sticks, but the object's rotation so far is unknown"
             )
-        untold = "no slip is seen, but too few markers move as one body to give an angle"
         if self.shear.strays:
-            return State.INCIPIENT, why and untold
+            return State.INCIPIENT, why
         if why or not gel.stick.any():
             if self.shear.holds or self.load.holds:
-                return State.INCIPIENT, why and untold
+                return State.INCIPIENT, why and (
+                    "no slip is seen, but too few markers move as one body to give an angle"
+                )
             return State.MACRO_SLIP, why
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
             return State.STICK, ""
