@@ -72,7 +72,7 @@ class Hold(NamedTuple):
     weakest: float
 
 
-UNKNOWN = Hold(np.nan, np.nan, np.nan)
+NO_HOLD = Hold(np.nan, np.nan, np.nan)
 
 
 class Print(NamedTuple):
@@ -120,7 +120,7 @@ class HoldFollower:
         """
         seen = np.isfinite(position[:, 0])
         if seen.sum() < 3:
-            return UNKNOWN
+            return NO_HOLD
         if self._grid is None:
             self._lay_grid(painted)
         now = self._take_back(painted, position)

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from estimation.frames.neighbours import delaunay_neighbours
 from estimation.frames.recording import MarkerLayout
 
-NEAR = 0.4
+NEAR_PITCHES = 0.4
 """Largest distance of a dot from its expected position [pitches]; half a pitch is ambiguous."""
 LATTICE_STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 """Steps to the next points of a square lattice: ahead along each axis, then back."""
@@ -59,7 +59,7 @@ def index_lattice(centre: Float[np.ndarray, "n 2"]) -> Lattice:
         ahead = place[front, None] + local[front] @ LATTICE_STEPS.T
         off = np.abs(place[around][:, None] - ahead[:, :, None])
         closest = off.argmin(axis=2)
-        close = off[row, np.arange(4), closest] < NEAR * pitch
+        close = off[row, np.arange(4), closest] < NEAR_PITCHES * pitch
         following, links = around[row, closest], list[tuple[int, int, int]]()
         for k, step in np.argwhere(close).tolist():
             i, j = int(front[k]), int(following[k, step])
@@ -192,7 +192,7 @@ class Irregularity(NamedTuple):
         Motions of up to d change `mean` by d √(n / (n − 10)) at most, n ≥ 30 the number of dots.
         The bound is 0 if a dot may have been assigned to a wrong row.
         """
-        if self.largest > NEAR:
+        if self.largest > NEAR_PITCHES:
             return 0.0
         return max(self.excess, 0.0) / np.sqrt(1.5)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from estimation.pictures.lattice import NEAR, Reference, nearest
+from estimation.pictures.lattice import NEAR_PITCHES, Reference, nearest
 
 
 def match_dots(reference: Reference, centre: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " m"]:
@@ -46,7 +46,7 @@ def match_piece(
         return match
     off, dot = nearest(KDTree(centre), expected[points])
     back = nearest(KDTree(expected[points]), centre)[1]
-    mutual = (off < NEAR * reference.pitch) & (back[dot] == np.arange(len(dot)))
+    mutual = (off < NEAR_PITCHES * reference.pitch) & (back[dot] == np.arange(len(dot)))
     match[points[mutual]] = dot[mutual]
     return _largest_piece(reference, centre, match, expected)
 
@@ -135,7 +135,7 @@ def _spread(
     off, dot = nearest(tree, guess)
     match = match.copy()
     for k in np.argsort(off):
-        if off[k] < NEAR * reference.pitch and free[dot[k]]:
+        if off[k] < NEAR_PITCHES * reference.pitch and free[dot[k]]:
             match[rim[k]] = dot[k]
             free[dot[k]] = False
     return match

@@ -12,8 +12,8 @@ from estimation.frames.recording import Frame
 from estimation.pictures.dots.find import Dots, DotStyle
 from estimation.pictures.dots.style import find_dots, find_style
 from estimation.pictures.dots.tracking import DotTracker
-from estimation.pictures.hold import UNKNOWN, HoldFollower
-from estimation.pictures.imprint.follower import LOST, ImprintFollower
+from estimation.pictures.hold import NO_HOLD, HoldFollower
+from estimation.pictures.imprint.follower import NO_IMPRINT, ImprintFollower
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import (
     Reference,
@@ -36,7 +36,7 @@ from estimation.pictures.region import (
 from estimation.pictures.sensor import Sensor
 from estimation.pictures.stream import Picture
 
-RESTING = 5
+RESTING_FRAMES = 5
 """Number of consecutive frames in which dots must be regular and still to count as at rest."""
 MOST_MOTION = 0.02
 """Largest motion of dots at rest from frame to frame [pitches]."""
@@ -100,7 +100,7 @@ class DotReader(MarkerReader):
         level = painted.level(in_picture, self.reference.pitch)
         contact = self._contact(picture, level, position, in_picture)
         flaw = self.arrival.find_flaw(contact)
-        turned, hold = LOST, UNKNOWN
+        turned, hold = NO_IMPRINT, NO_HOLD
         if contact.any():
             hold = self.hold.update(painted, in_picture)
         else:
@@ -192,7 +192,7 @@ class DotReader(MarkerReader):
         still = np.nanmax(moved, initial=0.0) < MOST_MOTION * self.reference.pitch
         self.resting = self.resting + 1 if rests and (still or not self.resting) else 0
         self.before = position
-        if self.resting < RESTING or not self._is_better(position):
+        if self.resting < RESTING_FRAMES or not self._is_better(position):
             return
         self.provisional, doubt = False, self.reference.doubt
         visible = np.isfinite(position[:, 0])
@@ -241,7 +241,7 @@ class DotReader(MarkerReader):
             if frame.source_index in by_dots:
                 contact = self._touched(frame.positions / self.scale - self.origin)
             if not contact.any():
-                imprint, hold = (np.nan, np.nan), UNKNOWN
+                imprint, hold = (np.nan, np.nan), NO_HOLD
             flaw = arrival.find_flaw(contact)
             judged.append(replace(frame, contact=contact, flaw=flaw, imprint=imprint, hold=hold))
         return judged

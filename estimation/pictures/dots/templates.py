@@ -19,9 +19,9 @@ from estimation.pictures.dots.fit import model_dots
 
 DOT_ELONGATION = (1.15, 3.0)
 """Ratio of a dot's axes from which it is fitted in its own frame, and the largest of a dot."""
-PARTS = 8
+PARTS_PER_PIXEL = 8
 """Steps between the tabulated centres across a pixel, both edges included."""
-SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
+RELATIVE_SIZES = (0.8, 0.9, 1.0, 1.12, 1.25)
 """Tabulated radii, as multiples of the typical radius."""
 
 
@@ -69,8 +69,8 @@ def make_templates(radius: float, blur: float) -> Templates:
     dy, dx = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
     inside = dx**2 + dy**2 <= (half + 0.5) ** 2
     dx, dy = dx[inside], dy[inside]
-    spots = np.arange(PARTS + 1) / PARTS - 0.5
-    size, y, x = (a.ravel() for a in np.meshgrid(SIZES, spots, spots, indexing="ij"))
+    spots = np.arange(PARTS_PER_PIXEL + 1) / PARTS_PER_PIXEL - 0.5
+    size, y, x = (a.ravel() for a in np.meshgrid(RELATIVE_SIZES, spots, spots, indexing="ij"))
     zero, one = np.zeros_like(x), np.ones_like(x)
     inverse = 1.0 / (radius * size)
     p = np.stack([x, y, inverse, inverse, zero, blur * one, one, zero, zero, zero], axis=1)
@@ -99,7 +99,7 @@ def fit_alike(
         style: typical radius and blur, and whether the dots are dark.
     """
     templates = make_templates(style.radius, style.blur)
-    centre, size = seeds.astype(float), np.full(len(seeds), SIZES.index(1.0))
+    centre, size = seeds.astype(float), np.full(len(seeds), RELATIVE_SIZES.index(1.0))
     margin = int(templates.dx.max()) + 1
     padded = cv2.copyMakeBorder(
         grey, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=np.nan
@@ -110,7 +110,7 @@ def fit_alike(
     far = np.hypot(*moved.T) / (0.5 * style.radius)
     centre = np.clip(centre + moved / np.maximum(far, 1.0)[:, None], -0.499, limit)
     radius = np.maximum(rough.radius / style.radius, 1e-3)
-    size = np.abs(np.log(radius)[:, None] - np.log(SIZES)).argmin(axis=1)
+    size = np.abs(np.log(radius)[:, None] - np.log(RELATIVE_SIZES)).argmin(axis=1)
     dots = _fit_linear(padded, margin, templates, centre, size, style)
     return _refit_elongated(grey, templates, dots, style)
 
@@ -136,7 +136,9 @@ def _refit_elongated(
     x, y = place.transpose(1, 0, 2)
     value = cv2.remap(grey, x, y, cv2.INTER_LINEAR)
     value -= value.mean(axis=1, keepdims=True)
-    entry = (SIZES.index(1.0) * (PARTS + 1) + PARTS // 2) * (PARTS + 1) + PARTS // 2
+    middle = PARTS_PER_PIXEL // 2
+    entry = (RELATIVE_SIZES.index(1.0) * (PARTS_PER_PIXEL + 1) + middle) * (PARTS_PER_PIXEL + 1)
+    entry += middle
     fit = templates.fit(np.array([entry]), value)
     gram, spread = templates.gram[[entry]], templates.inverse[[entry], :2, :2]
     own = _to_dots(fit, value, gram, spread, 1.0 / style.radius, style, float(value.shape[1]))
@@ -173,8 +175,8 @@ def _fit_linear(
 ) -> Dots:
     """One linear fit about the entries nearest to the centres."""
     pixel = np.rint(centre).astype(int)
-    part = np.rint((centre - pixel + 0.5) * PARTS).astype(int)
-    entry = (size * (PARTS + 1) + part[:, 1]) * (PARTS + 1) + part[:, 0]
+    part = np.rint((centre - pixel + 0.5) * PARTS_PER_PIXEL).astype(int)
+    entry = (size * (PARTS_PER_PIXEL + 1) + part[:, 1]) * (PARTS_PER_PIXEL + 1) + part[:, 0]
     start = (pixel[:, 1] + margin) * padded.shape[1] + pixel[:, 0] + margin
     value = padded.ravel()[start[:, None] + (templates.dy * padded.shape[1] + templates.dx)]
     count, total = np.full(len(value), float(value.shape[1])), value.sum(axis=1)
@@ -197,9 +199,9 @@ def _fit_linear(
         sides[..., 0], sides[:, [0, 1], [1, 2]] = products[..., 10], 1.0
         solved = np.linalg.solve(_damp(gram[cut]), sides)
         fit[cut], spread[cut] = solved[..., 0], solved[:, :2, 1:]
-    start_inverse = 1.0 / (style.radius * np.asarray(SIZES)[size])
+    start_inverse = 1.0 / (style.radius * np.asarray(RELATIVE_SIZES)[size])
     dots = _to_dots(fit, value, gram, spread, start_inverse, style, count)
-    return dots._replace(centre=pixel + part / PARTS - 0.5 + dots.centre)
+    return dots._replace(centre=pixel + part / PARTS_PER_PIXEL - 0.5 + dots.centre)
 
 
 def _to_dots(

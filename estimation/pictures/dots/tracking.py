@@ -11,9 +11,6 @@ from estimation.pictures.dots.matching import (
 )
 from estimation.pictures.lattice import Reference
 
-LOST = 0.4
-"""Share of the reference's dots below which a frame counts as not tracked."""
-
 
 class DotTracker:
     """Matches the dots of each frame to the dots of the reference.
@@ -43,9 +40,9 @@ class DotTracker:
         """
         # largest motion of a dot from one frame to the next [pitches]
         jump = 0.5
-        # share of the dots that a frame without a predecessor must match, instead of `LOST`: with
-        # fewer, the strain may have misled the match
-        first = 0.8
+        # share of the reference's dots below which a frame counts as not tracked; and the share
+        # that a frame without a predecessor must match, since the strain may mislead the match
+        least, first = 0.4, 0.8
         match = self._choose(centre, self._follow(centre))
         now = np.full(self.last.shape, np.nan)
         now[match >= 0] = centre[match[match >= 0]]
@@ -54,7 +51,7 @@ class DotTracker:
         before, self.last = self.last, now
         seen = int((match >= 0).sum())
         alone = not np.isfinite(before).any()
-        needed = (first if alone else LOST) * min(len(match), max(len(centre), LOST * len(match)))
+        needed = (first if alone else least) * min(len(match), max(len(centre), least * len(match)))
         if seen < needed:
             self.last = before
             return match, f"only {seen} of {len(match)} dots were recognised"

@@ -35,7 +35,7 @@ class Imprint(NamedTuple):
     point: tuple[float, ...] = (np.nan,) * 7
 
 
-LOST = Imprint(np.nan, np.nan, np.nan)
+NO_IMPRINT = Imprint(np.nan, np.nan, np.nan)
 
 
 class ImprintFollower:
@@ -71,10 +71,10 @@ class ImprintFollower:
             region: dots of the contact region [px].
         """
         if len(region) < self._settings.fewest:
-            return LOST
+            return NO_IMPRINT
         if self.resting > 0:
             self.resting -= 1
-            return LOST
+            return NO_IMPRINT
         texture = cut_out(painted, region)
         if self.last is None or self.before is None:
             return self._begin(texture, painted.part)
@@ -82,11 +82,11 @@ class ImprintFollower:
         if match is None or match.error > np.radians(self._settings.largest_deg):
             self.missed += 1
             if self.confirmed and self.missed <= self._settings.patience:
-                return LOST
+                return NO_IMPRINT
             shaded = not self.confirmed  # a change of light that no second frame has shown
             self._restart()
             self.resting = self._settings.unseen if shaded else 0
-            return LOST if shaded else self._begin(texture, painted.part)
+            return NO_IMPRINT if shaded else self._begin(texture, painted.part)
         self.missed, self.confirmed = 0, True
         match = self._close(texture, match)
         self.before = Keyframe(texture, match.pose, match.error, match.spread)
@@ -102,7 +102,7 @@ class ImprintFollower:
     def _begin(self, texture: Texture, part: int) -> Imprint:
         if texture.value[texture.mask > 0].std() < self._settings.texture:
             self.resting = self._settings.unseen
-            return LOST
+            return NO_IMPRINT
         self.before = Keyframe(texture, np.eye(3), 0.0, np.zeros((2, 2)))
         self._keep(self.before)
         return Imprint(0.0, self._reading_error, 1.0, _locate(self.before, part))
