@@ -241,19 +241,14 @@ class ShearWatch:
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
         judged = self._judge((since, slid), *now)._replace(**slips)
-        if slide.recent is None:
-            return judged
-        _, weakest = now
-        return self._follow_slow_slip(judged, slide.recent, alike=weakest > self._settings.sticking)
+        return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
 
-    def _follow_slow_slip(self, shear: Shear, recent: Recent, *, alike: bool) -> Shear:
+    def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
         """The shear with the signs of a slip that is too slow for a few frames to show it.
 
         Args:
             shear: by the other signs.
             recent: slip over each marker in the last frames.
-            alike: whether the print of some frames ago looks like that of now. Otherwise the slip
-                is fast, and the print shows its end sooner, as does a rate that has fallen by half.
         """
         settings = self._settings
         lately, just = (np.sort(slip[np.isfinite(slip)]) for slip in recent)
@@ -267,13 +262,14 @@ class ShearWatch:
         # fewer than three markers hold
         third, recently = lately[MIN_STICK_MARKERS - 1], just[MIN_STICK_MARKERS - 1]
         lost = (float(third) - settings.lost) / settings.lost_spread
+        ended = 8.0 * recently < third  # the rate has fallen by half
         probability = shear.slip_probability
         if lost > 0.0 or isfinite(probability):
             held = 1.0 - (probability if isfinite(probability) else 0.0)
             probability = 1.0 - held * (1.0 - float(expit(lost)))
         return shear._replace(
             slip_probability=probability,
-            slides=shear.slides or bool(alike and lost > 0.0 and 8.0 * recently > third),
+            slides=shear.slides or bool(lost > 0.0 and not ended),
             holds=shear.holds and lost < 0.0,
             sticks=shear.sticks and not strays,
             strays=strays,
