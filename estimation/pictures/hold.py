@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 from scipy.interpolate import RBFInterpolator
-from scipy.spatial import distance_matrix
+from scipy.spatial.distance import cdist
 from scipy.special import xlogy
 
 from estimation.pictures.imprint.painted import Painted, add_squares
@@ -149,7 +149,7 @@ class HoldFollower:
         self._grid = points * self._part
         places = self._places / self._pitch
         self._spread = RBFInterpolator(places, np.eye(len(places)))(self._grid / self._pitch)
-        apart, plane = distance_matrix(places, places), np.insert(places, 0, 1.0, axis=1)
+        apart, plane = cdist(places, places), np.insert(places, 0, 1.0, axis=1)
         plate = np.block([[apart * xlogy(apart, apart), plane], [plane.T, np.zeros((3, 3))]])
         self._bending = np.linalg.inv(plate)[: len(places), : len(places)]
         half = int(0.5 * self._settings.window * self._pitch / self._part)
