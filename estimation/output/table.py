@@ -225,20 +225,14 @@ def tabulate_margin(track: Track, margins: MarginPath) -> dict[str, list[str]]:
     stick, contact = track.stick_markers, track.contact_markers
     ratio = np.sqrt(np.where(contact, stick / np.maximum(contact, 1), np.nan))
     values = (ratio, *np.degrees(margins[:3]), *margins[3:-1])
-    return {
-        name: ["" if cell == "nan" else cell for cell in show_numbers(column)]
-        for name, column in zip(MARGIN_COLUMNS, values, strict=True)
-    }
+    return _fill(MARGIN_COLUMNS, values)
 
 
 def tabulate_shear(shears: ShearPath, unit: str) -> dict[str, list[str]]:
     """The cells of the gel's shear and the slip along it, by column; empty for NaN."""
     lengths = f"slip_{unit}", f"slip_error_{unit}", "slip_since_s"
     names = (f"shear_{unit}", "print_correlation", "slip_probability", *lengths)
-    return {
-        name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
-        for name, values in zip(names, shears, strict=True)
-    }
+    return _fill(names, shears)
 
 
 def tabulate_grip(grips: GripPath) -> dict[str, list[str]]:
@@ -253,11 +247,7 @@ def tabulate_grip(grips: GripPath) -> dict[str, list[str]]:
         "time_to_slip_high_s",
     )
     *numbers, levels = grips
-    table = {
-        name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
-        for name, values in zip(names, numbers, strict=True)
-    }
-    return table | {"alert": [str(level) for level in levels]}
+    return _fill(names, numbers) | {"alert": [str(level) for level in levels]}
 
 
 def csv_text(table: Table, heading: bool = True) -> str:
@@ -280,3 +270,13 @@ def _parts(track: Track) -> Iterator[tuple[Track, slice]]:
 def _below_one_another(tables: Iterable[Table]) -> Iterator[str]:
     for number, table in enumerate(tables):
         yield csv_text(table, heading=number == 0)
+
+
+def _fill(
+    names: Iterable[str], columns: Iterable[Float[np.ndarray, " frames"]]
+) -> dict[str, list[str]]:
+    """The cells of numbers, by column; empty for NaN."""
+    return {
+        name: ["" if cell == "nan" else cell for cell in show_numbers(values)]
+        for name, values in zip(names, columns, strict=True)
+    }

@@ -26,6 +26,7 @@ from papers.leaderboard.cases import SLIDING, Case, Truth, count_frames
 from papers.marker_images.scenes import draw_scene
 from papers.virtual_pivots.elongated import solve_pivot
 from papers.virtual_pivots.settings import FINE
+from papers.virtual_pivots.solved import place_at_random
 
 COMPLETE = Timing(dropped=0.0)
 """Timing without lost frames: `keep_frames` later drops a fixed number of them."""
@@ -74,8 +75,7 @@ def _simulate_pivot(
 ) -> tuple[Recording, Truth]:
     model = PivotModel(**condition.model)
     if condition.laid_at_random:
-        x, y = rng.uniform(-0.5, 0.5, 2).tolist()
-        model = model._replace(offset=(x, y), grid_angle=float(rng.uniform(0.0, np.pi / 2)))
+        model = place_at_random(model, rng)
     turn = rng.uniform(0.7, 1.0) * rng.choice([-1.0, 1.0])
     recording, truth = simulate_pivot(
         model,

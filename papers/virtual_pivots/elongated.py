@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from contactmodel import Contact, Ellipsoid, Grid, HalfSpace, Pose, Rigid, make_path, solve_path
+from contactmodel import Contact, Ellipsoid, Grid, HalfSpace, Rigid
 from contactmodel.solution import ContactSolution
 from estimation.estimators import DEFAULT_METHOD
 from estimation.frames.recording import Recording
@@ -23,6 +23,7 @@ from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Truth, lay_out_markers
 from papers.items import Track
 from papers.virtual_pivots import settings
+from papers.virtual_pivots.solved import place_at_random, solve_frames
 
 METHODS = (DEFAULT_METHOD, "castano")
 OBJECT = Ellipsoid((19.0, 11.0, 10.0))
@@ -60,17 +61,9 @@ class Elongated(NamedTuple):
 @cache
 def solve_pivot(friction: float, resolution: settings.Resolution) -> ContactSolution:
     """The contact along the path, with one kept step for each frame."""
-    poses = [Pose(0.0)]
-    poses += [Pose(APPROACH_MM, twist=np.radians(angle)) for angle in CORNERS_DEG]
-    steps = [n * per for n, per in zip(resolution.frames, resolution.steps, strict=True)]
     grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
-    path = make_path(poses, steps)
-    solved = solve_path(
-        Contact(PAD, Rigid(), OBJECT, grid, friction), path, rtol=1e-5, sliding=True
-    )
-    kept = np.cumsum(np.repeat(resolution.steps, resolution.frames)) - 1
-
-    return solved.map_steps(lambda leaf: leaf[kept])
+    contact = Contact(PAD, Rigid(), OBJECT, grid, friction)
+    return solve_frames(contact, APPROACH_MM, CORNERS_DEG, resolution)
 
 
 def simulate_elongated(
@@ -78,8 +71,7 @@ def simulate_elongated(
 ) -> tuple[Recording, Truth]:
     """A recording of the path, with the marker grid placed and turned at random."""
     rng = np.random.default_rng((7, seed))
-    offset = (float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5)))
-    model = PivotModel(offset=offset, grid_angle=float(rng.uniform(0.0, np.pi / 2)))
+    model = place_at_random(PivotModel(), rng)
     path = solve_pivot(friction, resolution)
     return simulate_recording(path, lay_out_markers(model), Camera(seed=seed))
 

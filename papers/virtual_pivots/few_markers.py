@@ -21,13 +21,10 @@ from contactmodel import (
     Ellipsoid,
     Grid,
     Layer,
-    Pose,
     Rigid,
     RoundPunch,
     Sphere,
     SquarePunch,
-    make_path,
-    solve_path,
 )
 from contactmodel.solution import ContactSolution
 from estimation.estimators import DEFAULT_METHOD
@@ -41,6 +38,7 @@ from papers.items import Track
 from papers.limits import angle_limit
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.slides import GROUPS
+from papers.virtual_pivots.solved import place_at_random, solve_frames
 
 METHODS = (DEFAULT_METHOD, "rigid")
 UP, BACK, LOST = "up", "back", "after macro slip"
@@ -106,14 +104,9 @@ class Followed(NamedTuple):
 def solve_turn(name: str, friction: float, resolution: settings.Resolution) -> ContactSolution:
     """The contacts of a shape along the path, with one kept step for each frame."""
     shape = shapes()[name]
-    poses = [Pose(0.0)]
-    poses += [Pose(shape.approach_mm, twist=np.radians(angle)) for angle in CORNERS_DEG]
-    steps = [n * per for n, per in zip(resolution.frames, resolution.steps, strict=True)]
     grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
     contact = Contact(Layer(0.2, 0.48, shape.thickness_mm), Rigid(), shape.indenter, grid, friction)
-    solved = solve_path(contact, make_path(poses, steps), rtol=1e-5, sliding=True)
-    kept = np.cumsum(np.repeat(resolution.steps, resolution.frames)) - 1
-    return solved.map_steps(lambda leaf: leaf[kept])
+    return solve_frames(contact, shape.approach_mm, CORNERS_DEG, resolution)
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Followed]:
@@ -135,8 +128,7 @@ def _follow(
 ) -> Iterator[Followed]:
     """Follow one draw with each noise."""
     rng = np.random.default_rng((11, draw))
-    x, y = rng.uniform(-0.5, 0.5, 2).tolist()
-    model = PivotModel(offset=(x, y), grid_angle=float(rng.uniform(0.0, np.pi / 2)))
+    model = place_at_random(PivotModel(), rng)
     camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=draw)
     path = solve_turn(name, friction, resolution)
     recording, truth = simulate_recording(path, lay_out_markers(model), camera)
