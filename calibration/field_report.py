@@ -67,10 +67,6 @@ def write_fit(
 def find_pad(fit: FieldFit, known: Pad) -> Pad | None:
     """The pad with its fitted numbers and those that the fit assumed.
 
-    Args:
-        fit: result of the fit.
-        known: known values of the pad.
-
     Returns:
         The pad; None if the fit determined no number of it.
     """
@@ -101,10 +97,6 @@ def format_numbers(fit: FieldFit) -> list[str]:
 
 def write_design(prediction: Identifiability, folder: Path) -> None:
     """Write `design.json`, `report.html` and its picture.
-
-    Args:
-        prediction: predicted identifiability.
-        folder: folder to write to.
 
     Raises:
         OSError: a file cannot be written.

@@ -89,9 +89,6 @@ class RestNoise:
 def assess_noise(recording: Recording) -> RestNoise:
     """Estimate the noise of a sensor at rest, in positions and in angles.
 
-    Args:
-        recording: recording of the sensor at rest.
-
     Raises:
         ValueError: the recording is too short, repeats itself, or the sensor is not at rest.
     """

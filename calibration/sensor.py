@@ -199,11 +199,6 @@ def lattice_pitch(place: Float[np.ndarray, "m 2"]) -> tuple[float, Float[np.ndar
 def write_calibration(calibrated: Calibrated, lines: Sequence[str], out: Path) -> None:
     """Write `sensor.toml`, a report and its picture.
 
-    Args:
-        calibrated: calibrated sensor.
-        lines: further lines for the report.
-        out: folder to write to.
-
     Raises:
         OSError: a file cannot be written.
     """

@@ -83,12 +83,7 @@ class Grid:
 
 
 def dot(first: Float[Array, "2 nx ny"], second: Float[Array, "2 nx ny"]) -> Float[Array, "nx ny"]:
-    """Scalar product of two vector fields, written out because XLA's sum takes far longer.
-
-    Args:
-        first: first field.
-        second: second field.
-    """
+    """Scalar product of two vector fields, written out because XLA's sum takes far longer."""
     return first[0] * second[0] + first[1] * second[1]
 
 
@@ -119,11 +114,6 @@ def interpolate(
 
 
 def make_points(grid: Grid, dtype: np.dtype) -> Float[Array, "2 nx ny"]:
-    """Centres of the cells, computed inside a compiled program instead of stored in it [mm].
-
-    Args:
-        grid: cells.
-        dtype: floating-point type.
-    """
+    """Centres of the cells, computed inside a compiled program instead of stored in it [mm]."""
     axes = (jnp.asarray(axis, dtype) for axis in (grid.x, grid.y))
     return jnp.stack(jnp.meshgrid(*axes, indexing="ij"))

@@ -275,9 +275,6 @@ def report_all(folder: Path) -> list[str]:
     Reports of a run that is going on or was interrupted go to its folder `unfinished`. Results of
     other runs in folders inside are not touched.
 
-    Args:
-        folder: output folder of the run.
-
     Returns:
         Lines for the terminal.
 

@@ -264,10 +264,6 @@ def read_travel(
 def write_squeeze(squeeze: Squeeze, out: Path) -> list[str]:
     """Write `softness.toml`, `squeeze.png` and `report.html`.
 
-    Args:
-        squeeze: k fitted by pressing.
-        out: folder to write to.
-
     Returns:
         Lines for the terminal.
 

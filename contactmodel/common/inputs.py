@@ -157,10 +157,6 @@ def cell_number(cell: str, where: str) -> float:
 def cell_whole(cell: str, where: str) -> int:
     """Convert a cell of a CSV file to a whole number.
 
-    Args:
-        cell: text of the cell.
-        where: file, line and column, for the error.
-
     Raises:
         ValueError: the cell is not a whole number, or its size is 2⁵³ or more.
     """

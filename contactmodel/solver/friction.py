@@ -268,12 +268,7 @@ def _violation(compliance: Compliance, traction: Array, slip: Array, limit: Arra
 
 
 def make_preconditioner(compliance: Compliance, sets: Sets) -> Operator:
-    """Approximate inverse of the tangential system on the sets, for free parts of fields.
-
-    Args:
-        compliance: compliance of the pair.
-        sets: sticking and sliding cells.
-    """
+    """Approximate inverse of the tangential system on the sets, for free parts of fields."""
     inverse = compliance.inverse()
     weight, local = blend(inverse, sets)
 
@@ -289,10 +284,6 @@ def blend(inverse: Compliance, sets: Sets) -> tuple[Float[Array, "nx ny"], Float
     The inverse compliance is used where cells stick or slide little, the inverse of the cells'
     stiffness where this is larger. The inverse compliance alone needs more steps on finer grids:
     four times as many at 512².
-
-    Args:
-        inverse: inverse of the compliance.
-        sets: sticking and sliding cells.
 
     Returns:
         Weight on both sides of the inverse compliance [-]; local part of the inverse [MPa/mm].

@@ -36,11 +36,7 @@ class Stencils:
     def fit_planes(
         self, valid: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n 2 2"]]:
-        """Weights of the neighbours, and the inverse normal matrix of each marker's plane fit.
-
-        Args:
-            valid: markers that can be used.
-        """
+        """Weights of the neighbours, and the inverse normal matrix of each marker's plane fit."""
         return self._whole_fit if valid.all() else self._fit_planes(valid)
 
     @cached_property

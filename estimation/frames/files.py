@@ -55,9 +55,6 @@ def write_folder(path: Path) -> Iterator[Path]:
 
     An existing folder of that name is replaced.
 
-    Args:
-        path: of the folder.
-
     Raises:
         OSError: the folder cannot be written; no partial folder remains.
     """

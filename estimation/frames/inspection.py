@@ -106,12 +106,7 @@ class LiveInspector:
         self._found: dict[str, tuple[int, Bool[np.ndarray, " n"]]] = {}
 
     def inspect(self, frame: Frame, reference: Float[np.ndarray, "n d"]) -> Frame:
-        """Inspect the next frame, and set its `flaw` and `valid`.
-
-        Args:
-            frame: the frame as it arrived.
-            reference: positions of its markers at rest.
-        """
+        """Inspect the next frame, and set its `flaw` and `valid`."""
         seen = np.asarray(np.isfinite(frame.positions).all(axis=-1))
         before, self._before = self._before, frame.positions
         if before is None or frame.flaw or before.shape != frame.positions.shape:

@@ -139,10 +139,6 @@ def is_own(host: str, served: str) -> bool:
 
     A foreign page could let its host name point to this machine and then read the data of this page
     (DNS rebinding). An address cannot be misused in this way.
-
-    Args:
-        host: host of the request.
-        served: address or name at which the page is served.
     """
     try:
         name = urlsplit(f"//{host}").hostname or ""

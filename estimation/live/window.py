@@ -52,13 +52,7 @@ class Window:
     """
 
     def __init__(self, source: Source, feed: Feed, method: str) -> None:
-        """Make a window.
-
-        Args:
-            source: source of the frames.
-            feed: feed that the frames pass through.
-            method: method whose answers are shown.
-        """
+        """Make a window."""
         longest = 4000  # points of the curve that a new browser receives
         self.dropped = self.events = 0
         self._source, self._feed, self._method = source, feed, method

@@ -44,12 +44,7 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
 
 
 def plot_friction(track: Track, grips: GripPath) -> Figure:
-    """Friction in use and friction coefficient over time, and the alerts.
-
-    Args:
-        track: track of the chosen method.
-        grips: friction and alerts.
-    """
+    """Friction in use and friction coefficient over time, and the alerts."""
     colours = {
         AlertLevel.WATCH: "#f2c14e",
         AlertLevel.ACT: "#f2803a",

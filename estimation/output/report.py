@@ -78,11 +78,7 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
 
 
 def _list_figures(with_truth: bool) -> tuple[tuple[str, str, int], ...]:
-    """Figures of a method in the report: label, name in the summary, and digits.
-
-    Args:
-        with_truth: add the errors, which need the true angles.
-    """
+    """Figures of a method in the report: label, name in the summary, and digits."""
     figures = (
         ("frames with an angle", "answered", 0),
         ("smallest angle [°]", "angle_min_deg", 2),

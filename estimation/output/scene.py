@@ -61,12 +61,7 @@ class Field(NamedTuple):
 
     @classmethod
     def around(cls, reference: Float[np.ndarray, "n d"], down: bool) -> "Field":
-        """The area around all markers at rest, with room to move.
-
-        Args:
-            reference: markers at rest.
-            down: whether y points down in the source's own view.
-        """
+        """The area around all markers at rest, with room to move."""
         wide, room = 640.0, 0.12  # longer side [px]; margin on each side over the pattern's size
         low, high = np.nanmin(reference[:, :2], axis=0), np.nanmax(reference[:, :2], axis=0)
         longest = max(float((high - low).max()), 1e-9)
@@ -76,20 +71,13 @@ class Field(NamedTuple):
         return cls(corner, scale, (width, height), down)
 
     def place(self, positions: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n 2"]:
-        """Positions of markers in the drawing [px].
-
-        Args:
-            positions: positions of the markers, in the unit of the reference.
-        """
+        """Positions of markers, in the unit of the reference, as pixels of the drawing."""
         spots = self.scale * (positions[:, :2] - self.corner)
         return spots if self.down else np.stack([spots[:, 0], self.size[1] - spots[:, 1]], axis=1)
 
 
 def keep_pictures(source: Source) -> Callable[[Frame], Shown | None]:
     """Make a source keep each picture until its frame has been answered.
-
-    Args:
-        source: source of frames.
 
     Returns:
         A function that returns a frame's picture; None for sources without pictures.
@@ -139,11 +127,7 @@ def view_markers(
 
 
 def points_down(convention: str) -> bool:
-    """Whether y points down in a source's own view, as it does in pictures.
-
-    Args:
-        convention: directions of the source's axes.
-    """
+    """Whether y points down in a source's own view, as it does in pictures."""
     return "y down" in convention
 
 
@@ -160,12 +144,7 @@ def sticking_markers(track: Track, markers: KeptMarkers) -> Bool[np.ndarray, " n
 def marker_signs(
     stick: Bool[np.ndarray, " n"], contact: Bool[np.ndarray, " n"]
 ) -> Shaped[np.ndarray, " n"]:
-    """A sign for each marker: `o` sticks, `x` slips in the contact, `.` has no contact.
-
-    Args:
-        stick: markers that stick.
-        contact: markers of the contact region.
-    """
+    """A sign for each marker: `o` sticks, `x` slips in the contact, `.` has no contact."""
     return np.where(stick, "o", np.where(contact, "x", "."))
 
 
@@ -194,21 +173,12 @@ def show_markers(
 
 
 def picture_url(jpeg: bytes) -> str:
-    """The data URL of a picture.
-
-    Args:
-        jpeg: content of the picture.
-    """
+    """The data URL of a picture."""
     return f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
 
 
 def show_numbers(values: Iterable[float], digits: int = 3) -> list[float | None]:
-    """Numbers for JSON: rounded, and None for NaN.
-
-    Args:
-        values: numbers, which may be NaN.
-        digits: number of decimals.
-    """
+    """Numbers for JSON: rounded, and None for NaN."""
     return [round(value, digits) if np.isfinite(value) else None for value in map(float, values)]
 
 

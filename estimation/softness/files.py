@@ -69,11 +69,6 @@ SOFTNESS_KINDS: dict[str, type[ScalarSoftness | LayeredSoftness]] = {
 def expect_scale(softness: Softness, unit: str, name: str) -> None:
     """Check that lengths are in mm if a correction depends on lengths.
 
-    Args:
-        softness: the correction.
-        unit: of the lengths.
-        name: of the source of the lengths.
-
     Raises:
         ValueError: they are in px.
     """

@@ -77,11 +77,6 @@ class Answer(NamedTuple):
 def make_trackers(layout: MarkerLayout, settings: Settings, noise: Noise | None) -> Trackers:
     """The trackers of a run.
 
-    Args:
-        layout: markers and reference.
-        settings: settings of the run.
-        noise: noise of the markers, given or estimated.
-
     Raises:
         ValueError: a wrong setting, or too few markers.
     """

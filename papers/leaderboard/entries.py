@@ -40,10 +40,6 @@ class Entry(NamedTuple):
 def read_entry(path: Path, cases: Mapping[str, Case]) -> Entry:
     """Read an entry from a CSV file, and name it after the file; the README explains the columns.
 
-    Args:
-        path: path of the file.
-        cases: the cases of the split, by name.
-
     Raises:
         ValueError: a column is missing, a row has more cells than columns or a `slipped` beside an
             angle, a case or frame does not exist, a cell is not a number, a frame has two answers,

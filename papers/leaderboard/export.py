@@ -22,11 +22,6 @@ def export_cases(sources: Sequence[Source], folder: Path, track: Track = iter) -
     `cases.csv` lists all cases, `truth.csv` has the truth of the tuning cases, and `baseline.csv`
     is an entry to compare with.
 
-    Args:
-        sources: the cases with their recordings.
-        folder: folder to write to.
-        track: wraps the outer loop, to show progress.
-
     Raises:
         OSError: a file cannot be written.
     """

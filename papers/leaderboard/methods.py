@@ -26,12 +26,7 @@ SLIPPING = ("tracked", "incremental", "rigid", "paper", "paper_strict", "dong", 
 
 
 def answer_all(sources: Sequence[Source], track: Track = iter) -> list[Entry]:
-    """Run every method on every case.
-
-    Args:
-        sources: the cases with their recordings.
-        track: wraps the outer loop, to show progress.
-    """
+    """Run every method on every case."""
     entries = {name: Entry(name, {}, {}, {}) for name in METHODS | PUBLISHED_METHODS}
     entries |= {name: Entry(name, {}, {}, {}, pictures=True) for name in pictures.METHODS}
     for source in track(sources):

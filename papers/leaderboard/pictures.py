@@ -28,11 +28,7 @@ LEAST_POINTS = 9
 
 
 def follow_by_trackpy(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
-    """Angles since the first picture, from dots that trackpy finds and links [rad].
-
-    Args:
-        pictures: pictures of a clip, in order.
-    """
+    """Angles since the first picture, from dots that trackpy finds and links [rad]."""
     import trackpy
 
     trackpy.quiet()
@@ -51,11 +47,7 @@ def follow_by_trackpy(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
 
 
 def follow_by_flow(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
-    """Angles since the first picture, from corners tracked by optical flow [rad].
-
-    Args:
-        pictures: pictures of a clip, in order.
-    """
+    """Angles since the first picture, from corners tracked by optical flow [rad]."""
     return _turn(np.array(list(_carry_corners(pictures))))
 
 

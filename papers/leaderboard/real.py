@@ -38,12 +38,7 @@ def find_group(group: str, say: Callable[[str], None]) -> Path | None:
 
 
 def find_path(case: Case, root: Path) -> Path:
-    """The folder or video of a case.
-
-    Args:
-        case: case of the real tier.
-        root: folder of its data set.
-    """
+    """The folder or video of a case."""
     name = case.name.removeprefix(f"real/{case.group}/")
     return root / f"{name}.avi" if case.group == "pivot-videos" else root / name
 
@@ -53,10 +48,6 @@ def find_truth(case: Case, root: Path) -> Truth:
 
     `tac3d-pivot`: the outline of the elongated contact, tracked from frame to frame. The clips: the
     object's imprint, registered by others in a few frames. The lifts: their labels.
-
-    Args:
-        case: case of the real tier.
-        root: folder of its data set.
 
     Raises:
         ValueError: the data set has no label for the lift.
@@ -75,12 +66,7 @@ def find_truth(case: Case, root: Path) -> Truth:
 
 
 def read_case(case: Case, root: Path) -> Recording:
-    """The recording of a case; markers in pictures are detected as in `estimation run`.
-
-    Args:
-        case: case of the real tier.
-        root: folder of its data set.
-    """
+    """The recording of a case; markers in pictures are detected as in `estimation run`."""
     return read_recording(find_path(case, root))
 
 

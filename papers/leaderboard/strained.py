@@ -63,10 +63,6 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
     """A recording of markers on a gel that is pressed, turned and turned back.
 
     Frames lie between the solved steps of one degree: the markers are interpolated.
-
-    Args:
-        case: case of the finite-strain tier.
-        seed: seed of its split.
     """
     rng, surface = generator(case, seed), read_surfaces()[case.group]
     x, y = rng.uniform(-0.5, 0.5, 2).tolist()
@@ -122,11 +118,7 @@ def _move_markers(
 
 
 def solve_surface(contact: settings.Gel) -> Surface:
-    """Solve a contact: the object is pressed on, turned to the peak, and back.
-
-    Args:
-        contact: sizes and depth of the contact.
-    """
+    """Solve a contact: the object is pressed on, turned to the peak, and back."""
     peak, back, presses = settings.GEL_PEAK_DEG, settings.GEL_BACK_DEG, settings.GEL_PRESSES
     turns = np.append(np.arange(1, peak + 1), np.arange(peak - 1, back - 1, -1))
     path = [Motion(contact.depth_mm * (i + 1) / presses, 0.0) for i in range(presses)]

@@ -39,12 +39,7 @@ def generator(case: Case, seed: int) -> np.random.Generator:
 
 @cache
 def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
-    """A virtual pivot, by closed forms or solved on a grid.
-
-    Args:
-        case: case of the virtual tier without pictures.
-        seed: seed of its split.
-    """
+    """A virtual pivot, by closed forms or solved on a grid."""
     if case.group == "elongated":
         return _simulate_elongated(case, generator(case, seed))
     return _simulate_pivot(case, settings.CONDITIONS[case.group], generator(case, seed))
@@ -52,12 +47,7 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
 
 @cache
 def make_clip(case: Case, seed: int) -> tuple[VirtualClip, Truth]:
-    """A rendered clip, whose pictures are drawn only when needed.
-
-    Args:
-        case: case of the virtual tier with pictures.
-        seed: seed of its split.
-    """
+    """A rendered clip, whose pictures are drawn only when needed."""
     draw = int(generator(case, seed).integers(2**31))
     clip = VirtualClip(draw_scene(settings.RENDERED, draw))
     return clip, Truth(clip.truth.angle, {case.group: count_frames(clip.truth.holding)})

@@ -122,9 +122,6 @@ def compute(quick: bool = False, track: Track = iter) -> Clips:
 def read_references(root: Path) -> dict[str, list[tuple[int, int, float]]]:
     """The reference turns by clip: first frame, second frame, and the turn between them [deg].
 
-    Args:
-        root: folder of the clips.
-
     Raises:
         ValueError: the table is damaged.
         OSError: the table cannot be read.

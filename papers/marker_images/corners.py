@@ -45,12 +45,7 @@ class CornerErrors(NamedTuple):
 
 
 def compute(quick: bool = False, track: Track = iter) -> CornerErrors:
-    """Render the pictures, and measure their corners.
-
-    Args:
-        quick: whether to use only one picture for each noise.
-        track: wraps the outer loop, to show progress.
-    """
+    """Render the pictures, and measure their corners."""
     rng = np.random.default_rng(0)
     pictures = settings.QUICK_CORNER_PICTURES if quick else settings.CORNER_PICTURES
     style = CornerStyle(settings.PITCH)

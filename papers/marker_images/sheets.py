@@ -93,13 +93,7 @@ def every_frame(
 def draw_frames(
     clip: Clip, rng: np.random.Generator, settings: SheetSettings = SHEETS
 ) -> list[int]:
-    """Random frames of a clip, the same number from each stratum of the picture's motion.
-
-    Args:
-        clip: pictures of the clip.
-        rng: random generator.
-        settings: strata, and the number of frames in each.
-    """
+    """Random frames of a clip, the same number from each stratum of the picture's motion."""
     frames = np.arange(settings.before, len(clip) - settings.reach)
     grey = clip.mean(axis=-1)
     reach = settings.reach
@@ -115,12 +109,6 @@ def write_sheets(
     root: Path, out: Path, drawn: Mapping[str, Sequence[int]], track: Track = iter
 ) -> None:
     """Write the sheets of frames, the guide to reading them and an empty table.
-
-    Args:
-        root: folder of the videos.
-        out: folder to write to.
-        drawn: selected frames by clip.
-        track: wraps the loop over clips, to show progress.
 
     Raises:
         OSError: a video cannot be read, or a file cannot be written.
@@ -139,14 +127,7 @@ def write_sheets(
 def make_sheets(
     clip: Clip, name: str, frames: Sequence[int], settings: SheetSettings = SHEETS
 ) -> Iterator[Sheet]:
-    """The sheets of a clip.
-
-    Args:
-        clip: pictures of the clip.
-        name: name of the clip, written on the sheets.
-        frames: frames to show.
-        settings: settings of the sheets.
-    """
+    """The sheets of a clip."""
     usual = np.median(clip[:: max(len(clip) // 50, 1)], axis=0)
     head = _make_head(clip, name)
     for start in range(0, len(frames), settings.rows):

@@ -52,11 +52,7 @@ def in_process(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
 
 
 def local_processes(count: int) -> Executor:
-    """An executor with worker processes on this machine; they end whenever this process ends.
-
-    Args:
-        count: number of processes.
-    """
+    """An executor with worker processes on this machine; they end whenever this process ends."""
 
     def execute(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:
         context = multiprocessing.get_context("spawn")

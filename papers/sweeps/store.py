@@ -44,12 +44,6 @@ class Store:
     def __init__(self, path: Path, name: str, version: str, table: Table) -> None:
         """Open the store, or create it.
 
-        Args:
-            path: folder of the store.
-            name: name of the study.
-            version: version of the code.
-            table: the cases.
-
         Raises:
             ValueError: the folder is not a store, or is one of another study, version or table.
         """

@@ -54,10 +54,6 @@ def describe_rows(source: Source) -> dict[str, Any]:
 def open_rows(about: Mapping[str, Any], columns: Iterator[Columns]) -> RowFile:
     """Make a file of rows from the description of `describe_rows`.
 
-    Args:
-        about: the description.
-        columns: of the rows, in batches.
-
     Raises:
         ValueError: the format has another version, or the layout's arrays do not fit each other.
         LookupError: the description lacks an entry.
@@ -99,14 +95,7 @@ def batch_rows(
 
 
 def stream_rows(file: RowFile, source: str, name: str, skip: int = 0) -> FrameStream:
-    """Stream the frames of a file of rows, inspected one after the other.
-
-    Args:
-        file: of the rows.
-        source: origin of the rows, such as a path.
-        name: short name.
-        skip: number of frames that are skipped at the start.
-    """
+    """Stream the frames of a file of rows, inspected one after the other."""
     inspector = LiveInspector()
     frames = (
         inspector.inspect(frame, file.layout.reference)

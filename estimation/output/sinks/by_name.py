@@ -109,21 +109,13 @@ def open_sinks(
 
 
 def growing_files(names: tuple[str, ...]) -> list[str]:
-    """Names of the files that grow with every answer.
-
-    Args:
-        names: names of the sinks.
-    """
+    """Names of the files that grow with every answer."""
     grown = {"mcap" if name in ("zarr", "lerobot") else name for name in names}
     return [SINK_FILES[name] for name in ("mcap", "rrd") if name in grown]
 
 
 def finish_files(names: tuple[str, ...], folder: Path) -> None:
     """Make the Zarr and LeRobot files from the MCAP file, once all frames are answered.
-
-    Args:
-        names: names of the sinks.
-        folder: folder of the files.
 
     Raises:
         ImportError: an extra is not installed.

@@ -38,13 +38,7 @@ class Viewing:
     """
 
     def __init__(self, source: Source, method: str, stream: Any) -> None:
-        """Set up the curves and states.
-
-        Args:
-            source: source of the frames.
-            method: method whose answers are shown.
-            stream: Rerun's stream that the answers go to.
-        """
+        """Set up the curves and states."""
         self._source, self._method, self._stream = source, method, stream
         self._last: dict[str, str] = {}
         for path, names in {
@@ -179,13 +173,7 @@ class LiveViewer:
     """The sink that shows answers in a viewer as they come, without waiting for it."""
 
     def __init__(self, source: Source, method: str, connect: Callable[[Any], None]) -> None:
-        """Connect to the viewer.
-
-        Args:
-            source: source of the frames.
-            method: method whose answers are shown.
-            connect: connects a stream of Rerun to the viewer.
-        """
+        """Connect to the viewer."""
         self._find_picture = keep_pictures(source)
         stream = open_stream()
         connect(stream)
