@@ -5,6 +5,7 @@ import numpy as np
 from estimation.slip.warnings import SLIP_WARNINGS
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.leaderboard import settings
+from papers.tables import cell
 
 
 def tabulate_warnings(draws: int) -> list[dict[str, object]]:
@@ -42,9 +43,9 @@ def tabulate_warnings(draws: int) -> list[dict[str, object]]:
                 {
                     "μp0/2G*": ratio,
                     "warning": name,
-                    "false alarms [%]": round(100 * false / firm_frames, 1),
+                    "false alarms [%]": cell(100 * false / firm_frames, 1),
                     "firm frames": int(firm_frames),
-                    "mean lead [s]": round(float(np.mean(leads)), 2) if leads else None,
+                    "mean lead [s]": cell(leads, 2),
                     "missed": f"{missed} of {slips}" if slips else None,
                 }
             )

@@ -6,15 +6,15 @@ contact region, so the fit takes all points that have moved since the first pict
 """
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from importlib.util import find_spec
-from itertools import pairwise
 
 import cv2
 import numpy as np
 from jaxtyping import Complex, Float, UInt8
 
 from estimation.estimators.plane import fit_motion
+from papers.slip_lifts.outside import track_points
 
 Grey = UInt8[np.ndarray, "h w"]
 
@@ -48,29 +48,11 @@ def follow_by_trackpy(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
 
 def follow_by_flow(pictures: Iterable[Grey]) -> Float[np.ndarray, " frames"]:
     """Angles since the first picture, from corners tracked by optical flow [rad]."""
-    return _turn(np.array(list(_carry_corners(pictures))))
-
-
-def _carry_corners(pictures: Iterable[Grey]) -> Iterator[Complex[np.ndarray, " points"]]:
-    """Positions of the first picture's corners in each picture; NaN from where one is lost."""
-    steps = iter(pictures)
-    first = next(steps)
-    corners = cv2.goodFeaturesToTrack(first, 300, 0.01, 5)
-    points = np.zeros((0, 1, 2), np.float32) if corners is None else corners
-    good = np.ones(len(points), dtype=bool)
-    yield points[:, 0] @ np.array([1.0, 1j])
-    for before, after in pairwise([first, *steps]):
-        if len(points):
-            moved, tracked = _flow(before, after, points)
-            back, tracked_back = _flow(after, before, moved)
-            good &= tracked & tracked_back & (np.linalg.norm(back - points, axis=-1)[:, 0] < 0.5)
-            points = moved
-        yield np.where(good, points[:, 0] @ np.array([1.0, 1j]), np.nan)
-
-
-def _flow(before: Grey, after: Grey, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    moved, tracked, _ = cv2.calcOpticalFlowPyrLK(before, after, points, points.copy())
-    return moved, tracked.ravel() > 0
+    grey = list(pictures)
+    corners = cv2.goodFeaturesToTrack(grey[0], 300, 0.01, 5)
+    if corners is None:
+        return np.zeros(len(grey))
+    return _turn(track_points(grey, corners) @ np.array([1.0, 1j]))
 
 
 def _turn(places: Complex[np.ndarray, "frames points"]) -> Float[np.ndarray, " frames"]:

@@ -20,6 +20,7 @@ from papers.li2024.fig9b import (
     limit_per_object,
     per_object,
 )
+from papers.tables import cell
 
 __all__ = ["compute", "numbers", "plot", "tables"]
 
@@ -56,19 +57,19 @@ def numbers(result: Lifts) -> dict[str, float]:
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
     """A row for each method and the bound, pooled over the objects."""
     objects = {method: per_object(result, method) for method in result.error}
-    rows = []
-    for method, each in (objects | {"Cramér–Rao bound": limit_per_object(result)}).items():
-        rows.append(
+    return {
+        "": [
             {
                 "method": method,
-                "mean absolute error [°]": round(float(each.mean()), 3),
-                "of it elongated objects [°]": round(float(each[ELONGATED].mean()), 3),
-                "between objects [°]": round(float(each.std(ddof=1)), 3),
-                "worst object [°]": round(float(each.max()), 3),
+                "mean absolute error [°]": cell(each, 3),
+                "of it elongated objects [°]": cell(each[ELONGATED], 3),
+                "between objects [°]": cell(each.std(ddof=1), 3),
+                "worst object [°]": cell(each.max(), 3),
                 "printed, hardware [°]": PRINTED.get(method),
             }
-        )
-    return {"": rows}
+            for method, each in (objects | {"Cramér–Rao bound": limit_per_object(result)}).items()
+        ]
+    }
 
 
 def plot(result: Lifts) -> Figure:

@@ -19,6 +19,7 @@ from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, lay_out_markers
 from papers.items import Track
 from papers.li2024 import settings
+from papers.tables import cell
 
 METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
 
@@ -106,7 +107,7 @@ def tables(result: dict[str, View]) -> dict[str, list[dict[str, object]]]:
             {
                 "motion": name,
                 "truth [°]": view.truth,
-                **{f"{method} [°]": round(view.angle[method], 3) for method in METHODS},
+                **{f"{method} [°]": cell(view.angle[method], 3) for method in METHODS},
                 "markers that stick": int(view.sticks.sum()),
                 "in contact": int(view.contact.sum()),
             }

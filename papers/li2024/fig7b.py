@@ -20,6 +20,8 @@ from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.li2024 import settings
 from papers.limits import MEAN_ABSOLUTE, angle_limit
+from papers.tables import cell, finish
+from papers.virtual_pivots.solved import place_at_random
 
 METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
 
@@ -64,11 +66,10 @@ def _repeat(
             friction_ratio=float(rng.uniform(*settings.FRICTION_RATIOS)),
             grid_shape=settings.MARKERS,
             pitch=settings.PITCH_MM,
-            offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-            grid_angle=float(rng.uniform(0.0, np.pi / 2)),
             noise=1e-3 * noise_um,
             normal_noise=3.5e-3 * noise_um,
         )
+        model = place_at_random(model, rng)
         layout, frame, stick = simulate_frame(model, float(np.radians(angle)), rng)
         if stick.sum() >= settings.FIRM_MARKERS:
             break
@@ -103,18 +104,15 @@ def tables(result: Static) -> dict[str, list[dict[str, object]]]:
                     "noise [µm]": noise_um,
                     "method": method,
                     "frames": int(at_noise.sum()),
-                    "mean absolute error [°]": round(float(np.abs(error).mean()), 4),
-                    "standard deviation of it [°]": round(float(np.abs(error).std()), 4),
-                    "mean error below 10° [°]": round(float(error[small].mean()), 4),
-                    "mean error from 10° [°]": round(float(error[~small].mean()), 4),
+                    "mean absolute error [°]": cell(np.abs(error), 4),
+                    "standard deviation of it [°]": cell(np.abs(error), 4, np.std),
+                    "mean error below 10° [°]": cell(error[small], 4),
+                    "mean error from 10° [°]": cell(error[~small], 4),
                 }
             )
-        limit = MEAN_ABSOLUTE * result.limit[at_noise].mean()
-        rows.append(
-            dict.fromkeys(rows[-1])
-            | {"noise [µm]": noise_um, "method": "Cramér–Rao bound"}
-            | {"mean absolute error [°]": round(float(limit), 4)}
-        )
+        limit = cell(MEAN_ABSOLUTE * result.limit[at_noise].mean(), 4)
+        bound = {"method": "Cramér–Rao bound", "mean absolute error [°]": limit}
+        rows.append(dict.fromkeys(rows[-1]) | {"noise [µm]": noise_um} | bound)
     return {"": rows}
 
 
@@ -127,9 +125,8 @@ def plot(result: Static) -> Figure:
         axis.axhline(0.0, color="C3", lw=1)
         axis.boxplot(boxes, positions=settings.ANGLES_DEG, widths=0.6, flierprops={"ms": 2})
         error = np.abs(result.error[at_noise, i])
-        axis.set_title(f"{method}, 1 µm: {error.mean():.3f}° ± {error.std():.3f}°", fontsize=10)
-        axis.set_ylabel("error [°]")
-        axis.grid(alpha=0.3)
+        title = f"{method}, 1 µm: {error.mean():.3f}° ± {error.std():.3f}°"
+        finish(axis, title=title, ylabel="error [°]")
     for axis, noise_um in zip(axes[:, 2], settings.NOISES_UM, strict=True):
         _plot_means(axis, result, noise_um)
     for axis in axes[1]:
@@ -148,8 +145,7 @@ def _plot_means(axis, result: Static, noise_um: float) -> None:
     bound = [MEAN_ABSOLUTE * result.limit[rows].mean() for rows in chosen]
     axis.semilogy(settings.ANGLES_DEG, bound, "k--", lw=1, label="Cramér–Rao bound")
     axis.axhline(0.17, color="0.5", ls=":", lw=1, label="paper, hardware: 0.17°")
-    axis.set_title(f"all methods, {noise_um:g} µm", fontsize=10)
-    axis.set_ylabel("mean absolute error [°]")
-    axis.grid(alpha=0.3, which="both")
+    title = f"all methods, {noise_um:g} µm"
+    finish(axis, minor=True, title=title, ylabel="mean absolute error [°]")
     if noise_um == settings.NOISES_UM[0]:
         axis.legend(fontsize=7, ncols=2)

@@ -21,6 +21,7 @@ from estimation.virtual.recording import PivotModel, Timing, Truth, simulate_piv
 from papers.items import Track
 from papers.li2024 import settings
 from papers.limits import MEAN_ABSOLUTE, angle_limit
+from papers.tables import cell, finish
 
 METHODS = ("paper", "paper_strict", "kolamuri", DEFAULT_METHOD)
 
@@ -91,29 +92,21 @@ def numbers(result: Lifts) -> dict[str, float]:
 def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
     """A row for each method: errors before and after macro slip, and its first missing answer."""
     slipped = np.maximum.accumulate(result.truth.macro_slip)
-    touching = np.isfinite(result.truth.angle)
+    touching, time = np.isfinite(result.truth.angle), result.recording.time
     rows = []
     for method, answers in result.results.items():
         error = np.abs(np.degrees(answers.angle - result.truth.angle))
         slips = answers.slipping
-        lost = result.recording.time[np.argmax(slips)] if slips.any() else None
         rows.append(
             {
                 "method": method,
-                "mean absolute error before macro slip [°]": _mean(error[touching & ~slipped]),
-                "after it [°]": _mean(error[touching & slipped]),
-                "first without an answer [s]": None if lost is None else round(float(lost), 2),
-                "macro slip began at [s]": round(
-                    float(result.recording.time[np.argmax(slipped)]), 2
-                ),
+                "mean absolute error before macro slip [°]": cell(error[touching & ~slipped], 3),
+                "after it [°]": cell(error[touching & slipped], 3),
+                "first without an answer [s]": cell(time[slips][:1], 2),
+                "macro slip began at [s]": cell(time[np.argmax(slipped)], 2),
             }
         )
     return {"": rows}
-
-
-def _mean(error: np.ndarray) -> float | None:
-    answered = error[np.isfinite(error)]
-    return round(float(answered.mean()), 3) if len(answered) else None
 
 
 def plot(result: Lifts) -> Figure:
@@ -134,13 +127,10 @@ def plot(result: Lifts) -> Figure:
     slipped = np.maximum.accumulate(result.truth.macro_slip)
     for name in ("angle", "error"):
         axes[name].axvspan(seconds[np.argmax(slipped)], seconds[-1], color="0.9", zorder=0)
-        axes[name].grid(alpha=0.3)
-    axes["angle"].set_ylabel("object's angle [°]")
+    finish(axes["angle"], ylabel="object's angle [°]")
     axes["angle"].legend(fontsize=8, title="grey: macro slip", title_fontsize=8)
-    axes["error"].set_ylabel("absolute error [°]")
-    axes["error"].set_ylim(1e-4, 20.0)
-    axes["error"].legend(fontsize=8)
-    axes["error"].set_xlabel("time [s]")
+    axes["error"].set(ylim=(1e-4, 20.0))
+    finish(axes["error"], legend=8, xlabel="time [s]", ylabel="absolute error [°]")
     for name, angle in zip("abc", (3.0, 11.0, 18.0), strict=True):
         _plot_markers(axes[name], result, int(np.nanargmin(np.abs(truth - angle))))
     return figure

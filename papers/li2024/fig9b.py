@@ -21,6 +21,7 @@ from papers.li2024 import settings
 from papers.li2024.lifts import METHODS
 from papers.limits import MEAN_ABSOLUTE
 from papers.sweeps import run_study
+from papers.tables import cell, finish
 
 CALIBRATED = f"{DEFAULT_METHOD}, calibrated"
 
@@ -118,14 +119,12 @@ def tables(result: Lifts) -> dict[str, list[dict[str, object]]]:
             "k": shape.stiffness_ratio,
             "elastomer [mm]": shape.thickness,
             "lifts": int((result.object_index == i).sum()),
-            "sticking markers": round(float(result.stick[result.object_index == i].mean()), 1),
-            **{f"{method} [°]": round(float(mean[i]), 3) for method, mean in means.items()},
+            "sticking markers": cell(result.stick[result.object_index == i], 1),
+            **{f"{method} [°]": cell(mean[i], 3) for method, mean in means.items()},
         }
         for i, (name, shape) in enumerate(settings.OBJECTS.items())
     ]
-    pooled: dict[str, object] = {
-        f"{method} [°]": round(float(mean.mean()), 3) for method, mean in means.items()
-    }
+    pooled: dict[str, object] = {f"{method} [°]": cell(mean, 3) for method, mean in means.items()}
     rows.append(dict.fromkeys(rows[0]) | {"object": "mean of the objects"} | pooled)
     return {"": rows}
 
@@ -147,13 +146,8 @@ def plot(result: Lifts) -> Figure:
                     label="Cramér–Rao bound of one frame")  # fmt: skip
         axis.axhline(PRINTED_DEG, color="0.5", ls=":", label=f"paper, hardware: {PRINTED_DEG}°")
         mean = per_object(result, method)
-        axis.set_title(
-            f"{method}: mean absolute error {mean.mean():.3f}°, worst object {mean.max():.3f}°",
-            fontsize=10,
-        )
-        axis.set_ylabel("absolute error [°]")
-        axis.set_yscale("log")
-        axis.grid(alpha=0.3)
+        errors = f"mean absolute error {mean.mean():.3f}°, worst object {mean.max():.3f}°"
+        finish(axis, title=f"{method}: {errors}", ylabel="absolute error [°]", yscale="log")
     axes[-1].legend(fontsize=8, loc="upper left")
     labels = [f"{name}\nk = {t.stiffness_ratio:g}, {t.thickness:g} mm"
               for name, t in settings.OBJECTS.items()]  # fmt: skip

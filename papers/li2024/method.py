@@ -13,6 +13,7 @@ from estimation.fields.contact import CONTACT_SHARE
 from estimation.fields.stick import ANGLE_FLOOR_DEG
 from estimation.frames.recording import ONSET_MM
 from papers.items import Track
+from papers.tables import finish
 
 Method = dict[str, float]
 
@@ -50,7 +51,5 @@ def plot(result: Method) -> Figure:
         below = np.maximum((1.0 - root**-2) * mean, threshold * ANGLE_FLOOR_DEG)
         axis.fill_between(mean, -below, above, alpha=0.5, label=f"threshold read as {name}")
     axis.set_xlabel("mean φ of the stick region [°]")
-    axis.set_ylabel("φ of a marker that may join, less the mean [°]")
-    axis.grid(alpha=0.3)
-    axis.legend()
+    finish(axis, legend=10, ylabel="φ of a marker that may join, less the mean [°]")
     return figure

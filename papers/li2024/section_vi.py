@@ -28,6 +28,7 @@ from contactmodel import (
 )
 from papers.items import Track
 from papers.li2024 import settings
+from papers.tables import cell, finish
 
 THICKNESSES_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 8.0, np.inf)
 DEPTHS_MM = (0.0, 0.25, 0.5, 1.0)
@@ -114,10 +115,10 @@ def tables(result: Missed) -> dict[str, list[dict[str, object]]]:
         rows.append(
             {
                 "elastomer [mm]": thickness,
-                "wide object [%]": round(float(wide[0]), 1),
-                "markers 0.5 mm deep [%]": round(float(wide[deep]), 1),
-                "4 mm of prism [%]": round(float(prism[0, length]), 1),
-                "4 mm, markers 0.5 mm deep [%]": round(float(prism[deep, length]), 1),
+                "wide object [%]": cell(wide[0], 1),
+                "markers 0.5 mm deep [%]": cell(wide[deep], 1),
+                "4 mm of prism [%]": cell(prism[0, length], 1),
+                "4 mm, markers 0.5 mm deep [%]": cell(prism[deep, length], 1),
             }
         )
         for j, depth in enumerate(DEPTHS_MM):
@@ -150,23 +151,17 @@ def plot(result: Missed) -> Figure:
         axes[0].bar(place, height, bottom=base, label=name)
         base = base + height
     axes[0].set_xticks(place, [f"{h:g}".replace("inf", "∞") for h in result.thickness])
-    axes[0].set_xlabel("thickness of the elastomer [mm]")
-    axes[0].set_ylabel("share of the turn that is missed [%]")
+    missed = "share of the turn that is missed [%]"
+    axes[0].set(xlabel="thickness of the elastomer [mm]", ylabel=missed, ylim=(0, 100))
     for i, thickness in enumerate(result.thickness):
         name = f"elastomer {thickness:g} mm".replace("inf mm", "∞")
         axes[1].plot(DEPTHS_MM, result.wide[i], "o-", ms=3, label=name)
         axes[2].plot(LENGTHS_MM, result.prism[i, 0], label=name)
     axes[1].set_xlabel("depth of the markers [mm]")
     axes[2].set_xlabel("length of the prism [mm]")
-    for axis, title in zip(
-        axes,
-        ("wide object", "wide object", "prism as wide as its face, markers at the surface"),
-        strict=True,
-    ):
+    titles = ("wide object", "wide object", "prism as wide as its face, markers at the surface")
+    for axis, title in zip(axes, titles, strict=True):
         axis.axhspan(PRINTED_PERCENT - ABOUT_PERCENT, PRINTED_PERCENT + ABOUT_PERCENT,
                      color="0.85", zorder=0, label="paper, hardware: about 70 %")  # fmt: skip
-        axis.set_title(title, fontsize=10)
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=7)
-    axes[0].set_ylim(0, 100)
+        finish(axis, legend=7, title=title)
     return figure

@@ -8,6 +8,7 @@ of the imprint between two frames, registered independently of this code and acc
 
 import textwrap
 from collections.abc import Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +28,7 @@ from estimation.tracking.stream import Answer
 from papers.items import Track
 from papers.marker_images import settings
 from papers.marker_images.answers import answer_pictures
+from papers.tables import cell
 
 COLUMNS = ("object", "exp_num", "camera", "from_frame", "to_frame", "turn_deg")
 
@@ -197,26 +199,22 @@ def _figures(name: str, turns: Sequence[Turn]) -> dict[str, object]:
     rests = [turn for turn in answered if turn.rest]
     error = np.abs([turn.error for turn in turned])
     own = np.abs([turn.imprint - turn.reference for turn in turned])
-    half = np.array([0.5 * (turn.high - turn.low) for turn in turned])
-    own = own[np.isfinite(own)]
+    half = [0.5 * (turn.high - turn.low) for turn in turned]
+    most = partial(np.quantile, q=0.9)
     return {
         "object": name,
         "clips": len({turn.clip for turn in turns}),
         "turns": len(turned),
-        "median error [°]": _number(_quantile(error, 0.5), 2),
-        "90 % [°]": _number(_quantile(error, 0.9), 2),
-        "median ± [°]": _number(_quantile(half, 0.5), 2),
+        "median error [°]": cell(error, 2, np.median),
+        "90 % [°]": cell(error, 2, most),
+        "median ± [°]": cell(half, 2, np.median),
         "outside": sum(turn.outside for turn in turned),
-        "imprint, median error [°]": _number(_quantile(own, 0.5), 2),
-        "imprint, 90 % [°]": _number(_quantile(own, 0.9), 2),
+        "imprint, median error [°]": cell(own, 2, np.median),
+        "imprint, 90 % [°]": cell(own, 2, most),
         "rests": len(rests),
         "rests missed": sum(turn.outside for turn in rests),
         "unanswered": len(turns) - len(answered),
     }
-
-
-def _quantile(values: np.ndarray, share: float) -> float:
-    return float(np.quantile(values, share)) if len(values) else np.nan
 
 
 def _row_of_turn(turn: Turn) -> dict[str, object]:
@@ -224,12 +222,10 @@ def _row_of_turn(turn: Turn) -> dict[str, object]:
         "clip": turn.clip,
         "from": turn.start,
         "to": turn.stop,
-        "reference [°]": _number(turn.reference, 2),
-        "angle [°]": _number(turn.angle, 2),
-        "low [°]": _number(turn.low, 2),
-        "high [°]": _number(turn.high, 2),
-        "imprint [°]": _number(turn.imprint, 2),
-        "error [°]": _number(turn.error, 2),
+        **{
+            f"{name} [°]": cell(getattr(turn, name), 2)
+            for name in ("reference", "angle", "low", "high", "imprint", "error")
+        },
         "outside": "" if np.isnan(turn.error) else "yes" if turn.outside else "no",
         "state": turn.state,
         "reason": turn.reason,
@@ -239,20 +235,16 @@ def _row_of_turn(turn: Turn) -> dict[str, object]:
 def _row_of_clip(clip: str, answers: Sequence[Answer]) -> dict[str, object]:
     estimates = [answer.estimates["tracked"] for answer in answers]
     states = [estimate.state for estimate in estimates]
-    answered = [bool(np.isfinite(estimate.angle)) for estimate in estimates]
     half = np.degrees([0.5 * (estimate.high - estimate.low) for estimate in estimates])
     return {
         "clip": clip,
         "frames": len(estimates),
-        "answered": sum(answered),
-        "labelled": sum(
-            bool(estimate.reason) and not known
-            for estimate, known in zip(estimates, answered, strict=True)
-        ),
+        "answered": sum(bool(np.isfinite(estimate.angle)) for estimate in estimates),
+        "labelled": sum(bool(e.reason) and not np.isfinite(e.angle) for e in estimates),
         **{f"{state}": states.count(state) for state in State},
         "at the edge": sum("edge of the view" in estimate.reason for estimate in estimates),
         "not recognised": sum(bool(answer.frame.flaw) for answer in answers),
-        "widest ± [°]": _number(float(np.nanmax(half, initial=-np.inf)), 1),
+        "widest ± [°]": cell(half, 1, np.max),
     }
 
 
@@ -262,16 +254,12 @@ def _row_of_frame(clip: str, frame: int, answer: Answer) -> dict[str, object]:
         "clip": clip,
         "frame": frame,
         "state": str(estimate.state),
-        "angle [°]": _number(np.degrees(estimate.angle), 1),
-        "± [°]": _number(np.degrees(0.5 * (estimate.high - estimate.low)), 1),
-        "imprint [°]": _number(np.degrees(answer.frame.imprint[0]), 1),
+        "angle [°]": cell(np.degrees(estimate.angle), 1),
+        "± [°]": cell(np.degrees(0.5 * (estimate.high - estimate.low)), 1),
+        "imprint [°]": cell(np.degrees(answer.frame.imprint[0]), 1),
         "registered reference [°]": settings.REGISTERED.get(clip, {}).get(frame),
         "reason": estimate.reason,
     }
-
-
-def _number(value: float, digits: int) -> float | None:
-    return round(float(value), digits) if np.isfinite(value) else None
 
 
 def plot(result: Clips) -> Figure:

@@ -25,6 +25,7 @@ from estimation.pictures.corners.rings import find_saddles, read_rings
 from estimation.pictures.render import Camera
 from papers.items import Track
 from papers.marker_images import settings
+from papers.tables import cell
 
 METHODS = ("saddle fit", "two rings")
 
@@ -159,22 +160,21 @@ def tables(result: CornerErrors) -> dict[str, list[dict[str, object]]]:
         for m, method in enumerate(METHODS):
             off, turned = result.position[n, m], result.angle[n, m]
             found = np.isfinite(turned)
-            position, angle = float(np.std(off[found])), float(np.std(turned[found]))
             claimed = np.sqrt(np.mean(result.claimed[n][found] ** 2, axis=0))
             rows.append(
                 {
                     "noise": noise,
                     "method": method,
-                    "found [%]": round(100.0 * float(found.mean()), 2),
-                    "position [px]": round(position, 4),
-                    "bias [px]": round(float(np.abs(off[found].mean(axis=0)).max()), 5),
-                    "claimed [px]": round(float(claimed[0]), 4) if m == 0 else None,
-                    "square's bound [px]": round(square[0], 4),
-                    "own bound [px]": round(own[0], 4),
-                    "angle [°]": round(float(np.degrees(angle)), 4),
-                    "claimed [°]": round(float(np.degrees(claimed[1])), 4) if m == 0 else None,
-                    "square's bound [°]": round(float(np.degrees(square[1])), 4),
-                    "own bound [°]": round(float(np.degrees(own[1])), 4),
+                    "found [%]": cell(100.0 * found, 2),
+                    "position [px]": cell(off[found], 4, np.std),
+                    "bias [px]": cell(np.abs(off[found].mean(axis=0)).max(), 5),
+                    "claimed [px]": cell(claimed[0], 4) if m == 0 else None,
+                    "square's bound [px]": cell(square[0], 4),
+                    "own bound [px]": cell(own[0], 4),
+                    "angle [°]": cell(np.degrees(turned[found].std()), 4),
+                    "claimed [°]": cell(np.degrees(claimed[1]), 4) if m == 0 else None,
+                    "square's bound [°]": cell(np.degrees(square[1]), 4),
+                    "own bound [°]": cell(np.degrees(own[1]), 4),
                 }
             )
     return {"": rows}

@@ -22,6 +22,7 @@ from estimation.pictures.render import Camera, render_dots
 from papers.items import Track
 from papers.marker_images import settings
 from papers.marker_images.rivals import RIVALS
+from papers.tables import cell
 
 FITS = {"in full": fit_dots, "by the table": fit_alike, **RIVALS}
 RADIUS, TOLD = 4.3, 4.0
@@ -113,8 +114,8 @@ def tables(result: DotErrors) -> dict[str, list[dict[str, object]]]:
         for f, fit in enumerate(FITS):
             error, claimed = result.position[n, s, f], result.claimed[n, s, f]
             found = np.isfinite(error[:, 0])
-            reported = claimed[np.isfinite(claimed)]
-            error, bias = error[found], float(np.abs(error[found].mean(axis=0)).max())
+            error, bias = error[found], np.abs(error[found].mean(axis=0)).max()
+            reported = cell(claimed, 5, lambda known: np.sqrt(np.mean(known**2)))
             rows.append(
                 {
                     "noise": noise,
@@ -122,14 +123,12 @@ def tables(result: DotErrors) -> dict[str, list[dict[str, object]]]:
                     "fit": fit,
                     "dots": len(found),
                     "missed": int((~found).sum()),
-                    "position [px]": round(float(error.std()), 5),
-                    "bound [px]": round(limit, 5),
-                    "over the bound": round(float(error.std()) / limit, 3),
-                    "bias [px]": round(bias, 5),
-                    "bias over the bound": round(bias / limit, 3),
-                    "claimed [px]": round(float(np.sqrt(np.mean(reported**2))), 5)
-                    if len(reported)
-                    else "",
+                    "position [px]": cell(error, 5, np.std),
+                    "bound [px]": cell(limit, 5),
+                    "over the bound": cell(error.std() / limit, 3),
+                    "bias [px]": cell(bias, 5),
+                    "bias over the bound": cell(bias / limit, 3),
+                    "claimed [px]": "" if reported is None else reported,
                 }
             )
     return {"": rows}

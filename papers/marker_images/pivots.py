@@ -27,6 +27,7 @@ from estimation.virtual.recording import PivotModel
 from estimation.virtual.surface import Motion, simulate_surface
 from papers.items import Track
 from papers.marker_images import settings
+from papers.tables import cell, finish
 
 METHODS = ("tracked", "paper", "paper_strict")
 CAMERA = Camera()
@@ -143,12 +144,10 @@ def tables(result: PivotErrors) -> dict[str, list[dict[str, object]]]:
                     "seen by": setup.name,
                     "method": method,
                     "frames": int(result.counts.sum()),
-                    "answered [%]": round(
-                        100.0 * float(result.answered[result.counts][:, v, m].mean()), 2
-                    ),
-                    "mean absolute error [°]": round(float(error.mean()), 4),
-                    "95th percentile [°]": round(float(np.percentile(error, 95)), 4),
-                    "largest [°]": round(float(error.max()), 4),
+                    "answered [%]": cell(100.0 * result.answered[result.counts][:, v, m], 2),
+                    "mean absolute error [°]": cell(error, 4),
+                    "95th percentile [°]": cell(np.percentile(error, 95), 4),
+                    "largest [°]": cell(error.max(), 4),
                 }
             )
     for a, angle in enumerate(result.angle):
@@ -156,7 +155,7 @@ def tables(result: PivotErrors) -> dict[str, list[dict[str, object]]]:
         by_angle.append(
             {"angle [°]": int(angle), "frames": len(error)}
             | {
-                f"{method}, {setup.name}": round(float(error[:, v, m].mean()), 4)
+                f"{method}, {setup.name}": cell(error[:, v, m], 4)
                 for v, setup in enumerate(SETUPS)
                 for m, method in enumerate(METHODS)
                 if len(error)
@@ -173,8 +172,7 @@ def plot(result: PivotErrors) -> Figure:
             counted = np.where(result.counts, np.abs(result.error[..., v, m]), np.nan)
             axis.semilogy(result.angle, np.nanmean(counted, axis=(0, 1)), "o-", ms=3, label=method)
         axis.axhline(0.03, color="0.5", ls="--", lw=1, label="0.03°")
-        axis.set(title=setup.name, xlabel="object's angle [°]")
-        axis.grid(alpha=0.3, which="both")
-    axes[0].set_ylabel("mean absolute error [°]")
-    axes[0].legend(fontsize=8)
+        axis.set_title(setup.name)
+        finish(axis, minor=True, xlabel="object's angle [°]")
+    finish(axes[0], legend=8, minor=True, ylabel="mean absolute error [°]")
     return figure

@@ -4,6 +4,7 @@
 them without options. The scene gives the truth.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -21,6 +22,7 @@ from papers.items import Track as Progress
 from papers.marker_images.answers import answer_clip
 from papers.marker_images.scenes import CONDITIONS, draw_scene
 from papers.marker_images.settings import CLIP_DRAWS, QUICK_CLIPS
+from papers.tables import cell, finish
 
 WRONG_DEG, SURE_DEG = 2.0, 1.5
 """An answer is confidently wrong above this error and below this half-width [deg]."""
@@ -145,30 +147,22 @@ def _row(name: str, clips: list[ClipAnswers]) -> dict[str, object]:
     wrong = answered & (np.abs(error) > WRONG_DEG) & (half < SURE_DEG)
     right, called, missed = zip(*(judge_states(clip) for clip in clips), strict=True)
 
-    def show(values: np.ndarray, digits: int = 2) -> float | None:
-        return round(float(values), digits) if np.isfinite(values) else None
-
-    def share(flags: np.ndarray) -> float | None:
-        return round(100.0 * float(flags.mean()), 1) if len(flags) else None
-
-    size = np.abs(error[answered]) if answered.any() else np.array([np.nan])
+    size, most = np.abs(error), partial(np.percentile, q=90)
     return {
         "condition": name,
         "clips": len(clips),
         "frames": len(error),
-        "median error [°]": show(np.median(size)),
-        "90 % [°]": show(np.percentile(size, 90)),
-        "interval holds [%]": share(inside[answered]),
-        "median half-width [°]": show(np.median(half[answered])) if answered.any() else None,
+        "median error [°]": cell(size, 2, np.median),
+        "90 % [°]": cell(size, 2, most),
+        "interval holds [%]": cell(100.0 * inside[answered], 1),
+        "median half-width [°]": cell(half[answered], 2, np.median),
         "confidently wrong": int(wrong.sum()),
-        "unanswered [%]": share(~answered),
-        "counted anew [%]": share(anew),
-        "states right [%]": share(np.concatenate(right)),
+        "unanswered [%]": cell(100.0 * ~answered, 1),
+        "counted anew [%]": cell(100.0 * anew, 1),
+        "states right [%]": cell(100.0 * np.concatenate(right), 1),
         "falsely macro slip": sum(called),
         "macro slip missed": sum(missed),
-        "median error of slip [°]": show(np.nanmedian(np.abs(slip_error)))
-        if answered.any()
-        else None,
+        "median error of slip [°]": cell(np.abs(slip_error), 2, np.median),
     }
 
 
@@ -187,8 +181,7 @@ def plot(result: list[ClipAnswers]) -> Figure:
         axis.fill_between(
             frames, *np.degrees([clip.track.low, clip.track.high]), color="C0", alpha=0.3, lw=0
         )
-        axis.set_title(clip.condition, fontsize=9)
-        axis.grid(alpha=0.3)
+        finish(axis, title=clip.condition)
     axes[0, 0].legend(fontsize=7)
     axes[0, 0].set_ylabel("angle [°]")
     axes[-1, 0].set_xlabel("frame")

@@ -17,6 +17,7 @@ from estimation.pictures.speckle.subsets import make_subsets, polar_angle
 from estimation.pictures.speckle.tracking import SpeckleTracker
 from papers.items import Track
 from papers.marker_images import settings
+from papers.tables import cell
 
 CAMERA = Camera(width=320, height=240)
 RADIUS = 2.0 * CAMERA.mm_per_px
@@ -98,11 +99,11 @@ def tables(result: SpeckleErrors) -> dict[str, list[dict[str, object]]]:
             {
                 "noise": settings.NOISES[n],
                 "twist [°]": twist,
-                "found in view [%]": round(100.0 * float(result.found[n, t]), 1),
-                "bound [px]": round(float(result.limit[n, 0]), 5),
-                "position over the bound": round(float(result.position[n, t]), 3),
-                "bound [°]": round(float(np.degrees(result.limit[n, 1])), 4),
-                "rotation over the bound": round(float(result.rotation[n, t]), 3),
+                "found in view [%]": cell(100.0 * result.found[n, t], 1),
+                "bound [px]": cell(result.limit[n, 0], 5),
+                "position over the bound": cell(result.position[n, t], 3),
+                "bound [°]": cell(np.degrees(result.limit[n, 1]), 4),
+                "rotation over the bound": cell(result.rotation[n, t], 3),
             }
             for n in range(len(result.found))
             for t, twist in enumerate(twists)

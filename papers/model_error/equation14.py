@@ -18,6 +18,7 @@ from matplotlib.tri import TriAnalyzer, Triangulation
 from papers.items import Track
 from papers.model_error import atlas
 from papers.sweeps import run_study
+from papers.tables import cell, finish
 
 LEVELS = (1, 2, 5, 10, 20, 30, 40, 50, 60, 70)
 """Contour lines [%]."""
@@ -78,18 +79,14 @@ def tables(result: Maps) -> dict[str, list[dict[str, object]]]:
         rows.append(
             {
                 "k": float(k[0]),
-                "h/a": round(float(result.thickness[chosen].mean()), 2),
+                "h/a": cell(result.thickness[chosen], 2),
                 "contact": "large" if result.large[chosen[0]] else "small",
-                "missed, more than 80 % sticks [%]": _mean(missed[ratio > 0.8]),
-                "missed, 10 to 30 % sticks [%]": _mean(missed[(ratio > 0.1) & (ratio < 0.3)]),
-                "half-spaces, k/(1+k) [%]": round(100.0 * float(k[0] / (1.0 + k[0])), 2),
+                "missed, more than 80 % sticks [%]": cell(missed[ratio > 0.8], 2),
+                "missed, 10 to 30 % sticks [%]": cell(missed[(ratio > 0.1) & (ratio < 0.3)], 2),
+                "half-spaces, k/(1+k) [%]": cell(100.0 * k[0] / (1.0 + k[0]), 2),
             }
         )
     return {"": rows}
-
-
-def _mean(missed: np.ndarray) -> float | None:
-    return round(float(missed.mean()), 2) if len(missed) else None
 
 
 def plot(result: Maps) -> Figure:
@@ -143,10 +140,7 @@ def _plot_collapse(left, right, result: Maps) -> None:
                               label=name)  # fmt: skip
     left.set(ylabel="1 − φ/θ [%]", title="full, dots: large contacts; dashed, crosses: small")
     right.set(ylabel="k'/k, with θ = (1 + k') φ [-]", title="apparent k of a layer")
-    for axis in (left, right):
-        axis.set_xlabel("thickness over contact radius h/a [-]")
-        axis.grid(alpha=0.3, which="both")
-        axis.legend(fontsize=8)
+    finish(left, right, legend=8, minor=True, xlabel="thickness over contact radius h/a [-]")
 
 
 def _map(axis, x: np.ndarray, y: np.ndarray, missed: np.ndarray) -> None:
@@ -175,7 +169,5 @@ def _plot_friction(axis, result: Maps) -> None:
             name = f"μ = {friction:g}" if style == "o-" else None
             axis.plot(result.stick_ratio[rows].T, result.missed[rows].T, style, ms=3, lw=1,
                       color=f"C{i}", label=name)  # fmt: skip
-    axis.set(xlabel="stick ratio [-]", ylabel="1 − φ/θ [%]",
-             title=f"k = {k:g}; full: thin, dashed: thick")  # fmt: skip
-    axis.grid(alpha=0.3)
-    axis.legend(fontsize=7)
+    axis.set_title(f"k = {k:g}; full: thin, dashed: thick")
+    finish(axis, legend=7, xlabel="stick ratio [-]", ylabel="1 − φ/θ [%]")

@@ -17,16 +17,16 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
-from contactmodel.analytic import lubkin_twist
 from estimation.estimators.paper import STRICT_THRESHOLD
 from estimation.estimators.published import erode
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
-from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
+from papers.model_error.stencil_bias import draw_frame
+from papers.tables import cell, finish
 
 THRESHOLDS = tuple(np.geomspace(0.001, 1.0, 25).tolist())
 NOISES_UM = (0.3, 1.0, 3.0, 10.0)
@@ -96,19 +96,8 @@ def _draw(
 ) -> tuple[list[float], list[float], list[float], float, float]:
     """One frame's missed and false shares and errors by threshold, its bound and noise of φ."""
     theta = float(np.radians(settings.ANGLE_DEG))
-    radius, noise = settings.CONTACT_RADIUS, 1e-3 * condition.noise_um
-    across = int(np.ceil(2.8 * radius / condition.pitch))
-    model = PivotModel(
-        contact_radius=radius,
-        friction_ratio=theta / float(lubkin_twist(condition.stick_radius, 1.0)),
-        grid_shape=(across, across),
-        pitch=condition.pitch,
-        offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-        grid_angle=float(rng.uniform(0.0, np.pi / 2)),
-        noise=noise,
-        normal_noise=3.5 * noise,
-    )
-    layout, frame, truth = simulate_frame(model, theta, rng)
+    noise = 1e-3 * condition.noise_um
+    layout, frame, truth = draw_frame(condition.pitch, condition.stick_radius, noise, rng)
     stencils = make_stencils(layout)
     fields = measure_fields(stencils, frame)
     missed, false, error = [], [], []
@@ -144,14 +133,14 @@ def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
                 "pitch [mm]": condition.pitch,
                 "c/a": condition.stick_radius,
                 "best threshold": round(THRESHOLDS[best], 3),
-                "noise of φ [-]": round(float(result.scatter[i]), 4),
-                "threshold over noise": round(THRESHOLDS[best] / float(result.scatter[i]), 1),
-                "missed [%]": round(100 * float(result.missed[i, best]), 1),
-                "false [%]": round(100 * float(result.false[i, best]), 1),
-                "error [°]": round(float(result.error[i, best]), 3),
-                "at 0.4 [°]": round(float(result.error[i, read[0]]), 3),
-                "at 0.4° [°]": round(float(result.error[i, read[1]]), 3),
-                "Cramér–Rao [°]": round(float(result.limit[i]), 4),
+                "noise of φ [-]": cell(result.scatter[i], 4),
+                "threshold over noise": cell(THRESHOLDS[best] / result.scatter[i], 1),
+                "missed [%]": cell(100 * result.missed[i, best], 1),
+                "false [%]": cell(100 * result.false[i, best], 1),
+                "error [°]": cell(result.error[i, best], 3),
+                "at 0.4 [°]": cell(result.error[i, read[0]], 3),
+                "at 0.4° [°]": cell(result.error[i, read[1]], 3),
+                "Cramér–Rao [°]": cell(result.limit[i], 4),
             }
         )
     return {"": rows}
@@ -159,26 +148,25 @@ def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
 
 def plot(result: Thresholds) -> Figure:
     """Shares, bias and error over the threshold, by noise (above) and pitch (below); best ones."""
-    figure = plt.figure(figsize=(18, 8), layout="constrained")
-    grid = figure.add_gridspec(2, 4)
-    axes = np.array([[figure.add_subplot(grid[i, j]) for j in range(3)] for i in range(2)])
+    figure, axes = plt.subplots(2, 4, figsize=(18, 8), layout="constrained")
+    _plot_best(*axes[:, 3], result)
+    axes = axes[:, :3]
     by_noise = [i for i, c in enumerate(CONDITIONS) if c.pitch == 1.0 and c.stick_radius == 0.6]
     by_pitch = [i for i, c in enumerate(CONDITIONS) if c.noise_um == 1.0 and c.stick_radius == 0.6]
     for j, (chosen, name) in enumerate(
         ((by_noise, "{0.noise_um:g} µm"), (by_pitch, "{0.pitch:g} mm"))
     ):
-        shares, bias, error = axes[j]
-        _plot_row(shares, bias, error, result, chosen, name)
-        first = CONDITIONS[chosen[0]]
-        fixed = "pitch 1 mm" if j == 0 else f"noise {first.noise_um:g} µm"
-        shares.set_title(f"missed (full) and false (dashed); c/a = 0.6, {fixed}", fontsize=10)
+        _plot_row(*axes[j], result, chosen, name)
+        fixed = "pitch 1 mm" if j == 0 else f"noise {CONDITIONS[chosen[0]].noise_um:g} µm"
+        title = f"missed (full) and false (dashed); c/a = 0.6, {fixed}"
+        finish(axes[j, 0], legend=8, title=title, ylabel="share of the markers [%]")
+        finish(axes[j, 1], title="answered frames only", ylabel="mean error [°]")
+        title = "missing angle counts as 0°; dotted: Cramér–Rao bound"
+        finish(axes[j, 2], title=title, ylabel="mean absolute error [°]")
     for axis in axes.flat:
         for threshold in (0.4, STRICT_THRESHOLD):
             axis.axvline(threshold, color="0.6", ls=":", lw=1)
-        axis.grid(alpha=0.3)
-    for axis in axes[1]:
-        axis.set_xlabel("threshold of Eq. 15 [-]; dotted: 0.4 and 0.4°")
-    _plot_best(figure.add_subplot(grid[0, 3]), figure.add_subplot(grid[1, 3]), result)
+    finish(*axes[1], xlabel="threshold of Eq. 15 [-]; dotted: 0.4 and 0.4°")
     return figure
 
 
@@ -198,9 +186,7 @@ def _plot_best(above, below, result: Thresholds) -> None:
     below.loglog(ends, ends, "k:", lw=1, label="the bound")
     above.set(xlabel="noise of φ over φ [-]", ylabel="best threshold [-]")
     below.set(xlabel="Cramér–Rao bound [°]", ylabel="mean absolute error at the best threshold [°]")
-    for axis in (above, below):
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
+    finish(above, below, legend=8)
 
 
 def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: str) -> None:
@@ -213,9 +199,3 @@ def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: 
         bias.semilogx(THRESHOLDS, result.bias[i], **style)
         error.loglog(THRESHOLDS, result.error[i], **style)
         error.axhline(result.limit[i], ls=":", **(style | {"lw": 1.0}))
-    shares.set_ylabel("share of the markers [%]")
-    bias.set_ylabel("mean error [°]")
-    error.set_ylabel("mean absolute error [°]")
-    shares.legend(fontsize=8)
-    bias.set_title("answered frames only", fontsize=10)
-    error.set_title("missing angle counts as 0°; dotted: Cramér–Rao bound", fontsize=10)

@@ -27,6 +27,7 @@ from contactmodel import (
 )
 from papers.items import Track
 from papers.model_error import settings
+from papers.tables import cell, finish
 
 K = 0.5
 RADIUS, APPROACH = 20.0, 0.8  # mm
@@ -109,7 +110,7 @@ def tables(result: Residuals) -> dict[str, list[dict[str, object]]]:
     rows = []
     for name, (unit, values, residuals) in _panels(result).items():
         for value, row in zip(values, residuals, strict=True):
-            percent = {c: round(100 * float(r), 3) for c, r in zip(COMPONENTS, row, strict=True)}
+            percent = {c: cell(100 * r, 3) for c, r in zip(COMPONENTS, row, strict=True)}
             rows.append({"varied": name, "value": f"{value:g} {unit}"} | percent)
     return {"": rows}
 
@@ -136,8 +137,7 @@ def plot(result: Residuals) -> Figure:
             label = component if component == "curl" else f"D_{component}".replace(" of ", " u_")
             axis.semilogy(place, shown, style, marker="os^vD"[i], ms=9 - 1.5 * i, label=label)
         axis.set_xticks(place, [f"{value:g}".replace("inf", "∞") for value in values])
-        axis.set_xlabel(f"{name} [{unit}]" if unit else f"{name} [-]")
-        axis.grid(alpha=0.3, which="both")
+        finish(axis, minor=True, xlabel=f"{name} [{unit or '-'}]")
     axes[0].set_ylabel("residual of Eq. 2 [% of k D u_S]\n(drawn at 10⁻⁷ if smaller)")
     axes[0].legend(fontsize=8)
     return figure

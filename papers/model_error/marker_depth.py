@@ -17,6 +17,7 @@ from contactmodel import Contact, Grid, HalfSpace, Layer, Pose, Rigid, RoundPunc
 from estimation.estimators.plane import fit_motion
 from papers.items import Track
 from papers.model_error import settings
+from papers.tables import cell, finish
 
 DEPTHS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
 """z/a."""
@@ -94,13 +95,13 @@ def tables(result: Depth) -> dict[str, list[dict[str, object]]]:
         "": [
             {
                 "z/a": depth,
-                "centre, closed form [%]": round(float(result.closed[i]), 2),
-                "centre, model [%]": round(float(result.centre[i]), 2),
+                "centre, closed form [%]": cell(result.closed[i], 2),
+                "centre, model [%]": cell(result.centre[i], 2),
                 **{
-                    f"fit, h/a = {thickness:g} [%]": round(float(result.fit[j, i]), 2)
+                    f"fit, h/a = {thickness:g} [%]": cell(result.fit[j, i], 2)
                     for j, thickness in enumerate(result.thicknesses)
                 },
-                "fit, thick, at 10° [°]": round(0.1 * float(result.fit[-1, i]), 3),
+                "fit, thick, at 10° [°]": cell(0.1 * result.fit[-1, i], 3),
             }
             for i, depth in enumerate(DEPTHS)
         ]
@@ -112,14 +113,12 @@ def plot(result: Depth) -> Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
     left.plot(DEPTHS, result.closed, "k-", label="closed form")
     left.plot(DEPTHS, result.centre, "o", label="contact model")
-    left.set_title("centre, half-space", fontsize=10)
     left.set_ylabel("share of the turn that is missed [%]")
     for j, thickness in enumerate(result.thicknesses):
         name = f"h/a = {thickness:g}".replace("inf", "∞")
         right.plot(DEPTHS, result.fit[j], "o-", ms=4, label=name)
-    right.set_title(f"rigid fit of the inner {INNER:g} a", fontsize=10)
-    for axis in (left, right):
-        axis.set_xlabel("depth of the markers over contact radius z/a [-]")
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
+    titles = ("centre, half-space", f"rigid fit of the inner {INNER:g} a")
+    for axis, title in zip((left, right), titles, strict=True):
+        depth = "depth of the markers over contact radius z/a [-]"
+        finish(axis, legend=8, title=title, xlabel=depth)
     return figure

@@ -18,6 +18,7 @@ from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
+from papers.tables import cell, finish
 
 METHODS = ("paper", "rigid", "incremental")
 FRICTION_RATIOS = (0.12, 0.15, 0.2, 0.3, 0.5)
@@ -92,9 +93,9 @@ def tables(result: Reversals) -> dict[str, list[dict[str, object]]]:
             {
                 "μp0/2G*": ratio,
                 "method": method,
-                "mean absolute error [°]": round(float(result.mean[i, :, j].mean()), 4),
-                "answered [%]": round(100 * float(result.answered[i, :, j].mean()), 1),
-                "Cramér–Rao, always stuck [°]": round(float(result.limit[i]), 4),
+                "mean absolute error [°]": cell(result.mean[i, :, j], 4),
+                "answered [%]": cell(100 * result.answered[i, :, j], 1),
+                "Cramér–Rao, always stuck [°]": cell(result.limit[i], 4),
             }
             for i, ratio in enumerate(FRICTION_RATIOS)
             for j, method in enumerate(METHODS)
@@ -109,18 +110,14 @@ def plot(result: Reversals) -> Figure:
         for j, method in enumerate(METHODS):
             axis.plot(result.step, result.error[i, j], color=f"C{j}", lw=1.2, label=method)
         axis.axvline(FRAMES[0] + FRAMES[1], color="0.5", ls=":", lw=1)
-        axis.set_title(f"μp₀/2G* = {FRICTION_RATIOS[i]:g}; dotted: turns back", fontsize=10)
-        axis.set_xlabel("frame since the twist began")
-        axis.set_ylabel("error [°]")
-        axis.set_xlim(0, result.step[-1])
-        axis.grid(alpha=0.3)
+        title = f"μp₀/2G* = {FRICTION_RATIOS[i]:g}; dotted: turns back"
+        axis.set(ylabel="error [°]", xlim=(0, result.step[-1]))
+        finish(axis, title=title, xlabel="frame since the twist began")
     axes[0].legend(fontsize=8)
     for j, method in enumerate(METHODS):
         axes[2].semilogy(FRICTION_RATIOS, result.mean[:, :, j].mean(axis=1), "o-", color=f"C{j}",
                          label=method)  # fmt: skip
     axes[2].semilogy(FRICTION_RATIOS, result.limit, "k--", label="Cramér–Rao, always stuck")
-    axes[2].set_xlabel("μp₀/2G* [-]")
-    axes[2].set_ylabel("mean absolute error after the turn [°]")
-    axes[2].grid(alpha=0.3, which="both")
-    axes[2].legend(fontsize=8)
+    error = "mean absolute error after the turn [°]"
+    finish(axes[2], legend=8, minor=True, xlabel="μp₀/2G* [-]", ylabel=error)
     return figure

@@ -22,6 +22,7 @@ from contactmodel.equations import (
 from papers.items import Track
 from papers.limits import curl_shortfall, line_shortfall, traction_excess
 from papers.model_error import settings
+from papers.tables import cell, finish
 
 STRAINS = (0.02, 0.05, 0.1)
 """Greatest principal strain; silicone under a twist of 20° has about 0.1."""
@@ -86,20 +87,18 @@ def _rotation(angle: np.ndarray | float) -> np.ndarray:
 
 def tables(result: Forms) -> dict[str, list[dict[str, object]]]:
     """A row for each of 2, 5, 10 and 20°."""
-    rows = []
+    rows, largest = [], np.abs(result.elements_deg[-1]).max()
     for angle in (2.0, 5.0, 10.0, 20.0):
         i = int(np.argmin(np.abs(result.angle_deg - angle)))
         rows.append(
             {
                 "angle [°]": angle,
-                "Eq. 3 printed [%]": round(float(result.printed_percent[i]), 2),
-                "Eq. 4 [%]": round(float(result.small_percent[i]), 2),
-                f"Eq. 7 at strain {STRAINS[-1]} [°]": round(
-                    float(np.abs(result.elements_deg[-1]).max()), 3
-                ),
-                "linear twist's lines [°]": round(float(result.linear_deg[i]), 3),
-                "half the curl [°]": round(float(result.curl_deg[i]), 3),
-                "traction under (R−I)r [%]": round(float(result.traction_percent[i]), 2),
+                "Eq. 3 printed [%]": cell(result.printed_percent[i], 2),
+                "Eq. 4 [%]": cell(result.small_percent[i], 2),
+                f"Eq. 7 at strain {STRAINS[-1]} [°]": cell(largest, 3),
+                "linear twist's lines [°]": cell(result.linear_deg[i], 3),
+                "half the curl [°]": cell(result.curl_deg[i], 3),
+                "traction under (R−I)r [%]": cell(result.traction_percent[i], 2),
             }
         )
     return {"": rows}
@@ -120,8 +119,8 @@ def plot(result: Forms) -> Figure:
     excess = right.twinx()
     excess.plot(result.angle_deg, result.traction_percent, "C3--")
     excess.set_ylabel("excess traction under (R − I)r [%], dashed", color="C3")
+    finish(left, right, xlabel="angle [°]")
+    finish(middle, xlabel="direction of the stretch [°]")
     for axis in (left, middle, right):
-        axis.set_xlabel("direction of the stretch [°]" if axis is middle else "angle [°]")
-        axis.grid(alpha=0.3)
         axis.legend(fontsize=8, loc="lower left" if axis is right else "upper left")
     return figure

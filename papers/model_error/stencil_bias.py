@@ -10,17 +10,20 @@ from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
 from contactmodel.analytic import lubkin_twist
 from estimation.estimators.plane import fit_motion
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
+from estimation.frames.recording import Frame, MarkerLayout
 from estimation.virtual.recording import PivotModel, simulate_frame
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
 from papers.model_error import settings
+from papers.tables import cell, finish
+from papers.virtual_pivots.solved import place_at_random
 
 STICK_RADII = tuple(np.linspace(0.25, 0.95, 15).tolist())
 """c/a."""
@@ -50,15 +53,25 @@ def compute(quick: bool = False, track: Track = iter) -> Bias:
     draws = QUICK_DRAWS if quick else DRAWS
     shape = (len(PITCHES_MM), len(STICK_RADII))
     mean, rigid, limit = np.zeros((*shape, draws)), np.zeros((*shape, draws)), np.zeros(shape)
-    for cell in track(list(np.ndindex(shape))):
-        pitch, radius = PITCHES_MM[cell[0]], STICK_RADII[cell[1]]
+    for at in track(list(np.ndindex(shape))):
+        pitch, radius = PITCHES_MM[at[0]], STICK_RADII[at[1]]
         drawn = [_draw(pitch, radius, rng) for _ in range(draws)]
-        mean[cell], rigid[cell], bounds = (np.array(part) for part in zip(*drawn, strict=True))
-        limit[cell] = bounds.mean()
+        mean[at], rigid[at], bounds = (np.array(part) for part in zip(*drawn, strict=True))
+        limit[at] = bounds.mean()
     return Bias(mean, rigid, limit)
 
 
-def _draw(pitch: float, stick_radius: float, rng: np.random.Generator) -> tuple[float, ...]:
+def draw_frame(
+    pitch: float, stick_radius: float, noise: float, rng: np.random.Generator
+) -> tuple[MarkerLayout, Frame, Bool[np.ndarray, " n"]]:
+    """A pivot turned by the default angle, its markers placed at random, and the mask that sticks.
+
+    Args:
+        pitch: distance of the markers [mm].
+        stick_radius: c/a [-].
+        noise: noise of x and y; that of z is 3.5 times larger [mm].
+        rng: random generator.
+    """
     theta = float(np.radians(settings.ANGLE_DEG))
     across = int(np.ceil(2.8 * settings.CONTACT_RADIUS / pitch))
     model = PivotModel(
@@ -66,12 +79,15 @@ def _draw(pitch: float, stick_radius: float, rng: np.random.Generator) -> tuple[
         friction_ratio=theta / float(lubkin_twist(stick_radius, 1.0)),
         grid_shape=(across, across),
         pitch=pitch,
-        offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-        grid_angle=float(rng.uniform(0.0, np.pi / 2)),
-        noise=NOISE_MM,
-        normal_noise=3.5 * NOISE_MM,
+        noise=noise,
+        normal_noise=3.5 * noise,
     )
-    layout, frame, stick = simulate_frame(model, theta, rng)
+    return simulate_frame(place_at_random(model, rng), theta, rng)
+
+
+def _draw(pitch: float, stick_radius: float, rng: np.random.Generator) -> tuple[float, ...]:
+    theta = float(np.radians(settings.ANGLE_DEG))
+    layout, frame, stick = draw_frame(pitch, stick_radius, NOISE_MM, rng)
     phi = measure_fields(make_stencils(layout), frame).rotation[stick].mean()
     before, after = (
         points[stick, :2] @ [1.0, 1.0j] for points in (layout.reference, frame.positions)
@@ -88,12 +104,10 @@ def tables(result: Bias) -> dict[str, list[dict[str, object]]]:
             {
                 "pitch [mm]": PITCHES_MM[i],
                 "c/a": round(STICK_RADII[j], 2),
-                "mean of φ, median error [°]": round(float(np.median(result.mean[i, j])), 3),
-                "rigid fit, median error [°]": round(float(np.median(result.rigid[i, j])), 4),
-                "rigid fit, mean absolute error [°]": round(
-                    float(np.abs(result.rigid[i, j]).mean()), 4
-                ),
-                "Cramér–Rao [°]": round(float(result.limit[i, j]), 4),
+                "mean of φ, median error [°]": cell(result.mean[i, j], 3, np.median),
+                "rigid fit, median error [°]": cell(result.rigid[i, j], 4, np.median),
+                "rigid fit, mean absolute error [°]": cell(np.abs(result.rigid[i, j]), 4),
+                "Cramér–Rao [°]": cell(result.limit[i, j], 4),
             }
             for i, j in np.ndindex(result.limit.shape)
         ]
@@ -117,8 +131,6 @@ def plot(result: Bias) -> Figure:
                        label=f"Cramér–Rao bound, {pitch:g} mm")  # fmt: skip
     left.set_ylabel("error, median and 5 to 95 % [°]")
     right.set_ylabel("mean absolute error [°]")
-    for axis in (left, right):
-        axis.set_xlabel("stick radius over contact radius c/a [-]")
-        axis.grid(alpha=0.3, which="both")
+    finish(left, right, minor=True, xlabel="stick radius over contact radius c/a [-]")
     right.legend(fontsize=7)
     return figure

@@ -36,6 +36,7 @@ from papers.slip_lifts.scores import (
     leave_out,
     measure_auc,
 )
+from papers.tables import cell, finish
 
 OURS, LEFT_OUT, RULE = "ours", "ours, object left out", "ten-line rule"
 UNPRINTED = "macro slip by the markers alone"
@@ -239,7 +240,7 @@ def _row(study: Study, name: str, mask: Bool[np.ndarray, " lifts"]) -> dict[str,
     for score in (OURS, LEFT_OUT, RULE):
         if score in study.scores:
             row[f"{score}: right"] = int((study.called[score][mask] == slipped).sum())
-            row[f"{score}: AUC"] = _round(measure_auc(study.scores[score][mask], slipped))
+            row[f"{score}: AUC"] = cell(measure_auc(study.scores[score][mask], slipped), 3)
     row["held lifts with macro slip"] = int((macro[~slipped] > 0.0).sum())
     return row
 
@@ -247,12 +248,12 @@ def _row(study: Study, name: str, mask: Bool[np.ndarray, " lifts"]) -> dict[str,
 def _score_row(study: Study, name: str) -> dict[str, object]:
     row: dict[str, object] = {
         "score": name,
-        "AUC": _round(measure_auc(study.scores[name], study.slipped)),
+        "AUC": cell(measure_auc(study.scores[name], study.slipped), 3),
     }
     if (called := study.called.get(name)) is None:
         return row | dict.fromkeys(("right [%]", "slips missed", "holds called slips"))
     return row | {
-        "right [%]": round(100.0 * float(np.mean(called == study.slipped)), 1),
+        "right [%]": cell(100.0 * (called == study.slipped), 1),
         "slips missed": int((~called & study.slipped).sum()),
         "holds called slips": int((called & ~study.slipped).sum()),
     }
@@ -265,7 +266,7 @@ def _lift_row(study: Study, i: int) -> dict[str, object]:
         "lift": lift.label.lift,
         "label": "slipped" if lift.label.slipped else "held",
         "ours": lift.outcome.word,
-        **{name: _round(score[i]) for name, score in study.scores.items()},
+        **{name: cell(score[i], 3) for name, score in study.scores.items()},
         "first slipped [frame]": first_called(lift.slipped),
     }
 
@@ -275,7 +276,7 @@ def _fit_row(study: Study, name: str) -> dict[str, object]:
     numbers = ("fallen", "fallen_spread", "kept", "kept_spread")
     return {
         "left out": name,
-        **{number: _round(getattr(fit, number)) for number in numbers},
+        **{number: cell(getattr(fit, number), 3) for number in numbers},
         "right": int((study.called[LEFT_OUT] == study.slipped)[own].sum()),
         "of": int(own.sum()),
     }
@@ -297,10 +298,5 @@ def plot(result: Study) -> Figure:
     right.axvline(0.5, color="0.6", lw=0.8)
     right.set(xlabel="probability of a slip, fitted to the other objects [-]")
     right.legend(fontsize=8)
-    for axis in (left, right):
-        axis.grid(alpha=0.3)
+    finish(left, right)
     return figure
-
-
-def _round(value: float) -> float | None:
-    return round(float(value), 3) if np.isfinite(value) else None

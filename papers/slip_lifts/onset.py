@@ -18,6 +18,7 @@ from papers.slip_lifts import settings
 from papers.slip_lifts.lifts import Lift, Study, compute
 from papers.slip_lifts.outside import measure_motion
 from papers.slip_lifts.scores import first_called
+from papers.tables import cell
 
 __all__ = ["compute", "plot", "tables"]
 
@@ -76,7 +77,7 @@ def tabulate(result: Onsets) -> dict[str, list[dict[str, object]]]:
         }
         for far in settings.SLID_MM:
             row[f"{far:g} mm [frame]"] = first_beyond(motion, far)
-        rows.append(row | {"last frame [mm]": round(float(motion[-1]), 2)})
+        rows.append(row | {"last frame [mm]": cell(motion[-1], 2)})
     slips = [row for row in rows if row["label"] == "slipped"]
     summary = [_lead(slips, f"{far:g} mm [frame]", f"{far:g} mm") for far in settings.SLID_MM]
     return {"": rows, "_leads": [row for row in summary if row["slips"]] or summary[:1]}
@@ -92,11 +93,11 @@ def _lead(slips: list[dict], column: str, name: str) -> dict[str, object]:
     return {
         "motion": name,
         "slips": len(reached),
-        "lead, median [frames]": float(np.median(lead)) if len(lead) else None,
+        "lead, median [frames]": cell(lead, 1, np.median),
         "least": int(lead.min()) if len(lead) else None,
         "most": int(lead.max()) if len(lead) else None,
         "3 frames before or more": int((lead >= 3).sum()),
-        "after the first load, median": float(np.median(most)) if len(most) else None,
+        "after the first load, median": cell(most, 1, np.median),
     }
 
 

@@ -8,6 +8,7 @@ between the line of sight and the axis. The distance to the vanishing point give
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,19 +54,31 @@ def follow_points(
     corners = cv2.goodFeaturesToTrack(pictures[0], 200, 0.01, 4, mask=mask)
     if corners is None:
         raise ValueError(f"the patch {patch} of the outside pictures has no corner to track")
-    tracks, good = [corners.reshape(-1, 1, 2)], np.ones(len(corners), dtype=bool)
-    for before, after in pairwise(pictures):
-        moved, tracked = _flow(before, after, tracks[-1])
-        back, tracked_back = _flow(after, before, moved)
-        good &= tracked & tracked_back & (np.linalg.norm(back - tracks[-1], axis=-1)[:, 0] < 0.5)
-        tracks.append(moved)
+    tracks = track_points(pictures, corners, winSize=(17, 17), maxLevel=2)
+    good = np.isfinite(tracks[-1, :, 0])
     if not good.any():
         raise ValueError(f"no corner of the patch {patch} is tracked through all outside pictures")
-    return np.array(tracks)[:, good, 0].astype(float)
+    return tracks[:, good].astype(float)
 
 
-def _flow(before: np.ndarray, after: np.ndarray, points: np.ndarray):
-    moved, tracked, _ = cv2.calcOpticalFlowPyrLK(
-        before, after, points, points.copy(), winSize=(17, 17), maxLevel=2
-    )
-    return moved.reshape(-1, 1, 2), tracked.ravel() > 0
+def track_points(
+    pictures: Sequence[UInt8[np.ndarray, "h w"]], points: Float[np.ndarray, "n 1 2"], **flow: Any
+) -> Float[np.ndarray, "frames n 2"]:
+    """Positions of the first picture's points in all pictures; NaN from where one is lost [px].
+
+    A point is lost if optical flow does not lead back to within 0.5 px.
+
+    Args:
+        pictures: pictures in order.
+        points: their places in the first picture, as OpenCV returns them [px].
+        **flow: settings of OpenCV's pyramidal Lucas–Kanade.
+    """
+    tracks, good = [points[:, 0]], np.ones((len(points), 1), dtype=bool)
+    for before, after in pairwise(pictures):
+        moved, there, _ = cv2.calcOpticalFlowPyrLK(before, after, points, points.copy(), **flow)
+        back, again, _ = cv2.calcOpticalFlowPyrLK(after, before, moved, moved.copy(), **flow)
+        near = np.linalg.norm(back - points, axis=-1) < 0.5
+        good &= (there > 0) & (again > 0) & near
+        tracks.append(np.where(good, moved[:, 0], np.nan))
+        points = moved
+    return np.array(tracks)

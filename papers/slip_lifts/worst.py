@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from estimation.pictures.stream import read_pictures
 from papers.slip_lifts import settings
 from papers.slip_lifts.lifts import LEFT_OUT, OURS, Study, compute
+from papers.tables import cell
 
 __all__ = ["compute", "plot", "tables"]
 
@@ -30,16 +31,12 @@ def tables(result: Study) -> dict[str, list[dict[str, object]]]:
             "object": lift.label.object_,
             "lift": lift.label.lift,
             "label": "slipped" if lift.label.slipped else "held",
-            "greatest shear [px]": round(
-                float(np.nanmax([shear.shear for shear in lift.shears])), 1
-            ),
-            "fallen by": round(float(np.nanmax([shear.fallen for shear in lift.shears])), 2),
-            "least print correlation": round(
-                float(np.nanmin([shear.print_correlation for shear in lift.shears])), 2
-            ),
+            "greatest shear [px]": cell([shear.shear for shear in lift.shears], 1, np.max),
+            "fallen by": cell([shear.fallen for shear in lift.shears], 2, np.max),
+            "least print correlation": cell(lift.signs[1], 2, np.min),
         }
         shown = {n: result.scores[n][i] for n in (OURS, LEFT_OUT) if n in result.scores}
-        rows.append(row | {name: round(float(score), 2) for name, score in shown.items()})
+        rows.append(row | {name: cell(score, 2) for name, score in shown.items()})
     return {"": rows}
 
 
