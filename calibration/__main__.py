@@ -1,7 +1,6 @@
 """Command line: `python -m calibration noise|sensor|softness|squeeze|field|design|stereo`."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -43,8 +42,8 @@ def noise(
     known = _describe(sensor)
     (at_rest,) = _read([recording], known)
     rest_noise = assess_noise(at_rest)
-    with _results(out, "noise") as folder:
-        lines = write_noise(rest_noise, known, folder)
+    with renew_results(out, "calibration noise", say) as results:
+        lines = write_noise(rest_noise, known, results.draft)
     _conclude(lines, out, "sensor.toml", "noise.json")
 
 
@@ -96,9 +95,9 @@ def softness(
     pad = Pad(thickness=choices.thickness_mm, marker_depth=choices.depth_mm)
     layer = layer_of(complete_pad(pad, known.pad), choices.radius_mm)
     loaded, files = _read(recordings, known), ["softness.toml"]
-    with _results(out, "softness") as folder:
+    with renew_results(out, "calibration softness", say) as results:
         if choices.k_ratio is not None:
-            lines = write_two_fingers(loaded, choices.k_ratio, noise, search, folder)
+            lines = write_two_fingers(loaded, choices.k_ratio, noise, search, results.draft)
             files = ["first.toml", "second.toml"]
         else:
             grasps = gather_grasps(
@@ -107,7 +106,7 @@ def softness(
             with Progress(console=errors) as progress:
                 track = partial(progress.track, description="recordings")
                 fits = fit_objects(grasps, choices.load, search, layer, track)
-            lines = write_fits(fits, folder)
+            lines = write_fits(fits, results.draft)
     _conclude(lines, out, *files)
 
 
@@ -152,16 +151,9 @@ def squeeze(
         (recording,) = _read([source], known)
         dome = inf if pad.dome_radius is None else pad.dome_radius
         fit = squeeze_by_curvature(recording, choices.radius_mm, bodies, pad_radius=dome)
-    with _results(out, "squeeze") as folder:
-        lines = write_squeeze(fit, folder)
+    with renew_results(out, "calibration squeeze", say) as results:
+        lines = write_squeeze(fit, results.draft)
     _conclude(lines, out, "softness.toml")
-
-
-@contextmanager
-def _results(out: Path, command: str) -> Iterator[Path]:
-    """Folder for the results of a command; they replace those of the last run."""
-    with renew_results(out, f"calibration {command}", say) as results:
-        yield results.draft
 
 
 def _conclude(lines: Iterable[str], out: Path, *files: str) -> None:
@@ -214,8 +206,8 @@ def stereo(
     rig, left_out = calibrate_from_pictures(
         pictures, (rows, columns), pitch_mm, orthographic, tuple(mirrored or ())
     )
-    with _results(out, "stereo") as folder:
-        write_rig(rig, folder / "stereo.toml")
+    with renew_results(out, "calibration stereo", say) as results:
+        write_rig(rig, results.draft / "stereo.toml")
     for reason in left_out:
         say(reason)
     print(f"reprojection error {rig.error:.3f} px rms, written to {out / 'stereo.toml'}")
@@ -251,10 +243,10 @@ def field(
     with errors.status("compiling and fitting"):
         fit = fit_fields(model, plan.numbers, data, starts=starts, said=say)
     pad = find_pad(fit, known.pad)
-    with _results(out, "field") as folder:
-        write_fit(fit, data, model.markers, plan.frames, folder)
+    with renew_results(out, "calibration field", say) as results:
+        write_fit(fit, data, model.markers, plan.frames, results.draft)
         if pad is not None:
-            write_sensor(replace(known, pad=pad), folder / "sensor.toml")
+            write_sensor(replace(known, pad=pad), results.draft / "sensor.toml")
     for line in (*format_numbers(fit), *fit.verdict):
         print(line)
     print(f"written to {out / 'report.html'}")
@@ -278,8 +270,8 @@ def design(
     model, data = plan.plan()
     with errors.status("compiling and solving"):
         prediction = identify(model, plan.numbers, data, plan.design)
-    with _results(out, "design") as folder:
-        write_design(prediction, folder)
+    with renew_results(out, "calibration design", say) as results:
+        write_design(prediction, results.draft)
     pairs = zip(prediction.names, prediction.determined, strict=True)
     lost = [name for name, determined in pairs if not determined]
     print(f"not determined: {', '.join(lost)}" if lost else "all unknown numbers are determined")
@@ -319,8 +311,8 @@ def calibrate(
             lens, error = fit_lens(boards, (rows, columns))
             lines.append(f"Lens: reprojection error {error:.3f} px rms.")
         calibrated = calibrate_sensor(unloaded, pitch_mm, lens, _describe(sensor))
-    with _results(out, "sensor") as folder:
-        write_calibration(calibrated, lines, folder)
+    with renew_results(out, "calibration sensor", say) as results:
+        write_calibration(calibrated, lines, results.draft)
     _conclude((*lines, *calibrated.remarks), out, "sensor.toml")
 
 

@@ -22,7 +22,8 @@ from scipy.stats import chi2
 from calibration.field_parts import find_kinds, find_parts
 from calibration.field_result import FRICTION, LEAST_P, LEAST_SLIP, FieldData, FieldFit
 from calibration.forward import FieldModel, Prediction, Unknown
-from calibration.information import Z95, correlate, invert_information, is_determined
+from calibration.information import correlate, invert_information, is_determined
+from estimation.estimators.measurement import Z95
 
 _AT_BOUND = 0.02  # a number is at a bound within this share of the range and one standard error
 _SETTLED = 0.1  # largest norm of the last step's change of the residuals, in standard deviations

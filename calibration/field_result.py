@@ -146,9 +146,10 @@ def _judge(fit: FieldFit) -> Sequence[str]:
         )
     else:
         kinds = ", ".join(f"{name} {value:.3g}" for name, value in fit.misfits.items())
+        chance = f"p = {fit.p_value:.1g}" if fit.p_value >= 1e-99 else "p < 1e-99"
         sentences += [
             "The model does not describe the data within their stated errors (χ² "
-            f"{fit.misfit:.3g} per degree of freedom instead of 1, {_show_p(fit.p_value)}; "
+            f"{fit.misfit:.3g} per degree of freedom instead of 1, {chance}; "
             f"{kinds}): {where}.",
             "No intervals are given: part of the model's error moves the numbers without showing "
             "in the residuals. The values are those of the closest model. Their change when part "
@@ -159,8 +160,3 @@ def _judge(fit: FieldFit) -> Sequence[str]:
     if fit.agreeing < 1.0:
         sentences.append(f"{100 * fit.agreeing:.0f} % of the starts reached this minimum.")
     return sentences
-
-
-def _show_p(p_value: float) -> str:
-    """Text of a small probability."""
-    return f"p = {p_value:.1g}" if p_value >= 1e-99 else "p < 1e-99"

@@ -7,6 +7,7 @@ measurement. The bounds of a number count as prior knowledge, a uniform distribu
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,7 +18,8 @@ from jaxtyping import Array, Bool, Float
 from calibration.field_fit import Problem, value_and_jacobian
 from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown
-from calibration.information import LARGEST_ERROR, Z95, correlate, is_determined
+from calibration.information import LARGEST_ERROR, correlate, is_determined
+from estimation.estimators.measurement import Z95
 
 REFERENCE_ERROR = 0.01
 """Standard error of an additional reference measurement of a number, relative or in its unit."""
@@ -220,13 +222,9 @@ def _helps(
     }
     ratios |= {f"10 % more {name}": error / errors for name, error in redesigned.items()}
     return {
-        name: sorted((Help(what, float(ratio[i])) for what, ratio in ratios.items()), key=_by_error)
+        name: sorted((Help(w, float(r[i])) for w, r in ratios.items()), key=attrgetter("error"))
         for i, name in enumerate(problem.names)
     }
-
-
-def _by_error(gain: Help) -> float:
-    return gain.error
 
 
 def _redesign(

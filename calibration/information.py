@@ -3,9 +3,6 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-Z95 = 1.959964
-"""Half-width of a 95 % interval in standard errors."""
-
 LARGEST_ERROR = 0.25
 """Standard error of a coordinate above which its number counts as undetermined."""
 

@@ -1,7 +1,5 @@
 """Command line: `python -m papers list|run|leaderboard|sweep`."""
 
-import csv
-import io
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
@@ -18,6 +16,7 @@ from contactmodel.common.command_line import errors, make_app, run_app, say, say
 from estimation.frames.extras import MissingExtraError, require_extra
 from estimation.frames.files import check_writable, write_whole
 from estimation.output.result_folder import renew_results
+from estimation.output.table import csv_text
 from papers.items import EXTRAS, ITEMS, STUDIES, choose_items
 from papers.published import compare, read_published
 
@@ -276,11 +275,7 @@ def _progress() -> Progress:
 
 
 def _csv(rows: list[dict[str, object]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text({name: [row.get(name) for row in rows] for name in rows[0]})
 
 
 def _table(title: str, rows: list[dict[str, object]]) -> Table:

@@ -215,7 +215,9 @@ def _converter() -> Any:
     made = Converter()
     for kind, read in _PLAIN.items():
         made.register_structure_hook(kind, lambda value, _, read=read: read(value))
-    made.register_structure_hook_factory(lambda kind: get_origin(kind) is Mapping, _read_mapping)
+    made.register_structure_hook_func(
+        lambda kind: get_origin(kind) is Mapping, lambda value, _: _expect(dict, "a table", value)
+    )
     made.register_structure_hook_factory(lambda kind: get_origin(kind) is tuple, _read_list)
     made.register_structure_hook_factory(_is_array, _read_array)
     made.register_structure_hook_factory(is_dataclass, _read_table)
@@ -236,10 +238,6 @@ _PLAIN = {
     str: partial(_expect, str, "a text"),
 }
 _PLURALS = {float: "numbers", int: "whole numbers", str: "texts"}
-
-
-def _read_mapping(kind: Any, converter: Any) -> Any:
-    return lambda value, _: _expect(dict, "a table", value)
 
 
 def _read_list(kind: Any, converter: Any) -> Any:

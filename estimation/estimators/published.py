@@ -24,7 +24,7 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.measurement import Measurement
 from estimation.estimators.plane import fit_motion, in_contact_plane
 from estimation.fields.measure import Fields
-from estimation.fields.stencils import Stencils
+from estimation.fields.stencils import Stencils, erode
 from estimation.fields.stick import MIN_STICK_MARKERS, check_positive
 from estimation.frames.noise import Noise
 
@@ -284,11 +284,6 @@ class InvariantCloud:
         self._last = _follow(axis, self._last)
         self._smooth += self.newest_weight * (self._last - self._smooth)
         return _without_interval(self._smooth - self._first, fields.contact)
-
-
-def erode(markers: Bool[np.ndarray, " n"], stencils: Stencils) -> Bool[np.ndarray, " n"]:
-    """The markers of a region whose neighbours all belong to it."""
-    return markers & (markers[stencils.neighbours] | (stencils.neighbours < 0)).all(axis=1)
 
 
 def _long_axis(

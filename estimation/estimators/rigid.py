@@ -20,7 +20,8 @@ from jaxtyping import Bool, Complex, Float
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.plane import Motion, fit_motion, in_contact_plane
 from estimation.fields.contact import find_stick_centre
-from estimation.fields.measure import Fields, Stencils
+from estimation.fields.measure import Fields
+from estimation.fields.stencils import Stencils, erode
 from estimation.fields.stick import (
     ANGLE_FLOOR_DEG,
     MIN_STICK_MARKERS,
@@ -250,7 +251,7 @@ def fit_rigid_rotation(
         information = body.information(x)
         influence[segment] = body.weights * np.abs(x - body.motion.origin) / information
         lag = _undetected_slip(stencils, body.motion, before, after, stick, influence, scale)
-        if not lag or stick.sum() < CORE_MARKERS or not _is_mostly_rim(stencils, stick):
+        if not lag or stick.sum() < CORE_MARKERS or 2 * erode(stick, stencils).sum() >= stick.sum():
             break
         inner = body.take_inner_half(x, y)
         ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
@@ -324,13 +325,6 @@ def _scale(residual: Complex[np.ndarray, " m"], noise_mm: float) -> float:
     limit = freedom * (1.0 - spread + 2.326 * np.sqrt(spread)) ** 3  # 99 % of χ²: Wilson, Hilferty
     scale = noise_mm if misfit <= limit * noise_mm**2 else float(np.sqrt(misfit / freedom))
     return max(scale, 1e-9)
-
-
-def _is_mostly_rim(stencils: Stencils, stick: Bool[np.ndarray, " n"]) -> bool:
-    """Whether most of the sticking markers have a neighbour that does not stick."""
-    neighbours = stencils.neighbours[stick]
-    inside = np.all(stick[neighbours] | (neighbours < 0), axis=1)
-    return bool(np.mean(inside) < 0.5)
 
 
 def _reweight(

@@ -137,3 +137,8 @@ def unit(vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"
     """Vectors of length 1 in the same directions; NaN for vectors of length 0."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def erode(markers: Bool[np.ndarray, " n"], stencils: Stencils) -> Bool[np.ndarray, " n"]:
+    """The markers of a region whose neighbours all belong to it."""
+    return markers & (markers[stencils.neighbours] | (stencils.neighbours < 0)).all(axis=1)

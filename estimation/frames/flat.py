@@ -48,13 +48,13 @@ def flatten_frame(frame: Frame) -> dict[str, Any]:
     }
 
 
-def restore_frame(flat: Mapping[str, Any]) -> Frame:
-    """Convert the values of `flatten_frame` back to a frame.
+def restore_frame(flat: Mapping[str, Any], layout: MarkerLayout) -> Frame:
+    """Convert the values of `flatten_frame` back to a frame of a layout.
 
     Arrays may have any shape with the right number of values; forces and rotation may be empty.
 
     Raises:
-        ValueError: the arrays do not fit each other.
+        ValueError: the arrays do not fit each other or the layout.
     """
     valid = np.array(flat["valid"], dtype=bool).ravel()
     markers = len(valid)
@@ -64,9 +64,12 @@ def restore_frame(flat: Mapping[str, Any]) -> Frame:
         return values.reshape(markers, -1) if np.isfinite(values).any() else None
 
     contact = np.array(flat["contact"], dtype=int).ravel()
-    rotation, positions = at_markers("rotation"), np.array(flat["positions"], dtype=float)
+    rotation = at_markers("rotation")
+    positions = np.array(flat["positions"], dtype=float).reshape(markers, -1)
+    if positions.shape != layout.reference.shape:
+        raise ValueError(f"it has {markers} markers, the layout {len(layout.reference)}")
     return Frame(
-        positions=positions.reshape(markers, -1),
+        positions=positions,
         valid=valid,
         time=float(flat["time"]),
         source_index=int(flat["source_index"]),

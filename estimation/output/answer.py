@@ -18,7 +18,7 @@ def describe_run(run: Run) -> str:
     return f"{_describe_turns_of(run)}; {describe_outcome(run)}"
 
 
-def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> str:
+def describe_turns(angle: Angles, low: Angles, high: Angles) -> str:
     """The turning points of the object's angle, each with its 95 % interval, as a phrase.
 
     A motion is a turn if it exceeds a fifth of the whole range and three half-widths.
@@ -27,7 +27,6 @@ def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> s
         angle: angle of the object [rad]; NaN where unknown.
         low: lower end of its 95 % interval [rad].
         high: upper end of its 95 % interval [rad].
-        most: largest number of turning points to list; with more, only the extremes are listed.
     """
     answered = np.flatnonzero(np.isfinite(angle))
     if not len(answered):
@@ -42,7 +41,7 @@ def describe_turns(angle: Angles, low: Angles, high: Angles, most: int = 4) -> s
 
     if not any(lows[row] > 0.0 or highs[row] < 0.0 or np.isnan(lows[row]) for row in turns):
         return f"no clear turn (largest angle {show(int(np.abs(angles).argmax()))})"
-    if len(turns) > most:
+    if len(turns) > 4:  # too many to list
         ends = (int(angles.argmin()), int(angles.argmax()))
         swings = f"turned back and forth between {show(ends[0])} and {show(ends[1])}"
         return f"{swings}; last {show(len(angles) - 1)}"

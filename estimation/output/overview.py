@@ -1,7 +1,5 @@
 """Output of a run over several recordings: the overview, and two fingers as one grasp."""
 
-import csv
-import io
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,7 +10,7 @@ import numpy as np
 
 from estimation.estimators.grasp import Disagreement, Fit, Grasp, compare_fingers
 from estimation.estimators.measurement import Z95
-from estimation.estimators.result import show_numbers
+from estimation.estimators.result import show_degrees, show_numbers, show_plain
 from estimation.frames.files import write_whole
 from estimation.frames.names import counted
 from estimation.output.answer import describe_run, describe_turns
@@ -25,6 +23,7 @@ from estimation.output.report import (
     json_number,
     render_page,
 )
+from estimation.output.table import csv_text
 from estimation.slip.motion import find_restarts
 from estimation.slip.shear import Outcome, join_outcomes
 
@@ -290,23 +289,16 @@ def _comparison(grasp: Grasp, start: float) -> str:
         grasp: the comparison.
         start: time stamp of the first finger's first frame [s].
     """
-    comparison_columns = (
-        "time_s",
-        "first_deg",
-        "second_deg",
-        "joint_deg",
-        "joint_low_deg",
-        "joint_high_deg",
-        "holds",
-    )
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(comparison_columns)
-    columns = (grasp.first, grasp.second, grasp.joint, grasp.low, grasp.high)
-    degrees = np.degrees(np.stack(columns, axis=1))
-    cells = [show_numbers(values) for values in (start + grasp.time, *degrees.T)]
-    writer.writerows(zip(*cells, grasp.holds.astype(int), strict=True))
-    return text.getvalue()
+    angles = {
+        "first_deg": grasp.first,
+        "second_deg": grasp.second,
+        "joint_deg": grasp.joint,
+        "joint_low_deg": grasp.low,
+        "joint_high_deg": grasp.high,
+    }
+    table = {"time_s": show_numbers(start + grasp.time)}
+    table |= {name: show_degrees(angle) for name, angle in angles.items()}
+    return csv_text(table | {"holds": show_plain(grasp.holds.astype(int))})
 
 
 def _sample(grasp: Grasp, count: int = 11) -> list[dict[str, float | bool | None]]:

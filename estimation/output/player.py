@@ -27,24 +27,15 @@ from estimation.output.scene import (
 Values = Float[np.ndarray, " frames"]
 
 
-def describe_play(
-    run: Run,
-    references: Mapping[str, Values],
-    most_frames: int = 4000,
-    most_bytes: float = 3e6,
-) -> dict[str, Any]:
+def describe_play(run: Run, references: Mapping[str, Values]) -> dict[str, Any]:
     """The content of the player for a run.
 
     Args:
         run: run over a recording.
         references: other angles over the same frames, by label [rad].
-        most_frames: largest number of frames in the curves; of more frames, every second, fourth, …
-            is taken.
-        most_bytes: largest total size of markers and pictures, which limits the number of frames
-            that have them [bytes].
     """
     main, count = run.main, len(run.main.time)
-    step = 1
+    step, most_frames = 1, 4000  # of more frames, every second, fourth, … is in the curves
     while count > step * most_frames:
         step *= 2  # the record stores markers of every second, fourth, … frame too
     rows = np.arange(0, count, step)
@@ -62,7 +53,7 @@ def describe_play(
         "reasons": _runs(main.reason[row] for row in rows),
         "alerts": _runs(str(alerts[row]) for row in rows),
         "curves": _describe_curves(run, references, rows),
-        "scenes": _describe_scenes(run, stored, step, most_bytes),
+        "scenes": _describe_scenes(run, stored, step),
     }
 
 
@@ -106,16 +97,14 @@ def _describe_curves(
     return curves
 
 
-def _describe_scenes(
-    run: Run, stored: Sequence[KeptMarkers], step: int, most_bytes: float
-) -> list[dict[str, Any]]:
+def _describe_scenes(run: Run, stored: Sequence[KeptMarkers], step: int) -> list[dict[str, Any]]:
     """Evenly spread frames in the form that `drawMarkers` takes; frames with pictures, if any."""
     stored = [markers for markers in stored if markers.picture] or stored
     if not stored:
         return []
     first = _describe_scene(run, stored[0], step)
-    each = len(str(first))
-    count = int(min(max(most_bytes / each, 2), len(stored)))
+    most = 3e6  # largest total size of markers and pictures [bytes]
+    count = int(min(max(most / len(str(first)), 2), len(stored)))
     chosen = np.unique(np.linspace(0, len(stored) - 1, count).astype(int))
     return [_describe_scene(run, stored[i], step) for i in chosen]
 

@@ -1,10 +1,10 @@
 """Figures of recordings and results; each function returns a Matplotlib figure."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -49,7 +49,8 @@ def plot_angles(
         ["object's angle [°]", 'markers', 'moment [N·mm]']
     """
     main, references = results[method], references or {}
-    drawn = _choose_rows(main, references.values())
+    curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, main.slipping)
+    drawn = choose_rows(*curves, *references.values())
     references = {label: values[drawn] for label, values in references.items()}
     main, time = main.take(drawn), main.time[drawn] - main.time[0]
     has_moment = bool(np.isfinite(main.moment).any())
@@ -82,14 +83,6 @@ def plot_angles(
         axes[2].set_ylabel("moment [N·mm]")
     axes[-1].set_xlabel("time since the first frame [s]")
     return figure
-
-
-def _choose_rows(
-    main: Track, references: Iterable[Float[np.ndarray, " frames"]]
-) -> Int[np.ndarray, " rows"]:
-    """The rows of a long stream to draw, with the extremes of all curves and with each slip."""
-    curves = (main.angle, main.low, main.high, main.stick_markers, main.moment, main.slipping)
-    return choose_rows(*curves, *references)
 
 
 def _draw_answers(axis: Axes, time: Float[np.ndarray, " frames"], main: Track) -> None:

@@ -171,17 +171,16 @@ def renew_results(
 def _lock(folder: Path) -> Iterator[None]:
     """Lock the folder against other runs; a killed run releases the lock."""
     path = folder / ".lock"
-    lock = FileLock(path, timeout=0)
     try:
-        lock.acquire()
+        held = FileLock(path, timeout=0).acquire()
     except Timeout as error:
         raise OSError(
             f"another run is writing to {folder}: wait until it ends, or give another folder"
         ) from error
     try:
-        yield
+        with held:
+            yield
     finally:
-        lock.release()
         path.unlink(missing_ok=True)
 
 

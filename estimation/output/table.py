@@ -179,14 +179,10 @@ def read_cells(table: Table) -> dict[str, str | int | float]:
     readers = {column.name: kinds.get(Record.__annotations__[name]) for name, column in declared}
     readers |= {"frame": int, "alert": str}
     return {
-        name: (readers.get(name) or _read_number)(cells[0])
+        name: (readers.get(name) or (lambda cell: float(cell or "nan")))(cells[0])
         for name, cells in table.items()
         if not name.startswith("withdrawn_")
     }
-
-
-def _read_number(cell: str) -> float:
-    return float(cell or "nan")
 
 
 def tabulate(
@@ -250,8 +246,8 @@ def tabulate_grip(grips: GripPath) -> dict[str, list[str]]:
     return _fill(names, numbers) | {"alert": [str(level) for level in levels]}
 
 
-def csv_text(table: Table, heading: bool = True) -> str:
-    """A table as CSV."""
+def csv_text(table: Mapping[str, Iterable[object]], heading: bool = True) -> str:
+    """A table as CSV, from its cells by column; a cell that is None is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     if heading:

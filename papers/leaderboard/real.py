@@ -8,7 +8,6 @@ import numpy as np
 from estimation.fields.outline import follow_outline
 from estimation.frames import datasets
 from estimation.frames.extras import MissingExtraError, require_extra
-from estimation.frames.recording import Recording
 from estimation.sources import read_recording
 from papers.leaderboard.cases import Case, Truth
 from papers.marker_images.settings import REGISTERED
@@ -63,11 +62,6 @@ def find_truth(case: Case, root: Path) -> Truth:
         angle = np.full(case.frames, np.nan)
         angle[list(turns)] = np.radians(list(turns.values()))
     return Truth(angle, {case.group: np.isfinite(angle)}, relative=True)
-
-
-def read_case(case: Case, root: Path) -> Recording:
-    """The recording of a case; markers in pictures are detected as in `estimation run`."""
-    return read_recording(find_path(case, root))
 
 
 def _slipped(case: Case, root: Path) -> bool:

@@ -11,6 +11,7 @@ from jaxtyping import UInt8
 
 from estimation.frames.recording import Recording
 from estimation.pictures.stream import read_pictures
+from estimation.sources import read_recording
 from estimation.virtual.clip import VirtualClip
 from papers.leaderboard import real, strained, virtual
 from papers.leaderboard.cases import Case, Truth
@@ -62,9 +63,9 @@ def open_cases(
 
 
 def _open_real(case: Case, root: Path) -> Source:
-    truth, read = real.find_truth(case, root), partial(real.read_case, case, root)
-    draw = partial(_load, real.find_path(case, root)) if case.pictures else None
-    return Source(case, truth, read, draw)
+    path = real.find_path(case, root)  # its markers are detected as in `estimation run`
+    draw = partial(_load, path) if case.pictures else None
+    return Source(case, real.find_truth(case, root), partial(read_recording, path), draw)
 
 
 def _draw(clip: VirtualClip) -> Iterator[Grey]:

@@ -18,9 +18,8 @@ from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
 from estimation.estimators.paper import STRICT_THRESHOLD
-from estimation.estimators.published import erode
 from estimation.fields.measure import measure_fields
-from estimation.fields.stencils import make_stencils
+from estimation.fields.stencils import erode, make_stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG, MIN_STICK_MARKERS, grow_stick_region
 from papers.items import Track
 from papers.limits import MEAN_ABSOLUTE, angle_limit
@@ -149,14 +148,14 @@ def tables(result: Thresholds) -> dict[str, list[dict[str, object]]]:
 def plot(result: Thresholds) -> Figure:
     """Shares, bias and error over the threshold, by noise (above) and pitch (below); best ones."""
     figure, axes = plt.subplots(2, 4, figsize=(18, 8), layout="constrained")
-    _plot_best(*axes[:, 3], result)
+    _plot_best(axes[0, 3], axes[1, 3], result)
     axes = axes[:, :3]
     by_noise = [i for i, c in enumerate(CONDITIONS) if c.pitch == 1.0 and c.stick_radius == 0.6]
     by_pitch = [i for i, c in enumerate(CONDITIONS) if c.noise_um == 1.0 and c.stick_radius == 0.6]
     for j, (chosen, name) in enumerate(
         ((by_noise, "{0.noise_um:g} µm"), (by_pitch, "{0.pitch:g} mm"))
     ):
-        _plot_row(*axes[j], result, chosen, name)
+        _plot_row(axes[j], result, chosen, name)
         fixed = "pitch 1 mm" if j == 0 else f"noise {CONDITIONS[chosen[0]].noise_um:g} µm"
         title = f"missed (full) and false (dashed); c/a = 0.6, {fixed}"
         finish(axes[j, 0], legend=8, title=title, ylabel="share of the markers [%]")
@@ -189,7 +188,8 @@ def _plot_best(above, below, result: Thresholds) -> None:
     finish(above, below, legend=8)
 
 
-def _plot_row(shares, bias, error, result: Thresholds, chosen: list[int], name: str) -> None:
+def _plot_row(axes, result: Thresholds, chosen: list[int], name: str) -> None:
+    shares, bias, error = axes
     for colour, i in enumerate(chosen):
         style = {"color": f"C{colour}", "lw": 1.4}
         shares.semilogx(

@@ -117,13 +117,11 @@ def lock(path: Path) -> Iterator[None]:
     path.parent.mkdir(parents=True, exist_ok=True)
     file_lock = FileLock(path.resolve().with_name(f".{path.name}.lock"))
     try:
-        file_lock.acquire(timeout=0)
+        held = file_lock.acquire(timeout=0)
     except Timeout as error:
         raise ValueError(f"another sweep is writing to {path}") from error
-    try:
+    with held:
         yield
-    finally:
-        file_lock.release()
 
 
 def read_results(path: Path) -> Results:

@@ -245,12 +245,7 @@ class WholeMessages:
             layout = restore_layout(_attributes(content, LAYOUT_FIELDS), content.dimensions)
             if not _is_same(layout, self.layout):
                 self.layout = layout
-        frame = restore_frame(_attributes(content, FRAME_FIELDS))
-        if frame.positions.shape != self.layout.reference.shape:
-            raise ValueError(
-                f"it has {len(frame.valid)} markers, the layout {len(self.layout.reference)}"
-            )
-        return frame
+        return restore_frame(_attributes(content, FRAME_FIELDS), self.layout)
 
 
 def _attributes(content: Any, names: Iterable[str]) -> dict[str, Any]:

@@ -120,18 +120,12 @@ def _restore_rows(columns: Iterator[Columns], layout: MarkerLayout) -> Iterator[
             return
         for i in range(len(batch["time"])):
             try:
-                frame = restore_frame({name: values[i] for name, values in batch.items()})
-                _expect_markers(frame, layout)
+                frame = restore_frame({name: values[i] for name, values in batch.items()}, layout)
             except ValueError as error:
                 flaw = f"the row cannot be used: {error}"
                 frame = Frame(none, float(batch["time"][i]), number, flaw=flaw)
             yield frame
             number += 1
-
-
-def _expect_markers(frame: Frame, layout: MarkerLayout) -> None:
-    if frame.positions.shape != layout.reference.shape:
-        raise ValueError(f"it has {len(frame.valid)} markers, the layout {len(layout.reference)}")
 
 
 def _column(values: list[Any]) -> Any:

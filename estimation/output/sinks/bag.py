@@ -124,7 +124,8 @@ class BagWriter:
                 **layout,
             },
         )
-        header = self._header()
+        stamp = self._types.types["builtin_interfaces/msg/Time"](*divmod(self._stamp, 10**9))
+        header = self._types.types["std_msgs/msg/Header"](stamp, "pad")
         yield "answer", MessageType.ANSWER, {"header": header} | self._row(answer)
         yield "markers", MessageType.POINTS, {"header": header} | self._points(answer)
         wrench = np.array(answer.frame.wrench)
@@ -137,10 +138,6 @@ class BagWriter:
         if (shown := self._find_picture(answer.frame)) is not None:
             jpeg = np.frombuffer(shown.copy.jpeg, np.uint8)
             yield "picture", MessageType.PICTURE, {"header": header, "format": "jpeg", "data": jpeg}
-
-    def _header(self) -> Any:
-        stamp = self._types.types["builtin_interfaces/msg/Time"](*divmod(self._stamp, 10**9))
-        return self._types.types["std_msgs/msg/Header"](stamp, "pad")
 
     def _row(self, answer: Answer) -> dict[str, Any]:
         """The fields of an answer, which define the message's type."""

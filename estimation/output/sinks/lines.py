@@ -64,13 +64,7 @@ class JsonWriter(AnswerLines):
     """Writes answers as JSON objects with the columns of `angles.csv`; `null` where unknown."""
 
     def __init__(self, say: Callable[[str], None], method: str, unit: str = "mm") -> None:
-        """Make a sink.
-
-        Args:
-            say: receives each line.
-            method: method whose answers are written.
-            unit: unit of lengths, mm or px.
-        """
+        """Make a sink; arguments as in `AnswerLines`, and the unit of lengths, mm or px."""
         super().__init__(say, method)
         self._unit = unit
 

@@ -13,11 +13,10 @@ from estimation.estimators.published import (
     Kabsch,
     Kolamuri,
     _long_axis,
-    erode,
 )
 from estimation.estimators.result import State
 from estimation.fields.measure import measure_fields
-from estimation.fields.stencils import make_stencils
+from estimation.fields.stencils import erode, make_stencils
 from estimation.frames.noise import Noise
 from estimation.frames.recording import layout_markers
 from estimation.tracking.tracker import Tracker, estimate_angles
