@@ -1,6 +1,5 @@
 """Results of field fits and designs: numbers, figures and a page."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -15,8 +14,8 @@ from calibration.field_result import FieldData, FieldFit
 from calibration.forward import UNITS
 from calibration.identifiability import Identifiability
 from contactmodel import Pad
-from estimation.frames.files import write_whole
-from estimation.output.report import figure_png, render_page
+from estimation.frames.files import write_json
+from estimation.output.report import figure_png, render_page, write_page
 
 _MOST_FRAMES = 4
 _HELPS = 3
@@ -199,8 +198,6 @@ def _write(
     folder: Path, kind: str, images: Mapping[str, bytes], summary: Mapping[str, Any], **others: Any
 ) -> None:
     """Write the result file, the pictures, and the page that contains the pictures."""
-    write_whole(folder / f"{kind}.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
-    for name, image in images.items():
-        write_whole(folder / name, image)
+    write_json(folder / f"{kind}.json", summary)
     page = render_page(f"{kind}.html", images, package="calibration", summary=summary, **others)
-    write_whole(folder / "report.html", page)
+    write_page(folder, images, page)

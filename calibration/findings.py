@@ -6,8 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from estimation.frames.files import write_whole
-from estimation.output.report import figure_png, render_page
+from estimation.output.report import figure_png, render_page, write_page
 
 
 def write_findings(
@@ -39,6 +38,4 @@ def write_findings(
         captions={name: caption for name, (_, caption) in figures.items()},
         tables=tables or {},
     )
-    for name, image in images.items():
-        write_whole(out / name, image)
-    write_whole(out / "report.html", page)
+    write_page(out, images, page)

@@ -1,6 +1,5 @@
 """Noise of a sensor at rest: its size in positions and angles, and suitable thresholds."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from calibration.findings import write_findings
 from estimation.estimators.rigid import RigidSettings
 from estimation.fields.stencils import Stencils, make_stencils
 from estimation.fields.stick import ANGLE_FLOOR_DEG
-from estimation.frames.files import write_whole
+from estimation.frames.files import write_json
 from estimation.frames.noise import Noise, estimate_noise
 from estimation.frames.recording import Recording
 from estimation.pictures.sensor import Sensor, write_sensor
@@ -268,6 +267,6 @@ def write_noise(noise: RestNoise, known: Sensor, out: Path) -> list[str]:
         lead=lines,
         lists={"notes": noise.notes},
     )
-    write_whole(out / "noise.json", json.dumps(noise.content(), indent=2) + "\n")
+    write_json(out / "noise.json", noise.content())
     write_sensor(replace(known, noise=noise.fast), out / "sensor.toml")
     return [*lines, *noise.notes]

@@ -8,6 +8,8 @@ import numpy as np
 from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float
 
+from contactmodel.common.arrays import root
+
 MOST_CELLS = 2**26
 """Largest number of cells. One field on the doubled grid of a convolution then takes 2 GB."""
 
@@ -93,9 +95,7 @@ def length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
     Args:
         points: positions [mm].
     """
-    square = points[0] ** 2 + points[1] ** 2
-    off = square > 0.0
-    return jnp.where(off, jnp.sqrt(jnp.where(off, square, 1.0)), 0.0)
+    return root(points[0] ** 2 + points[1] ** 2)
 
 
 def interpolate(

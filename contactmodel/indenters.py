@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from contactmodel.common.arrays import is_traced, refuse
 from contactmodel.common.checks import Numbers, non_negative, number, positive
+from contactmodel.grid import length
 
 _SIDE_SLOPE = 1e3
 
@@ -92,7 +93,7 @@ class Sphere(AbstractIndenter):
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """R − √(R² − r²) [mm]."""
-        return _arc(_length(points), self.radius)
+        return _arc(length(points), self.radius)
 
 
 class Cylinder(AbstractIndenter):
@@ -134,7 +135,7 @@ class Ellipsoid(AbstractIndenter):
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """c[1 − √(1 − x²/a² − y²/b²)] [mm]."""
         a, b, c = self.semi_axes
-        ratio = _length(jnp.stack([points[0] / a, points[1] / b]))
+        ratio = length(jnp.stack([points[0] / a, points[1] / b]))
         return c * _arc(ratio, jnp.ones(()))
 
 
@@ -167,7 +168,7 @@ class RoundPunch(AbstractIndenter):
 
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """0 on the flat face, then the arc of the edge [mm]."""
-        beyond = _length(points) - (self.radius - self.edge_radius)
+        beyond = length(points) - (self.radius - self.edge_radius)
         return _arc(jnp.maximum(beyond, 0.0), self.edge_radius)
 
 
@@ -201,7 +202,7 @@ class SquarePunch(AbstractIndenter):
     def height(self, points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
         """0 on the flat face, then the arc of the edges [mm]."""
         flat = 0.5 * self.width - self.edge_radius
-        return _arc(_length(jnp.maximum(jnp.abs(points) - flat, 0.0)), self.edge_radius)
+        return _arc(length(jnp.maximum(jnp.abs(points) - flat, 0.0)), self.edge_radius)
 
 
 class HeightMap(AbstractIndenter):
@@ -313,12 +314,6 @@ class Domed(AbstractIndenter):
         """Height after the shape has slid; the pad's dome stays in place [mm]."""
         shape = self.indenter.slid_height(points, slid)
         return shape + Sphere(self.pad_radius).height(points)
-
-
-def _length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
-    """Distance from the origin; its derivative is 0 at the origin."""
-    square = jnp.sum(points**2, axis=0)
-    return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
 
 
 def _edge(edge_radius: Numbers, half_width: Float[Array, ""]) -> Float[Array, ""]:

@@ -1,6 +1,5 @@
 """`python -m calibration softness`: fit objects to recordings and references; write a report."""
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from calibration.softness.references import (
 )
 from calibration.softness.trials import make_trials
 from calibration.softness.two_fingers import fit_two_fingers
-from estimation.frames.files import write_whole
+from estimation.frames.files import write_json
 from estimation.frames.names import counted
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Recording
@@ -174,7 +173,7 @@ def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
         tables=tables,
     )
     summary = {name: summarise_fit(fit) for name, fit in fits.items()}
-    write_whole(out / "softness.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    write_json(out / "softness.json", summary)
     main = POOLED if POOLED in fits else next(iter(fits))
     for name, fit in fits.items():
         file = "softness.toml" if name == main else f"{_file(name)}.toml"

@@ -20,7 +20,7 @@ import numpy as np
 
 from contactmodel.analytic.elliptic import complete_elliptic
 from contactmodel.analytic.quadrature import POINTS, WEIGHTS, gauss, space_by_ratio
-from contactmodel.common.arrays import AnyArray, Value, as_arrays, refuse
+from contactmodel.common.arrays import AnyArray, Value, as_arrays, refuse, root
 
 Density = Callable[[Any], Any]
 
@@ -66,7 +66,7 @@ def hertz_from_approach(
     """
     _, delta, curvature, modulus = as_arrays(approach, radius_of_curvature, contact_modulus)
     curvature, modulus = _positive(curvature), _positive(modulus)
-    a = _root(curvature * delta)
+    a = root(curvature * delta)
     return Hertz(
         radius=a,
         peak_pressure=2.0 * modulus * a / (np.pi * curvature),
@@ -78,7 +78,7 @@ def hertz_from_approach(
 def hertz_pressure(r: Value, radius: Value, peak_pressure: Value) -> AnyArray:
     """Pressure p0 √(1 − r²/a²) of a Hertz contact, 0 outside [MPa]."""
     _, r, a, peak = as_arrays(r, radius, peak_pressure)
-    return peak * _root(1.0 - _share(r, a) ** 2)
+    return peak * root(1.0 - _share(r, a) ** 2)
 
 
 def hertz_indentation(r: Value, radius: Value, peak_pressure: Value, modulus: Value) -> AnyArray:
@@ -97,7 +97,7 @@ def hertz_indentation(r: Value, radius: Value, peak_pressure: Value, modulus: Va
     outside = xp.maximum(x, 1.0)
     parabola = 2.0 - x**2
     inner = 0.5 * np.pi * parabola
-    outer = parabola * _arcsin(1.0 / outside) + _root(outside**2 - 1.0)
+    outer = parabola * _arcsin(1.0 / outside) + root(outside**2 - 1.0)
     return peak * a / (2.0 * modulus) * xp.where(x <= 1.0, inner, outer)
 
 
@@ -122,7 +122,7 @@ def hertz_radial_displacement(
     xp, r, a, peak, modulus, nu = as_arrays(r, radius, peak_pressure, shear_modulus, poisson_ratio)
     x = _share(r, a)
     y = xp.where(x <= 1.0, 1.0 - x**2, 0.0)
-    inside = x * (1.0 + y + y**2) / (1.0 + y * _root(y))  # (1 − y^{3/2})/x, exact at x = 0 too
+    inside = x * (1.0 + y + y**2) / (1.0 + y * root(y))  # (1 − y^{3/2})/x, exact at x = 0 too
     shape = xp.where(x <= 1.0, inside, 1.0 / xp.maximum(x, 1.0))
     return -(1.0 - 2.0 * nu) / (6.0 * modulus) * peak * a * shape
 
@@ -151,7 +151,7 @@ def punch_displacement(r: Value, radius: Value) -> AnyArray:
     """
     xp, r, s = as_arrays(r, radius)
     ratio = xp.minimum(s / xp.maximum(r, s), 1.0)
-    outside = 2.0 / np.pi * (r * _arcsin(ratio) - s * _root(1.0 - ratio**2))
+    outside = 2.0 / np.pi * (r * _arcsin(ratio) - s * root(1.0 - ratio**2))
     return xp.where(r <= s, r, outside)
 
 
@@ -187,7 +187,7 @@ def jaeger_density(friction: Density, radius: Value, shear_modulus: Value) -> De
 
     def abel(s: jax.Array) -> jax.Array:  # r² = s² + x², x from 0 to the edge as sin t
         t = 0.5 * np.pi * _ABEL_POINTS
-        edge = _root(a**2 - s**2)
+        edge = root(a**2 - s**2)
         r = jnp.sqrt(s**2 + (edge * jnp.sin(t)) ** 2)
         return jnp.sum(friction(r) / r * edge * jnp.cos(t) * 0.5 * np.pi * _ABEL_WEIGHTS)
 
@@ -223,7 +223,7 @@ def torsion_traction(
     """
     xp, rho, c, a, modulus = as_arrays(r, stick_radius, radius, shear_modulus)
     rho, c, a = rho[..., None], c[..., None], a[..., None]
-    low, high = _root(xp.maximum(c**2 - rho**2, 0.0)), _root(a**2 - rho**2)  # s² = r² + x²
+    low, high = root(xp.maximum(c**2 - rho**2, 0.0)), root(a**2 - rho**2)  # s² = r² + x²
     x = low + (high - low) * POINTS
     s = xp.sqrt(xp.minimum(rho, a) ** 2 + x**2)
     total = (density(s) / s * (high - low) * WEIGHTS).sum(axis=-1)
@@ -391,10 +391,3 @@ def _arcsin(ratio: AnyArray) -> AnyArray:
     xp = ratio.__array_namespace__()
     below = ratio < 1.0
     return xp.where(below, xp.arcsin(xp.where(below, ratio, 0.0)), 0.5 * np.pi)
-
-
-def _root(square: AnyArray) -> AnyArray:
-    """√ of a positive value, 0 otherwise, with finite derivatives."""
-    xp = square.__array_namespace__()
-    above = square > 0.0
-    return xp.where(above, xp.sqrt(xp.where(above, square, 1.0)), 0.0)

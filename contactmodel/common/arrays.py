@@ -36,6 +36,13 @@ def as_arrays(*values: Value) -> tuple[Any, ...]:
     return xp, *(xp.asarray(value) for value in values)
 
 
+def root(square: AnyArray) -> Any:
+    """√ of a positive value, 0 otherwise; its derivative is 0 where it is 0."""
+    xp = square.__array_namespace__()
+    above = square > 0.0
+    return xp.where(above, xp.sqrt(xp.where(above, square, 1.0)), 0.0)
+
+
 def is_traced(value: object) -> bool:
     """Whether a value is a tracer, as inside `jit`, `vmap` or a derivative."""
     jax = sys.modules.get("jax")

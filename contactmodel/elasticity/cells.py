@@ -9,7 +9,7 @@ from typing import NamedTuple
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from contactmodel.common.arrays import AnyArray
+from contactmodel.common.arrays import AnyArray, root
 
 
 class CellIntegrals(NamedTuple):
@@ -132,9 +132,7 @@ class _Below:
 
     def length(self, s, t):
         """√(s²+t²+z²); its derivative is 0 at 0."""
-        square = s**2 + t**2 + self.z**2
-        root = self.xp.sqrt(self.xp.where(square > 0.0, square, 1.0))
-        return self.xp.where(square > 0.0, root, 0.0)
+        return root(s**2 + t**2 + self.z**2)
 
     def log(self, s, t):
         """ln(s + r), without cancellation for s < 0 and without its pole at r = |s|."""

@@ -29,6 +29,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from contactmodel.common.arrays import root
+
 _FORCE = (-0.162, 0.812, 12.1, 0.433, 0.0996)
 _MOMENT = (0.296, -0.441, 0.696)
 _SIDE_FORCE = (0.607, 0.205, 1.729, 3.005, 8.36)
@@ -121,10 +123,10 @@ def measure_loading(
     contact = pressure > 0.0
     share = pressure / _or_one(total(pressure))[..., None, None]
     x, y = (part - total(share * part)[..., None, None] for part in points)
-    distance = _root(x**2 + y**2)
-    incline = _root(jnp.where(contact, slope[0] ** 2 + slope[1] ** 2, 0.0))
+    distance = root(x**2 + y**2)
+    incline = root(jnp.where(contact, slope[0] ** 2 + slope[1] ** 2, 0.0))
     xx, yy, xy = total(share * x**2), total(share * y**2), total(share * x * y)
-    square, even = xx + yy, _root(pressure)
+    square, even = xx + yy, root(pressure)
     evenly = total(even * distance**2) / _or_one(total(even))
     radius = square * evenly / _or_one(square - 0.5 * evenly)  # its square
     lever = total(share * distance)
@@ -136,8 +138,8 @@ def measure_loading(
     corners = total(share * (x**4 - 6.0 * x**2 * y**2 + y**4)) ** 2  # 0 for a round contact
     corners = corners + total(share * 4.0 * x * y * (x**2 - y**2)) ** 2
     return Loading(
-        reach=_root(square),
-        radius=_root(jnp.maximum(radius, 0.0)),
+        reach=root(square),
+        radius=root(jnp.maximum(radius, 0.0)),
         exponent=radius / _or_one(square) - 2.0,
         slope=total(share * incline),
         rim_slope=total(share * distance**2 * incline) / _or_one(square),
@@ -234,12 +236,6 @@ def narrow(
     within = (lost <= 0.2) & (width >= 1.0) & (jnp.abs(poisson_ratio - 0.47) < 0.021)
     within = within & loading.simple & (loading.radius < 0.7 * radius)
     return Correction(jnp.exp(-lost), jnp.exp(-loss(numbers[1])), within | ~touches)
-
-
-def _root(square: Array) -> Array:
-    """Square root, whose derivative is 0 at 0."""
-    off = square > 0.0
-    return jnp.where(off, jnp.sqrt(jnp.where(off, square, 1.0)), 0.0)
 
 
 def _or_one(value: Array) -> Array:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Bool, Float
 
-from contactmodel.common.arrays import AnyArray, Value, as_arrays
+from contactmodel.common.arrays import AnyArray, Value, as_arrays, root
 
 
 class Transfer(NamedTuple):
@@ -218,8 +218,7 @@ def fit_scalar_transfer(
     count = xp.maximum(xp.sum(weight), 1.0)
     mean = xp.sum(weight * residual) / count
     spread = xp.sum(weight * (residual - mean) ** 2) / count
-    root = xp.sqrt(xp.where(spread > 0.0, spread, 1.0)) * (spread > 0.0)
-    return ScalarTransfer(k, -2.0 * mean, root)
+    return ScalarTransfer(k, -2.0 * mean, root(spread))
 
 
 def _matrix(xp: Any, a: AnyArray, b: AnyArray, c: AnyArray, d: AnyArray) -> AnyArray:

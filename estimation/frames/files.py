@@ -1,10 +1,12 @@
 """Files and folders that appear only when they are complete."""
 
+import json
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
@@ -31,6 +33,15 @@ def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write content as JSON with indented lines, as a whole.
+
+    Raises:
+        OSError: as for `write_whole`.
+    """
+    write_whole(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """Output of a run over several recordings: the overview, and two fingers as one grasp."""
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from estimation.estimators.grasp import Disagreement, Fit, Grasp, compare_fingers
 from estimation.estimators.measurement import Z95
 from estimation.estimators.result import show_degrees, show_numbers, show_plain
-from estimation.frames.files import write_whole
+from estimation.frames.files import write_json, write_whole
 from estimation.frames.names import counted
 from estimation.output.answer import describe_run, describe_turns
 from estimation.output.comparison_plots import plot_grasp, plot_overview
@@ -22,6 +21,7 @@ from estimation.output.report import (
     figure_png,
     json_number,
     render_page,
+    write_page,
 )
 from estimation.output.table import csv_text
 from estimation.slip.motion import find_restarts
@@ -90,16 +90,13 @@ def write_overview(
     figures = None
     if grasp is not None:
         figures = _describe_grasp(grasp, named)
-        text = json.dumps(figures, indent=2, ensure_ascii=False) + "\n"
-        write_whole(folder / "grasp.json", text)
+        write_json(folder / "grasp.json", figures)
         start = float(done[0][0].main.time[0])
         write_whole(folder / "comparison.csv", _comparison(grasp, start))
         images["grasp.png"] = figure_png(plot_grasp(grasp, list(named)))
         if any(np.isfinite(run.main.moment).any() for run in named.values()):
             branches = {name: (run.main, run.margin.last) for name, run in named.items()}
             images["moment.png"] = figure_png(plot_moment(branches))
-    for name, image in images.items():
-        write_whole(folder / name, image)
     page = render_page(
         "overview.html",
         images,
@@ -113,7 +110,7 @@ def write_overview(
         clocks="" if grasp is None else describe_clocks(grasp),
         notes=notes,
     )
-    write_whole(folder / "report.html", page)
+    write_page(folder, images, page)
 
 
 def describe_grasp(grasp: Grasp) -> str:

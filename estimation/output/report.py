@@ -2,7 +2,6 @@
 
 import base64
 import io
-import json
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
@@ -17,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from estimation.estimators.result import State, Track
-from estimation.frames.files import write_whole
+from estimation.frames.files import write_json, write_whole
 from estimation.output.answer import describe_run
 from estimation.output.explain import explain_settings
 from estimation.output.found import Known, Run
@@ -58,7 +57,7 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
         )
     write_tables(folder / "angles_all.csv", run.results.values(), run.imprint)
     summary = summarise(run)
-    write_whole(folder / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    write_json(folder / "summary.json", summary)
     references = find_references(run)
     shown = choose_frames(main, run.markers, len(run.reference))
     down = points_down(run.convention)
@@ -71,9 +70,7 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     if np.isfinite(run.grips.friction_used).any():
         pictures["friction.png"] = plot_friction(main, run.grips)
     images = {name: figure_png(figure) for name, figure in pictures.items()}
-    for name, image in images.items():
-        write_whole(folder / name, image)
-    write_whole(folder / "report.html", render_report(run, summary, images))
+    write_page(folder, images, render_report(run, summary, images))
     return summary
 
 
@@ -326,6 +323,17 @@ def render_page(
         for name, image in images.items()
     }
     return _find_templates(package).get_template(template).render(images=inline, **content)
+
+
+def write_page(folder: Path, images: Mapping[str, bytes], page: str) -> None:
+    """Write a page as `report.html`, and its figures beside it.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    for name, image in images.items():
+        write_whole(folder / name, image)
+    write_whole(folder / "report.html", page)
 
 
 @cache

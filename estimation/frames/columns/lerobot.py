@@ -24,7 +24,7 @@ from estimation.frames.columns.rows import (
     open_rows,
 )
 from estimation.frames.extras import require_extra
-from estimation.frames.files import write_folder
+from estimation.frames.files import write_folder, write_json
 from estimation.frames.flat import FRAME_FIELDS
 from estimation.frames.source import Source
 
@@ -100,8 +100,8 @@ def write_lerobot(path: Path, source: Source, answers: Iterable[Mapping[str, Any
         writer.close()
         features[_Feature.POINTS]["names"] = ["dx", "dy", "dz", "Fx", "Fy", "Fz"]
         _write_meta(folder, len(times), _find_rate(times), features)
-        _write_json(folder / "meta" / "stats.json", statistics.content())
-        _write_json(folder / _File.ABOUT, describe_rows(source))
+        write_json(folder / "meta" / "stats.json", statistics.content())
+        write_json(folder / _File.ABOUT, describe_rows(source))
 
 
 def open_lerobot(path: Path) -> RowFile:
@@ -225,7 +225,7 @@ def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) 
         "video_path": None,
         "features": features,
     }
-    _write_json(folder / "meta" / "info.json", info)
+    write_json(folder / "meta" / "info.json", info)
     episode = {
         "episode_index": [0],
         "tasks": [[task]],
@@ -247,10 +247,6 @@ def _write_meta(folder: Path, frames: int, rate: int, features: dict[str, Any]) 
     index = {"index_columns": ["task"], "columns": columns, "column_indexes": []}
     tasks = tasks.replace_schema_metadata({"pandas": json.dumps(index)})  # names of its rows
     parquet.write_table(tasks, folder / "meta" / "tasks.parquet")
-
-
-def _write_json(path: Path, content: Any) -> None:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False), encoding="utf-8")
 
 
 class _Statistics:
