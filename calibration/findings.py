@@ -20,13 +20,7 @@ def write_findings(
 ) -> None:
     """Write the figures, and a self-contained report.html that contains them.
 
-    Args:
-        out: folder to write to.
-        figures: figure and caption by file name.
-        title: title of the page.
-        lead: lines with the results.
-        lists: lines by heading.
-        tables: rows by heading.
+    Figures have captions and come by file name; lists and tables come by heading.
     """
     images = {name: figure_png(figure) for name, (figure, _) in figures.items()}
     page = render_page(

@@ -224,12 +224,7 @@ def plot_noise(noise: RestNoise) -> Figure:
 
 
 def write_noise(noise: RestNoise, known: Sensor, out: Path) -> list[str]:
-    """Write `sensor.toml`, `noise.json`, `noise.png` and `report.html`.
-
-    Args:
-        noise: noise of the sensor.
-        known: description of the sensor, to which the noise is added.
-        out: folder to write to.
+    """Write `sensor.toml`, with the noise, `noise.json`, `noise.png` and `report.html`.
 
     Returns:
         Lines for the terminal.

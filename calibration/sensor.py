@@ -54,11 +54,7 @@ class Calibrated(NamedTuple):
 
 
 def fit_lens(boards: Path, corners: tuple[int, int]) -> tuple[Lens, float]:
-    """Fit the lens to pictures of a checkerboard.
-
-    Args:
-        boards: a folder of pictures, or a video.
-        corners: rows and columns of the board's inner corners.
+    """Fit the lens to pictures or a video of a checkerboard of so many inner rows and columns.
 
     Returns:
         The lens and the reprojection error, root mean square [px].

@@ -53,13 +53,7 @@ def run_all(
     each, named after the recording. Ctrl-C ends the run early; the results so far are written and
     labelled as interrupted.
 
-    Args:
-        inputs: recordings and streams to run over.
-        out: folder to write to.
-        settings: settings of the run.
-        progress: display of the progress.
-        sinks: further sinks for the answers, in addition to those of the settings.
-        resume: continue an interrupted run.
+    The sinks are in addition to those of the settings.
 
     Raises:
         ValueError: a wrong setting, or the folder holds an unfinished run that is not resumed.
@@ -318,14 +312,7 @@ def report_all(folder: Path) -> list[str]:
 
 
 def _preview(run: Run, folder: Path, shown: Path, settings: Settings) -> str:
-    """Write the annotated video of a recording of pictures; return a line for the terminal.
-
-    Args:
-        run: the run over the recording.
-        folder: folder to write to.
-        shown: folder that the video is moved to in the end.
-        settings: settings of the run.
-    """
+    """Write the annotated video of a recording of pictures; return a line for the terminal."""
     name = "preview.mp4"
     if not is_pictures(Path(run.source)):
         return f"no preview: {run.name} was not read from pictures"

@@ -88,12 +88,7 @@ def _unloaded_number(images: ImageSettings | None) -> int | None:
 def read_recordings(
     paths: Sequence[Path], images: ImageSettings, say: Callable[[str], None]
 ) -> list[Recording]:
-    """Read recordings and give each a unique name.
-
-    Args:
-        paths: one path for each recording.
-        images: properties of the pictures.
-        say: receives the warnings of each recording.
+    """Read recordings and give each a unique name; `say` receives their warnings.
 
     Raises:
         ValueError: a path holds no recording, several, or a damaged one.

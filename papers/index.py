@@ -31,11 +31,7 @@ class Made(NamedTuple):
 
 
 def write_index(out: Path, left_out: Mapping[tuple[str, str], str]) -> None:
-    """Write `index.html`: every item whose figure is in the folder, and the skipped items.
-
-    Args:
-        out: folder with the items of this run and earlier ones.
-        left_out: the items that this run skipped, with the reason.
+    """Write `index.html`: every item whose figure is in the folder, and why items were skipped.
 
     Raises:
         OSError: the page cannot be written.

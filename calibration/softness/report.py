@@ -137,10 +137,6 @@ def fit_objects(
 def write_fits(fits: Mapping[str, SoftnessFit], out: Path) -> list[str]:
     """Write `softness.toml`, a file for each of several objects, a report and its figures.
 
-    Args:
-        fits: fits by name of the object.
-        out: folder to write to.
-
     Returns:
         Lines for the terminal.
 

@@ -36,13 +36,7 @@ class Slope(NamedTuple):
 
 
 def combine_slopes(trials: Sequence[Trial], single: Sequence[Line], line: Line) -> Slope:
-    """The common slope; if trials or objects disagree, the mean of their scattered slopes.
-
-    Args:
-        trials: fitted trials.
-        single: fit of each trial alone.
-        line: fit of all trials.
-    """
+    """The common slope; if trials or objects disagree, the mean of their scattered slopes."""
     common = Slope(line.slope, float(line.covariance[0, 0]), line.freedom, 0.0, float("nan"))
     names = sorted({trial.object_name for trial in trials})
     pairs = list(zip(single, trials, strict=True))

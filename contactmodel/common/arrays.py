@@ -50,16 +50,11 @@ def is_traced(value: object) -> bool:
 
 
 def refuse(array: Any, wrong: AnyArray, message: str) -> Any:
-    """The array, or an error if any of it is wrong.
+    """The array, or an error if any of it is wrong; the message is the violated requirement.
 
     Outside `jit` the error is a ValueError with the array. Inside `jit` it is a RuntimeError when
     the program runs: it starts with the message under `equinox.filter_jit`, and is wrapped in an
     error of JAX under `jax.jit`.
-
-    Args:
-        array: array to return.
-        wrong: whether its values are wrong.
-        message: requirement that the values violate.
     """
     if is_traced(wrong):
         import equinox as eqx

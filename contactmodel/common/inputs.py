@@ -95,11 +95,7 @@ def show(value: Any) -> str:
 
 
 def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict[str, str]]]:
-    """Read the rows of a CSV file.
-
-    Args:
-        path: path of the file.
-        columns: names of required columns.
+    """Read the rows of a CSV file that has at least these columns.
 
     Returns:
         For each row, its place in the file, for errors, and its cells by column name. Missing
@@ -139,11 +135,7 @@ def read_rows(path: Path, columns: Collection[str] = ()) -> list[tuple[str, dict
 
 
 def cell_number(cell: str, where: str) -> float:
-    """Convert a cell of a CSV file to a number, which may be infinite or NaN.
-
-    Args:
-        cell: text of the cell.
-        where: file, line and column, for the error.
+    """Convert a cell of a CSV file to a number, which may be infinite or NaN; errors say `where`.
 
     Raises:
         ValueError: the cell is not a number.

@@ -63,12 +63,7 @@ def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, 
 
 
 def write_results(path: ContactSolution, folder: Path) -> None:
-    """Write the table of a path, and pictures of the path and of its last contact.
-
-    Args:
-        path: contacts, with the steps along the first axis.
-        folder: folder for `path.csv` and the pictures.
-    """
+    """Write `path.csv` of the steps of a path, and pictures of the path and of its last contact."""
     _write(folder / "path.csv", lambda part: _write_table(path, part))
     last = path.at_step(-1)
     pictures: dict[str, Figure] = {
@@ -83,13 +78,9 @@ def write_results(path: ContactSolution, folder: Path) -> None:
 
 
 def save_step(solution: ContactSolution, file: Path) -> None:
-    """Write the arrays of a contact under their names, and `u_marker`.
+    """Write the arrays of a contact under their names, and `u_marker`, to an `.npz` file.
 
     `u_marker` is the displacement of the elastomer below the cells at the markers' depth [mm].
-
-    Args:
-        solution: a single contact.
-        file: `.npz` file to write.
     """
     bare = eqx.tree_at(lambda s: s.problem, solution, None)
     leaves = jax.tree_util.tree_leaves_with_path(bare)
@@ -100,11 +91,7 @@ def save_step(solution: ContactSolution, file: Path) -> None:
 
 
 def load_step(skeleton: ContactSolution, file: Path) -> ContactSolution:
-    """Read a contact that `save_step` has written.
-
-    Args:
-        skeleton: a contact of the same simulation, or its shapes.
-        file: file to read.
+    """Read a contact that `save_step` has written; the skeleton is another one, or its shapes.
 
     Raises:
         OSError: the file cannot be read.

@@ -117,12 +117,7 @@ def rest(pose: Pose, grid: Grid) -> Memory:
 
 
 def remember(step: Step, last: Memory | None = None) -> Memory:
-    """State after a step, for the next step.
-
-    Args:
-        step: results of the step.
-        last: state before the step; without it, the next step does not extrapolate.
-    """
+    """State after a step for the next one, which extrapolates if the state before is known too."""
     before = step if last is None else last
     earlier = Earlier(before.pose, before.pressure, before.traction)
     return Memory(

@@ -113,11 +113,8 @@ class Keyframe(NamedTuple):
     def correct(self, older: "Keyframe", now: "Keyframe") -> "Keyframe":
         """The keyframe with the angle that it must have had for an older one's angle of now.
 
-        The interval covers the uncorrected angle too.
-
-        Args:
-            older: the older keyframe, counted on to now.
-            now: this keyframe, counted on to now.
+        Both `older` and `now`, this one, are counted on to now. The interval covers the uncorrected
+        angle too.
         """
         apart = older.angle - now.angle
         return self._replace(
@@ -165,13 +162,7 @@ class Incremental:
         noise: Noise | None,
         settings: IncrementalSettings = IncrementalSettings(),
     ) -> None:
-        """Make the estimator.
-
-        Args:
-            stencils: stencils of the marker layout.
-            noise: noise of the markers; without it, the misfit of the fit is used.
-            settings: how the markers that stick are detected and followed.
-        """
+        """Make the estimator; without the noise of the markers, it uses the misfit of the fit."""
         self.settings = settings
         self.rigid = Rigid(stencils, noise, settings)
         self.keyframes = [Keyframe(None, -settings.mature_age)]
@@ -194,12 +185,7 @@ class Incremental:
         return self.widen(self.follow(fields), np.inf)
 
     def widen(self, gel: Measurement, most: float) -> Measurement:
-        """The measurement, its interval widened by how far the object may have slid.
-
-        Args:
-            gel: measurement of the frame.
-            most: largest slide that can have gone undetected [rad].
-        """
+        """The measurement, its interval widened by the possible slide, up to `most` [rad]."""
         behind, ahead = (min(extent, most) for extent in self._slide.extent)
         reason = gel.reason or (RESTS_OR_SLIDES if self.doubtful and most == np.inf else "")
         return gel._replace(low=gel.low - behind, high=gel.high + ahead, reason=reason)

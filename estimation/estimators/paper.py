@@ -68,13 +68,7 @@ class Paper:
         noise: Noise | None,
         settings: PaperSettings = PaperSettings(),
     ) -> None:
-        """Make the estimator.
-
-        Args:
-            stencils: stencils of the marker layout.
-            noise: noise of the markers; without it, the scatter of φ over the region is used.
-            settings: how the region is grown and averaged.
-        """
+        """Make the estimator; without the noise, it uses the scatter of φ over the region."""
         self.stencils = stencils
         self.noise = noise
         self.settings = settings

@@ -65,15 +65,10 @@ def in_contact_plane(
     markers: Bool[np.ndarray, " n"],
     since: Fields | None = None,
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-    """Positions of all markers in the tangent plane, before and now, as x + iy [mm].
+    """Positions of all markers in the plane of some, before and now, as x + iy [mm].
 
-    The tilt of the plane, from the mean normals before and now, is removed.
-
-    Args:
-        stencils: stencils of the layout.
-        fields: fields of the frame.
-        markers: markers that define the plane, at least one.
-        since: fields of an earlier frame, used instead of the unloaded shape.
+    The tilt of the plane, from the mean normals before and now, is removed. The fields `since`
+    replace the unloaded shape.
     """
     positions = stencils.reference if since is None else since.positions
     basis = basis_now = np.eye(2, 3)

@@ -83,13 +83,7 @@ class Rigid:
         noise: Noise | None,
         settings: RigidSettings = RigidSettings(),
     ) -> None:
-        """Make the estimator.
-
-        Args:
-            stencils: stencils of the marker layout.
-            noise: noise of the markers; without it, the misfit of the fit is used.
-            settings: thresholds for markers that stick.
-        """
+        """Make the estimator; without the noise of the markers, it uses the misfit of the fit."""
         self.stencils = stencils
         self.settings = settings
         self.noise_mm = 0.0 if noise is None else noise.in_plane

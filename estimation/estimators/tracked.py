@@ -88,14 +88,10 @@ class Tracked:
         settings: TrackedSettings = TrackedSettings(),
         gain: float = 1.0,
     ) -> None:
-        """Make the estimator.
+        """Make the estimator; without the noise of the markers, it uses the misfit of the fit.
 
-        Args:
-            stencils: stencils of the marker layout.
-            noise: noise of the markers; without it, the misfit of the fit is used.
-            settings: how gel, outline and imprint are followed.
-            gain: 1 + k, rotation of the object over that of the sticking elastomer [-]; the tracker
-                takes it from the softness correction. Measured angles are the elastomer's.
+        The gain is 1 + k, rotation of the object over that of the sticking elastomer [-]; the
+        tracker takes it from the softness correction. Measured angles are the elastomer's.
         """
         self.settings = settings
         self.incremental = Incremental(stencils, noise, settings)

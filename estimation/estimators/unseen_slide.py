@@ -43,12 +43,7 @@ class UnseenSlide:
     def __init__(
         self, few_markers: int, settings: UnseenSlideSettings = UnseenSlideSettings()
     ) -> None:
-        """Begin with an object that holds.
-
-        Args:
-            few_markers: number below which the sticking markers are few.
-            settings: when an object may slide.
-        """
+        """Begin with an object that holds; below `few_markers`, the sticking markers are few."""
         self._few_markers, self.settings = few_markers, settings
         self.restart()
 

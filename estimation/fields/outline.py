@@ -36,13 +36,7 @@ class Axis(NamedTuple):
 
 
 def turn_error(before: Axis, after: Axis, readings: int = 1) -> float:
-    """Standard error of the turn from one reading of the axis to another [rad].
-
-    Args:
-        before: the earlier reading.
-        after: the later reading.
-        readings: number of earlier readings of which the mean is used.
-    """
+    """Standard error of the turn to a later axis from the mean of some earlier readings [rad]."""
     return float(np.hypot(after.standard_error, before.standard_error / np.sqrt(readings)))
 
 

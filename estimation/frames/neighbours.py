@@ -6,10 +6,7 @@ from jaxtyping import Float, Int
 
 
 def grid_neighbours(shape: tuple[int, int]) -> Int[np.ndarray, "n 4"]:
-    """The four neighbours of each marker of a regular grid.
-
-    Args:
-        shape: rows and columns.
+    """The four neighbours of each marker of a regular grid of so many rows and columns.
 
     Returns:
         For marker `row * columns + column` the markers in the previous row, the next row, the

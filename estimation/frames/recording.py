@@ -344,13 +344,7 @@ def _numbers(values: Float[np.ndarray, "frames some"] | None, frame: int, count:
 
 
 def record_frames(layout: MarkerLayout, frames: Sequence[Frame], **about: Any) -> Recording:
-    """Make a recording of frames.
-
-    Args:
-        layout: of the markers.
-        frames: at least one frame, in order.
-        **about: further fields of the recording: `unit`, `name`, `source` …
-    """
+    """Make a recording of one frame or more; `about` are its `unit`, `name`, `source` …"""
     contact = [frame.contact for frame in frames if frame.contact is not None]
     required = ("positions", "valid", "time", "source_index", "wrench")
     all_of = {name: np.array([getattr(frame, name) for frame in frames]) for name in required}

@@ -28,15 +28,8 @@ def follow(
 ) -> Outcome:
     """Answer the frames of a source as they arrive, with a line for each on standard output.
 
-    Ctrl-C or SIGTERM ends the run and makes the report.
-
-    Args:
-        name: name of a camera, a Tac3D port or a recording; empty for the virtual pivot.
-        out: folder to write to.
-        settings: settings of the run.
-        choices: how the source is followed.
-        say: receives messages about the source.
-        resume: continue an interrupted run over a camera.
+    The source is a camera, a Tac3D port or a recording; without a name, the virtual pivot. Ctrl-C
+    or SIGTERM ends the run and makes the report.
 
     Raises:
         ValueError: a wrong setting, or the name is not that of a source.

@@ -30,13 +30,7 @@ class WindowServer(socketserver.ThreadingTCPServer):
     most_browsers = 8
 
     def __init__(self, window: Window, title: str, host: str, port: int) -> None:
-        """Start the server.
-
-        Args:
-            window: window to show.
-            title: title of the page.
-            host: address to serve at.
-            port: port to serve at; 0 chooses a free one.
+        """Start the server; port 0 chooses a free one.
 
         Raises:
             OSError: the address or the port is not available.

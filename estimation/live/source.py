@@ -24,12 +24,8 @@ def open_live(
 ) -> tuple[Input, Feed]:
     """Open a source to follow, and the feed that its frames or pictures pass through.
 
-    Args:
-        name: name of a camera, a Tac3D port or a recording; empty for the virtual pivot.
-        settings: settings of the run.
-        choices: how the source is followed.
-        say: receives warnings and messages about the source.
-        resume: output folder of the camera's run to resume.
+    The source is a camera, a Tac3D port or a recording; without a name, the virtual pivot. A run
+    over a camera can be resumed from its folder.
 
     Raises:
         ValueError: the name stands for no source or for several, or a recording cannot be resumed.
@@ -65,12 +61,7 @@ def open_live(
 
 
 def play(source: Source, feed: Feed) -> FrameStream:
-    """A live source that passes on the frames of another source.
-
-    Args:
-        source: source of the frames, whose reference does not change.
-        feed: feed that the frames pass through.
-    """
+    """A live source that passes on the frames of another source, whose reference is final."""
     about = {name: getattr(source, name) for name in SOURCE_FACTS}
     played = FrameStream(source.layout, (), live=True, **about)
 

@@ -34,13 +34,7 @@ class Tracks(Mapping[str, Track]):
     """Answers by method, read on demand; only the chosen method's answers stay in memory."""
 
     def __init__(self, methods: Sequence[str], main: Track, make: Callable[[str], Track]) -> None:
-        """Keep the answers of the chosen method.
-
-        Args:
-            methods: names of the methods, the chosen one first.
-            main: answers of the chosen method.
-            make: returns the answers of another method.
-        """
+        """Keep the answers of the chosen method, the first; others are made when needed."""
         self._methods, self._main, self._make = tuple(methods), main, make
 
     def __getitem__(self, method: str) -> Track:

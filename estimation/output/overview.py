@@ -35,10 +35,6 @@ def put_side_by_side(
 
     If the fingers cannot be compared, the report and a line give the reason.
 
-    Args:
-        done: run and summary of each recording.
-        folder: folder to write to.
-
     Returns:
         Lines to print first, if the fingers disagree, and lines to print last.
     """

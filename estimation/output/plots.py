@@ -161,12 +161,7 @@ def plot_markers(
 ) -> Figure:
     """Maps of rotation, of stick and slip, and of the slip's rotation in stored frames.
 
-    Args:
-        reference: markers at rest.
-        unit: unit of their positions.
-        track: track of the method that detected the sticking markers.
-        markers: stored markers of the frames.
-        down: whether y points down, so that the maps have the orientation of the pictures.
+    If y points down, the maps have the orientation of the pictures.
     """
     figure, axes = _make_maps(len(markers), reference, down)
     rotation = np.degrees([np.where(frame.contact, frame.turned, np.nan) for frame in markers])

@@ -94,13 +94,7 @@ def _list_figures(with_truth: bool) -> tuple[tuple[str, str, int], ...]:
 
 
 def render_report(run: Run, summary: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    """The report of a run as an HTML page.
-
-    Args:
-        run: run over a recording.
-        summary: content of `summary.json`.
-        images: PNG figures by the names of their files.
-    """
+    """The report of a run, with the content of `summary.json`, as an HTML page."""
     references, down = find_references(run), points_down(run.convention)
     lie = "x is to the right, y up, seen from the object."
     if down:

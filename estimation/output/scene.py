@@ -132,12 +132,7 @@ def points_down(convention: str) -> bool:
 
 
 def sticking_markers(track: Track, markers: KeptMarkers) -> Bool[np.ndarray, " n"]:
-    """The stored markers that stick; none if the answer to their frame was withdrawn.
-
-    Args:
-        track: track of the method that detected them, after looking back.
-        markers: stored markers of a frame.
-    """
+    """The stored markers that stick; none if the answer to their frame was withdrawn."""
     return markers.stick & bool(track.stick_markers[markers.row])
 
 

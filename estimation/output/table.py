@@ -153,13 +153,7 @@ def write_tables(
 
 
 def tabulate_answer(answer: Answer, method: str, unit: str) -> Table:
-    """The row of `angles.csv` for an answer.
-
-    Args:
-        answer: answer for a frame.
-        method: method whose estimate is tabulated.
-        unit: unit of lengths, mm or px.
-    """
+    """The row of `angles.csv` for a method's estimate in an answer."""
     track = Track.gather(method, [answer.estimates[method]])
     imprint = np.array([answer.frame.imprint[0]])
     table = tabulate(track, imprint, answer.row) | tabulate_margin(

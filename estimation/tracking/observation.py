@@ -43,12 +43,7 @@ class Observer:
         softness: Softness = RIGID_OBJECT,
         contact: ContactSettings = ContactSettings(),
     ) -> None:
-        """Make an observer.
-
-        Args:
-            layout: the markers of the sensor.
-            softness: the object's softness, which may lift marker positions to the surface.
-            contact: thresholds of the contact.
+        """Make an observer; the softness may lift marker positions to the surface.
 
         Raises:
             ValueError: too few markers.

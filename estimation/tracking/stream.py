@@ -135,13 +135,7 @@ class Follower:
         noise: Noise | None,
         notes: tuple[str, ...] = (),
     ) -> None:
-        """Begin with the first frame.
-
-        Args:
-            layout: markers and reference.
-            settings: settings of the run.
-            noise: noise of the markers; without it, intervals come from the misfit in each frame.
-            notes: notes about the noise.
+        """Begin with the first frame; without noise, intervals come from the misfit in each frame.
 
         Raises:
             ValueError: a wrong setting, or too few markers.
@@ -160,12 +154,7 @@ class Follower:
         self._digest = hashlib.sha256(np.ascontiguousarray(layout.reference).tobytes()).digest()
 
     def relay(self, layout: MarkerLayout, why: str = "") -> None:
-        """Continue with another reference.
-
-        Args:
-            layout: layout with the new reference.
-            why: reason why earlier frames keep their answers; empty if they are answered again.
-        """
+        """Continue with another reference; `why` is empty if earlier frames are answered again."""
         if why:
             self.notes = (
                 *self.notes,

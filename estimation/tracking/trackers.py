@@ -182,13 +182,7 @@ class Trackers:
         )
 
     def _judge(self, fields: Fields, gel: Measurement, by_source: bool) -> tuple[State, str]:
-        """State of the contact, and the reason for a missing angle.
-
-        Args:
-            fields: fields of the frame.
-            gel: measurement of the gel's rotation.
-            by_source: whether the source detected the contact.
-        """
+        """State of the contact, and the reason for a missing angle."""
         if not fields.contact.any():
             if by_source:
                 return State.NO_CONTACT, "no contact"
@@ -219,14 +213,7 @@ class Trackers:
 def label_frame(
     frame: Frame, reason: str, since: Since = Since(), state: State = State.UNKNOWN
 ) -> Estimate:
-    """An estimate without an angle, with the reason.
-
-    Args:
-        frame: the frame.
-        reason: reason for the missing angle.
-        since: frame that the method's angles count from.
-        state: state of the contact, if the source detects it.
-    """
+    """An estimate without an angle, with the reason."""
     none = np.zeros(len(frame.positions), dtype=bool)
     contact = none if state == State.UNKNOWN or frame.contact is None else frame.contact
     return Estimate(

@@ -103,13 +103,7 @@ def _truth(path: ContactSolution, points: np.ndarray, unloaded: int) -> Truth:
 def values_at(
     grid: Grid, mask: Bool[np.ndarray, "frames nx ny"], points: Float[np.ndarray, "n 2"]
 ) -> Bool[np.ndarray, "frames n"]:
-    """Look up a mask in the cell of each point; False outside the grid.
-
-    Args:
-        grid: of the mask.
-        mask: of each frame.
-        points: in the undeformed elastomer [mm].
-    """
+    """Look up a mask of each frame in the cell of each point [mm]; False outside the grid."""
     index = np.floor(points / grid.spacing + 0.5 * np.asarray(grid.shape)).astype(int)
     inside = ((index >= 0) & (index < grid.shape)).all(axis=1)
     i, j = np.clip(index, 0, np.asarray(grid.shape) - 1).T

@@ -14,9 +14,6 @@ def tabulate_warnings(draws: int) -> list[dict[str, object]]:
     A false alarm is a frame with a warning in which at least 90 % of the markers under the object
     stick; frames of the press before the twist count too. The lead is the time from the first
     warning that is not false to macro slip. A grip too firm for macro slip has no lead.
-
-    Args:
-        draws: number of recordings per grip.
     """
     rows = []
     for ratio in settings.GRIPS:

@@ -118,12 +118,7 @@ def rank(scores: Sequence[Score], others: Sequence[Line] = ()) -> list[Row]:
 
 
 def tabulate(scores: Sequence[Score], by: str) -> list[Row]:
-    """The full table: a row for each entry and group or case, best entry first.
-
-    Args:
-        scores: scores of all entries.
-        by: `group` or `case`.
-    """
+    """The full table: a row for each entry and `group` or `case`, best entry first."""
     pooled: dict[tuple[str, str, str], list[Score]] = {}
     for score in scores:
         pooled.setdefault((score.group, getattr(score, by), score.entry), []).append(score)

@@ -86,9 +86,6 @@ def count_frames(sticking: Int[np.ndarray, " frames"]) -> Bool[np.ndarray, " fra
     """Mask of the scored frames of a simulated case.
 
     Frames count once `settings.LEAST_STICKING` markers stick, until for the first time fewer do.
-
-    Args:
-        sticking: number of markers under the object that do not slip.
     """
     enough = sticking >= settings.LEAST_STICKING
     return enough & ~np.logical_or.accumulate(~enough & np.logical_or.accumulate(enough))

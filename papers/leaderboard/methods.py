@@ -45,15 +45,10 @@ def answer_all(sources: Sequence[Source], track: Track = iter) -> list[Entry]:
 
 
 def call_slip(method: str, recording: Recording, noise: Noise | None) -> float:
-    """Probability that the object of a lift slips out [-].
+    """Probability that the object of a lift slips out [-], by one of `SLIPPING`.
 
     The default method takes it from the shear and the print on the gel. The others return 1 if in
     some frame no marker sticks, else 0.
-
-    Args:
-        method: one of `SLIPPING`.
-        recording: recording of the lift.
-        noise: noise of its markers.
     """
     if method == DEFAULT_METHOD:
         _, shears = follow(recording, noise)

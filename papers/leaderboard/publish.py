@@ -41,13 +41,7 @@ class Ranking(NamedTuple):
 
 
 def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: Track) -> None:
-    """Write the recordings of some splits.
-
-    Args:
-        splits: names of the splits.
-        seed: seed of the scored cases; that of the practice round if None.
-        folder: folder to write to.
-        track: wraps the outer loop, to show progress.
+    """Write the recordings of some splits; without a seed, with that of the practice round.
 
     Raises:
         OSError: a file cannot be written.
@@ -60,14 +54,9 @@ def export_splits(splits: Sequence[str], seed: int | None, folder: Path, track: 
 def rank_entries(
     given: Sequence[Entry], split: str, seed: int | None, *, alone: bool, track: Track
 ) -> Ranking:
-    """Rank entries together with our methods and published ones.
+    """Rank entries, alone or with our methods and published ones.
 
-    Args:
-        given: entries from files.
-        split: split of the cases.
-        seed: seed of the scored cases; that of the practice round if None.
-        alone: whether to rank only the given entries.
-        track: wraps the outer loop, to show progress.
+    Without a seed, the scored cases have that of the practice round.
     """
     given = rename_known(given)
     sources = _open(split, seed, track, _note)

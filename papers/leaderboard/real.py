@@ -19,9 +19,7 @@ CLIP = "screw_driver_blue_gray/exp_num_1"
 def find_group(group: str, say: Callable[[str], None]) -> Path | None:
     """The folder of a data set; None if it was not fetched, or its extra is not installed.
 
-    Args:
-        group: name of the data set.
-        say: called with a line that names what is missing and how to get it.
+    Then `say` is called with a line that names what is missing and how to get it.
     """
     folder = datasets.find(group)
     if folder is None:

@@ -40,13 +40,7 @@ class Source(NamedTuple):
 def open_cases(
     cases: Mapping[str, Case], seed: int, say: Callable[[str], None] = lambda line: None
 ) -> Iterator[Source]:
-    """The available cases with their truths; cases of missing data sets are left out.
-
-    Args:
-        cases: the cases of one split, by name.
-        seed: seed of the simulated cases.
-        say: called with a line for each missing data set.
-    """
+    """The available cases with their truths; cases of missing data sets are left out."""
     groups = dict.fromkeys(case.group for case in cases.values() if case.tier == "real")
     roots = {group: real.find_group(group, say) for group in groups}
     for case in cases.values():

@@ -17,13 +17,7 @@ from estimation.pictures.dots.find import Dots, DotStyle
 def locate_by_trackpy(
     grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
 ) -> Dots:
-    """Refined centres of mass after a band pass, in a window as wide as ours.
-
-    Args:
-        grey: the picture, 0 to 255.
-        seeds: not used; trackpy finds its own.
-        style: typical radius, and whether the dots are dark.
-    """
+    """Refined centres of mass after a band pass, in a window as wide as ours, without the seeds."""
     import trackpy
 
     diameter = 2 * int(np.ceil(1.5 * style.radius)) + 1
@@ -36,13 +30,7 @@ def locate_by_trackpy(
 def locate_by_blobs(
     grey: Float[np.ndarray, "h w"], seeds: Int[np.ndarray, "n 2"], style: DotStyle
 ) -> Dots:
-    """Mean centres of contours at many thresholds.
-
-    Args:
-        grey: the picture, 0 to 255.
-        seeds: not used; the detector finds its own.
-        style: typical radius, and whether the dots are dark.
-    """
+    """Mean centres of contours at many thresholds, without the seeds."""
     settings = cv2.SimpleBlobDetector.Params()
     settings.blobColor = 0 if style.dark else 255
     settings.minArea, settings.maxArea = (factor * np.pi * style.radius**2 for factor in (0.3, 3.0))

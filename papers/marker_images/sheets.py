@@ -51,14 +51,10 @@ def read_clip(path: Path) -> Clip:
 
 
 def draw(root: Path, settings: SheetSettings = SHEETS) -> dict[str, list[int]]:
-    """Random frames by clip, from all videos in a folder.
+    """Random frames by clip, from all videos `OBJECT/EXPERIMENT/CAMERA.avi` in a folder.
 
     Every object has the same number of clips, every stratum of a clip's motion the same number of
     frames.
-
-    Args:
-        root: folder of `OBJECT/EXPERIMENT/CAMERA.avi`.
-        settings: seed, strata and numbers of clips and frames.
     """
     rng = np.random.default_rng(settings.seed)
     drawn: dict[str, list[int]] = {}
@@ -76,12 +72,7 @@ def draw(root: Path, settings: SheetSettings = SHEETS) -> dict[str, list[int]]:
 def every_frame(
     root: Path, clips: Sequence[str], settings: SheetSettings = SHEETS
 ) -> dict[str, range]:
-    """All frames of some clips with enough frames before and after them, by clip.
-
-    Args:
-        root: folder of `OBJECT/EXPERIMENT/CAMERA.avi`.
-        clips: paths in this folder, without their suffix.
-        settings: the number of frames before and after that are compared.
+    """All frames of some clips, paths without suffix, with enough frames around them, by clip.
 
     Raises:
         OSError: a video cannot be read.
@@ -238,13 +229,7 @@ class Motion(NamedTuple):
 def measure_motion(
     pictures: Sequence[Picture], plain: Sequence[Picture], settings: SheetSettings = SHEETS
 ) -> Motion:
-    """Motion of dots and print from the first picture to the last.
-
-    Args:
-        pictures: consecutive pictures.
-        plain: the same pictures with the dots painted out.
-        settings: threshold of the print's visibility.
-    """
+    """Motion of dots and print from the first picture to the last; plain ones show no dots."""
     dots = cv2.connectedComponentsWithStats(find_dots(pictures[0]))[3][1:]
     height, width = pictures[0].shape[:2]
     y, x = np.mgrid[16 : height - 15 : 16, 16 : width - 15 : 16]

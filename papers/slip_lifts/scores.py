@@ -60,11 +60,6 @@ def choose_bound(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"]
 def leave_out(score: Float[np.ndarray, " n"], slipped: Bool[np.ndarray, " n"], group: np.ndarray):
     """Calls of a slip, each with the threshold that is best for the other groups.
 
-    Args:
-        score: score of each recording.
-        slipped: whether the object slipped out, by recording.
-        group: group of each recording.
-
     Returns:
         Whether each recording is called a slip.
     """

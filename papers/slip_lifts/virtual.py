@@ -124,9 +124,7 @@ def answer_lift(slips: bool, draw: int) -> VirtualLift:
 def compare_slips(clip: VirtualClip, shears: list[Shear]) -> Float[np.ndarray, "3 frames"]:
     """The true slip in each frame, the estimate and its half-width [mm], as in `VirtualLift.slid`.
 
-    Args:
-        clip: the clip; its pictures were answered without a scale.
-        shears: the answers.
+    The clip's pictures were answered without a scale.
     """
     truth, scale = clip.truth, clip.scene.camera.mm_per_px
     estimated = np.array([(shear.slip, shear.slip_error, shear.slip_since) for shear in shears]).T

@@ -21,14 +21,8 @@ def run_sweep(
     """Evaluate the cases of a study that are not in its store yet.
 
     An interrupted sweep resumes with the missing cases. Failed cases are not tried again; remove
-    the store to repeat them.
-
-    Args:
-        name: module of the study.
-        path: folder of the store.
-        executor: evaluates the batches.
-        quick: whether to use the small table instead of the full one.
-        tell: called with the numbers of finished and of all cases, first and after each batch.
+    the store to repeat them. `tell` is called with the numbers of finished and of all cases, first
+    and after each batch.
 
     Raises:
         ValueError: the study does not exist, or the store belongs to another study.
@@ -56,11 +50,6 @@ def run_study(name: str, quick: bool, track: Track = iter) -> Results:
     """The results of a study for an item; cases missing in the store are evaluated first.
 
     The quick table is evaluated without a permanent store.
-
-    Args:
-        name: module of the study.
-        quick: whether to use the small table instead of the full one.
-        track: wraps the batches, to show progress.
     """
 
     def execute(name: str, batches: Sequence[Batch]) -> Iterator[Outcome]:

@@ -148,11 +148,6 @@ class PlainMessages:
     ) -> None:
         """Find the markers at rest, from as few messages as possible.
 
-        Args:
-            read: reads the markers of a message.
-            messages: in order.
-            unloaded: number of the unloaded message.
-
         Raises:
             ValueError: no message shows markers, or the unloaded message does not.
         """

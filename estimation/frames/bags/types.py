@@ -64,12 +64,7 @@ def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any
     """Make a store of types for `rosbags`.
 
     Without a name, it has the types of ROS 2 and of `MESSAGE_DEFINITIONS`; else the types of a
-    definition.
-
-    Args:
-        name: of the defined type.
-        definition: of this type and of all types in it.
-        idl: whether the definition is in IDL.
+    definition, which may be in IDL.
     """
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -85,13 +80,7 @@ def ros_types(name: str = "", definition: str = "", *, idl: bool = False) -> Any
 
 
 def add_type(store: Any, name: str, definition: str) -> None:
-    """Add a type to a store of types.
-
-    Args:
-        store: from `ros_types`.
-        name: of the type.
-        definition: of the type.
-    """
+    """Add a type to a store of `ros_types`."""
     from rosbags.typesys import get_types_from_msg
 
     store.register(get_types_from_msg(definition, name))

@@ -70,12 +70,7 @@ def open_rows(about: Mapping[str, Any], columns: Iterator[Columns]) -> RowFile:
 def batch_rows(
     source: Source, answers: Iterable[Mapping[str, Any]] = (), many: int = 256
 ) -> Iterator[Columns]:
-    """Convert the frames of a source to columns, in batches.
-
-    Args:
-        source: of the frames.
-        answers: quantities of each frame's answer, by name; may be empty.
-        many: rows of a batch.
+    """Convert frames, and the quantities of their answers if there are any, to columns, in batches.
 
     Raises:
         ValueError: there are answers, but fewer than frames.

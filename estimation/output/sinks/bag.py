@@ -33,13 +33,7 @@ class BagWriter:
     """
 
     def __init__(self, path: Path, source: Source, method: str, rows: int = 0) -> None:
-        """Make a file, or continue an existing one.
-
-        Args:
-            path: path of the file.
-            source: source of the frames.
-            method: method whose answers are written.
-            rows: number of rows to keep of an existing file.
+        """Make a file, or continue an existing one after so many rows.
 
         Raises:
             ImportError: the extra `bags` is not installed.

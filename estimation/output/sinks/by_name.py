@@ -68,14 +68,8 @@ def open_sinks(
 ) -> tuple[list[Sink], list[Sink]]:
     """Open the sinks that a run has in addition to its table and record.
 
-    Args:
-        names: names of the sinks.
-        folder: folder of the files that they write.
-        source: source of the frames.
-        method: method whose answers they take.
-        rows: number of rows to keep of existing files.
-        opened: stack that closes the sinks.
-        tell: receives a sentence on dropped answers when a sink is closed.
+    Existing files are continued after so many rows. When the stack closes a sink, `tell` receives
+    a sentence on dropped answers.
 
     Returns:
         Sinks that send answers to readers without waiting for them, and sinks that write files.

@@ -53,12 +53,7 @@ class Viewing:
         self._name_states("alert", dict(zip(AlertLevel, colours, strict=True)))
 
     def show(self, answer: Answer, shown: Shown | None) -> None:
-        """Log an answer.
-
-        Args:
-            answer: answer for a frame.
-            shown: picture of the frame; None without a picture.
-        """
+        """Log an answer and, if there is one, the picture of its frame."""
         import rerun as rr
 
         estimate, log = answer.estimates[self._method], self._stream.log
@@ -125,13 +120,7 @@ class ViewerFile:
     """The sink that writes a file for Rerun's viewer."""
 
     def __init__(self, path: Path, source: Source, method: str, rows: int = 0) -> None:
-        """Make a file, or continue an existing one.
-
-        Args:
-            path: path of the file, `*.rrd`.
-            source: source of the frames.
-            method: method whose answers are written.
-            rows: number of rows to keep of an existing file; 0 makes a new one.
+        """Make a file `*.rrd`, or continue an existing one after so many rows.
 
         Raises:
             ImportError: the extra `view` is not installed.
