@@ -127,9 +127,6 @@ class Experiment:
     def of(self, recording: Recording) -> tuple[FieldModel, FieldData]:
         """Model and data of a recording's frames, with the markers above the grid.
 
-        Args:
-            recording: recording of the experiment, with positions in space.
-
         Raises:
             ValueError: a frame does not exist, the positions are not in space in mm, or no marker
                 lies above the grid.

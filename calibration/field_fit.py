@@ -40,17 +40,10 @@ def fit_fields(
     max_steps: int = 60,
     said: Callable[[str], None] = lambda _: None,
 ) -> FieldFit:
-    """Fit the unknown numbers of a scene.
+    """Fit the unknown numbers of a scene, those which are `Unknown`, to fields and forces.
 
-    Args:
-        model: scene, grid and markers.
-        numbers: values by name; the unknown ones are `Unknown`.
-        data: fields and forces of the model's frames.
-        starts: number of starting points; the first is given, the others are drawn between the
-            bounds.
-        seed: seed of the drawn starting points.
-        max_steps: largest number of steps from each starting point.
-        said: called with a message about the end of each start.
+    The first start is given, the others are drawn between the bounds. `said` is called with a
+    message about the end of each.
 
     Raises:
         ValueError: no number is unknown, there are fewer data than unknown numbers, or the data do
@@ -113,11 +106,6 @@ class Problem(eqx.Module):
     @classmethod
     def make(cls, model: FieldModel, numbers: Mapping[str, Any], data: FieldData) -> "Problem":
         """Check the numbers and the data, and scale the data by their standard deviations.
-
-        Args:
-            model: scene, grid and markers.
-            numbers: values by name; the unknown ones are `Unknown`.
-            data: fields and forces of the model's frames.
 
         Raises:
             ValueError: no number is unknown, there are fewer data than unknown numbers, or the

@@ -28,14 +28,7 @@ def write_fit(
     frames: tuple[int, ...],
     folder: Path,
 ) -> None:
-    """Write `field.json`, `report.html` and its pictures.
-
-    Args:
-        fit: result of the fit.
-        data: measurements.
-        markers: positions of the markers [mm].
-        frames: rows of the recording.
-        folder: folder to write to.
+    """Write `field.json`, `report.html` and its pictures, with markers [mm] and a recording's rows.
 
     Raises:
         OSError: a file cannot be written.

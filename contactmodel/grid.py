@@ -101,13 +101,7 @@ def length(points: Float[Array, "2 ..."]) -> Float[Array, "..."]:
 def interpolate(
     grid: Grid, field: Float[Array, "nx ny"], points: Float[Array, "2 ..."]
 ) -> Float[Array, "..."]:
-    """A field between the cells, bilinear; beyond the grid the value of the nearest cell.
-
-    Args:
-        grid: cells.
-        field: values in the cells.
-        points: positions [mm].
-    """
+    """A field at points [mm], bilinear; beyond the grid the value of the nearest cell."""
     axes = zip(points, grid.spacing, grid.shape, strict=True)
     place = [along / cell + 0.5 * (count - 1) for along, cell, count in axes]
     return map_coordinates(field, place, order=1, mode="nearest")

@@ -47,10 +47,7 @@ class Settings(RunChoices):
 def read_settings(choices: Choices, known: Known, constants: Any) -> Settings:
     """Settings of a run from the command line's options, with the named files read.
 
-    Args:
-        choices: options with plain values.
-        known: properties of object and sensor.
-        constants: constants of the chosen method, a `Constants`; None in it keeps the default.
+    The chosen method's constants are a `Constants`; None in it keeps the default.
 
     Raises:
         ValueError: a value is out of range, or a file's content is wrong.

@@ -301,13 +301,10 @@ def open_inputs(
     say: Callable[[str], None],
     resume: Path | None = None,
 ) -> list[Input]:
-    """Open all recordings of a run before it starts.
+    """Open all recordings of a run before it starts; without names, the virtual pivot.
 
-    Args:
-        names: paths of recordings or names of data sets; none for the virtual pivot.
-        settings: settings of the run.
-        say: receives the warnings of each recording.
-        resume: output folder of the run to resume.
+    The names are paths of recordings or names of data sets; `say` receives the warnings, and
+    `resume` is the output folder of the run to resume.
 
     Returns:
         The recordings, each with a unique name: its file or folder, and as much of the path above

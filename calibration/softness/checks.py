@@ -68,14 +68,9 @@ def check_points(
     *,
     zeroed: bool,
 ) -> None:
-    """Check that every trial has enough readings, over enough angle.
+    """Check that every trial has enough readings, over enough angle, at clock offsets [s].
 
-    Args:
-        trials: trials to check.
-        series: readings of the trials.
-        offsets: clock offsets of the trials [s].
-        layer: the elastomer.
-        zeroed: whether references that count from the contact have no load term.
+    If `zeroed`, references that count from the contact have no load term.
 
     Raises:
         ValueError: a trial has too few readings, turns too little, or its clocks do not match.
@@ -192,12 +187,7 @@ def report_findings(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Quantities that the data cannot determine, and remarks for readers, in sentences.
 
-    Args:
-        trials: fitted trials.
-        slope: common slope.
-        half: half-width of its 95 % interval [-].
-        line: fit of all trials.
-        loads: number of coefficients of the line that are L.
+    The slope has a 95 % interval of ± `half` [-]; `loads` coefficients of the line are L.
 
     Returns:
         Undetermined quantities; remarks.

@@ -296,11 +296,6 @@ def stands_still(
 
     A gel that turns by less than a tenth of the object's angle would mean k > 9. This is checked
     only if both share a clock, over stretches in which the object turns by 2°.
-
-    Args:
-        time: times of the frames [s].
-        rotation: rotation of the elastomer [rad].
-        reference: angle of the object.
     """
     still = np.zeros(len(time), dtype=bool)
     known = np.isfinite(reference.angle)

@@ -156,12 +156,7 @@ def rename_keys(content: dict[str, Any], renamed: Mapping[str, str], path: Path)
 
 
 def from_table(content: Any, kind: type[T], where: str = "") -> T:
-    """Make a dataclass from the content of a table.
-
-    Args:
-        content: content of the table.
-        kind: the dataclass.
-        where: name of the table, for errors; empty for the file itself.
+    """Make a dataclass from the content of a table; errors name the table, '' for the file itself.
 
     Raises:
         ValueError: a key is unknown or missing, or its value is wrong; the message names the key.
@@ -197,12 +192,7 @@ def _to_plain(value: Any, scale: float | None) -> Any:
 
 
 def toml_text(content: Any, version: int | None = None) -> str:
-    """TOML text of a table or a dataclass.
-
-    Args:
-        content: table or dataclass.
-        version: `format_version` to write; None for a file without one.
-    """
+    """TOML text of a table or a dataclass, with the `format_version` unless it is None."""
     table = to_table(content) if is_dataclass(content) else content
     return tomli_w.dumps(({} if version is None else {"format_version": version}) | table)
 

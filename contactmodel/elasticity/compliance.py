@@ -41,13 +41,7 @@ _PARITY = {  # along x and y: +1 even, -1 odd
 def grid_coefficients(
     body: AbstractBody, grid: Grid, depth: Float[Array, ""] | None = None
 ) -> Coefficients:
-    """Coefficients of a body for every non-negative distance along x and y on a grid.
-
-    Args:
-        body: half-space, layer or rigid body.
-        grid: cells.
-        depth: depth of the displaced points below the surface; None at the surface [mm].
-    """
+    """Coefficients of a body for every non-negative distance on a grid, at a depth [mm]."""
     body = body.checked(grid.spacing, depth)
     if depth is None:
         return body.coefficients(_at_surface(_surface_integrals(grid), grid), grid.spacing)
@@ -172,13 +166,7 @@ def pair_compliance(
     """Compliance of two bodies pressed against each other: the sum of both compliances.
 
     The coupling is their difference, because the object carries −τ. It is None if the difference is
-    known to be 0.
-
-    Args:
-        elastomer: the elastomer S.
-        object_: the object B.
-        grid: cells.
-        smooth: whether there is no friction; `shear` is then not computed and is 0.
+    known to be 0. Without friction (`smooth`), `shear` is not computed and is 0.
     """
     integrals = _surface_integrals(grid)
     pair = _pair(elastomer.uncorrected, object_.uncorrected, integrals, grid, smooth)

@@ -174,9 +174,7 @@ class Simulation:
 def read_simulation(path: str | Path, pad: Pad | None = None) -> Simulation:
     """Read a configuration file, or a shipped example by its name.
 
-    Args:
-        path: path of the file, or name of the example.
-        pad: pad of a sensor description; supplies the keys that the file's table `pad` lacks.
+    The pad of a sensor description supplies the keys that the file's table `pad` lacks.
 
     Raises:
         FileNotFoundError: there is no such file or example, or a map that it names is missing.

@@ -28,10 +28,6 @@ def run_simulation(simulation: Simulation, folder: Path) -> Iterator[tuple[int, 
 
     A step whose file is damaged is solved again.
 
-    Args:
-        simulation: contact, path and resultants.
-        folder: folder to write to; created if missing.
-
     Yields:
         Number of the step, from 1, and its contact.
 

@@ -104,9 +104,6 @@ def method_settings(method: str) -> Any:
 def method_constants(method: str) -> dict[str, Any]:
     """The default values of a method's settings, by name.
 
-    Args:
-        method: name from `METHODS` or `PUBLISHED_METHODS`.
-
     Raises:
         ValueError: an unknown method.
     """

@@ -116,8 +116,7 @@ class OutlineFollower:
     def update(self, fields: Fields | None) -> tuple[float, float, float]:
         """Direction, its standard error and elongation in the next frame, as in `Outline`.
 
-        Args:
-            fields: fields of the frame; None for an unusable frame.
+        An unusable frame has no fields.
         """
         if fields is None or not fields.contact.any():
             self._last = self._last if fields is None else np.nan

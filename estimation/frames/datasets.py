@@ -89,9 +89,6 @@ def fetch(name: str, log: Callable[[str], None] = lambda line: None) -> Path:
 def find(name: str) -> Path | None:
     """The folder of a data set that is complete and intact; None if there is none.
 
-    Args:
-        name: one of the names of `list_names`.
-
     Raises:
         ValueError: there is no such data set.
     """
@@ -107,10 +104,6 @@ def find(name: str) -> Path | None:
 def fetch_runs(name: str, log: Callable[[str], None] = lambda line: None) -> list[Path]:
     """Fetch a data set, and return its folders that hold recordings.
 
-    Args:
-        name: one of the names of `list_names`.
-        log: called with a line of text for each step.
-
     Raises:
         ValueError: as for `fetch`.
         OSError: as for `fetch`.
@@ -120,11 +113,7 @@ def fetch_runs(name: str, log: Callable[[str], None] = lambda line: None) -> lis
 
 
 def list_files(name: str) -> dict[str, str]:
-    """The sha256 of each file of a data set, by its path in the set's folder.
-
-    Args:
-        name: one of the names of `list_names`.
-    """
+    """The sha256 of each file of a data set, by its path in the set's folder."""
     if "files" in _published(name):
         return _published(name)["files"]
     listed = (files("estimation.frames") / f"{name}.sha256").read_text("utf-8")

@@ -10,11 +10,7 @@ from typing import Any
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str]) -> None:
-    """Write a file under a temporary name, and rename it when it is complete.
-
-    Args:
-        path: of the file.
-        content: of the file; text may come in parts.
+    """Write a file, in parts if they are given, under a temporary name; rename it when complete.
 
     Raises:
         OSError: the folder cannot be written to, or the disk is full; no partial file remains.

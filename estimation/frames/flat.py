@@ -94,11 +94,9 @@ def flatten_layout(layout: MarkerLayout) -> dict[str, np.ndarray]:
 
 
 def restore_layout(flat: Mapping[str, Any], dimensions: int) -> MarkerLayout:
-    """Convert the arrays of `flatten_layout` back to a layout.
+    """Convert the arrays of `flatten_layout` back to a layout in two or three dimensions.
 
-    Args:
-        flat: arrays of any shape with the right number of values.
-        dimensions: coordinates of each marker, 2 or 3.
+    The arrays may have any shape with the right number of values.
 
     Raises:
         ValueError: the arrays do not fit each other.

@@ -163,10 +163,6 @@ def frozen_markers(
     Only steps in which the others move count, and at least `FROZEN_STEPS` of them in a row are
     required. All frames of such a run are marked, including its first: the last frame with a
     correct position cannot be distinguished from the first wrong one.
-
-    Args:
-        positions: marker positions [mm].
-        seen: which markers of each frame are visible.
     """
     frozen = np.zeros(seen.shape, dtype=bool)
     shared = seen[1:] & seen[:-1]

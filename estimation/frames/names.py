@@ -69,13 +69,10 @@ def _tail(path: Path, length: int, *, suffix: bool = False) -> str:
 
 
 def number_pictures(files: Sequence[Path]) -> Numbering:
-    """Read the frame numbers in the names of pictures.
+    """Read the frame numbers in the names of pictures in natural order.
 
     The names may differ in one number only, and most of these numbers must be consecutive.
     Otherwise the pictures are counted from 0.
-
-    Args:
-        files: the pictures, in natural order.
     """
     numbers, doubt = _find_numbers(files)
     if doubt:

@@ -42,11 +42,7 @@ def expect_places(reference: Float[np.ndarray, "n d"]) -> None:
 
 @cache
 def declared_arrays(owner: type) -> dict[str, type[AbstractArray]]:
-    """The array fields of a class by name, each with its declared type and shape.
-
-    Args:
-        owner: a dataclass whose arrays, optional ones too, are annotated with jaxtyping.
-    """
+    """The array fields of a dataclass by name, each with its type and shape by jaxtyping."""
     return {
         name: kind
         for name, hint in get_type_hints(owner).items()

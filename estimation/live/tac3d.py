@@ -138,11 +138,7 @@ class Tac3DSource:
     convention, warnings = PlainMessages.convention, ()
 
     def __init__(self, name: str, feed: Callable[[Iterator[Stamped]], Iterator[Stamped]]) -> None:
-        """Wait for the first frames.
-
-        Args:
-            name: name as in `Tac3DReceiver`.
-            feed: passes the frames on as they arrive.
+        """Wait for the first frames of a `Tac3DReceiver`; the feed passes them on as they arrive.
 
         Raises:
             ImportError: the extra `tac3d` is not installed.

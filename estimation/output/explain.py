@@ -28,12 +28,7 @@ class Explained(NamedTuple):
 
 
 def explain_settings(settings: Mapping[str, Any], method: str) -> list[Explained]:
-    """Each setting of a run with its unit and meaning; the seed only if one was used.
-
-    Args:
-        settings: settings as in `summary.json`.
-        method: the chosen method.
-    """
+    """Each setting of a run with its unit and meaning; the seed only if one was used."""
     owners: list[object] = [Settings, ContactSettings, AlertSettings, Known]
     kind = settings.get("softness", {}).get("kind")
     owners += [SOFTNESS_KINDS[kind]] if kind in SOFTNESS_KINDS else []

@@ -67,12 +67,8 @@ def write_overview(
 
     For a grasp, also `comparison.csv`, `grasp.json`, `grasp.png` and, with moments, `moment.png`.
 
-    Args:
-        done: run and summary of each recording. The recordings are named after the folders in
-            `folder` that hold their reports.
-        folder: folder to write to.
-        grasp: the two recordings compared as the fingers of a grasp, on the first one's clock.
-        notes: sentences for the head of the report.
+    Each run comes with its summary; the recordings are named after the folders in `folder` that
+    hold their reports. The notes are sentences for the head of the report.
 
     Raises:
         OSError: a file cannot be written.

@@ -141,12 +141,7 @@ def annotate(
 ) -> np.ndarray:
     """An enlarged picture, annotated with markers, state and angles.
 
-    Args:
-        picture: picture of the frame.
-        run: run that the frame belongs to.
-        markers: markers of the frame.
-        spots: positions of the markers in each view of the picture [px].
-        gel_deg: rotation of the gel [deg].
+    The markers lie at `spots` in each view [px]; the gel has turned by `gel_deg` [deg].
     """
     tall = 960  # height up to which pictures are enlarged, by at most three [px]
     enlarged = int(np.clip(tall // picture.shape[0], 1, 3))
@@ -175,14 +170,7 @@ def annotate(
 
 
 def mark_spot(image: np.ndarray, spot: Float[np.ndarray, " 2"], sign: str, radius: int = 7) -> None:
-    """Draw a marker into a picture: a cross if it slips, otherwise a ring.
-
-    Args:
-        image: BGR picture to draw into.
-        spot: position of the marker [px].
-        sign: sign of the marker, as in `marker_signs`.
-        radius: radius of the ring [px].
-    """
+    """Draw a marker into a picture: a cross if it slips, by its sign, otherwise a ring; in px."""
     colour = dict(zip("ox.", MARKER_COLOURS.values(), strict=True))[sign]
     shade = tuple(int(colour[i : i + 2], 16) for i in (5, 3, 1))  # of #rrggbb
     x, y = np.rint(spot).astype(int).tolist()

@@ -39,10 +39,7 @@ FIRM_MARKERS = 10
 def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
     """Write `angles.csv`, `angles_all.csv`, `summary.json`, `report.html` and its figures.
 
-    Args:
-        run: run over a recording.
-        folder: folder to write to.
-        table: write `angles.csv`; False while the run itself is still writing it.
+    Without `table`, `angles.csv` is left to the run itself, which is still writing it.
 
     Returns:
         The content of `summary.json`.
@@ -304,14 +301,7 @@ def figure_png(figure: Figure) -> bytes:
 def render_page(
     template: str, images: Mapping[str, bytes], *, package: str = "", **content: Any
 ) -> str:
-    """A page from a template, with its figures embedded.
-
-    Args:
-        template: name of the template.
-        images: PNG figures by the names of their files.
-        package: package of the template; templates of reports are always available.
-        **content: variables of the template.
-    """
+    """A page from a template of a package or of reports, with its figures by name embedded."""
     inline = {
         name: "data:image/png;base64," + base64.b64encode(image).decode()
         for name, image in images.items()

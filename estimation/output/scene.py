@@ -108,14 +108,7 @@ def view_markers(
     reference: Float[np.ndarray, "n d"],
     shown: Shown | None,
 ) -> View:
-    """Markers drawn in the picture of their frame, or in a field around them.
-
-    Args:
-        source: source of the frame.
-        positions: positions of the markers.
-        reference: markers at rest.
-        shown: picture of the frame; None without a picture.
-    """
+    """Markers drawn in the picture of their frame, or in a field around them if there is none."""
     if not isinstance(source, PictureSource):
         field = Field.around(reference, points_down(source.convention))
         return View(field.place(positions)[None], field.size, None)
@@ -151,13 +144,7 @@ def show_markers(
 ) -> dict[str, Any]:
     """Markers in the form that `draw.js` takes: `spots` x, y, x, y, … and `kinds`, a sign each.
 
-    Markers that are not visible are omitted.
-
-    Args:
-        spots: positions of the markers in each view [px].
-        valid: markers that can be used.
-        stick: markers that stick.
-        contact: markers of the contact region.
+    Their places are in each view [px]. Markers that are not visible are omitted.
     """
     visible = valid & np.isfinite(spots).all(axis=(0, 2))
     kinds = marker_signs(stick, contact)[visible]

@@ -109,14 +109,7 @@ def write_table(
 ) -> None:
     """Write `angles.csv` of one method, completely or not at all.
 
-    Args:
-        path: path of the table.
-        track: track of the method.
-        imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
-        margins: angle and moment that remain before macro slip, in each frame.
-        shears: shear of the gel and slip along it, in each frame.
-        grips: friction and alerts, in each frame.
-        unit: unit of lengths, mm or px.
+    The imprint is its rotation in each frame [rad]; NaN where unknown.
 
     Raises:
         OSError: the table cannot be written.
@@ -136,10 +129,7 @@ def write_tables(
 ) -> None:
     """Write `angles_all.csv`, one method below the other, completely or not at all.
 
-    Args:
-        path: path of the table.
-        tracks: track of each method.
-        imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
+    The imprint is its rotation in each frame [rad]; NaN where unknown.
 
     Raises:
         OSError: the table cannot be written.
@@ -184,10 +174,7 @@ def tabulate(
 ) -> dict[str, list[str]]:
     """The cells of a method's answers by column; withdrawn answers have separate columns.
 
-    Args:
-        track: track of one method.
-        imprint: rotation of the imprint in each frame [rad]; NaN where unknown.
-        first: number of the first frame.
+    The imprint is its rotation in each frame [rad]; frames are counted from `first`.
     """
     frames, table = range(len(track.time)), dict[str, list[str]]()
     for name, column in track.columns().items():

@@ -95,13 +95,7 @@ class Seen(NamedTuple):
 def displacement_as_seen(
     layout: MarkerLayout, positions: Float[np.ndarray, "n d"], valid: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Displacement of all markers in the plane; unseen ones have the mean of their neighbours [mm].
-
-    Args:
-        layout: of the markers.
-        positions: in one frame [mm].
-        valid: whether each is seen.
-    """
+    """Displacement of all markers in the plane [mm]; unseen ones have that of their neighbours."""
     moved = positions[:, :2] - layout.reference[:, :2]
     beside = layout.neighbours
     counts = (beside >= 0) & valid[beside]

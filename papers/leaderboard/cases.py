@@ -62,10 +62,7 @@ class Truth(NamedTuple):
 
 
 def list_cases(split: str) -> dict[str, Case]:
-    """The cases of a split by name.
-
-    Args:
-        split: one of `SPLITS`.
+    """The cases of one of `SPLITS` by name.
 
     Raises:
         ValueError: the split does not exist.

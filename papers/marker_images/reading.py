@@ -158,9 +158,7 @@ def read_frames() -> dict[str, list[int]]:
 def spread(spans: Spans, sure: bool = False) -> Reading:
     """Expand the spans of whole clips to a reading of all their frames.
 
-    Args:
-        spans: spans by clip.
-        sure: whether to write `unclear` in the frames near an unsure change of a word.
+    If `sure`, frames near an unsure change of a word read `unclear`.
     """
     reading: Reading = {}
     for clip, parts in spans.items():

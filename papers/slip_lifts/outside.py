@@ -66,12 +66,7 @@ def track_points(
 ) -> Float[np.ndarray, "frames n 2"]:
     """Positions of the first picture's points in all pictures; NaN from where one is lost [px].
 
-    A point is lost if optical flow does not lead back to within 0.5 px.
-
-    Args:
-        pictures: pictures in order.
-        points: their places in the first picture, as OpenCV returns them [px].
-        **flow: settings of OpenCV's pyramidal Lucas–Kanade.
+    A point is lost if optical flow, with OpenCV's settings, does not lead back to within 0.5 px.
     """
     tracks, good = [points[:, 0]], np.ones((len(points), 1), dtype=bool)
     for before, after in pairwise(pictures):

@@ -39,11 +39,7 @@ def draw_roc(
 
 
 def first_called(slipped: Float[np.ndarray, " frames"]) -> int | None:
-    """First frame in which a slip is more likely than not; None without such a frame.
-
-    Args:
-        slipped: probability of a slip in each frame [-].
-    """
+    """First frame with a probability of a slip above one half; None without such a frame."""
     over = slipped > 0.5
     return int(over.argmax()) if over.any() else None
 

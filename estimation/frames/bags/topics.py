@@ -68,10 +68,7 @@ def list_topics(bag: Path) -> list[Topic]:
 
 
 def find_topic(place: Path) -> tuple[Path, Topic]:
-    """Find the bag and the topic of a place.
-
-    Args:
-        place: a bag with only one topic of its first kind, or the bag with the topic's name.
+    """Find the bag and the topic of a place: a bag with one topic of its kind, or a bag's topic.
 
     Raises:
         ValueError: the bag is damaged, has no such topic, or has no or several topics of a tactile

@@ -84,10 +84,9 @@ def list_episodes(path: Path, features: tuple[str, ...] = ()) -> list[Path]:
 
 
 def find_clip(place: Path) -> Clip | None:
-    """Find the part of a video that shows an episode; None if the place is not in a data set.
+    """Find the part of a video that shows an episode, the place `SET/FEATURE/episode_N`.
 
-    Args:
-        place: `SET/FEATURE/episode_N`.
+    None if the place is not in a data set.
 
     Raises:
         ImportError: the extra `lerobot` is not installed.

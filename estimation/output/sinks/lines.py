@@ -15,12 +15,7 @@ class AnswerLines(ABC):
     """A sink that writes each answer as a line, and only one line for each frame."""
 
     def __init__(self, say: Callable[[str], None], method: str) -> None:
-        """Make a sink.
-
-        Args:
-            say: receives each line.
-            method: method whose answers are written.
-        """
+        """Make a sink that says each line of a method's answers."""
         self._say, self._method = say, method
         self._written = 0
 

@@ -112,13 +112,7 @@ def open_udp(host: str, port: int) -> Outlet[str]:
 
 
 def close_outlet(outlet: Outlet[Any], name: str, tell: Callable[[str], None]) -> None:
-    """Close an outlet.
-
-    Args:
-        outlet: outlet to close; it passes on waiting items for a moment.
-        name: name of its reader.
-        tell: receives a sentence on dropped items, if any.
-    """
+    """Close an outlet, which passes on waiting items for a moment; `tell` gets a line on others."""
     outlet.close()
     if note := outlet.describe(name):
         tell(note)

@@ -179,11 +179,7 @@ class LiveViewer:
 
 
 def open_stream(path: Path | None = None) -> Any:
-    """A stream of Rerun.
-
-    Args:
-        path: path of the file to write, which identifies the stream; None for an open viewer.
-    """
+    """A stream of Rerun: of the file that is written to a path, else of an open viewer."""
     import rerun as rr
 
     own = None if path is None else uuid5(NAMESPACE_URL, path.resolve().as_uri())
@@ -203,13 +199,7 @@ def spawn_viewer(stream: Any) -> None:
 
 
 def connect_viewer(host: str, port: int, stream: Any) -> None:
-    """Connect to a viewer that is open or will be opened.
-
-    Args:
-        host: host of the viewer.
-        port: port of the viewer; Rerun's default is 9876.
-        stream: stream to connect.
-    """
+    """Connect a stream to a viewer that is open or will be opened; Rerun's default port is 9876."""
     name = f"[{host}]" if ":" in host else host
     stream.connect_grpc(f"rerun+http://{name}:{port}/proxy", default_blueprint=lay_out())
 
