@@ -5,12 +5,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import ArrayLike
 
 
-def cell(
-    values: ArrayLike, digits: int, summary: Callable[[np.ndarray], Any] = np.mean
-) -> float | None:
+def cell(values: Any, digits: int, summary: Callable[[np.ndarray], Any] = np.mean) -> float | None:
     """A cell of a table: a summary of the known values, rounded; None without a known value.
 
     Args:
