@@ -67,13 +67,7 @@ class Line:
 
 
 class Problem(NamedTuple):
-    """The regression problem.
-
-    Attributes:
-        series: readings and frames of the trials.
-        columns: columns of the line in addition to the rotation.
-        layer: prior knowledge of the elastomer.
-    """
+    """Trials, columns in addition to the rotation, and prior knowledge of the elastomer."""
 
     series: Sequence[Series]
     columns: "Columns"

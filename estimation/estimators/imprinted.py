@@ -37,11 +37,7 @@ class Turn(NamedTuple):
 
 
 class ImprintedTurn:
-    """Follows the rotation of an object in contact, from the first frame with its imprint.
-
-    Attributes:
-        known: whether the rotation is known, from the imprint or from the gel after it.
-    """
+    """Follows the rotation of an object in contact, from the first frame with its imprint."""
 
     # noise of a registration from frame to frame, in addition to the error that it reports [rad]:
     # the median of nineteen published clips was 0.03°, the range 0.01 to 0.13°

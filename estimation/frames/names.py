@@ -10,12 +10,7 @@ from typing import NamedTuple
 
 
 class Numbering(NamedTuple):
-    """Frame numbers of pictures.
-
-    Attributes:
-        numbers: frame number of each picture.
-        warnings: problems of the numbers in the names, in sentences.
-    """
+    """The frame number of each picture, and problems of the numbers in the names, in sentences."""
 
     numbers: tuple[int, ...]
     warnings: tuple[str, ...]

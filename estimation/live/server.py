@@ -16,15 +16,7 @@ from estimation.output.scene import page_colours
 
 
 class WindowServer(socketserver.ThreadingTCPServer):
-    """Serves a window in separate threads.
-
-    Attributes:
-        window: window to show.
-        page: content of the page, the same for all browsers.
-        host: address at which the page is served.
-        seats: limits the number of browsers.
-        most_browsers: largest number of browsers that can show a run at the same time.
-    """
+    """Serves a window in separate threads."""
 
     allow_reuse_address, daemon_threads = True, True
     most_browsers = 8

@@ -125,13 +125,6 @@ class Tac3DSource:
     """Frames of a Tac3D sensor as the desktop program sends them.
 
     The reference comes from the first frame with a load, or from the first two seconds without one.
-
-    Attributes:
-        name: name of the source.
-        source: origin of the frames, the same.
-        warnings: always empty.
-        live: always true.
-        provisional: always false.
     """
 
     live, provisional, unit = True, False, PlainMessages.unit

@@ -45,10 +45,6 @@ class Window:
     """Sink that offers the latest answer to browsers and never waits for them.
 
     A slow browser misses pictures and markers, but no point of the curve.
-
-    Attributes:
-        dropped: number of answers not sent to a browser, summed over browsers.
-        events: number of answers sent to browsers.
     """
 
     def __init__(self, source: Source, feed: Feed, method: str) -> None:

@@ -45,12 +45,7 @@ def disc_radius(points: Float[np.ndarray, "n 2"]) -> float:
 
 
 class Lifting(NamedTuple):
-    """What is to be added at some markers, as matrices on what all markers show.
-
-    Attributes:
-        displacement: on displacements in the plane.
-        rotation: on rotations.
-    """
+    """What is to be added at some markers, as matrices on what all markers show."""
 
     displacement: Float[np.ndarray, "m 2 n 2"]
     rotation: Float[np.ndarray, "m n"]

@@ -95,13 +95,7 @@ class Turn(NamedTuple):
 
 
 class Clips(NamedTuple):
-    """Answers and turns of the clips.
-
-    Attributes:
-        root: folder of the clips.
-        turns: turns with a reference.
-        answers: answers to each frame, by clip.
-    """
+    """Answers and turns of the clips."""
 
     root: Path
     turns: list[Turn]

@@ -173,14 +173,7 @@ def spread(spans: Spans, sure: bool = False) -> Reading:
 
 
 class Run(NamedTuple):
-    """Consecutive frames of one state.
-
-    Attributes:
-        state: name of the state.
-        first: first frame.
-        last: last frame.
-        unsure: the run may begin earlier or later by so many frames.
-    """
+    """Consecutive frames of one state; it may begin earlier or later by `unsure` frames."""
 
     state: str
     first: int

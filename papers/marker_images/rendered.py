@@ -31,14 +31,7 @@ LATE = 3
 
 
 class ClipAnswers(NamedTuple):
-    """The answers to a rendered clip.
-
-    Attributes:
-        condition: condition of the clip.
-        truth: truth of each frame.
-        track: answers of the command line.
-        imprint: angle of the imprint [rad].
-    """
+    """The answers to a rendered clip, and the angle of the imprint [rad]."""
 
     condition: str
     truth: ClipTruth

@@ -39,12 +39,7 @@ from papers.marker_images.reading import (
 
 
 class Ours(NamedTuple):
-    """Our answer in a frame.
-
-    Attributes:
-        state: state of the contact.
-        reason: reason for a missing or doubtful angle.
-    """
+    """Our answer in a frame: the contact's state, and why the angle is missing or doubtful."""
 
     state: str
     reason: str

@@ -43,14 +43,7 @@ UNPRINTED = "macro slip by the markers alone"
 
 
 class Label(NamedTuple):
-    """A lift and its outcome.
-
-    Attributes:
-        object_: folder of the object's lifts.
-        lift: folder of the lift.
-        slipped: whether the object slipped out.
-        begins: number of the frame in which the gripper begins to lift.
-    """
+    """A lift, its outcome, and the number of the frame in which the gripper begins to lift."""
 
     object_: str
     lift: str
@@ -94,12 +87,7 @@ class Lift:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The answers to the lifts of some objects.
-
-    Attributes:
-        root: folder of the data set.
-        lifts: the lifts, in the order of the objects' tables.
-    """
+    """The answers to the lifts of some objects."""
 
     root: Path
     lifts: tuple[Lift, ...]

@@ -30,12 +30,7 @@ ONE_THREAD = {
 
 
 class Batch(NamedTuple):
-    """Cases to evaluate together.
-
-    Attributes:
-        cases: row numbers of the cases in the study's table.
-        table: the rows themselves.
-    """
+    """Cases to evaluate together: their row numbers in the study's table, and these rows."""
 
     cases: Int[np.ndarray, " batch"]
     table: Table

@@ -129,12 +129,6 @@ class PlainMessages:
 
     The reference follows from the displacements of the first loaded messages, as in Tac3D folders.
     Without displacements, one message is the reference.
-
-    Attributes:
-        layout: the markers at rest.
-        unit: of lengths.
-        convention: directions of the axes.
-        notes: remarks for readers, in sentences.
     """
 
     unit = "mm"

@@ -25,14 +25,7 @@ ANSWER_PREFIX = "answer."
 
 
 class RowFile(NamedTuple):
-    """A file of rows.
-
-    Attributes:
-        layout: of the markers.
-        unit: of lengths, mm or px.
-        convention: directions of the axes.
-        columns: of the rows in order, in batches.
-    """
+    """A file of rows of frames, whose columns come in order, in batches."""
 
     layout: MarkerLayout
     unit: str

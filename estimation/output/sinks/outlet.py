@@ -13,12 +13,7 @@ Item = TypeVar("Item")
 
 
 class Outlet(Generic[Item]):
-    """Passes items on in a separate thread.
-
-    Attributes:
-        sent: number of items passed on.
-        dropped: number of items dropped because the reader was slow or gone.
-    """
+    """Passes items on in a separate thread."""
 
     def __init__(
         self, write: Callable[[Item], None], end: Callable[[], object] = int, most: int = 256
