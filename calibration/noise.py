@@ -216,8 +216,7 @@ def plot_noise(noise: RestNoise) -> Figure:
     left.legend(fontsize=8, frameon=False)
     right.axhline(0.0, color="k", lw=0.8)
     right.plot(range(1, len(noise.temporal) + 1), noise.temporal, "o-", color="#08306b")
-    right.set_xlabel("frames apart")
-    right.set_ylabel("correlation of one marker's errors")
+    right.set(xlabel="frames apart", ylabel="correlation of one marker's errors")
     right.set_ylim(min(-0.2, *right.get_ylim()), 1.0)
     right.grid(alpha=0.3)
     return figure

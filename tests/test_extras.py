@@ -13,7 +13,7 @@ from estimation.frames.extras import EXTRA_PACKAGES, MissingExtraError, require_
 from estimation.sources import read_recording
 from papers import items
 from papers.__main__ import main
-from papers.leaderboard import real
+from papers.leaderboard import sources
 from tests.structure import PACKAGES, ROOT, needs_sources
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -144,11 +144,11 @@ def test_a_video_without_its_extra_names_it(tmp_path, monkeypatch):
 
 def test_the_leaderboard_leaves_out_videos_without_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    monkeypatch.setattr(real.datasets, "find", lambda name: tmp_path)
+    monkeypatch.setattr(sources.datasets, "find", lambda name: tmp_path)
     said = []
-    assert real.find_group("pivot-videos", said.append) is None
+    assert sources.find_group("pivot-videos", said.append) is None
     assert 'run `pip install "contactmodel[video]"`' in said[0]
-    assert real.find_group("slip-lifts", said.append) == tmp_path
+    assert sources.find_group("slip-lifts", said.append) == tmp_path
 
 
 def test_a_missing_extra_is_an_import_error_too(monkeypatch):

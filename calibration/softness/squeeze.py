@@ -311,7 +311,6 @@ def plot_squeeze(squeeze: Squeeze) -> Figure:
         ends, zero + slope * ends, color="#c1440e", label=f"k = {squeeze.stiffness_ratio:.3g}"
     )
     axis.legend(fontsize=8, frameon=False)
-    axis.set_xlabel(squeeze.evidence.labels[0])
-    axis.set_ylabel(squeeze.evidence.labels[1])
+    axis.set(xlabel=squeeze.evidence.labels[0], ylabel=squeeze.evidence.labels[1])
     axis.grid(alpha=0.3)
     return figure

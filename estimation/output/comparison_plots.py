@@ -55,8 +55,7 @@ def plot_overview(
     for width, label in ((9, "95 % interval"), (5, "bar on the zero line: macro slip")):
         axis.plot([], [], color="0.5", lw=width, alpha=0.35, solid_capstyle="butt", label=label)
     axis.axhline(0.0, color="0.7", lw=0.6)
-    axis.set_xlabel("time since the recording's first frame [s]")
-    axis.set_ylabel("object's angle [°]")
+    axis.set(xlabel="time since the recording's first frame [s]", ylabel="object's angle [°]")
     axis.legend(fontsize=8, frameon=False)
     return figure
 
@@ -100,7 +99,6 @@ def plot_grasp(grasp: Grasp, names: Sequence[str]) -> Figure:
     holding = np.where(holds, difference, np.nan)
     bottom.plot(time, holding, "k", lw=1.3, label="markers stick on both fingers")
     bottom.axhline(0.0, color="0.7", lw=0.6)
-    bottom.set_ylabel("difference [°]")
-    bottom.set_xlabel(f"time since the first frame of {names[0]} [s]")
+    bottom.set(xlabel=f"time since the first frame of {names[0]} [s]", ylabel="difference [°]")
     bottom.legend(fontsize=8, frameon=False)
     return figure

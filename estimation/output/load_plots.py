@@ -37,8 +37,7 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
             label = f"Lubkin, Masing: limit {branch.limit:.1f} N·mm, rms {branch.rms:.2f} N·mm"
             axis.plot(np.degrees(angle), branch.moment(angle), "k", lw=1.1, label=label)
         axis.set_title(name, fontsize=9)
-        axis.set_xlabel("object's angle [°]")
-        axis.set_ylabel("moment [N·mm]")
+        axis.set(xlabel="object's angle [°]", ylabel="moment [N·mm]")
         axis.legend(loc="upper left", fontsize=8, frameon=False)  # the best one takes long to find
     return figure
 
@@ -63,7 +62,6 @@ def plot_friction(track: Track, grips: GripPath) -> Figure:
         bar = np.where(alerted[drawn], 0.0, np.nan)
         axis.plot(time, bar, color=colour, lw=6, solid_capstyle="butt", label=f"alert: {level}")
     axis.set_ylim(bottom=0.0)
-    axis.set_xlabel("time [s]")
-    axis.set_ylabel("friction [-]")
+    axis.set(xlabel="time [s]", ylabel="friction [-]")
     axis.legend(loc="upper left", fontsize=8, frameon=False, ncols=3)
     return figure

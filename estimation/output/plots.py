@@ -1,6 +1,6 @@
 """Figures of recordings and results; each function returns a Matplotlib figure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -151,6 +151,37 @@ def plot_maps(recording: Recording, result: Result, frames: Sequence[int]) -> Fi
     return plot_markers(recording.layout.reference, recording.unit, result, markers, down=down)
 
 
+def choose_frames(
+    track: Track, markers: Callable[[], Iterable[KeptMarkers]], size: int, count: int = 5
+) -> list[KeptMarkers]:
+    """Markers of the frames to draw maps of.
+
+    They are the first and the last frame of macro slip and the frame of the largest angle, as far
+    as their markers are stored. The others are evenly spread over the contact, or over all frames.
+
+    Args:
+        track: track of the method to draw.
+        markers: returns the stored markers, frame by frame.
+        size: final number of markers; earlier frames of a resumed camera may have another.
+        count: largest number of frames, at least 4.
+    """
+    rows = np.array([frame.row for frame in markers() if len(frame.turned) == size])
+    touching = rows[track.contact_markers[rows] > 0]
+    rows = touching if len(touching) else rows
+    slips = np.flatnonzero(track.slipping)
+    chosen: set[int] = set()
+    if len(slips):
+        stored = np.intersect1d(rows, slips)
+        ends = stored[[0, -1]] if len(stored) else rows[[np.abs(rows - slips[0]).argmin()]]
+        chosen |= set(ends.tolist())
+    angles = np.abs(track.angle[rows])
+    if np.isfinite(angles).any():
+        chosen.add(int(rows[np.nanargmax(angles)]))
+    spread = np.linspace(0, len(rows) - 1, count - len(chosen)).astype(int)
+    chosen |= set(rows[spread].tolist())
+    return [frame for frame in markers() if frame.row in chosen]
+
+
 def plot_markers(
     reference: Float[np.ndarray, "n d"],
     unit: str,
@@ -190,8 +221,7 @@ def plot_markers(
         for sign, colour, label in zip("ox.", MARKER_COLOURS.values(), labels, strict=True)
     ]
     figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8, frameon=False)
-    axes[2, 0].set_xlabel(f"x [{unit}]")
-    axes[2, 0].set_ylabel(f"y [{unit}]")
+    axes[2, 0].set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     return figure
 
 

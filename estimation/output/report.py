@@ -22,9 +22,8 @@ from estimation.output.explain import explain_settings
 from estimation.output.found import Known, Run
 from estimation.output.load_plots import plot_friction, plot_moment
 from estimation.output.missing import count_missing
-from estimation.output.moments import choose_frames
 from estimation.output.player import describe_play
-from estimation.output.plots import plot_angles, plot_markers
+from estimation.output.plots import choose_frames, plot_angles, plot_markers
 from estimation.output.scene import page_colours, points_down
 from estimation.output.table import MARGIN_COLUMNS, write_table, write_tables
 from estimation.slip.alert import AlertLevel

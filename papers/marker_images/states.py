@@ -315,5 +315,4 @@ def _plot_confusion(axes: Axes, rows: Sequence[Mapping[str, object]]) -> None:
         axes.text(j, i, f"{count:.0f}", ha="center", va="center")
     axes.set_xticks(range(len(State)), [str(state) for state in State], rotation=30, ha="right")
     axes.set_yticks(range(len(rows)), [str(row["read"]) for row in rows])
-    axes.set_xlabel("ours")
-    axes.set_ylabel("read by eye")
+    axes.set(xlabel="ours", ylabel="read by eye")

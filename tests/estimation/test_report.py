@@ -12,8 +12,8 @@ from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
 from estimation.output.answer import describe_run, describe_turns, find_turns, show_time
 from estimation.output.explain import explain_settings
 from estimation.output.found import Run, _clock_notes, _reference_notes
-from estimation.output.moments import choose_frames
 from estimation.output.overview import _count_outcomes
+from estimation.output.plots import choose_frames
 from estimation.output.record import KeptMarkers
 from estimation.output.report import render_report, summarise
 from estimation.pictures.still import Album, copy_picture

@@ -10,7 +10,7 @@ from estimation.frames.archive import read_archive
 from estimation.frames.noise import Noise
 from estimation.tracking.tracker import estimate_angles
 from papers.__main__ import main
-from papers.leaderboard import alarms, board, methods, pictures, publish, real, settings, strained
+from papers.leaderboard import alarms, board, methods, pictures, publish, settings, strained
 from papers.leaderboard import sources as opened
 from papers.leaderboard.cases import Truth, count_frames, list_cases
 from papers.leaderboard.entries import Entry, read_entry, write_entry
@@ -268,7 +268,7 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
     few = {"tuning": {"virtual/gappy-0": cases["t"]["virtual/gappy-0"]}}
     few["scored"] = {name: SCORED[name] for name in (GAPPY.name, "virtual/noisy-1", LIFT.name)}
     monkeypatch.setattr(publish, "list_cases", few.__getitem__)
-    monkeypatch.setattr(opened.real.datasets, "find", lambda name: None)
+    monkeypatch.setattr(opened.datasets, "find", lambda name: None)
     theirs = tmp_path / "theirs.csv"
     entry = answer(open_one(GAPPY, 9), 0.1)._replace(slipped={LIFT.name: 0.2})
     theirs.write_text(write_entry(entry))
@@ -316,7 +316,7 @@ def test_the_command_ranks_an_entry_alone_and_exports_without_the_hidden_truth(
 
 
 def test_real_data_that_is_missing_is_named(monkeypatch):
-    monkeypatch.setattr(real.datasets, "find", lambda name: None)
+    monkeypatch.setattr(opened.datasets, "find", lambda name: None)
     said = []
     cases = {name: case for name, case in SCORED.items() if case.tier == "real"}
     assert list(open_cases(cases, 0, said.append)) == []
