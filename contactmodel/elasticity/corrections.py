@@ -5,9 +5,9 @@ scaled, displacements, slip and stick region stay, and all tractions scale. The 
 therefore factors on force and moment after the solve. Their coefficients are fitted to finite
 elements of our own (`papers.finite_strain.factors`).
 
-With e the depth over the thickness h, x = ρ/h, ρ² the mean of r² under the pressure, s the mean
-slope of the object under the pressure and s₂ that under p r², μ_t = M/(ρP) and m = M over the
-moment at which all slides, a neo-Hookean gel has
+With e = δ/h the depth over the thickness (in mm), x = ρ/h, ρ² the mean of r² under the pressure, s
+the mean slope of the object under the pressure and s₂ that under p r², μ_t = M/(ρP) and m = M over
+the moment at which all slides, a neo-Hookean gel has
 
     F/F_linear − 1 = y = s (f₁ + f₂ x)[1 + f₃ (0.48 − ν)] + e (f₄ μ_t² − f₅ m²)
     M/M_linear − 1 = (1 − m⁴)(g₁ s₂ + g₃ e μ_t²) + m⁴ (y + t) + g₂ e x
@@ -161,15 +161,7 @@ def stiffen(
     thickness: Float[Array, ""],
     numbers: Sequence[float] = (*_FORCE, *_MOMENT),
 ) -> Correction:
-    """Factors of a neo-Hookean gel.
-
-    Args:
-        loading: numbers of the linear contact.
-        approach: δ [mm].
-        poisson_ratio: ν [-].
-        thickness: h [mm].
-        numbers: f₁ to f₅ and g₁ to g₃ [-].
-    """
+    """Factors of a neo-Hookean gel, from the linear contact and the numbers f₁ to f₅, g₁ to g₃."""
     f, g, nu = numbers[:5], numbers[5:], poisson_ratio
     depth, x = approach / thickness, loading.reach / thickness
     sheared, used = depth * loading.sheared, loading.used
@@ -190,21 +182,11 @@ def stiffen(
 
 
 def stick_gain(
-    loading: Loading,
-    approach: Float[Array, "*path"],
-    thickness: Float[Array, ""],
-    numbers: Sequence[float] = _MOMENT,
+    loading: Loading, approach: Float[Array, "*path"], thickness: Float[Array, ""]
 ) -> Float[Array, "*path"]:
-    """g₁ s₂ + g₂ e x, by which the moment of a neo-Hookean gel is larger where all sticks [-].
-
-    Args:
-        loading: numbers of the linear contact.
-        approach: δ [mm].
-        thickness: h [mm].
-        numbers: g₁ to g₃ [-].
-    """
+    """g₁ s₂ + g₂ e x, by which the moment of a neo-Hookean gel is larger where all sticks [-]."""
     x = loading.reach / thickness
-    return numbers[0] * loading.rim_slope + numbers[1] * approach / thickness * x
+    return _MOMENT[0] * loading.rim_slope + _MOMENT[1] * approach / thickness * x
 
 
 def narrow(
@@ -214,14 +196,9 @@ def narrow(
     radius: Float[Array, ""],
     numbers: tuple[Sequence[float], Sequence[float]] = (_SIDE_FORCE, _SIDE_MOMENT),
 ) -> Correction:
-    """Factors of a round pad whose side is free.
+    """Factors of a round pad of radius W [mm] whose side is free, from the contact on a wide pad.
 
-    Args:
-        loading: numbers of the linear contact on a wide pad.
-        poisson_ratio: ν [-].
-        thickness: h [mm].
-        radius: W, radius of the pad [mm].
-        numbers: A, B, α, β and γ for the force and for the moment [-].
+    The numbers are A, B, α, β and γ, for the force and for the moment [-].
     """
     width = radius / thickness
     touches = loading.radius > 0.0

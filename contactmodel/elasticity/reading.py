@@ -4,7 +4,8 @@ Linear elasticity does not distinguish the first from the present position of a 
 moves outward, so a point near the edge of the contact is under another part of the object than at
 first. Four corrections of the surface field follow, all for round contacts. With r the distance of
 a point from the axis, h the thickness, δ the approach, a the radius of the contact, ρ the root of
-the mean of r² under the pressure, x = ρ/h and s₂ the mean slope of the object under p r²:
+the mean of r² under the pressure (all in mm), x = ρ/h and s₂ the mean slope of the object under
+p r²:
 
 1. The surface slopes, so it reaches less far outward: u_r is reduced by c₁ a (1 − x) s₂² (r/a)²
    inside the contact, and falls by (a/r)³ outside.
@@ -21,7 +22,7 @@ The coefficients c₁ to c₄ are fitted to finite elements (`papers.finite_stra
 that stick since the press are not moved by 2 and 3.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple, TypeGuard
 
 import equinox as eqx
@@ -78,27 +79,17 @@ class Reading(NamedTuple):
 
 
 def find_reading(
-    loading: Loading,
-    approach: Float[Array, "*path"],
-    thickness: Float[Array, ""],
-    numbers: Sequence[float] = _NUMBERS,
+    loading: Loading, approach: Float[Array, "*path"], thickness: Float[Array, ""]
 ) -> Reading:
-    """Numbers of the corrected field.
-
-    Args:
-        loading: numbers of the linear contact.
-        approach: δ [mm].
-        thickness: h [mm].
-        numbers: c₁ to c₃ [-].
-    """
+    """Numbers of the corrected field, from those of the linear contact."""
     touches = loading.radius > 0.0
     x = jnp.minimum(loading.reach / thickness, 1.0)
-    inward = numbers[0] * loading.radius * (1.0 - x) * loading.rim_slope**2
+    inward = _NUMBERS[0] * loading.radius * (1.0 - x) * loading.rim_slope**2
     return Reading(
         jnp.where(touches, loading.radius, 1.0),
         jnp.where(touches, inward, 0.0),
-        numbers[1],
-        jnp.where(touches, numbers[2] * stick_gain(loading, approach, thickness), 0.0),
+        _NUMBERS[1],
+        jnp.where(touches, _NUMBERS[2] * stick_gain(loading, approach, thickness), 0.0),
     )
 
 
@@ -206,15 +197,7 @@ def raise_limit(
     thickness: Float[Array, ""],
     number: float = _LIMIT,
 ) -> Raised:
-    """The friction law with a limit that is larger by the factor 1 + c₄ δ r/h².
-
-    Args:
-        law: the friction law of linear elasticity.
-        points: centres of the cells [mm].
-        approach: δ [mm].
-        thickness: h [mm].
-        number: c₄ [-].
-    """
+    """The friction law with a limit that is larger by the factor 1 + c₄ δ r/h²."""
     depth = jnp.maximum(approach, 0.0)[..., None, None]
     gain = 1.0 + number * depth * length(points) / thickness**2
     return Raised(law, gain.astype(points.dtype))

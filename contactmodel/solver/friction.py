@@ -4,9 +4,9 @@
 [Vollebregt2010] E. A. H. Vollebregt, "Improving the speed and accuracy of the frictional rolling
 contact model CONTACT" (TangCG: conjugate gradients on the sets of sticking and sliding cells).
 
-The solver minimises ½ τ·Cτ − τ·b over |τ| ≤ μp. The drive b is the rigid increment plus Cτ of the
-previous step. The remainder s = b − Cτ is the increment of slip: 0 where a cell sticks, parallel
-to τ where it slides.
+The solver minimises ½ τ·Cτ − τ·b over tractions |τ| ≤ μp [MPa], the limit, 0 outside the contact.
+The drive b is the rigid increment plus Cτ of the previous step [mm]. The remainder s = b − Cτ is
+the increment of slip [mm]: 0 where a cell sticks, parallel to τ where it slides.
 
 The loop is our own. Each iteration is a Newton step on the present sets: a sticking cell has two
 unknowns, and a sliding cell moves along its circle, with the curvature s/μp. Newton's method alone
@@ -73,11 +73,7 @@ def find_sets(
     the shortest step down the gradient would bring it to μp. At the rim μp is so small that
     rounding hides the gain of that step.
 
-    Args:
-        traction: τ [MPa].
-        slip: increment of slip s [mm].
-        limit: μp [MPa].
-        stiffest: bound on the compliance [mm/MPa].
+    The compliance is at most `stiffest` [mm/MPa].
     """
     contact = limit > 0.0
     margin = max(1e-9, 16.0 * float(jnp.finfo(limit.dtype).eps))
@@ -109,14 +105,8 @@ def find_sliding(
 ) -> Bool[Array, "nx ny"]:
     """Cells in contact that slide by more than the residual slip of sticking cells.
 
-    Args:
-        compliance: compliance of the pair.
-        traction: τ [MPa].
-        motion: motion of the rigid object plus the relative displacement before the step [mm].
-        slip: increment of slip s [mm].
-        pressure: p [MPa].
-        limit: μp [MPa].
-        rtol: tolerance with which the traction was solved [-].
+    The motion is that of the rigid object plus the relative displacement before the step [mm]; rtol
+    is that of the traction.
     """
     contact = pressure > 0.0
     at_limit = find_sets(traction, slip, limit, compliance.stiffest).slide | (limit <= 0.0)
@@ -142,14 +132,6 @@ def solve_traction(
     The residual is the root mean square, over the cells in contact, of the slip of sticking cells
     and of the slip of sliding cells across τ and against τ, divided by the root mean square of the
     drive.
-
-    Args:
-        compliance: compliance of the pair.
-        drive: b [mm].
-        limit: μp, 0 outside the contact [MPa].
-        start: initial traction [MPa].
-        rtol: tolerance of the residual [-].
-        max_steps: largest number of Newton steps.
 
     Returns:
         Traction [MPa] and the solver's iterations.
@@ -240,15 +222,7 @@ def friction_residual(
     limit: Float[Array, "nx ny"],
     drive: Float[Array, "2 nx ny"],
 ) -> Float[Array, ""]:
-    """Residual of Coulomb's law for a traction [-]; see `solve_traction`.
-
-    Args:
-        compliance: compliance of the pair.
-        traction: τ [MPa].
-        slip: increment of slip s [mm].
-        limit: μp [MPa].
-        drive: b [mm].
-    """
+    """Residual of Coulomb's law for a traction [-]; see `solve_traction`."""
     wrong = _violation(compliance, traction, slip, limit)
     return jnp.sqrt(wrong / _sum_of_squares(drive, limit))
 
@@ -296,12 +270,7 @@ def blend(inverse: Compliance, sets: Sets) -> tuple[Float[Array, "nx ny"], Float
 def confine(
     traction: Float[Array, "2 nx ny"], limit: Float[Array, "nx ny"]
 ) -> Float[Array, "2 nx ny"]:
-    """Scale a traction back to |τ| ≤ μp.
-
-    Args:
-        traction: τ [MPa].
-        limit: μp [MPa].
-    """
+    """Scale a traction back to |τ| ≤ μp."""
     square = dot(traction, traction)
     beyond = square > limit**2
     return traction * jnp.where(beyond, limit / jnp.sqrt(jnp.where(beyond, square, 1.0)), 1.0)
