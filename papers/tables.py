@@ -21,7 +21,7 @@ def cell(values: Any, digits: int, summary: Callable[[np.ndarray], Any] = np.mea
 
 
 def finish(
-    *axes: Axes, legend: float | None = None, minor: bool = False, title: str = "", **labels: Any
+    *axes: Axes, legend: int | None = None, minor: bool = False, title: str = "", **labels: Any
 ) -> None:
     """Label the axes of a figure, and draw their grid and, given its font size, their legend.
 
