@@ -16,7 +16,6 @@ from contactmodel.common.command_line import errors, make_app, run_app, say, say
 from estimation.frames.extras import MissingExtraError, require_extra
 from estimation.frames.files import check_writable, write_whole
 from estimation.output.result_folder import renew_results
-from estimation.output.table import csv_text
 from papers.items import EXTRAS, ITEMS, STUDIES, choose_items
 from papers.published import compare, read_published
 
@@ -275,6 +274,8 @@ def _progress() -> Progress:
 
 
 def _csv(rows: list[dict[str, object]]) -> str:
+    from estimation.output.table import csv_text
+
     return csv_text({name: [row.get(name) for row in rows] for name in rows[0]})
 
 
