@@ -54,7 +54,7 @@ class Calibrated(NamedTuple):
 
 
 def fit_lens(boards: Path, corners: tuple[int, int]) -> tuple[Lens, float]:
-    """Fit the lens to pictures or a video of a checkerboard of so many inner rows and columns.
+    """Fit the lens to pictures, or a video, of a checkerboard with rows and columns of corners.
 
     Returns:
         The lens and the reprojection error, root mean square [px].

@@ -65,7 +65,7 @@ def in_contact_plane(
     markers: Bool[np.ndarray, " n"],
     since: Fields | None = None,
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-    """Positions of all markers in the plane of some, before and now, as x + iy [mm].
+    """Positions of all markers in the tangent plane of some, before and now, as x + iy [mm].
 
     The tilt of the plane, from the mean normals before and now, is removed. The fields `since`
     replace the unloaded shape.

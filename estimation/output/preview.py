@@ -170,7 +170,7 @@ def annotate(
 
 
 def mark_spot(image: np.ndarray, spot: Float[np.ndarray, " 2"], sign: str, radius: int = 7) -> None:
-    """Draw a marker into a picture: a cross if it slips, by its sign, otherwise a ring; in px."""
+    """Draw a marker at a spot of a BGR picture [px]: a cross if it slips, otherwise a ring."""
     colour = dict(zip("ox.", MARKER_COLOURS.values(), strict=True))[sign]
     shade = tuple(int(colour[i : i + 2], 16) for i in (5, 3, 1))  # of #rrggbb
     x, y = np.rint(spot).astype(int).tolist()

@@ -107,7 +107,7 @@ def open_udp(host: str, port: int) -> Outlet[str]:
 
 
 def close_outlet(outlet: Outlet[Any], name: str, tell: Callable[[str], None]) -> None:
-    """Close an outlet, which passes on waiting items for a moment; `tell` gets a line on others."""
+    """Close an outlet, which passes on items for a moment; `tell` gets a line on dropped ones."""
     outlet.close()
     if note := outlet.describe(name):
         tell(note)
