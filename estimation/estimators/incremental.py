@@ -12,6 +12,7 @@ object. Errors then add up once per keyframe, not once per frame.
 
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -236,11 +237,14 @@ class Incremental:
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         now, stick = counted
         self._remember(now)
+        if fields.closed:  # markers still move alike, but the object slides over them
+            self.increment, stick = None, np.zeros_like(stick)
         if np.isnan(now.angle):
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
         self._firm.append(bool(stick.sum() >= self.settings.many_markers))
         sticking, touching = int(stick.sum()), int(fields.contact.sum())
-        if self._slide.update(now.angle, sticking, touching, lambda: self._turns_along(fields)):
+        along = partial(self._turns_along, fields)
+        if self._slide.update(now.angle, sticking, touching, along, bool(fields.closed)):
             since = self._recent[0]
             mature = self.number - self.settings.mature_age
             self.keyframes.append(since._replace(number=mature))

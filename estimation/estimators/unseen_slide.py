@@ -65,7 +65,12 @@ class UnseenSlide:
         self._largest = 0.0  # largest turn in one frame since then
 
     def update(
-        self, angle: float, stick: int, contact: int, turns_along: Callable[[], bool] = bool
+        self,
+        angle: float,
+        stick: int,
+        contact: int,
+        turns_along: Callable[[], bool] = bool,
+        slides: bool = False,
     ) -> bool:
         """Take the next frame.
 
@@ -75,6 +80,7 @@ class UnseenSlide:
             contact: number of markers in contact.
             turns_along: whether most of the contact has turned as one body since the frame `over`
                 frames before: then the object has held since. Asked only while it may slide.
+            slides: whether the motion of all markers shows that the object slides.
 
         Returns:
             Whether the contact has turned along.
@@ -83,7 +89,7 @@ class UnseenSlide:
         if np.isnan(step):
             return False
         few = stick < min(self._few_markers, self.settings.few_share * contact)
-        self._follow(angle, step, few)
+        self._follow(angle, step, few, slides)
         full = len(self._slides) == self.settings.over
         along = bool(self._rate) and full and turns_along()
         if along:
@@ -94,7 +100,7 @@ class UnseenSlide:
         self._slides.append(self._slid + self._pending)
         return along
 
-    def _follow(self, angle: float, step: float, few: bool) -> None:
+    def _follow(self, angle: float, step: float, few: bool, slides: bool) -> None:
         """Extend the possible slide by a frame, in which few markers stick or many do."""
         self._steps.append(step)
         self._few.append(few)
@@ -102,7 +108,8 @@ class UnseenSlide:
             rate = float(np.mean(self._steps))
             fastest = max(self._rates, key=abs, default=step)
             along = rate * np.sign(fastest)
-            if not any(self._few) or along >= self.settings.slow * abs(fastest):
+            holds = not any(self._few) or along >= self.settings.slow * abs(fastest)
+            if holds and not slides:
                 self._rates.append(rate)
                 return
             self._rate = self.settings.faster * fastest

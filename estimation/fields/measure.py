@@ -34,6 +34,8 @@ class Fields(NamedTuple):
         contact: markers of the contact region; empty without contact.
         centre: index of the stick centre, a marker of the contact region; −1 without contact.
         imprint: rotation of the object's imprint and its standard error [rad]; NaN if unknown.
+        closed: whether the disc of sticking markers has closed, by their motion over some frames;
+            None if unknown.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -45,6 +47,7 @@ class Fields(NamedTuple):
     contact: Bool[np.ndarray, " n"]
     centre: int
     imprint: tuple[float, float] = (float("nan"), float("nan"))
+    closed: bool | None = None
 
 
 def measure_fields(

@@ -43,6 +43,8 @@ class SlipSettings:
         regained: margin from which markers stick again; a reversal makes all of them stick
             [pitches].
         around: number of windows before and after the onset through which a line is fitted [-].
+        overdue: time since the onset by the line through the last discs, from which the disc counts
+            as closed while the object moves. Chosen on 40 virtual pivots [frames].
         widest: half-width of an onset's interval above which it is not reported [frames].
         noise_frames: frames over which the noise is correlated [frames].
         most_steps: largest number of evaluations of the misfit in one fit of a disc [-].
@@ -66,6 +68,7 @@ class SlipSettings:
     roundness: float = 0.02
     regained: float = 0.5
     around: int = 6
+    overdue: float = 0.75
     widest: float = 30.0
     noise_frames: float = 3.0
     most_steps: int = 20

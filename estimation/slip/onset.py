@@ -1,9 +1,10 @@
 """Onset of macro slip, from the disc of markers that still stick as it closes.
 
-A causal tracker checks whether the last markers still move alike, which takes some frames. Here
-the disc (`estimation.slip.disc`) is followed over windows of frames, and the onset is dated looking
-back, with frames after the event. The moment is unsuitable: at c/a = 0.2 it grows with 1 % of its
-first slope (c³/a³), long before and after the onset.
+Whether the last markers still move alike shows only after some frames. Here the disc
+(`estimation.slip.disc`) is followed over windows of frames. A line through the last of them shows
+live that it has closed; looking back, the onset is dated with frames after the event. The moment is
+unsuitable: at c/a = 0.2 it grows with 1 % of its first slope (c³/a³), long before and after the
+onset.
 
 Contacts that are not round close in other shapes, and real gels creep. If the motion of the markers
 differs from that of a disc by more than twice their noise, no onset is reported.
@@ -61,10 +62,12 @@ class Sight(NamedTuple):
     Attributes:
         disc: the stick disc; None if the motion is not that of a disc.
         rests: whether the contact's markers have hardly moved.
+        closed: whether the disc has closed: fewer than three markers stick; None if unknown.
     """
 
-    disc: Disc | None
-    rests: bool
+    disc: Disc | None = None
+    rests: bool = False
+    closed: bool | None = None
 
 
 class SightPath(NamedTuple):
@@ -162,6 +165,7 @@ class SlipWatch:
         self._scale = float(np.sqrt(2.0) * noise.in_plane) / self._pitch
         self._settings = settings
         self._window: deque[_Markers] = deque(maxlen=settings.window + 1)
+        self._discs: deque[tuple[float, float, float]] = deque(maxlen=2 * settings.window)
         self._lose()
 
     def update(
@@ -182,7 +186,7 @@ class SlipWatch:
         z = (positions[:, 0] + 1j * positions[:, 1]) / self._pitch
         self._window.append(_Markers(z, contact, time))
         if len(self._window) <= self._settings.window:
-            return Sight(None, False)
+            return Sight()
         first, last = self._window[0], self._window[-1]
         held = first.contact & last.contact & np.isfinite(last.points - first.points)
         moved = np.abs((last.points - first.points)[held])
@@ -190,8 +194,8 @@ class SlipWatch:
         rests = enough and is_still(moved, self._scale, self._settings.at_rest)
         if printed:
             self._lose()
-            return Sight(None, rests)
-        return Sight(self._find_disc(first, last, held), rests)
+            return Sight(rests=rests)
+        return Sight(self._find_disc(first, last, held), rests, self._is_closed(last.time))
 
     def _find_disc(
         self, first: _Markers, last: _Markers, held: Bool[np.ndarray, " n"]
@@ -221,10 +225,35 @@ class SlipWatch:
             return None
         if disc.misfit <= settings.round_misfit:
             self._believe(best.parameters, before)
-        return disc._replace(time=0.5 * (first.time + last.time))
+        disc = disc._replace(time=0.5 * (first.time + last.time))
+        if disc.misfit <= settings.round_misfit:
+            self._discs.append(disc[:3])
+        return disc
+
+    def _is_closed(self, now: float) -> bool | None:
+        """Whether a line through the margins of the last discs crossed zero a frame ago or earlier.
+
+        A disc is that of its window's middle, so that the line is continued by half a window. Once
+        closed, the disc counts as open only after a margin at which markers stick again.
+        """
+        settings, discs = self._settings, np.array(self._discs)
+        if len(discs) < settings.window:
+            return None
+        frame = (now - self._window[0].time) / settings.window
+        discs = discs[discs[:, 0] > now - (2.5 * settings.window + 0.5) * frame]
+        if len(discs) < settings.window or discs[-1, 0] < now - (settings.window - 0.5) * frame:
+            return None
+        slope, level = _fit_line(discs, now).line
+        closed = slope < 0.0 and level < slope * settings.overdue * frame
+        self._slid = closed or (self._slid and discs[-1, 1] <= settings.regained)
+        if self._slid or slope >= 0.0 or level < 0.0:
+            return True if closed else None
+        return False
 
     def _lose(self) -> None:
         """Restart with the next disc."""
+        self._discs.clear()
+        self._slid = False
         self._last: np.ndarray | None = None
         self._axis: np.ndarray | None = None
         self._missed = 0
@@ -238,6 +267,24 @@ class SlipWatch:
             self._axis = axis + 0.2 * (disc[:2] - axis)
 
 
+class _Line(NamedTuple):
+    """A line through margins: slope and level, their covariance, and the sum of squares left."""
+
+    line: tuple[float, float]
+    covariance: Float[np.ndarray, "2 2"]
+    scatter: float
+
+
+def _fit_line(discs: Float[np.ndarray, "discs 3"], origin: float) -> _Line:
+    """The line through the margins over the time since an origin [s], weighted by their errors."""
+    time, margin, error = discs.T
+    design = np.stack([time - origin, np.ones_like(time)], axis=1) / error[:, None]
+    covariance = np.linalg.pinv(design.T @ design)
+    slope, level = covariance @ (design.T @ (margin / error))
+    residual = design @ [slope, level] - margin / error
+    return _Line((float(slope), float(level)), covariance, float(residual @ residual))
+
+
 def _date(
     discs: Float[np.ndarray, "discs 3"], near: float, settings: SlipSettings
 ) -> MacroSlip | None:
@@ -248,16 +295,13 @@ def _date(
         near: time near which the margin crosses zero [s].
         settings: how slips are dated.
     """
-    time, margin, error = discs.T
+    time = discs[:, 0]
     if len(time) < 3:
         return None
-    design = np.stack([time - near, np.ones_like(time)], axis=1) / error[:, None]
-    inverse = np.linalg.pinv(design.T @ design)
-    slope, level = inverse @ (design.T @ (margin / error))
-    residual = design @ [slope, level] - margin / error
+    (slope, level), inverse, scatter = _fit_line(discs, near)
     # neighbouring windows share frames and noise
     correlated = (settings.window + settings.noise_frames) / 2.0
-    variance = max(float(residual @ residual) / max(len(time) - 2, 1), 1.0) * correlated
+    variance = max(scatter / max(len(time) - 2, 1), 1.0) * correlated
     onset = near - level / slope if slope < 0.0 else near
     onset = float(np.clip(onset, time[0], time[-1]))
     gradient = np.array([onset - near, 1.0]) / slope

@@ -26,7 +26,7 @@ from estimation.slip.alert import Alert
 from estimation.slip.branch import Branch
 from estimation.slip.friction import Friction
 from estimation.slip.margin import Margin
-from estimation.slip.onset import Sight, SlipWatch
+from estimation.slip.onset import Sight
 from estimation.slip.shear import Shear
 from estimation.softness import expect_scale
 from estimation.tracking.trackers import Trackers
@@ -150,7 +150,6 @@ class Follower:
         self.layout = layout
         self.trackers = make_trackers(layout, self._settings, self.noise)
         self._outline = OutlineFollower()
-        self._watch = None if self.noise is None else SlipWatch(layout, self.noise)
         self._digest = hashlib.sha256(np.ascontiguousarray(layout.reference).tobytes()).digest()
 
     def relay(self, layout: MarkerLayout, why: str = "") -> None:
@@ -181,16 +180,12 @@ class Follower:
         self._digest = hashlib.sha256(
             self._digest + frame.positions.tobytes() + frame.valid.tobytes()
         ).digest()
-        sight = Sight(None, False)
-        if self._watch is not None:
-            printed = bool(np.isfinite(frame.imprint[0]))
-            sight = self._watch.update(frame.positions, main.contact, frame.time, printed)
         answer = Answer(
             row=self.row,
             frame=frame,
             estimates=estimates,
             axis=self._outline.update(observation.fields)[0],
-            sight=sight,
+            sight=self.trackers.sight,
             margin=self.trackers.load.margin,
             turned=main.rotation - self.trackers.counts[self._settings.method].start,
             shear=self.trackers.shear,

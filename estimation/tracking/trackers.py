@@ -22,6 +22,7 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, MarkerLayout
 from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends
+from estimation.slip.onset import Sight, SlipWatch
 from estimation.slip.shear import Shear, ShearWatch
 from estimation.slip.slide import Slide, SlideWatch
 from estimation.softness import RIGID_OBJECT, Contact, Softness
@@ -39,6 +40,7 @@ class Trackers:
         constants: constants by method.
         counts: by method, the frame that its angle counts from.
         observation: fields and contact of the last frame; None before the first.
+        sight: evidence of macro slip in the motion of the last frames.
         shear: shear of the gel in the last frame, and whether the object slips along it.
         load: margin, friction and alert after the last frame, by the first method.
 
@@ -89,7 +91,8 @@ class Trackers:
         self._since = dict.fromkeys(methods, Since())
         self.counts = {name: Count() for name in methods}
         self.observation: Observation | None = None
-        self.shear, self.load = Shear(), LoadWatch(alert)
+        self.sight, self.shear, self.load = Sight(), Shear(), LoadWatch(alert)
+        self._watch = None if noise is None else SlipWatch(layout, noise)
         self._shear, self._slide = ShearWatch(layout), SlideWatch(layout)
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
@@ -105,9 +108,11 @@ class Trackers:
         observation = self.observation = self._observer.observe(frame)
         self.shear = self._follow_shear(observation)
         fields = observation.fields
+        self.sight = self._follow_disc(frame, fields)
         if fields is None:
             estimates = self._label(observation)
         else:
+            fields = fields._replace(closed=self.sight.closed)
             self.load.press(frame.wrench, fields.positions[fields.contact, :2])
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
         main = next(iter(estimates.values()))
@@ -126,6 +131,14 @@ class Trackers:
             name: label_frame(frame, observation.flaw, since, state)
             for name, since in self._since.items()
         }
+
+    def _follow_disc(self, frame: Frame, fields: Fields | None) -> Sight:
+        """The disc of sticking markers, from the motion over the last frames."""
+        if self._watch is None:
+            return Sight()
+        contact = np.zeros(len(frame.positions), dtype=bool) if fields is None else fields.contact
+        printed = bool(np.isfinite(frame.imprint[0]))
+        return self._watch.update(frame.positions, contact, frame.time, printed)
 
     def _follow_shear(self, observation: Observation) -> Shear:
         """The gel's shear, also in frames whose contact is too little in view for an angle."""
@@ -188,9 +201,11 @@ class Trackers:
                 return State.NO_CONTACT, "no contact"
             onset = self._observer.contact.onset_mm
             return State.NO_CONTACT, f"no contact: moved by less than {onset:g} mm"
+        why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
+        if fields.closed and not (self.shear.holds or self.load.holds):
+            return State.MACRO_SLIP, why
         if gel.reason:
             return State.MACRO_SLIP if self.shear.slides else State.UNKNOWN, gel.reason
-        why = "" if np.isfinite(gel.angle) else TOO_FEW_STICK
         if self.shear.slides:
             return State.MACRO_SLIP, why
         if self.shear.sticks:
@@ -200,7 +215,7 @@ class Trackers:
         if self.shear.strays:
             return State.INCIPIENT, why
         if why or not gel.stick.any():
-            if self.shear.holds or self.load.holds:
+            if self.shear.holds or self.load.holds or fields.closed is False:
                 return State.INCIPIENT, why and (
                     "no slip is seen, but too few markers move as one body to give an angle"
                 )

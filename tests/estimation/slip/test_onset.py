@@ -39,8 +39,10 @@ def test_the_onset_is_dated_to_two_frames(seed):
     model = PivotModel(friction_ratio=0.1 + 0.024 * seed, grid_angle=0.3 * seed)
     recording, truth = simulate_pivot(model, seed=seed)
     noise = estimate_noise(recording)
-    (slip,) = find_slips(recording, estimate_angles(recording, noise=noise), noise)
+    result = estimate_angles(recording, noise=noise)
+    (slip,) = find_slips(recording, result, noise)
     first = int(np.argmax(truth.macro_slip))
+    assert abs(int(np.argmax(result.slipping)) - first) <= 2  # live
     # the number that is asked for
     assert abs(slip.onset - recording.time[first]) < 2.0 / 30.0
     assert slip.low < slip.onset < slip.high
@@ -53,12 +55,14 @@ def test_a_turn_back_ends_macro_slip():
     model = PivotModel(friction_ratio=0.06)
     legs = {"angles_deg": (0.0, 25.0, 15.0), "frames": (75, 40)}
     recording, truth = simulate_pivot(model, seed=2, **legs)
-    slips = find_slips(recording, estimate_angles(recording, noise=MICRON), MICRON)
+    result = estimate_angles(recording, noise=MICRON)
+    slips = find_slips(recording, result, MICRON)
     first, last = np.flatnonzero(truth.macro_slip)[[0, -1]]
     assert abs(slips[0].onset - recording.time[first]) < 2.0 / 30.0
     # a window that has the turn in it tells no disc
     assert abs(slips[0].regained - recording.time[last]) < 8.0 / 30.0
     assert len(slips) == 1
+    assert not result.slipping[last + 8 :].any()
 
 
 @pytest.mark.parametrize("angles_deg", [(0.0, 6.0), (0.0, 0.0)])
@@ -67,3 +71,4 @@ def test_what_sticks_has_no_date(angles_deg):
     recording, _ = simulate_pivot(model, angles_deg=angles_deg, frames=(30,))
     result = estimate_angles(recording, noise=MICRON)
     assert find_slips(recording, result, MICRON) == []
+    assert not result.slipping.any()
