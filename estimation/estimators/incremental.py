@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool
 
-from estimation.estimators.measurement import Z95, Measurement
+from estimation.estimators.keyframes import Keyframe, Leg
+from estimation.estimators.measurement import Measurement
 from estimation.estimators.result import RESTS_OR_SLIDES
 from estimation.estimators.rigid import Rigid, RigidFit, RigidSettings
 from estimation.estimators.unseen_slide import UnseenSlide
@@ -65,81 +66,6 @@ class IncrementalSettings(RigidSettings):
             check_count(name, getattr(self, name))
 
 
-class Keyframe(NamedTuple):
-    """A frame from which rotations are counted.
-
-    Attributes:
-        fields: fields of the frame; None for the unloaded shape.
-        number: number of the frame since the tracker began.
-        angle: rotation of the elastomer up to this frame [rad].
-        error: standard error of the angle [rad].
-        lag_low: how far undetected slip may have kept the angle above the truth [rad].
-        lag_high: how far undetected slip may have kept the angle below the truth [rad].
-    """
-
-    fields: Fields | None
-    number: int
-    angle: float = 0.0
-    error: float = 0.0
-    lag_low: float = 0.0
-    lag_high: float = 0.0
-
-    def advance(self, fields: Fields, number: int, fit: RigidFit) -> "Keyframe":
-        """A keyframe at the present frame, counted from this one."""
-        return Keyframe(
-            fields=fields,
-            number=number,
-            angle=self.angle + fit.angle,
-            error=float(np.hypot(self.error, fit.standard_error)),
-            lag_low=self.lag_low + max(-fit.lag, 0.0),
-            lag_high=self.lag_high + max(fit.lag, 0.0),
-        )
-
-    def agrees(self, other: "Keyframe") -> bool:
-        """Whether the intervals of two angles of the same frame overlap."""
-        return not (self.high < other.low or other.high < self.low)
-
-    def lags(self, other: "Keyframe", noise: float) -> bool:
-        """Whether the angle differs from another one of the same frame, which its interval holds.
-
-        The intervals reach to the side to which slip that was not noticed would shift the truth.
-
-        Args:
-            other: the other angle.
-            noise: standard error of the difference [rad].
-        """
-        inside = self.low < other.angle < self.high
-        return inside and abs(self.angle - other.angle) > Z95 * noise
-
-    def correct(self, older: "Keyframe", now: "Keyframe") -> "Keyframe":
-        """The keyframe with the angle that it must have had for an older one's angle of now.
-
-        Both `older` and `now`, this one, are counted on to now. The interval covers the uncorrected
-        angle too.
-        """
-        apart = older.angle - now.angle
-        return self._replace(
-            angle=self.angle + apart,
-            error=older.error,
-            lag_low=max(older.lag_low, apart),
-            lag_high=max(older.lag_high, -apart),
-        )
-
-    def doubt(self, apart: float) -> "Keyframe":
-        """The keyframe with its lags widened to the difference from another keyframe's angle."""
-        return self._replace(lag_low=max(self.lag_low, -apart), lag_high=max(self.lag_high, apart))
-
-    @property
-    def low(self) -> float:
-        """Lower end of the angle's 95 % interval [rad]."""
-        return self.angle - float(np.hypot(Z95 * self.error, self.lag_low))
-
-    @property
-    def high(self) -> float:
-        """Upper end of the angle's 95 % interval [rad]."""
-        return self.angle + float(np.hypot(Z95 * self.error, self.lag_high))
-
-
 class Increment(NamedTuple):
     """Motion as one body since the keyframe that the last angle counts from.
 
@@ -177,6 +103,7 @@ class Incremental:
         self._hidden = 0  # frames skipped just now
         self._slide = UnseenSlide(settings.firm_markers)
         self._recent: deque[Keyframe] = deque(maxlen=self._slide.settings.over)  # the last frames
+        self._leg = Leg()
 
     def update(self, fields: Fields) -> Measurement:
         """Rotation of the sticking elastomer, its interval widened by possible slides.
@@ -235,7 +162,8 @@ class Incremental:
             self._firm.clear()
             self.lose(fields)
             return Measurement.none(np.zeros_like(fields.contact), restarts=self.restarts)
-        now, stick = counted
+        now, fit = counted
+        stick = fit.stick
         self._remember(now)
         if fields.closed:  # markers still move alike, but the object slides over them
             self.increment, stick = None, np.zeros_like(stick)
@@ -251,7 +179,32 @@ class Incremental:
             if len(self.keyframes) > 2 * self.settings.most_keyframes:
                 self._thin_out()
         self._recent.append(now)
+        self._follow_turn(now, fit.standard_error)
         return Measurement(now.angle, now.low, now.high, stick, restarts=self.restarts)
+
+    def _follow_turn(self, now: Keyframe, noise: float) -> None:
+        """Put a keyframe where the object has turned back.
+
+        What slipped before this point sticks again after it. Since a keyframe from before, it
+        forms a second body, which has turned less than the object. So older keyframes continue with
+        the markers that stuck up to the turning point, and those too young for this are removed.
+        """
+        turning = self._leg.update(now, noise)
+        if turning is None or turning.fields is None:
+            return
+        mature = turning.number - self.settings.mature_age
+        older = []
+        for k in self.keyframes:
+            if k.number <= mature:
+                fit = self.rigid.fit(turning.fields, k.fields, k.body)
+                if fit is not None:
+                    older.append(k._replace(body=fit.stick))
+            elif k.number > turning.number:
+                older.append(k)
+        older.append(turning._replace(turning=True))
+        self.keyframes = sorted(older, key=lambda k: k.number)
+        while len(self.keyframes) > self.settings.most_keyframes:
+            self._thin_out()
 
     def _turns_along(self, fields: Fields) -> bool:
         """Whether most of the contact has lately turned as one body, as it does with an object.
@@ -270,6 +223,7 @@ class Incremental:
         """Begin with an object that holds."""
         self._slide.restart()
         self._recent.clear()
+        self._leg = Leg()
 
     def lose(self, fields: Fields) -> None:
         """Lose the angle: from this frame on, only increments are known."""
@@ -290,7 +244,7 @@ class Incremental:
         self.keyframes = [Keyframe(None, self.number - self.settings.mature_age)]
         self.restarts = 0
 
-    def _count_on(self, fields: Fields) -> tuple[Keyframe, np.ndarray] | None:
+    def _count_on(self, fields: Fields) -> tuple[Keyframe, RigidFit] | None:
         """The present keyframe, counted from the best mature one, and the sticking markers.
 
         The oldest keyframe is used while nine markers or more still stick since then; otherwise the
@@ -302,14 +256,16 @@ class Incremental:
         longer hold are removed.
         """
         mature = [
-            i for i, k in enumerate(self.keyframes) if self._age(k) >= self.settings.mature_age
+            i
+            for i, k in enumerate(self.keyframes)
+            if k.turning or self._age(k) >= self.settings.mature_age
         ]
         if mature and np.isnan(self.keyframes[0].angle):
             mature = mature[-1:]
         best: tuple[float, int, Keyframe, RigidFit] | None = None
         broken: list[int] = []
         for i in mature:
-            fit = self.rigid.fit(fields, self.keyframes[i].fields)
+            fit = self.rigid.fit(fields, self.keyframes[i].fields, self.keyframes[i].body)
             if fit is None:
                 broken.append(i)
                 continue
@@ -320,7 +276,7 @@ class Incremental:
             if best is not None and now.lags(
                 best[2], float(np.hypot(best[3].standard_error, fit.standard_error))
             ):
-                self.keyframes[i] = self.keyframes[i].correct(best[2], now)
+                self.keyframes[i] = self.keyframes[i].correct(best[2], now, fit.stick)
                 continue
             width = np.inf if np.isnan(now.angle) else now.high - now.low
             if best is None or width < best[0]:
@@ -333,7 +289,7 @@ class Incremental:
         _, first, now, fit = best
         self.increment = Increment(self._age(self.keyframes[first]), fit.angle, fit.stick)
         self.keyframes = [k for i, k in enumerate(self.keyframes) if i not in broken]
-        return now, fit.stick
+        return now, fit
 
     def _age(self, keyframe: Keyframe) -> int:
         return self.number - keyframe.number
@@ -350,4 +306,7 @@ class Incremental:
         """Remove the keyframe whose neighbours are closest for its age."""
         ages = [self._age(keyframe) for keyframe in self.keyframes]
         crowding = [(ages[i - 1] - ages[i + 1]) / (ages[i] + 1.0) for i in range(1, len(ages) - 1)]
+        last = max((i for i, k in enumerate(self.keyframes) if k.turning), default=0)
+        if 0 < last <= len(crowding) and len(crowding) > 1:
+            crowding[last - 1] = np.inf
         del self.keyframes[1 + int(np.argmin(crowding))]

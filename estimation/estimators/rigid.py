@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
+from estimation.estimators.hidden_slip import bound_hidden_slip
 from estimation.estimators.measurement import Z95, Measurement
 from estimation.estimators.plane import Motion, fit_motion, in_contact_plane
 from estimation.fields.contact import find_stick_centre
@@ -92,7 +93,7 @@ class Rigid:
             3.0 * stencils.rotation_noise(self.noise_mm) / settings.threshold,
         )
         self._fields: Fields | None = None
-        self._fits: list[tuple[Fields | None, RigidFit | None]] = []
+        self._fits: list[tuple[Fields | None, np.ndarray | None, RigidFit | None]] = []
 
     @property
     def key(self) -> tuple[float | int, ...]:
@@ -120,17 +121,23 @@ class Rigid:
             stick=fit.stick,
         )
 
-    def fit(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
+    def fit(
+        self,
+        fields: Fields,
+        since: Fields | None = None,
+        markers: Bool[np.ndarray, " n"] | None = None,
+    ) -> "RigidFit | None":
         """Rotation of the markers that have stuck since an earlier frame.
 
         Args:
             fields: fields of the frame.
             since: fields of the earlier frame; None for the unloaded shape.
+            markers: markers that may have stuck; None for all.
 
         Returns:
             None if too few markers have moved as one body.
         """
-        fit = self._fit_segment(fields, since)
+        fit = self._fit_segment(fields, since, markers)
         return fit if fit is not None and fit.strain <= self.settings.max_strain else None
 
     def reading_error(self, fields: Fields) -> float:
@@ -144,31 +151,43 @@ class Rigid:
         noise = self.noise_mm or 1e-3 * float(pitch)
         return noise / max(float(np.sqrt(arms @ arms)), float(pitch))
 
-    def _fit_segment(self, fields: Fields, since: Fields | None = None) -> "RigidFit | None":
+    def _fit_segment(
+        self,
+        fields: Fields,
+        since: Fields | None = None,
+        markers: Bool[np.ndarray, " n"] | None = None,
+    ) -> "RigidFit | None":
         """The fit of the segment of Eq. (15), whatever its strain; None for too few markers.
 
         Fits of the last fields are cached, since several estimators share them.
         """
         if fields is not self._fields:
             self._fields, self._fits = fields, []
-        for earlier, fit in self._fits:
-            if earlier is since:
+        for earlier, body, fit in self._fits:
+            if earlier is since and body is markers:
                 return fit
-        fit = self._fit_since(fields, since)
-        self._fits.append((since, fit))
+        fit = self._fit_since(fields, since, markers)
+        self._fits.append((since, markers, fit))
         return fit
 
-    def _fit_since(self, fields: Fields, since: Fields | None) -> "RigidFit | None":
-        if since is not None:
-            turned = fields.rotation - since.rotation
-            contact = fields.contact & since.contact & np.isfinite(turned)
+    def _fit_since(
+        self, fields: Fields, since: Fields | None, markers: Bool[np.ndarray, " n"] | None
+    ) -> "RigidFit | None":
+        if since is not None or markers is not None:
+            earlier = self.stencils.reference if since is None else since.positions
+            turned = fields.rotation - (0.0 if since is None else since.rotation)
+            contact = fields.contact & np.isfinite(turned)
+            if since is not None:
+                contact &= since.contact
+            if markers is not None:
+                contact &= markers
             centre = fields.centre
             if not contact.any():
                 return None
             if not contact[centre]:
                 centre = find_stick_centre(
                     fields.positions,
-                    fields.positions - since.positions,
+                    fields.positions - earlier,
                     fields.normals,
                     contact,
                 )
@@ -244,7 +263,16 @@ def fit_rigid_rotation(
         influence = np.zeros(len(stick))
         information = body.information(x)
         influence[segment] = body.weights * np.abs(x - body.motion.origin) / information
-        lag = _undetected_slip(stencils, body.motion, before, after, stick, influence, scale)
+        lag = bound_hidden_slip(
+            stencils,
+            body.motion,
+            before,
+            after,
+            stick,
+            influence,
+            scale,
+            few=stick.sum() < CORE_MARKERS,
+        )
         if not lag or stick.sum() < CORE_MARKERS or 2 * erode(stick, stencils).sum() >= stick.sum():
             break
         inner = body.take_inner_half(x, y)
@@ -334,49 +362,3 @@ def _reweight(
         if np.abs(weights - previous.weights).max() < settled:
             break
     return body
-
-
-def _undetected_slip(
-    stencils: Stencils,
-    motion: Motion,
-    before: Complex[np.ndarray, " n"],
-    after: Complex[np.ndarray, " n"],
-    stick: Bool[np.ndarray, " n"],
-    influence: Float[np.ndarray, " n"],
-    scale: float,
-) -> float:
-    """Bound on the error of the fitted angle by undetected slip [rad].
-
-    Beyond the edge of the stick region, slip grows like the distance to the power 3/2 (pressure
-    is smooth there). Consider a marker at the region's rim, one pitch inside a neighbour that has
-    slipped by R standard deviations, with the edge anywhere up to three pitches inside that
-    neighbour. The marker has then slipped by 0.21 R on average, and by 1.84 R^(-2/3) if slip above
-    2.5 would have been detected.
-
-    A region smaller than the core of the fit consists of rim markers only, which may slip alike.
-    The true angle may then exceed the fitted one by as much as the neighbours lag behind.
-
-    Args:
-        influence: change of the fitted angle by each marker's slip [rad/mm].
-
-    Returns:
-        Positive where the true angle lies counter-clockwise of the fitted one.
-    """
-    inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
-    outer = stencils.neighbours[inner, slot]
-    beyond = ~stick[outer] & np.isfinite(before[outer] + after[outer])
-    beyond &= before[outer] != motion.origin  # no arm, no lead
-    inner, outer = inner[beyond], outer[beyond]
-    if not len(outer):
-        return 0.0
-    arm = motion.turn * (before[outer] - motion.origin)
-    behind = motion.residual(before[outer], after[outer])
-    lead = np.imag(np.conj(arm) * behind) / np.abs(arm)
-    side = -np.sign(lead.sum())
-    if stick.sum() < CORE_MARKERS:
-        return float(side * np.abs(np.mean(lead / np.abs(arm))))
-    slipped = np.clip(-side * lead / scale, 1e-9, None)
-    hidden = np.minimum(0.21 * slipped, 1.84 * slipped ** (-2.0 / 3.0)) * scale
-    most = np.zeros(len(stick))
-    np.maximum.at(most, inner, hidden)
-    return float(side * (influence @ most))

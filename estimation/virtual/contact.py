@@ -19,6 +19,7 @@ def simulate_recording(
     *,
     depth: float = 0.0,
     unloaded: int = 10,
+    moved: Float[np.ndarray, "frames n 3"] | None = None,
 ) -> tuple[Recording, Truth]:
     """Simulate a sensor's recording of a contact along a path.
 
@@ -36,6 +37,7 @@ def simulate_recording(
         camera: noise, clock and lost frames; those of a Tac3D sensor by default.
         depth: of the markers below the elastomer's surface, where they rotate less [mm].
         unloaded: number of frames before the path begins.
+        moved: displacement of the markers in the path's frames, if it is known already [mm].
 
     Returns:
         The recording, and the truth of its frames. In this truth, `stick` marks markers that have
@@ -56,7 +58,8 @@ def simulate_recording(
         raise ValueError("simulate_recording requires markers with x, y and z; these have x and y")
     camera = camera or Camera()
     points = sensor.reference[:, :2]
-    moved = np.asarray(path.elastomer_displacement_at(points, depth))
+    if moved is None:
+        moved = np.asarray(path.elastomer_displacement_at(points, depth))
     still = np.zeros((unloaded, *sensor.reference.shape))
     positions = sensor.reference + np.concatenate([still, moved])
     truth = _truth(path, points, unloaded)

@@ -38,9 +38,8 @@ from papers.items import Track
 from papers.limits import angle_limit
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.slides import GROUPS
-from papers.virtual_pivots.solved import place_at_random, solve_frames
+from papers.virtual_pivots.solved import Surface, place_at_random, solve_frames
 
-METHODS = (DEFAULT_METHOD, "rigid")
 UP, BACK, LOST = "up", "back", "after macro slip"
 CORNERS_DEG = (0.0, 20.0, 20.0, -8.0)
 WIDTH_MM = 18.0
@@ -83,9 +82,9 @@ class Followed(NamedTuple):
         phase: `up`, `back`, or `after macro slip`: since fewer than three markers had never
             slipped, until the recording's end.
         sticking: number of markers that have never slipped; after the turn, that stick now.
-        error: angle minus truth by method [deg]; NaN without an answer.
-        half_width: half-width of the interval by method [deg].
-        inside: whether the interval holds the truth, by method.
+        error: angle minus truth [deg]; NaN without an answer.
+        half_width: half-width of the interval [deg].
+        inside: whether the interval holds the truth.
         bound: half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick,
             from one frame [deg].
     """
@@ -94,9 +93,9 @@ class Followed(NamedTuple):
     noise: float
     phase: list[str]
     sticking: Int[np.ndarray, " frames"]
-    error: Float[np.ndarray, "methods frames"]
-    half_width: Float[np.ndarray, "methods frames"]
-    inside: Bool[np.ndarray, "methods frames"]
+    error: Float[np.ndarray, " frames"]
+    half_width: Float[np.ndarray, " frames"]
+    inside: Bool[np.ndarray, " frames"]
     bound: Float[np.ndarray, " frames"]
 
 
@@ -107,6 +106,12 @@ def solve_turn(name: str, friction: float, resolution: settings.Resolution) -> C
     grid = Grid((resolution.cells, resolution.cells), (WIDTH_MM, WIDTH_MM))
     contact = Contact(Layer(0.2, 0.48, shape.thickness_mm), Rigid(), shape.indenter, grid, friction)
     return solve_frames(contact, shape.approach_mm, CORNERS_DEG, resolution)
+
+
+@cache
+def read_turn(name: str, friction: float, resolution: settings.Resolution) -> Surface:
+    """The elastomer's surface along that path."""
+    return Surface(solve_turn(name, friction, resolution))
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Followed]:
@@ -131,7 +136,9 @@ def _follow(
     model = place_at_random(PivotModel(), rng)
     camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=draw)
     path = solve_turn(name, friction, resolution)
-    recording, truth = simulate_recording(path, lay_out_markers(model), camera)
+    sensor = lay_out_markers(model)
+    moved = read_turn(name, friction, resolution).move(sensor.reference[:, :2])
+    recording, truth = simulate_recording(path, sensor, camera, moved=moved)
     for noise in NOISES_MM:
         spread = noise * np.array([1.0, 1.0, 3.5])
         noisy = recording.positions + spread * rng.normal(size=recording.positions.shape)
@@ -149,10 +156,9 @@ def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Fol
     which = np.where(turned[:, None], truth.sticking_now, truth.stick)
     points = recording.layout.reference[:, :2]
     bound = [Z95 * np.degrees(angle_limit(points, markers, noise)) for markers in which]
-    results = [estimate_angles(recording, method) for method in METHODS]
+    result = estimate_angles(recording, DEFAULT_METHOD)
     angle, low, high = (
-        np.array([getattr(result, field) for result in results])[:, touching]
-        for field in ("angle", "low", "high")
+        np.asarray(getattr(result, field))[touching] for field in ("angle", "low", "high")
     )
     true = truth.angle[touching]
     return Followed(
@@ -198,23 +204,22 @@ def _tabulate(result: list[Followed]) -> list[dict[str, object]]:
             for name in ("sticking", "bound")
         )
         values = [
-            np.concatenate([getattr(followed, name) for followed in chosen], axis=1)
+            np.concatenate([getattr(followed, name) for followed in chosen])
             for name in ("error", "half_width", "inside")
         ]
+        number = np.repeat(np.arange(len(chosen)), [len(followed.phase) for followed in chosen])
         groups = [(when, *group) for when in (UP, BACK) for group in GROUPS.items()]
         for when, label, (least, most) in [*groups, (LOST, "any", (0, 400))]:
             frames = (phase == when) & (sticking >= least) & (sticking <= most)
             if frames.any():
-                (error, rigid_error), (half_width, rigid_width), (inside, rigid_inside) = (
-                    value[:, frames] for value in values
-                )
+                error, half_width, inside = (value[frames] for value in values)
                 row: dict[str, object] = {
                     "noise [µm]": 1e3 * noise,
                     "phase": when,
                     "markers that stick": label,
+                    "recordings": len(np.unique(number[frames])),
                 }
                 row |= _row(error, half_width, inside, bound[frames])
-                row["rigid covers [%]"] = _cover(rigid_error, rigid_width, rigid_inside)
                 rows.append(row)
     return rows
 

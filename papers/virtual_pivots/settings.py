@@ -21,7 +21,7 @@ DRAWS = {
     "elongated": 50,
     "margin": 100,
     "slides": 60,
-    "few_markers": 8,
+    "few_markers": 20,
 }
 """Number of draws by item. `accuracy`: per angle, friction ratio and noise, in total over 1000 per
 ratio and noise; `rendered`: per angle; `elongated`: per μ; `few_markers`: per

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool, Float
+from scipy.interpolate import RectBivariateSpline
 
 from contactmodel import Contact, Pose, make_path, solve_path
 from contactmodel.solution import ContactSolution
@@ -29,6 +31,51 @@ def solve_frames(
     solved = solve_path(contact, make_path(poses, steps), rtol=1e-5, sliding=True)
     kept = np.cumsum(np.repeat(resolution.steps, resolution.frames)) - 1
     return solved.map_steps(lambda leaf: leaf[kept])
+
+
+class Surface:
+    """The elastomer's surface along a path, interpolated between the centres of the cells.
+
+    The solver meets the condition of stick at the centres. Between them the displacement of its
+    constant tractions ripples, by 0.7 µm at 20° and with cells of 0.25 mm. Cubic splines through
+    the centres do not. Beyond the grid the splines pass through exact displacements.
+    """
+
+    def __init__(
+        self, path: ContactSolution, reach_mm: float = 14.0, pitch_mm: float = 2.0
+    ) -> None:
+        """Read the surface.
+
+        Args:
+            path: contacts along the path.
+            reach_mm: half-width of the square that is read [mm].
+            pitch_mm: distance of the exact points beyond the grid [mm].
+        """
+        x, y = np.asarray(path.grid.x), np.asarray(path.grid.y)
+        on_grid = np.asarray(path.elastomer_displacement())
+        self.steps, self._half_width = len(on_grid), float(min(x[-1], y[-1]))
+        self._near = [RectBivariateSpline(x, y, field) for step in on_grid for field in step]
+        at = np.arange(-reach_mm, reach_mm + 0.5 * pitch_mm, pitch_mm)
+        points = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
+        near = self._is_near(points)
+        fields = np.empty((len(self._near), len(points)))
+        fields[:, near] = [spline(*points[near].T, grid=False) for spline in self._near]
+        exact = np.asarray(path.elastomer_displacement_at(points[~near]))
+        fields[:, ~near] = np.moveaxis(exact, 2, 1).reshape(len(fields), -1)
+        square = (len(at), len(at))
+        self._far = [RectBivariateSpline(at, at, field.reshape(square)) for field in fields]
+
+    def move(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "steps n 3"]:
+        """Displacement of some points at each step [mm]."""
+        near = self._is_near(points)
+        moved = np.empty((len(self._near), len(points)))
+        for row, close, wide in zip(moved, self._near, self._far, strict=True):
+            row[near] = close(*points[near].T, grid=False)
+            row[~near] = wide(*points[~near].T, grid=False)
+        return np.moveaxis(moved.reshape(self.steps, 3, -1), 1, 2)
+
+    def _is_near(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        return np.all(np.abs(points) <= self._half_width, axis=1)
 
 
 def place_at_random(model: PivotModel, rng: np.random.Generator) -> PivotModel:

@@ -1,0 +1,123 @@
+"""Slip that the noise hides, and the error of a fitted angle that it can cause.
+
+The markers that seem to stick may include some at their rim that have slipped by less than the
+noise. Those beyond the rim show how steeply the slip grows.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+
+from estimation.estimators.plane import Motion, fit_motion
+from estimation.fields.stencils import Stencils
+
+
+def bound_hidden_slip(
+    stencils: Stencils,
+    motion: Motion,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    stick: Bool[np.ndarray, " n"],
+    influence: Float[np.ndarray, " n"],
+    scale: float,
+    few: bool,
+) -> float:
+    """Bound on the error of the fitted angle by undetected slip [rad].
+
+    Beyond the edge of the stick region, slip grows like the distance to the power 3/2 (pressure
+    is smooth there). Consider a marker at the region's rim, one pitch inside a neighbour that has
+    slipped by R standard deviations, with the edge anywhere up to three pitches inside that
+    neighbour. The marker has then slipped by 0.21 R on average, and by 1.84 R^(-2/3) if slip above
+    2.5 would have been detected.
+
+    A region smaller than the core of the fit consists of rim markers, which may slip alike. Unless
+    it has an edge (`_has_edge`), the true angle may exceed the fitted one by as much as the
+    neighbours lag behind. If it has one, a slip s of a marker leaves a residual of s (1 − h), h its
+    leverage in the fit. Its detection limit in s is larger by (1 − h)^(-1/2), and the average of
+    the slip below the limit by (1 − h)^(-5/6).
+
+    Args:
+        stencils: stencils of the layout.
+        motion: motion of the markers that stick.
+        before: positions of all markers before, in the contact's plane [mm].
+        after: positions now [mm].
+        stick: the markers that seem to stick.
+        influence: change of the fitted angle by each marker's slip [rad/mm].
+        scale: noise or misfit per coordinate [mm].
+        few: whether they are fewer than the core of a fit.
+
+    Returns:
+        Positive where the true angle lies counter-clockwise of the fitted one.
+    """
+    inner, slot = np.nonzero(stick[:, None] & (stencils.neighbours >= 0))
+    outer = stencils.neighbours[inner, slot]
+    beyond = ~stick[outer] & np.isfinite(before[outer] + after[outer])
+    beyond &= before[outer] != motion.origin  # no arm, no lead
+    inner, outer = inner[beyond], outer[beyond]
+    if not len(outer):
+        return 0.0
+    arm = motion.turn * (before[outer] - motion.origin)
+    behind = motion.residual(before[outer], after[outer])
+    lead = np.imag(np.conj(arm) * behind) / np.abs(arm)
+    side = -np.sign(lead.sum())
+    if few and not _has_edge(motion, before, after, stick, outer, scale):
+        return float(side * np.abs(np.mean(lead / np.abs(arm))))
+    slipped = np.clip(-side * lead / scale, 1e-9, None)
+    hidden = np.minimum(0.21 * slipped, 1.84 * slipped ** (-2.0 / 3.0)) * scale
+    if few:
+        # rim markers slip together, which the fit takes for rotation: twice what one may hide
+        hidden *= 2.0 * _free_share(before[inner], before[stick]) ** (-5.0 / 6.0)
+    most = np.zeros(len(stick))
+    np.maximum.at(most, inner, hidden)
+    return float(side * (influence @ most))
+
+
+def _has_edge(
+    motion: Motion,
+    before: Complex[np.ndarray, " n"],
+    after: Complex[np.ndarray, " n"],
+    stick: Bool[np.ndarray, " n"],
+    outer: Int[np.ndarray, " m"],
+    scale: float,
+) -> bool:
+    """Whether a few markers stick, rather than slip alike.
+
+    Where all of a contact slips, traction follows from the pressure, which does not vanish in its
+    middle. There the rotation falls like the logarithm of the distance from the middle, within the
+    markers as beyond them. The slope of their rotation within is compared with that to their
+    neighbours, with the middle at their centre or at any of them. Fewer than five markers may all
+    lie at the same distance.
+
+    Args:
+        outer: neighbours that have slipped.
+    """
+    # slope within, over the slope beyond, up to which markers stick; 95 %, one-sided
+    most, likely = 0.2, 1.645
+    x, y, out = before[stick], after[stick], before[outer]
+    if len(x) < 5:
+        return False
+    left, behind = motion.residual(x, y), motion.residual(out, after[outer])
+    for middle in (motion.origin, *x):
+        within, beyond = (_sliding_profile(motion.turn, points - middle) for points in (x, out))
+        alike = fit_motion(x, within, np.ones(len(x)))
+        within, beyond = alike.residual(x, within), alike.residual(out, beyond)
+        information = max(float(np.vdot(within, within).real), 1e-30)
+        slope = float(np.vdot(within, left).real) / information
+        slope_beyond = np.vdot(beyond, behind).real / np.vdot(beyond, beyond).real
+        if slope + likely * scale / np.sqrt(information) > most * slope_beyond:
+            return False
+    return True
+
+
+def _free_share(
+    points: Complex[np.ndarray, " m"], markers: Complex[np.ndarray, " k"]
+) -> Float[np.ndarray, " m"]:
+    """Share of a marker's own displacement that a fit of the markers leaves as its residual [-]."""
+    arm = np.abs(markers - markers.mean())
+    leverage = 1.0 / len(markers) + np.abs(points - markers.mean()) ** 2 / (arm @ arm)
+    return np.maximum(1.0 - leverage, 0.05)
+
+
+def _sliding_profile(turn: complex, arm: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"]:
+    """Displacement behind the object where all of a contact slips, up to a factor."""
+    distance = np.abs(arm)
+    return -1j * turn * arm * np.log(np.where(distance > 0.0, distance, 1.0))
