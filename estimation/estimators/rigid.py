@@ -271,7 +271,7 @@ def fit_rigid_rotation(
             stick,
             influence,
             scale,
-            few=stick.sum() < CORE_MARKERS,
+            few=bool(stick.sum() < CORE_MARKERS),
         )
         if not lag or stick.sum() < CORE_MARKERS or 2 * erode(stick, stencils).sum() >= stick.sum():
             break

@@ -5,9 +5,10 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from estimation.estimators import METHODS, Paper, Rigid
+from estimation.estimators.hidden_slip import bound_hidden_slip
 from estimation.estimators.paper import PaperSettings
-from estimation.estimators.plane import Motion
-from estimation.estimators.rigid import BIWEIGHT_CUT, BIWEIGHT_ERROR, _scale, _undetected_slip
+from estimation.estimators.plane import Motion, fit_motion
+from estimation.estimators.rigid import BIWEIGHT_CUT, BIWEIGHT_ERROR, _scale
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.noise import Noise
@@ -216,10 +217,47 @@ def test_a_neighbour_without_an_arm_leaves_the_interval_finite():
     stick = (np.abs(before) > 0.5) & (np.abs(before) < 1.5)
     after = before.copy()
     after[~stick] += 1e-2
-    lag = _undetected_slip(
-        stencils, Motion(1.0, 0.0, 0.0), before, after, stick, stick / 8.0, scale=1e-3
+    motion = Motion(1.0 + 0.0j, 0.0j, 0.0j)
+    lag = bound_hidden_slip(
+        stencils, motion, before, after, stick, stick / 8.0, scale=1e-3, few=True
     )
     assert np.isfinite(lag)
+
+
+def bound_of_six(lag_at):
+    """Bound on the error of six markers about the middle [rad], and how far they lag.
+
+    Args:
+        lag_at: how far the gel lags behind the object at a distance from the middle [rad].
+    """
+    layout = domed_pad((7, 7))
+    stencils = make_stencils(layout)
+    before = layout.reference[:, 0] + 1j * layout.reference[:, 1]
+    before = before - 0.5
+    distance = np.abs(before)
+    stick = np.argsort(np.argsort(distance)) < 6
+    after = before * np.exp(1j * (np.radians(10.0) - lag_at(distance)))
+    motion = fit_motion(before[stick], after[stick], np.ones(6))
+    arm = np.abs(before - motion.origin)
+    influence = np.where(stick, arm / np.sum(arm[stick] ** 2), 0.0)
+    bound = bound_hidden_slip(
+        stencils, motion, before, after, stick, influence, scale=1e-3, few=True
+    )
+    return bound, np.radians(10.0) - np.angle(motion.turn)
+
+
+def test_few_markers_inside_an_edge_are_believed():
+    """Slip grows from the edge like the distance to the power 3/2."""
+    bound, lag = bound_of_six(lambda r: 0.15 * np.maximum(r - 1.2, 0.0) ** 1.5 / r)
+    assert abs(lag) < 1e-4
+    assert abs(bound) < np.radians(0.15)
+
+
+def test_few_markers_that_all_slip_are_not():
+    """In macro slip the rotation falls like the logarithm of the distance from the middle."""
+    bound, lag = bound_of_six(lambda r: 0.02 + 0.002 * np.log(r))
+    assert lag > np.radians(1.0)
+    assert bound > np.radians(0.05)  # as far as the neighbours lag behind these six
 
 
 @pytest.mark.parametrize("noise_mm", [0.0, 1e-12])
