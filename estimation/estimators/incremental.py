@@ -251,9 +251,10 @@ class Incremental:
         one with the narrowest interval. Markers that stick since an older keyframe stick since a
         newer one too. If the newer one was made while most markers slipped unnoticed, it lags, and
         its angle is corrected to the older one's. If their intervals do not even overlap, the
-        object has rested since, and the newer one's is widened to the older one's. While the angle
-        is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that no
-        longer hold are removed.
+        object has rested since, and the newer one's is widened to the older one's. A keyframe at a
+        turning point is used at once, since the gel has turned back with the object. While the
+        angle is lost, the newest keyframe is used, which forgets the slip soonest. Keyframes that
+        no longer hold are removed.
         """
         mature = [
             i
