@@ -260,20 +260,11 @@ def fit_rigid_rotation(
         stick[segment] = body.weights > 0
         if stick.sum() < MIN_STICK_MARKERS:
             return RigidFit(np.nan, np.nan, np.nan, stick, scale, np.inf)
-        influence = np.zeros(len(stick))
-        information = body.information(x)
-        influence[segment] = body.weights * np.abs(x - body.motion.origin) / information
-        lag = bound_hidden_slip(
-            stencils,
-            body.motion,
-            before,
-            after,
-            stick,
-            influence,
-            scale,
-            few=bool(stick.sum() < CORE_MARKERS),
-        )
-        if not lag or stick.sum() < CORE_MARKERS or 2 * erode(stick, stencils).sum() >= stick.sum():
+        information, few = body.information(x), bool(stick.sum() < CORE_MARKERS)
+        influence = body.influence(x, segment)
+        motion = body.motion
+        lag = bound_hidden_slip(stencils, motion, before, after, stick, influence, scale, few)
+        if not lag or few or 2 * erode(stick, stencils).sum() >= stick.sum():
             break
         inner = body.take_inner_half(x, y)
         ahead = np.sign(lag) * float(np.angle(inner.motion.turn / body.motion.turn))
@@ -301,6 +292,14 @@ class _Body(NamedTuple):
     def information(self, x: Complex[np.ndarray, " m"]) -> float:
         """Weighted sum of the squared distances from their centre [mm²]."""
         return float(self.weights @ np.abs(x - self.motion.origin) ** 2)
+
+    def influence(
+        self, x: Complex[np.ndarray, " m"], segment: Bool[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
+        """Change of the angle by a slip of each marker of the layout [rad/mm]."""
+        influence = np.zeros(len(segment))
+        influence[segment] = self.weights * np.abs(x - self.motion.origin) / self.information(x)
+        return influence
 
     def take_inner_half(
         self, x: Complex[np.ndarray, " m"], y: Complex[np.ndarray, " m"]

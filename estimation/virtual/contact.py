@@ -37,12 +37,11 @@ def simulate_recording(
         camera: noise, clock and lost frames; those of a Tac3D sensor by default.
         depth: of the markers below the elastomer's surface, where they rotate less [mm].
         unloaded: number of frames before the path begins.
-        moved: displacement of the markers in the path's frames, if it is known already [mm].
+        moved: displacement of the markers along the path, if it is known [mm].
 
     Returns:
-        The recording, and the truth of its frames. In this truth, `stick` marks markers that have
-        stuck ever since they came under the object, and `stick_radius` is the radius of a disc with
-        the area of the sticking cells.
+        The recording, and its truth, in which `stick` marks markers that have stuck ever since they
+        came under the object, and `stick_radius` is of a disc as large as the sticking cells.
 
     Raises:
         ValueError: the path is a single contact, the markers have only two dimensions, or the depth
@@ -50,14 +49,11 @@ def simulate_recording(
         RuntimeError: the depth is beyond a layer's base.
     """
     if path.pressure.ndim != 3:
-        raise ValueError(
-            "simulate_recording got a single contact; it requires a path of contacts: see "
-            "contactmodel.solve_path"
-        )
+        wanted = "it requires a path of contacts: see contactmodel.solve_path"
+        raise ValueError(f"simulate_recording got a single contact; {wanted}")
     if sensor.reference.shape[1] != 3:
         raise ValueError("simulate_recording requires markers with x, y and z; these have x and y")
-    camera = camera or Camera()
-    points = sensor.reference[:, :2]
+    camera, points = camera or Camera(), sensor.reference[:, :2]
     if moved is None:
         moved = np.asarray(path.elastomer_displacement_at(points, depth))
     still = np.zeros((unloaded, *sensor.reference.shape))
