@@ -187,10 +187,14 @@ class Incremental:
 
         What slipped before this point sticks again after it. Since a keyframe from before, it
         forms a second body, which has turned less than the object. So older keyframes continue with
-        the markers that stuck up to the turning point, and those too young for this are removed.
+        the markers that stuck up to the turning point, and those too young for this are removed. An
+        angle that only jumps, because another keyframe gives it, turns no gel back.
         """
         turning = self._leg.update(now, noise)
-        if turning is None or turning.fields is None:
+        if turning is None or turning.fields is None or now.fields is None:
+            return
+        back, turned = self.rigid.fit(now.fields, turning.fields), now.angle - turning.angle
+        if back is None or abs(back.angle - turned) > 0.5 * abs(turned):
             return
         mature = turning.number - self.settings.mature_age
         older = []
