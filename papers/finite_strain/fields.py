@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from contactmodel import ContactSolution, Layer, Pose, solve_path
 from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.model import find_scale, make_contact
-from papers.finite_strain.press import Motion, Pressed, Round, press
+from papers.finite_strain.press import Pressed, Round, press
 from papers.finite_strain.settings import SHEAR_MODULUS
+from papers.finite_strain.steps import Motion
 from papers.items import Track
 
 WAYS = {"plain": (False, False), "corotated": (True, False), "corrected": (True, True)}

@@ -1,4 +1,4 @@
-"""A round gel at finite strain: finite elements in r and z whose points also turn about the axis.
+"""Round bodies at finite strain: finite elements in r and z whose points also turn about the axis.
 
 scikit-fem gives mesh, shape functions and integration points. Its elements take any number of
 components, so u_r, u_θ and u_z may all depend on r and z; axisymmetric fields of other libraries
@@ -10,12 +10,32 @@ In the basis of the undeformed point, F = I + [[u_r,r, −u_θ/r, u_r,z], [u_θ,
 nearly incompressible gels do not lock.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
+
+
+@runtime_checkable
+class Rubber(Protocol):
+    """The law of a body."""
+
+    @property
+    def shear_modulus(self) -> float:
+        """G [MPa]."""
+        ...
+
+    @property
+    def poisson_ratio(self) -> float:
+        """ν at small strain [-]."""
+        ...
+
+    @property
+    def second_share(self) -> float:
+        """m, the share of the second invariant [-]."""
+        ...
 
 
 class Gel(NamedTuple):
@@ -40,16 +60,16 @@ class Gel(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Mesh of the gel with quadrilateral elements.
+    """Mesh of a gel, or of a ball, with quadrilateral elements.
 
     Attributes:
-        place: r and z of the nodes, z = 0 at the top [mm].
+        place: r and z of the nodes; z = 0 at the middle of the top [mm].
         nodes: indices of each element's nodes, in the order of `value`.
         value: shape functions divided by r, at the integration points [1/mm].
         slope: derivatives of the shape functions by r and z [1/mm].
         volume: volume of each integration point [mm³].
-        top: indices of the nodes at the top, sorted by radius.
-        area: area of the top that belongs to each of these nodes [mm²].
+        top: indices of the nodes at the top, or at the ball's surface, sorted by radius.
+        area: area of the top, seen along z, that belongs to each of these nodes [mm²].
         free: indices of the free displacement components, three for each node.
     """
 
@@ -72,34 +92,68 @@ def cut(gel: Gel, cell: float, fine: float, growth: float = 1.25) -> Elements:
         fine: radius of the finely meshed part [mm].
         growth: ratio of the sizes of neighbouring elements beyond the fine part [-].
     """
+    across = space_radii(gel.radius, cell, fine, growth)
+    return make_elements(across, -grow(gel.thickness, cell, growth)[::-1])
+
+
+def make_elements(
+    across: Float[np.ndarray, " columns"],
+    along: Float[np.ndarray, " rows"],
+    profile: Float[np.ndarray, " columns"] | None = None,
+) -> Elements:
+    """Elements of a body of revolution whose far end is fixed.
+
+    Args:
+        across: radii of the nodes, from 0 [mm].
+        along: heights of the nodes on the axis; the surface is at 0, the last of the two ends [mm].
+        profile: height of the surface at these radii; None for a flat one [mm].
+    """
     from skfem import Basis, ElementQuad1, MeshQuad
 
-    fine = min(fine, gel.radius)
-    inner = np.linspace(0.0, fine, max(round(fine / cell), 1) + 1)
-    outer = fine + _grow(gel.radius - fine, cell, growth)[1:] if gel.radius > fine else []
-    mesh = MeshQuad.init_tensor(
-        np.concatenate([inner, outer]), -_grow(gel.thickness, cell, growth)[::-1]
-    )
+    mesh = MeshQuad.init_tensor(across, along)
+    r, z = mesh.p
+    rigid, end = 1e-9 * float(np.ptp(along)), float(along[np.abs(along).argmax()])
+    top = np.flatnonzero(np.abs(z) < rigid)
+    fixed = np.zeros((len(r), 3), dtype=bool)
+    fixed[np.abs(z - end) < rigid] = True
+    fixed[r < rigid, :2] = True
+    if profile is not None:
+        mesh = MeshQuad(np.stack([r, z + np.interp(r, across, profile) * (1.0 - z / end)]), mesh.t)
     basis = Basis(mesh, ElementQuad1(), intorder=3)
-    r = np.asarray(basis.global_coordinates())[0]
-    fields = [np.broadcast_to(np.asarray(shape[0]), r.shape) for shape in basis.basis]
-    slopes = [np.broadcast_to(np.asarray(shape[0].grad), (2, *r.shape)) for shape in basis.basis]
-    place, rigid = mesh.p.T, 1e-9 * cell
-    top = np.flatnonzero(place[:, 1] > -rigid)
+    inside = np.asarray(basis.global_coordinates())[0]
+    fields = [np.broadcast_to(np.asarray(shape[0]), inside.shape) for shape in basis.basis]
+    slopes = [
+        np.broadcast_to(np.asarray(shape[0].grad), (2, *inside.shape)) for shape in basis.basis
+    ]
+    place = mesh.p.T
     top = top[np.argsort(place[top, 0])]
-    fixed = np.zeros((len(place), 3), dtype=bool)
-    fixed[place[:, 1] < -gel.thickness + rigid] = True
-    fixed[place[:, 0] < rigid, :2] = True
     return Elements(
         place=place,
         nodes=basis.element_dofs.T,
-        value=np.stack(fields, 1) / r[:, None],
+        value=np.stack(fields, 1) / inside[:, None],
         slope=np.stack(slopes, 1).transpose(2, 1, 0, 3),
-        volume=2.0 * np.pi * r * basis.dx,
+        volume=2.0 * np.pi * inside * basis.dx,
         top=top,
         area=_areas(place[top, 0]),
         free=np.flatnonzero(~fixed.ravel()),
     )
+
+
+def space_radii(
+    radius: float, cell: float, fine: float, growth: float
+) -> Float[np.ndarray, " columns"]:
+    """Radii of nodes from 0, evenly spaced under the contact [mm].
+
+    Args:
+        radius: the last radius [mm].
+        cell: spacing under the contact [mm].
+        fine: radius of the evenly spaced part [mm].
+        growth: ratio of neighbouring spacings beyond it [-].
+    """
+    fine = min(fine, radius)
+    inner = np.linspace(0.0, fine, max(round(fine / cell), 1) + 1)
+    outer = fine + grow(radius - fine, cell, growth)[1:] if radius > fine else []
+    return np.concatenate([inner, outer])
 
 
 def strain_gradient(
@@ -174,15 +228,21 @@ def forces_and_stiffness(
     return force, jax.vmap(jax.jacfwd(jax.grad(energy)))(flat, *parts)
 
 
-def law_of(gel: Gel) -> Float[Array, "3"]:
-    """G [MPa], K [MPa] and m [-] of a gel."""
-    nu = gel.poisson_ratio
-    bulk = gel.shear_modulus * 2.0 * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu))
-    return jnp.array([gel.shear_modulus, bulk, gel.second_share])
+def law_of(body: Rubber) -> Float[Array, "3"]:
+    """G [MPa], K [MPa] and m [-] of a body."""
+    nu = body.poisson_ratio
+    bulk = body.shear_modulus * 2.0 * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu))
+    return jnp.array([body.shear_modulus, bulk, body.second_share])
 
 
-def _grow(length: float, first: float, growth: float) -> Float[np.ndarray, " nodes"]:
-    """Coordinates from 0 to a length, each step longer than the last [mm]."""
+def grow(length: float, first: float, growth: float) -> Float[np.ndarray, " nodes"]:
+    """Coordinates from 0 to a length, each step longer than the last [mm].
+
+    Args:
+        length: the last coordinate [mm].
+        first: length of the first step, reduced so that the steps fill the length [mm].
+        growth: ratio of neighbouring steps [-].
+    """
     count = int(np.ceil(np.log1p(length / first * (growth - 1.0)) / np.log(growth)))
     steps = first * growth ** np.arange(max(count, 1))
     return np.concatenate([[0.0], np.cumsum(steps)]) * (length / steps.sum())

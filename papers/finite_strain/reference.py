@@ -17,7 +17,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from papers.finite_strain.gel import Gel, cut
-from papers.finite_strain.press import Motion, Round, press
+from papers.finite_strain.press import Round, press
 from papers.finite_strain.settings import (
     CASES,
     KEPT,
@@ -27,6 +27,7 @@ from papers.finite_strain.settings import (
     TURNS_DEG,
     Case,
 )
+from papers.finite_strain.steps import Motion
 from papers.items import Track
 
 FILE = Path(__file__).with_name("reference.csv")

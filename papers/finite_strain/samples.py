@@ -14,9 +14,10 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from papers.finite_strain.gel import Gel, cut
-from papers.finite_strain.press import Motion, Round, press
+from papers.finite_strain.press import Round, press
 from papers.finite_strain.reference import read_steps
 from papers.finite_strain.settings import SERIES, SHEAR_MODULUS, Series
+from papers.finite_strain.steps import Motion
 from papers.items import Track
 
 FILE = Path(__file__).with_name("samples.csv")

@@ -19,7 +19,8 @@ from estimation.frames.files import write_whole
 from estimation.frames.recording import Recording
 from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain.gel import Gel, cut
-from papers.finite_strain.press import Motion, Round, press
+from papers.finite_strain.press import Round, press
+from papers.finite_strain.steps import Motion
 from papers.leaderboard import settings
 from papers.leaderboard.cases import Case, Truth, count_frames
 from papers.leaderboard.virtual import generator, keep_frames, mirror

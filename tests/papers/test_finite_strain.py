@@ -7,9 +7,10 @@ import pytest
 
 from contactmodel.analytic import reissner_sagoci_moment
 from papers.finite_strain.gel import Gel, cut, element_energy, law_of
-from papers.finite_strain.press import Motion, Round, press
+from papers.finite_strain.press import Round, press
 from papers.finite_strain.reference import read_reference
 from papers.finite_strain.settings import CASES, KEPT
+from papers.finite_strain.steps import Motion
 
 pytest.importorskip("skfem")
 
