@@ -1,6 +1,6 @@
 """Displacements of markers lifted by their waves, as sums over the markers (see `layered`)."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -153,14 +153,27 @@ class _Kernel:
         name: Literal["below", "thin", "along"],
     ) -> "_Kernel":
         """One of the `Kernels`, over the waves that markers resolve."""
+        if name == "thin":
+            layer = _Kernel._layer(thickness, depth, name)
+            return layer + _Kernel._ball(thickness, depth, object_radius)
+        return _Kernel._layer(thickness, depth, name)
+
+    def __add__(self, other: "_Kernel") -> "_Kernel":
+        parts = zip(astuple(self), astuple(other), strict=True)
+        return _Kernel(*(one + another for one, another in parts))
+
+    @staticmethod
+    def _layer(
+        thickness: float, depth: float, name: Literal["below", "thin", "along"]
+    ) -> "_Kernel":
+        """The part of a flat object."""
         beyond = 25  # pitches over which the lattice is added up
         h, z = thickness, depth
         q, weights, zeroth, second = _quadrature()
         gain = layer_gain(q * h, q * z)
         waves = {
             "below": gain.below * np.exp(-0.5 * (q * _MARKER_RESOLUTION) ** 2),
-            "thin": (1.0 + gain.below)
-            * ((1.0 + gain.transverse) * (1.0 + ball_gain(q * object_radius)) - 1.0),
+            "thin": (1.0 + gain.below) * gain.transverse,
             "along": (1.0 + gain.below) * gain.longitudinal,
         }
         wave = waves[name] * q * weights / (2.0 * np.pi)
@@ -169,11 +182,37 @@ class _Kernel:
             odd = -odd
         if name != "below":  # smooth: markers are points of it
             return _Kernel(even, odd, float(even[0]))
-        far = np.arange(-beyond, beyond + 1.0)
-        others = np.hypot(*np.meshgrid(far, far)).ravel()
-        others = others[others > 0.0]
+        others = _distances(beyond)
         uniform = 0.0 if np.isinf(h) else z / (h - z)  # of a wave of infinite length
         return _Kernel(even, odd, float(uniform - np.sum(_interpolate(even, others))))
+
+    @staticmethod
+    def _ball(thickness: float, depth: float, object_radius: float) -> "_Kernel":
+        """What a ball adds to the part `thin` of a flat object.
+
+        It falls like 1/q only, so the kernel grows like 1/r towards the marker itself. Its own
+        weight is that with which the sum over the lattice is the integral for a wide bell.
+        """
+        bell = 8.0  # pitches, standard deviation; 0 at the table's reach
+        cut = 0.35  # pitches; waves as short are cut off, and those that markers resolve stay
+        q, weights, zeroth, second = _quadrature()
+        gain = layer_gain(q * thickness, q * depth)
+        x = 0.5 * (q * cut) ** 2
+        seen = (1.0 + x) * np.exp(-x) + gain.below * np.exp(-0.5 * (q * _MARKER_RESOLUTION) ** 2)
+        wave = seen * (1.0 + gain.transverse) * ball_gain(q * object_radius)
+        wave = wave * q * weights / (2.0 * np.pi)
+        even = zeroth @ wave
+        others = _distances(int(_TABLE_REACH))
+        around = np.sum(_interpolate(even, others) * np.exp(-0.5 * (others / bell) ** 2))
+        whole = 2.0 * np.pi * bell**2 * np.sum(wave * np.exp(-0.5 * (q * bell) ** 2))
+        return _Kernel(even, second @ wave, float(whole - around))
+
+
+def _distances(reach: int) -> Float[np.ndarray, " others"]:
+    """Distances of the other points of a square lattice, up to a reach along its axes."""
+    along = np.arange(-reach, reach + 1.0)
+    distance = np.hypot(*np.meshgrid(along, along)).ravel()
+    return distance[distance > 0.0]
 
 
 @lru_cache(maxsize=1)
