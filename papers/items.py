@@ -24,7 +24,7 @@ ITEMS = {
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),
-    "finite_strain": ("atlas", "factors", "fields", "reference", "samples"),
+    "finite_strain": ("atlas", "factors", "fields", "reference", "samples", "soft", "torsion"),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": (
         "accuracy",
@@ -48,6 +48,7 @@ EXTRAS = {
     ("finite_strain", "fields"): "finite-elements",
     ("finite_strain", "reference"): "finite-elements",
     ("finite_strain", "samples"): "finite-elements",
+    ("finite_strain", "torsion"): "finite-elements",
 }
 """The extra that an item requires, by paper and item; the other items require none."""
 

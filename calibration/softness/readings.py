@@ -97,7 +97,7 @@ class Series(NamedTuple):
         """Lifted rotation, load and the rotation's error in the frames, for an elastomer [rad]."""
         if self.lifts is None:
             return np.array([self.rotation, 0.0 * self.rotation, self.rotation_error])
-        below, thin, along = self.lifts.turns(layer)
+        below, thin, along, _ = self.lifts.turns(layer)
         added = below + thin + along
         error = np.hypot(self.rotation_error, LIFT_SHARE * added)
         return np.array([self.rotation + added, thin + along, error])
@@ -111,20 +111,22 @@ class Lifts:
         self.trial = trial
         self._turns_by_layer: dict[tuple[float, ...], np.ndarray] = {}
 
-    def turns(self, layer: Layer) -> Float[np.ndarray, "3 frames"]:
-        """`below`, `thin` and `along` in each frame [rad]."""
-        return self._turns(layer.thickness, layer.depth, layer.object_radius)
+    def turns(self, layer: Layer) -> Float[np.ndarray, "4 frames"]:
+        """`below`, `thin`, `along` and `ball` in each frame [rad]."""
+        guess = self.trial.lifted_for
+        k = 1.0 if guess is None else guess.stiffness_ratio
+        return self._turns(layer.thickness, layer.depth, layer.object_radius, k)
 
     def as_seen(self) -> Float[np.ndarray, " frames"]:
         """Rotation of the markers before lifting [rad]."""
         guess = self.trial.lifted_for
         if guess is None:
             return self.trial.rotation
-        below, thin, _ = self._turns(guess.thickness, guess.depth, guess.object_radius)
         k = guess.stiffness_ratio
+        below, thin, *_ = self._turns(guess.thickness, guess.depth, guess.object_radius, k)
         return self.trial.rotation - below - k * thin / (1.0 + k)
 
-    def _turns(self, *at: float) -> Float[np.ndarray, "3 frames"]:
+    def _turns(self, *at: float) -> Float[np.ndarray, "4 frames"]:
         if at not in self._turns_by_layer:
             self._turns_by_layer[at] = np.array(
                 [seen.turns(*at) for seen in self.trial.displacements]

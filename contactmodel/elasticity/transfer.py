@@ -144,7 +144,8 @@ def ball_gain(x: Float[AnyArray, "*waves"]) -> AnyArray:
     R/(G(n − 1)): inside, u grows like r^n, and the traction is G r d(u/r)/dr. Near the pole this
     wave is the wave q = (n + ½)/R on a half-space, which moves by 1/(Gq). The ball's compliance is
     therefore qR/(qR − 3/2) times the half-space's. n = 1 is a rigid rotation, which the grip
-    determines. Waves as long as the ball, n < 2, are treated like n = 2.
+    determines. Waves as long as the ball, n < 2, are treated like n = 2; they depend on the shape
+    of the body beyond the contact (`papers.finite_strain.soft`).
 
     Args:
         x: qR, radius times wave number; infinite for a flat object [-].

@@ -48,7 +48,9 @@ Matrix = tuple[tuple[float, ...], ...]
 class LayeredSoftness:
     """Stiffness ratio of an object, and the elastomer that it is held against.
 
-    The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`).
+    The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`). The
+    interval takes the ball's part as known to 8 %, since it depends on the shape beside the
+    contact.
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
@@ -106,13 +108,18 @@ class LayeredSoftness:
         if not self.in_mm:
             return None
         share = self.stiffness_ratio / (1.0 + self.stiffness_ratio)
-        sizes = self.thickness, self.depth, self.object_radius
+        sizes = self.thickness, self.depth, self.object_radius, self.stiffness_ratio
         kernels = lifting_kernels(points, points, *sizes)
         parts = zip(kernels.below, kernels.thin, strict=True)
         return Lifting(*(below + share * thin for below, thin in parts))
 
     def at(self, contact: Contact) -> ScalarSoftness:
-        """k and L for a frame that has been lifted; in L's covariance that of h and z."""
+        """k and L for a frame that has been lifted; in L's covariance that of h and z.
+
+        L's variance has the error of a ball's part as well: the rms over bodies of other shapes
+        beside the contact (`papers.finite_strain`, "Soft balls").
+        """
+        ball_error = 0.08  # standard deviation over the ball's part
         seen = _seen(contact)
         if seen is None:
             spread = self.covariance[0][0]
@@ -120,11 +127,12 @@ class LayeredSoftness:
                 self.stiffness_ratio, 0.0, ((spread, 0.0), (0.0, 0.0)), validity=self.validity
             )
         k = self.stiffness_ratio
-        turns = seen.turns(self.thickness, self.depth, self.object_radius)
+        turns = seen.turns(self.thickness, self.depth, self.object_radius, k)
         # θ = (1 + k)(φ + below) + k (thin + along), and (1 + k) times the lifted φ lacks `along`
         slopes = [turns.thin / (1.0 + k) + turns.along, *self._slopes(seen)]
         to = np.array([[1.0, 0.0, 0.0], [-2.0 * slope for slope in slopes]])
         (kk, kl), (_, ll) = (to @ np.asarray(self.covariance) @ to.T).tolist()
+        ll += (2.0 * k * ball_error * turns.ball) ** 2
         return ScalarSoftness(
             k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity
         )
@@ -140,10 +148,10 @@ class LayeredSoftness:
             step = rise * self.thickness
             least = 0.0 if name == "depth" else 0.5 * self.thickness
             start = max(getattr(self, name) - step, least)
-            names = "thickness", "depth", "object_radius"
+            names = "thickness", "depth", "object_radius", "stiffness_ratio"
             here = {one: getattr(self, one) for one in names}
             ends = [seen.turns(**(here | {name: value})) for value in (start, start + 2.0 * step)]
-            below, thin, along = np.subtract(ends[1], ends[0]) / (2.0 * step)
+            below, thin, along, _ = np.subtract(ends[1], ends[0]) / (2.0 * step)
             found.append(float((1.0 + k) * below + k * (thin + along)))
         return found
 

@@ -1,6 +1,6 @@
 """Displacements of markers lifted by their waves, as sums over the markers (see `layered`)."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -27,11 +27,13 @@ class Kernels(NamedTuple):
             that of a ball (`ball_gain`).
         along: (k̂_L/k − 1)/D of the longitudinal ones, likewise; their D is that of the others, as
             it is for waves longer than the elastomer is thick.
+        ball: the part of `thin` that a flat object has not.
     """
 
     below: Lifting
     thin: Lifting
     along: Lifting
+    ball: Lifting
 
 
 def lifting_kernels(
@@ -40,8 +42,14 @@ def lifting_kernels(
     thickness: float,
     depth: float,
     object_radius: float = np.inf,
+    stiffness_ratio: float = 1.0,
 ) -> Kernels:
     """What is lacking at some of the markers.
+
+    A body that is pressed in by a slope s turns less under the same moment, by 0.15 s: the mean of
+    rigid spheres on thick gels at finite strain (`papers.finite_strain.samples`, no soft object).
+    Two bodies share the slope a/R as 1 : k, so k rises by 0.15 (a/R) (1 − k)/(1 + k). The part of
+    a ball is 0.9 a/R, and takes this in as a factor.
 
     Args:
         at: markers where it is wanted, some of `points` [mm].
@@ -49,14 +57,21 @@ def lifting_kernels(
         thickness: h [mm].
         depth: z [mm].
         object_radius: R of a ball, infinite of a flat object [mm].
+        stiffness_ratio: k, by which a ball and the elastomer share their deformation [-].
     """
     pitch = _pitch(points)
     away = (at[:, None] - points) / pitch
-    sizes = thickness / pitch, depth / pitch, object_radius / pitch
-    thin, along = (_Kernel.of(*sizes, name).at(away) for name in ("thin", "along"))
-    if depth == 0.0:
-        return Kernels(Lifting(*(np.zeros_like(part) for part in thin)), thin, along)
-    return Kernels(_Kernel.of(*sizes, "below").at(away), thin, along)
+    layer = thickness / pitch, depth / pitch
+    thin, along = (_Kernel.of(*layer, name).at(away) for name in ("thin", "along"))
+    none = Lifting(*(np.zeros_like(part) for part in thin))
+    below = none if depth == 0.0 else _Kernel.of(*layer, "below").at(away)
+    if np.isinf(object_radius):
+        return Kernels(below, thin, along, none)
+    stiffer = 1.0 + 0.15 / 0.9 * (1.0 - stiffness_ratio) / (1.0 + stiffness_ratio)
+    ball = _Kernel.of_ball(*layer, object_radius / pitch).at(away)
+    ball = Lifting(*(stiffer * part for part in ball))
+    thin = Lifting(*(part + more for part, more in zip(thin, ball, strict=True)))
+    return Kernels(below, thin, along, ball)
 
 
 class Added(NamedTuple):
@@ -65,6 +80,7 @@ class Added(NamedTuple):
     below: float
     thin: float
     along: float
+    ball: float
 
 
 class Seen(NamedTuple):
@@ -80,15 +96,23 @@ class Seen(NamedTuple):
     points: Float[np.ndarray, "n 2"]
     moved: Float[np.ndarray, "n 2"]
 
-    def turns(self, thickness: float, depth: float, object_radius: float = np.inf) -> Added:
+    def turns(
+        self,
+        thickness: float,
+        depth: float,
+        object_radius: float = np.inf,
+        stiffness_ratio: float = 1.0,
+    ) -> Added:
         """Rotation of what turns as one body that is lacking in what the markers show.
 
         Args:
             thickness: h [mm].
             depth: z [mm].
             object_radius: R of a ball, infinite of a flat object [mm].
+            stiffness_ratio: k, by which a ball and the elastomer share their deformation [-].
         """
-        kernels = lifting_kernels(self.at, self.points, thickness, depth, object_radius)
+        sizes = thickness, depth, object_radius, stiffness_ratio
+        kernels = lifting_kernels(self.at, self.points, *sizes)
         return Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
 
 
@@ -146,27 +170,8 @@ class _Kernel:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of(
-        thickness: float,
-        depth: float,
-        object_radius: float,
-        name: Literal["below", "thin", "along"],
-    ) -> "_Kernel":
-        """One of the `Kernels`, over the waves that markers resolve."""
-        if name == "thin":
-            layer = _Kernel._layer(thickness, depth, name)
-            return layer + _Kernel._ball(thickness, depth, object_radius)
-        return _Kernel._layer(thickness, depth, name)
-
-    def __add__(self, other: "_Kernel") -> "_Kernel":
-        parts = zip(astuple(self), astuple(other), strict=True)
-        return _Kernel(*(one + another for one, another in parts))
-
-    @staticmethod
-    def _layer(
-        thickness: float, depth: float, name: Literal["below", "thin", "along"]
-    ) -> "_Kernel":
-        """The part of a flat object."""
+    def of(thickness: float, depth: float, name: Literal["below", "thin", "along"]) -> "_Kernel":
+        """One of the `Kernels` of a flat object, over the waves that markers resolve."""
         beyond = 25  # pitches over which the lattice is added up
         h, z = thickness, depth
         q, weights, zeroth, second = _quadrature()
@@ -187,8 +192,9 @@ class _Kernel:
         return _Kernel(even, odd, float(uniform - np.sum(_interpolate(even, others))))
 
     @staticmethod
-    def _ball(thickness: float, depth: float, object_radius: float) -> "_Kernel":
-        """What a ball adds to the part `thin` of a flat object.
+    @lru_cache(maxsize=64)
+    def of_ball(thickness: float, depth: float, object_radius: float) -> "_Kernel":
+        """The kernel `ball`, b − 1 in place of b: (b − 1) coth qh/D.
 
         It falls like 1/q only, so the kernel grows like 1/r towards the marker itself. Its own
         weight is that with which the sum over the lattice is the integral for a wide bell.

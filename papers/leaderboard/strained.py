@@ -9,11 +9,8 @@ import io
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.interpolate import PchipInterpolator
 
 from estimation.frames.files import write_whole
 from estimation.frames.recording import Recording
@@ -21,27 +18,12 @@ from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.press import Round, press
 from papers.finite_strain.steps import Motion
+from papers.finite_strain.surface import Surface, move_markers
 from papers.leaderboard import settings
 from papers.leaderboard.cases import Case, Truth, count_frames
 from papers.leaderboard.virtual import generator, keep_frames, mirror
 
 FILE = "gels.npz"
-
-
-class Surface(NamedTuple):
-    """Motion of a gel's top along a path.
-
-    Attributes:
-        radius: radius of the undeformed top's points [mm].
-        moved: displacement u_r, u_θ and u_z, in the basis of the undeformed point [mm].
-        twist: twist of the object, counter-clockwise [rad].
-        stick: mask of the points in contact that do not slip in the step.
-    """
-
-    radius: Float[np.ndarray, " points"]
-    moved: Float[np.ndarray, "steps points 3"]
-    twist: Float[np.ndarray, " steps"]
-    stick: Bool[np.ndarray, "steps points"]
 
 
 @cache
@@ -74,7 +56,8 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
             grid_angle=float(rng.uniform(0.0, np.pi / 2)),
         )
     )
-    displacement, holding = _move_markers(surface, layout.reference)
+    displacement, stick = move_markers(surface, layout.reference)
+    holding = stick.sum(axis=1)
     steps, presses = len(surface.twist), settings.GEL_PRESSES
     place = np.arange(steps, dtype=float)
     place[presses:-1] += rng.uniform(-0.3, 0.3, steps - presses - 1)
@@ -101,21 +84,6 @@ def simulate(case: Case, seed: int) -> tuple[Recording, Truth]:
     sticking = np.append(np.zeros(nothing, dtype=int), holding)[kept]
     truth = Truth(angle, {case.group: count_frames(sticking)})
     return mirror(recording, truth) if rng.random() < 0.5 else (recording, truth)
-
-
-def _move_markers(
-    surface: Surface, reference: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "steps n 3"], np.ndarray]:
-    """Displacements of markers [mm], and the number that sticks, in each step."""
-    x, y = reference[:, :2].T
-    r = np.hypot(x, y)
-    radial, around, up = np.moveaxis(
-        PchipInterpolator(surface.radius, surface.moved, axis=1)(r), 2, 0
-    )
-    c, s = x / r, y / r
-    moved = np.stack([c * radial - s * around, s * radial + c * around, up], axis=-1)
-    nearest = np.abs(surface.radius[:, None] - r).argmin(axis=0)
-    return moved, surface.stick[:, nearest].sum(axis=1)
 
 
 def solve_surface(contact: settings.Gel) -> Surface:

@@ -257,6 +257,17 @@ def test_errors_of_k_thickness_and_depth_widen_the_interval():
         fit_layered_softness([], Layer(4.0))
 
 
+def test_the_part_of_a_ball_is_known_to_eight_per_cent():
+    k, contact = 0.5, turned_disc()
+    points = (contact.fields.positions - contact.fields.displacement)[:, :2]
+    inside = contact.fields.contact
+    added = LayeredSoftness(k, np.inf, object_radius=20.0).lifting(points).of(contact.as_seen)
+    part = (1.0 + k) * small_turn(points[inside], added[inside])
+    found = LayeredSoftness(k, np.inf, object_radius=20.0).at(contact)
+    assert 0.5 * np.sqrt(found.covariance[1][1]) == pytest.approx(0.08 * abs(part))
+    assert found.covariance[0] == (0.0, 0.0)
+
+
 def test_lengths_in_px_and_sizes_in_mm_are_refused():
     recording, truth = simulate_pivot(angles_deg=(0.0, 4.0), frames=(4,))
     pixels = replace(recording, unit="px", name="clip")

@@ -1,0 +1,260 @@
+"""Soft balls at finite strain: the angle with k known, and with k fitted on a smaller grasp.
+
+The finite elements of `two_bodies` give the motion of the gels (`balls.npz`). 20 × 20 markers of
+1 mm pitch are placed on them, with noise of 1 µm, 3.5 µm along z. The angle is estimated without a
+correction, with the number k, with `LayeredSoftness`, and with the ball's radius as well. A frame
+counts while ten markers or more have always stuck.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+
+from calibration.softness.layered import Grasp, fit_layered_softness
+from calibration.softness.readings import Layer
+from calibration.softness.references import Reference
+from estimation.frames.noise import Noise
+from estimation.frames.recording import Recording
+from estimation.softness import LayeredSoftness, ScalarSoftness, Softness
+from estimation.tracking.tracker import estimate_angles
+from estimation.virtual.recording import PivotModel, lay_out_markers
+from papers.finite_strain import balls
+from papers.finite_strain.surface import move_markers
+from papers.items import Track
+
+WAYS = ("none", "number k", "layered", "ball")
+
+NOISE_MM = 1e-3
+FIRM = 10
+SHARES, FLOOR_DEG = {"known": 0.015, "fitted": 0.02}, 0.1
+"""Largest allowed error: a share of the angle [-], or an angle [deg], whichever is larger."""
+
+REFERENCE_ERROR, MODEL_ERROR = 1e-3, 5e-3
+"""Errors given to the fit: of the reference angle [rad], and of the models over the angle [-]."""
+
+_UNLOADED, _HELD = 10, 12  # frames before the contact, and under full load before the turn
+_STEP_DEG = 0.5  # turn between frames
+_DRAWS = 4  # recordings of a grasp, with markers in other places and other noise
+
+
+class Seen(NamedTuple):
+    """A recording of a grasp, the object's angle [rad], and the frames that count."""
+
+    recording: Recording
+    angle: Float[np.ndarray, " frames"]
+    firm: Bool[np.ndarray, " frames"]
+
+
+class Errors(NamedTuple):
+    """Errors of the angle in the frames that count.
+
+    Attributes:
+        mean: mean error over the angle [-].
+        largest: largest error over the angle, absolute [-].
+        within: share of frames within the allowed error [-].
+        held: share of 95 % intervals that hold the angle [-].
+        half: mean half-width of the intervals over the angle [-].
+    """
+
+    mean: float
+    largest: float
+    within: float
+    held: float
+    half: float
+
+
+class Cell(NamedTuple):
+    """A grasp, with k known, or fitted on the object's smallest grasp.
+
+    Attributes:
+        name: name of the object.
+        one: the object.
+        contact_mm: radius of the contact [mm].
+        knowledge: "known" or "fitted".
+        found: k by way; the mean of the draws [-].
+        errors: errors by way, of all draws together.
+        frames: number of frames that count.
+    """
+
+    name: str
+    one: balls.Object
+    contact_mm: float
+    knowledge: str
+    found: dict[str, float]
+    errors: dict[str, Errors]
+    frames: int
+
+
+def compute(quick: bool = False, track: Track = iter) -> list[Cell]:
+    """Test all objects, in some minutes; the quick size is one object and one draw."""
+    names = ["soft"] if quick else list(balls.OBJECTS)
+    return [cell for name in track(names) for cell in _test(name, 1 if quick else _DRAWS)]
+
+
+def _test(name: str, draws: int) -> list[Cell]:
+    one, grasps = balls.OBJECTS[name], balls.read_grasps()[name]
+    seen = [[see(grasp, draw) for draw in range(draws)] for grasp in grasps]
+    known = {way: [make_softness(one, way)] * draws for way in WAYS}
+    fitted = {way: [_fit(one, first, way) for first in seen[0]] for way in WAYS}
+    cells = [_compare(name, grasp, here, "known", known)
+             for grasp, here in zip(grasps, seen, strict=True)]  # fmt: skip
+    larger = zip(grasps[1:], seen[1:], strict=True)
+    return cells + [_compare(name, grasp, here, "fitted", fitted) for grasp, here in larger]
+
+
+def see(grasp: balls.Grasp, draw: int) -> Seen:
+    """A recording of a grasp: unloaded, held under full load, and turned.
+
+    Args:
+        grasp: the solved grasp.
+        draw: seed of the markers' place and noise.
+    """
+    rng, surface = np.random.default_rng(draw), grasp.surface
+    x, y = rng.uniform(-0.5, 0.5, 2).tolist()
+    layout = lay_out_markers(PivotModel(offset=(x, y), grid_angle=float(rng.uniform(0, np.pi / 2))))
+    moved, stick = move_markers(surface, layout.reference)
+    steps = np.arange(0.0, np.degrees(surface.twist[-1]) + 1e-9, _STEP_DEG)
+    place = np.interp(np.radians(steps), surface.twist, np.arange(len(surface.twist)))
+    before = np.minimum(place.astype(int), len(moved) - 2)
+    share = (place - before)[:, None, None]
+    turned = (1.0 - share) * moved[before] + share * moved[before + 1]
+    shape = layout.reference.shape
+    held = np.repeat(moved[:1], _HELD, axis=0)
+    displaced = np.concatenate([np.zeros((_UNLOADED, *shape)), held, turned])
+    count = len(displaced)
+    noise = rng.normal(size=displaced.shape) * np.array([1.0, 1.0, 3.5]) * NOISE_MM
+    recording = Recording(
+        layout=layout,
+        positions=layout.reference + displaced + noise,
+        valid=np.ones((count, len(layout.reference)), dtype=bool),
+        time=np.arange(count) / 30.0,
+        source_index=np.arange(count),
+        source="finite elements",
+    )
+    sticking = np.logical_and.accumulate(stick[1:], axis=0).sum(axis=1)
+    firm = (sticking[before] >= FIRM) & (steps > 0.9)
+    angle = np.concatenate([np.full(_UNLOADED, np.nan), np.zeros(_HELD), np.radians(steps)])
+    return Seen(recording, angle, np.append(np.zeros(_UNLOADED + _HELD, dtype=bool), firm))
+
+
+def make_softness(one: balls.Object, way: str) -> Softness:
+    """The softness of an object with k known.
+
+    Args:
+        one: the object.
+        way: one of `WAYS`.
+    """
+    if way == "none":
+        return ScalarSoftness()
+    if way == "number k":
+        return ScalarSoftness(one.ratio)
+    radius = one.radius_mm if way == "ball" else np.inf
+    return LayeredSoftness(one.ratio, one.thickness_mm, object_radius=radius)
+
+
+def _fit(one: balls.Object, seen: Seen, way: str) -> Softness:
+    """Fit k to a grasp with the model of a way."""
+    if way == "none":
+        return ScalarSoftness()
+    error = np.hypot(REFERENCE_ERROR, MODEL_ERROR * seen.angle)
+    truth = Reference(seen.recording.time, seen.angle, error, True, True, "truth")
+    layer = Layer(
+        np.inf if way == "number k" else one.thickness_mm,
+        object_radius=one.radius_mm if way == "ball" else np.inf,
+    )
+    grasp = Grasp(seen.recording, truth, Noise.from_std(NOISE_MM))
+    softness = fit_layered_softness([grasp], layer).softness
+    return replace(softness, validity=type(softness.validity)())  # larger grasps are asked for
+
+
+def _compare(
+    name: str,
+    grasp: balls.Grasp,
+    seen: list[Seen],
+    knowledge: str,
+    softness: dict[str, list[Softness]],
+) -> Cell:
+    found = {way: float(np.mean([one.stiffness_ratio for one in softness[way]])) for way in WAYS}
+    errors = {way: measure(seen, softness[way], SHARES[knowledge]) for way in WAYS}
+    one, frames = balls.OBJECTS[name], sum(int(here.firm.sum()) for here in seen)
+    return Cell(name, one, grasp.contact_mm, knowledge, found, errors, frames)
+
+
+def measure(seen: list[Seen], softness: list[Softness], share: float) -> Errors:
+    """Errors of all draws; a missing answer counts as an error of the full angle.
+
+    Args:
+        seen: recordings of a grasp.
+        softness: the softness to use for each.
+        share: largest allowed error over the angle [-].
+    """
+    columns = []
+    for here, one in zip(seen, softness, strict=True):
+        noise = Noise.from_std(NOISE_MM)
+        result = estimate_angles(here.recording, "incremental", noise=noise, softness=one)
+        columns.append(
+            [part[here.firm] for part in (here.angle, result.angle, result.low, result.high)]
+        )
+    truth, angle, low, high = (np.concatenate(column) for column in zip(*columns, strict=True))
+    error = np.nan_to_num(angle) - truth
+    return Errors(
+        mean=float(np.mean(error / truth)),
+        largest=float(np.max(np.abs(error) / truth)),
+        within=float(np.mean(np.abs(error) <= np.maximum(share * truth, np.radians(FLOOR_DEG)))),
+        held=float(np.mean((low <= truth) & (truth <= high))),
+        half=float(np.nanmean(0.5 * (high - low) / truth)),
+    )
+
+
+def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
+    """A row for each grasp and knowledge of k."""
+    return {
+        "": [
+            {
+                "object": cell.name,
+                "R [mm]": cell.one.radius_mm,
+                "h [mm]": cell.one.thickness_mm,
+                "k": cell.one.ratio,
+                "ν": cell.one.poisson_ratio,
+                "a/R": round(cell.contact_mm / cell.one.radius_mm, 2),
+                "k is": cell.knowledge,
+                "k, ball": round(cell.found["ball"], 3),
+                **{f"mean, {way} [%]": round(100 * cell.errors[way].mean, 2) for way in WAYS},
+                **{
+                    f"{title}, ball [%]": round(100 * value, digits)
+                    for title, value, digits in zip(
+                        ("largest", "within", "interval holds", "half interval"),
+                        cell.errors["ball"][1:],
+                        (2, 0, 0, 2),
+                        strict=True,
+                    )
+                },
+                "within, layered [%]": round(100 * cell.errors["layered"].within),
+                "frames": cell.frames,
+            }
+            for cell in result
+        ]
+    }
+
+
+def plot(result: list[Cell]) -> Figure:
+    """Mean error over a/R by way: with k known, and fitted on the smallest grasp."""
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained", sharey=True)
+    for knowledge, axis in zip(SHARES, axes, strict=True):
+        chosen = [cell for cell in result if cell.knowledge == knowledge]
+        reach = [cell.contact_mm / cell.one.radius_mm for cell in chosen]
+        for i, way in enumerate(WAYS[1:]):
+            error = [100.0 * cell.errors[way].mean for cell in chosen]
+            axis.plot(reach, error, "o", color=f"C{i}", label=way)
+        allowed = 100.0 * SHARES[knowledge]
+        axis.axhspan(-allowed, allowed, color="0.9", zorder=0)
+        axis.set_title(f"k {knowledge}; grey: allowed", fontsize=10)
+        axis.set_xlabel("a/R, contact over ball [-]")
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("mean error of the angle [%]")
+    axes[0].legend(fontsize=8)
+    return figure
