@@ -19,8 +19,8 @@ from rich.table import Table
 from calibration.field_fit import fit_fields
 from calibration.field_result import FieldData, FieldFit
 from calibration.forward import FieldModel, Scene, Unknown, press_and_move
-from calibration.information import Z95
 from contactmodel import Contact, Domed, Ellipsoid, Grid, HalfSpace, Layer, Placed, Pose
+from estimation.estimators.measurement import Z95
 from tests.benchmarks.arguments import make_parser
 
 GRID = Grid((22, 22), (16.0, 16.0))
