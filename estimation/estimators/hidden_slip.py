@@ -91,7 +91,7 @@ def _has_edge(
         outer: neighbours that have slipped.
     """
     # slope within, over the slope beyond, up to which markers stick; 95 %, one-sided
-    most, likely = 0.2, 1.645
+    most, likely = 0.15, 1.645
     x, y, out = before[stick], after[stick], before[outer]
     if len(x) < 5:
         return False
