@@ -223,15 +223,14 @@ class SlipWatch:
             settings.largest_error, settings.roundness
         ):
             return None
-        if disc.misfit <= settings.round_misfit:
-            self._believe(best.parameters, before)
         disc = disc._replace(time=0.5 * (first.time + last.time))
         if disc.misfit <= settings.round_misfit:
+            self._believe(best.parameters, before)
             self._discs.append(disc[:3])
         return disc
 
     def _is_closed(self, now: float) -> bool | None:
-        """Whether a line through the margins of the last discs crossed zero a frame ago or earlier.
+        """Whether a line through the margins of the last discs crossed zero `overdue` frames ago.
 
         A disc is that of its window's middle, so that the line is continued by half a window. Once
         closed, the disc counts as open only after a margin at which markers stick again.

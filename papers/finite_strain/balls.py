@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimation.frames.files import write_whole
 from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.settings import SHEAR_MODULUS
 from papers.finite_strain.steps import Motion
-from papers.finite_strain.surface import Surface
+from papers.finite_strain.surface import Surface, read_surface, surface_arrays, write_arrays
 from papers.finite_strain.two_bodies import Ball, cut_ball, hold
 
 FILE = Path(__file__).with_name("balls.npz")
@@ -85,16 +84,11 @@ def read_grasps() -> dict[str, list[Grasp]]:
     stored = np.load(io.BytesIO((files("papers.finite_strain") / FILE.name).read_bytes()))
     return {
         name: [
-            Grasp(float(stored[f"{name}/{i}/contact_mm"]), _read_surface(stored, f"{name}/{i}"))
+            Grasp(float(stored[f"{name}/{i}/contact_mm"]), read_surface(stored, f"{name}/{i}"))
             for i in range(len(one.depths_mm))
         ]
         for name, one in OBJECTS.items()
     }
-
-
-def _read_surface(stored: Mapping[str, np.ndarray], place: str) -> Surface:
-    radius, moved, twist, stick = (stored[f"{place}/{part}"] for part in Surface._fields)
-    return Surface(*(part.astype(float) for part in (radius, moved, twist)), stick=stick)
 
 
 def solve_grasp(one: Object, depth: float, coarse: float = 1.0) -> Grasp:
@@ -138,12 +132,8 @@ def write_grasps(grasps: Mapping[str, Sequence[Grasp]]) -> None:
     for name, solved in grasps.items():
         for i, grasp in enumerate(solved):
             arrays[f"{name}/{i}/contact_mm"] = np.array(grasp.contact_mm)
-            for part, value in grasp.surface._asdict().items():
-                small = value.astype(np.float32) if value.dtype == float else value
-                arrays[f"{name}/{i}/{part}"] = small
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # pyright: ignore[reportArgumentType]
-    write_whole(FILE, buffer.getvalue())
+            arrays |= surface_arrays(grasp.surface, f"{name}/{i}")
+    write_arrays(FILE, arrays)
 
 
 def main() -> None:

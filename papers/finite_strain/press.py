@@ -20,10 +20,12 @@ from papers.finite_strain.steps import (
     assemble,
     components,
     follow,
+    from_axis,
     in_frame,
     make_law,
     measure_rest,
     strain,
+    top_of,
     turn_back,
 )
 
@@ -93,7 +95,7 @@ class _Problem(NamedTuple):
 
     def touch(self, state: _State, motion: Motion) -> Array:
         """Positions of the top's nodes in the object's frame [mm]."""
-        r, top = self._top(state)
+        r, top = top_of(self.elements, state.moved)
         return in_frame(r, top, *jnp.array(motion))
 
     def add(self, state: _State, step: np.ndarray) -> _State:
@@ -115,12 +117,8 @@ class _Problem(NamedTuple):
 
     def rows(self, state: _State, motion: Motion, touched: Array) -> tuple:
         """The arguments of `_contact_rows` and `_project`."""
-        traction = jnp.asarray(state.traction)
-        return self.law, self.sizes, *self._top(state), traction, jnp.array(motion), touched
-
-    def _top(self, state: _State) -> tuple[Array, Array]:
-        top = self.elements.top
-        return jnp.asarray(self.elements.place[top, 0]), jnp.asarray(state.moved[top])
+        top, traction = top_of(self.elements, state.moved), jnp.asarray(state.traction)
+        return self.law, self.sizes, *top, traction, jnp.array(motion), touched
 
 
 def press(
@@ -191,11 +189,8 @@ def _admitted(
 ) -> tuple[Array, Array]:
     """The projection of a node's traction [MPa], and whether it sticks."""
     at = in_frame(r, moved, *now)
-    square = at[0] ** 2 + at[1] ** 2
-    off = square > 1e-24
-    around = jnp.sqrt(jnp.where(off, square, 1.0)) * off
+    around, outward = from_axis(at)
     gap, slope = jax.value_and_grad(_distance)(jnp.stack([around, at[2]]), sizes)
-    outward = jnp.where(off, at[:2] / jnp.where(off, around, 1.0), 0.0)
     normal = jnp.append(slope[0] * outward, slope[1])
     return admit(law, traction, gap, normal, at - before, r > 0.0)
 

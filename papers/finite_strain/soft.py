@@ -25,6 +25,7 @@ from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain import balls
 from papers.finite_strain.surface import move_markers
 from papers.items import Track
+from papers.tables import finish
 
 WAYS = ("none", "number k", "layered", "ball")
 
@@ -252,9 +253,8 @@ def plot(result: list[Cell]) -> Figure:
             axis.plot(reach, error, "o", color=f"C{i}", label=way)
         allowed = 100.0 * SHARES[knowledge]
         axis.axhspan(-allowed, allowed, color="0.9", zorder=0)
-        axis.set_title(f"k {knowledge}; grey: allowed", fontsize=10)
-        axis.set_xlabel("a/R, contact over ball [-]")
-        axis.grid(alpha=0.3)
+        title = f"k {knowledge}; grey: allowed"
+        finish(axis, title=title, xlabel="a/R, contact over ball [-]")
     axes[0].set_ylabel("mean error of the angle [%]")
     axes[0].legend(fontsize=8)
     return figure

@@ -193,6 +193,20 @@ def in_frame(r: Array, moved: Array, approach: Array, twist: Array) -> Array:
     return jnp.stack([c * x + s * y, c * y - s * x, z], axis=-1)
 
 
+def from_axis(at: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, "2"]]:
+    """Distance of a position from the axis, and the direction outward; on it both are 0.
+
+    Neither has a slope on the axis.
+
+    Args:
+        at: position in the object's frame [mm].
+    """
+    square = at[0] ** 2 + at[1] ** 2
+    off = square > 1e-24
+    around = jnp.sqrt(jnp.where(off, square, 1.0)) * off
+    return around, jnp.where(off, at[:2] / jnp.where(off, around, 1.0), 0.0)
+
+
 def turn_back(vectors: np.ndarray, twist: float) -> np.ndarray:
     """Rotate vectors from the object's frame to the frame of the undeformed point.
 
@@ -219,6 +233,16 @@ def strain(
     total = np.zeros_like(moved)
     np.add.at(total, elements.nodes, np.asarray(inner).reshape(-1, 4, 3))
     return total, np.asarray(stiff)
+
+
+def top_of(elements: Elements, moved: np.ndarray) -> tuple[Array, Array]:
+    """Undeformed radius of the nodes of a mesh's top, and their displacement [mm].
+
+    Args:
+        elements: mesh of the gel.
+        moved: displacement of all its nodes [mm].
+    """
+    return jnp.asarray(elements.place[elements.top, 0]), jnp.asarray(moved[elements.top])
 
 
 def components(nodes: np.ndarray) -> np.ndarray:

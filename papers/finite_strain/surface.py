@@ -1,10 +1,15 @@
 """Motion of a gel's round surface along a path, and markers on it."""
 
+import io
+from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import PchipInterpolator
+
+from estimation.frames.files import write_whole
 
 
 class Surface(NamedTuple):
@@ -21,6 +26,37 @@ class Surface(NamedTuple):
     moved: Float[np.ndarray, "steps points 3"]
     twist: Float[np.ndarray, " steps"]
     stick: Bool[np.ndarray, "steps points"]
+
+
+def read_surface(stored: Mapping[str, np.ndarray], place: str) -> Surface:
+    """A surface of a file.
+
+    Args:
+        stored: arrays of the file.
+        place: first part of their names.
+    """
+    radius, moved, twist, stick = (stored[f"{place}/{part}"] for part in Surface._fields)
+    return Surface(*(part.astype(float) for part in (radius, moved, twist)), stick=stick)
+
+
+def surface_arrays(surface: Surface, place: str) -> dict[str, np.ndarray]:
+    """The arrays of a surface for a file, in single precision.
+
+    Args:
+        surface: motion of the gel's top.
+        place: first part of their names.
+    """
+    return {
+        f"{place}/{part}": value.astype(np.float32) if value.dtype == float else value
+        for part, value in surface._asdict().items()
+    }
+
+
+def write_arrays(file: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write a compressed file of arrays, whole or not at all."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # pyright: ignore[reportArgumentType]
+    write_whole(file, buffer.getvalue())
 
 
 def move_markers(

@@ -18,6 +18,7 @@ from contactmodel import ball_gain
 from papers.finite_strain.gel import grow, space_radii
 from papers.finite_strain.two_bodies import Ball
 from papers.items import Track
+from papers.tables import finish
 
 RADIUS = 20.0
 BODIES = {
@@ -143,8 +144,6 @@ def plot(result: dict[str, list[Gain]]) -> Figure:
         axis.plot([one.share for one in gains], [one.found for one in gains], "o-", label=name)
     (first, *_) = result.values()
     axis.plot([one.share for one in first], [one.predicted for one in first], "k--")
-    axis.set_xlabel("a/R, contact over ball [-]")
     axis.set_ylabel("k of the tip over k, minus 1 [-]")
-    axis.grid(alpha=0.3)
-    axis.legend(fontsize=8)
+    finish(axis, legend=8, xlabel="a/R, contact over ball [-]")
     return figure

@@ -26,10 +26,12 @@ from papers.finite_strain.steps import (
     assemble,
     components,
     follow,
+    from_axis,
     in_frame,
     make_law,
     measure_rest,
     strain,
+    top_of,
     turn_back,
 )
 
@@ -125,7 +127,7 @@ class _Problem(NamedTuple):
 
     def touch(self, state: _State, motion: Motion) -> _Touched:
         edge = self._edges(state, motion)
-        r, top = self._top(state)
+        r, top = top_of(self.gel, state.gel)
         at = in_frame(r, top, *jnp.array(motion))
         return _Touched(edge, *_meet(at, self._surface(state)[_ends(edge)]))
 
@@ -163,14 +165,14 @@ class _Problem(NamedTuple):
         # beyond the axis is the mirror image
         flip = jnp.asarray(np.where((edge == 0)[:, None] & (np.arange(6) == 0), -1.0, 1.0))
         near = jnp.asarray(state.ball[nodes])
-        r, top = self._top(state)
+        r, top = top_of(self.gel, state.gel)
         past = touched.share, touched.turn, touched.gap
         traction = jnp.asarray(state.traction)
         return (self.law, r, place, flip, jnp.array(motion), past, (top, traction, near)), nodes
 
     def _edges(self, state: _State, motion: Motion) -> Int[np.ndarray, " top"]:
         """Number of the ball's edge at each node's present radius."""
-        r, top = self._top(state)
+        r, top = top_of(self.gel, state.gel)
         at = np.asarray(in_frame(r, top, *jnp.array(motion)))
         around = np.hypot(*np.asarray(self._surface(state))[:, :2].T)
         edge = np.searchsorted(np.maximum.accumulate(around), np.hypot(at[:, 0], at[:, 1]), "right")
@@ -180,10 +182,6 @@ class _Problem(NamedTuple):
         """Positions of the ball's surface nodes in the frame of the grip [mm]."""
         place = _spread(self.ball.place[self.ball.top])
         return jnp.asarray(place + state.ball[self.ball.top])
-
-    def _top(self, state: _State) -> tuple[Array, Array]:
-        top = self.gel.top
-        return jnp.asarray(self.gel.place[top, 0]), jnp.asarray(state.gel[top])
 
     def _assemble(
         self, stiff: tuple[np.ndarray, np.ndarray], turn: np.ndarray, nodes: np.ndarray, slopes
@@ -307,13 +305,6 @@ def _point(at: Array, ends: Array) -> tuple[Array, Array, Array]:
     return share, turn, place
 
 
-def _radius(place: Array) -> Array:
-    """Distance from the axis; on it without a slope."""
-    square = place[0] ** 2 + place[1] ** 2
-    off = square > 1e-24
-    return jnp.sqrt(jnp.where(off, square, 1.0)) * off
-
-
 @jax.jit
 def _meet(at: Array, ends: Array) -> tuple[Array, Array, Array]:
     """Share, azimuth and gap of each node on its edge."""
@@ -323,11 +314,10 @@ def _meet(at: Array, ends: Array) -> tuple[Array, Array, Array]:
 
 def _normal(at: Array, share: Array, near: Array, flip: Array) -> Float[Array, "3"]:
     """Unit normal out of the ball: the slope of the surface is averaged over neighbouring edges."""
-    around = flip[:4] * jax.vmap(_radius)(near[:4])
+    around = flip[:4] * jax.vmap(from_axis)(near[:4])[0]
     slopes = (near[2:4, 2] - near[:2, 2]) / (around[2:] - around[:2])
     slope = slopes[0] + share * (slopes[1] - slopes[0])
-    around = _radius(at)
-    outward = jnp.where(around > 0.0, at[:2] / jnp.where(around > 0.0, around, 1.0), 0.0)
+    _, outward = from_axis(at)
     return jnp.append(slope * outward, -1.0) / jnp.sqrt(1.0 + slope**2)
 
 

@@ -12,13 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.frames.files import write_whole
 from estimation.frames.recording import Recording
 from estimation.virtual.recording import PivotModel, lay_out_markers
 from papers.finite_strain.gel import Gel, cut
 from papers.finite_strain.press import Round, press
 from papers.finite_strain.steps import Motion
-from papers.finite_strain.surface import Surface, move_markers
+from papers.finite_strain.surface import (
+    Surface,
+    move_markers,
+    read_surface,
+    surface_arrays,
+    write_arrays,
+)
 from papers.leaderboard import settings
 from papers.leaderboard.cases import Case, Truth, count_frames
 from papers.leaderboard.virtual import generator, keep_frames, mirror
@@ -30,15 +35,7 @@ FILE = "gels.npz"
 def read_surfaces() -> dict[str, Surface]:
     """The gels of `gels.npz` by group."""
     stored = np.load(io.BytesIO((files("papers.leaderboard") / FILE).read_bytes()))
-    return {
-        group: Surface(
-            radius=stored[f"{group}/radius"].astype(float),
-            moved=stored[f"{group}/moved"].astype(float),
-            twist=stored[f"{group}/twist"].astype(float),
-            stick=stored[f"{group}/stick"],
-        )
-        for group in settings.GELS
-    }
+    return {group: read_surface(stored, group) for group in settings.GELS}
 
 
 @cache
@@ -104,15 +101,11 @@ def solve_surface(contact: settings.Gel) -> Surface:
 
 def main() -> None:
     """Solve the gels, and write them to the folder of this file."""
-    arrays = {}
+    arrays: dict[str, np.ndarray] = {}
     for group, contact in settings.GELS.items():
-        for name, value in solve_surface(contact)._asdict().items():
-            small = value.astype(np.float32) if value.dtype == float else value
-            arrays[f"{group}/{name}"] = small
+        arrays |= surface_arrays(solve_surface(contact), group)
         print(group)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # pyright: ignore[reportArgumentType]
-    write_whole(Path(__file__).with_name(FILE), buffer.getvalue())
+    write_arrays(Path(__file__).with_name(FILE), arrays)
 
 
 if __name__ == "__main__":
