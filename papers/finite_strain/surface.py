@@ -64,16 +64,24 @@ def move_markers(
 ) -> tuple[Float[np.ndarray, "steps n 3"], Bool[np.ndarray, "steps n"]]:
     """Displacements of markers [mm], and the mask of those that stick, in each step.
 
+    Between the points, a marker's distance from the axis, its angle about it and its height are
+    interpolated. So markers between points that stick turn exactly with the object, which
+    displacements interpolated beside a slipping point would not do.
+
     Args:
         surface: motion of the gel's top.
         reference: positions of the markers on the unloaded gel [mm].
     """
-    x, y = reference[:, :2].T
-    r = np.hypot(x, y)
-    radial, around, up = np.moveaxis(
-        PchipInterpolator(surface.radius, surface.moved, axis=1)(r), 2, 0
+    before = reference[:, 0] + 1j * reference[:, 1]
+    r = np.abs(before)
+    radial, around, up = np.moveaxis(surface.moved, 2, 0)
+    distance = np.abs(surface.radius + radial + 1j * around)
+    angle = np.angle(surface.radius + radial + 1j * around)
+    angle[:, 0] = angle[:, 1]  # on the axis
+    distance, angle, up = (
+        PchipInterpolator(surface.radius, part, axis=1)(r) for part in (distance, angle, up)
     )
-    c, s = x / r, y / r
-    moved = np.stack([c * radial - s * around, s * radial + c * around, up], axis=-1)
-    nearest = np.abs(surface.radius[:, None] - r).argmin(axis=0)
-    return moved, surface.stick[:, nearest]
+    moved = before / r * distance * np.exp(1j * angle) - before
+    outer = np.clip(np.searchsorted(surface.radius, r), 1, len(surface.radius) - 1)
+    stick = surface.stick[:, outer - 1] & surface.stick[:, outer]
+    return np.stack([moved.real, moved.imag, up], axis=-1), stick
