@@ -45,6 +45,8 @@ class SlipSettings:
         around: number of windows before and after the onset through which a line is fitted [-].
         overdue: time since the onset by the line through the last discs, from which the disc counts
             as closed while the object moves. Chosen on 40 virtual pivots [frames].
+        least_pace: turn in the last step over that of the last discs, below which the object may
+            have stopped or turned back. As the disc closes, markers hold up to half of it [-].
         widest: half-width of an onset's interval above which it is not reported [frames].
         noise_frames: frames over which the noise is correlated [frames].
         most_steps: largest number of evaluations of the misfit in one fit of a disc [-].
@@ -69,6 +71,7 @@ class SlipSettings:
     regained: float = 0.5
     around: int = 6
     overdue: float = 0.75
+    least_pace: float = 0.3
     widest: float = 30.0
     noise_frames: float = 3.0
     most_steps: int = 20
@@ -131,6 +134,25 @@ def is_still(moved: Float[np.ndarray, " m"], scale: float, at_rest: float) -> bo
         at_rest: motion over its noise, below which the markers rest [-].
     """
     return bool(np.mean(moved**2) < 2.0 * (at_rest * scale) ** 2)
+
+
+def turn_along(
+    disc: Float[np.ndarray, " 4"],
+    before: Complex[np.ndarray, " m"],
+    after: Complex[np.ndarray, " m"],
+) -> float:
+    """Turn of a disc of given axis and radius by a small motion, in least squares [rad].
+
+    Args:
+        disc: the parameters of its fit.
+        before: points before; NaN for those that were not visible [pitches].
+        after: points after [pitches].
+    """
+    seen = np.isfinite(before)
+    arm = before[seen] - complex(*disc[:2])
+    along = 1j * arm * _share(np.minimum(abs(disc[2]) / np.maximum(np.abs(arm), 1e-12), 1.0))
+    moved = (after - before)[seen]
+    return float(np.vdot(along, moved).real / max(np.vdot(along, along).real, 1e-30))
 
 
 def fit_disc(

@@ -28,6 +28,7 @@ from estimation.slip.disc import (
     describe_disc,
     fit_disc,
     is_still,
+    turn_along,
 )
 
 
@@ -165,7 +166,8 @@ class SlipWatch:
         self._scale = float(np.sqrt(2.0) * noise.in_plane) / self._pitch
         self._settings = settings
         self._window: deque[_Markers] = deque(maxlen=settings.window + 1)
-        self._discs: deque[tuple[float, float, float]] = deque(maxlen=2 * settings.window)
+        # time, margin, error and turn of each
+        self._discs: deque[tuple[float, ...]] = deque(maxlen=2 * settings.window)
         self._lose()
 
     def update(
@@ -188,6 +190,7 @@ class SlipWatch:
         if len(self._window) <= self._settings.window:
             return Sight()
         first, last = self._window[0], self._window[-1]
+        self._step = np.nan
         held = first.contact & last.contact & np.isfinite(last.points - first.points)
         moved = np.abs((last.points - first.points)[held])
         enough = len(moved) >= self._settings.least_markers
@@ -218,6 +221,7 @@ class SlipWatch:
             return None
         best = fit_disc(before, after, scale, self._last, self._axis, settings)
         disc = describe_disc(best, before, after, scale, settings)
+        self._step = turn_along(best.parameters, self._window[-2].points[held], after)
         self._missed += 1
         if disc.misfit > settings.largest_misfit or disc.error > np.hypot(
             settings.largest_error, settings.roundness
@@ -226,14 +230,15 @@ class SlipWatch:
         disc = disc._replace(time=0.5 * (first.time + last.time))
         if disc.misfit <= settings.round_misfit:
             self._believe(best.parameters, before)
-            self._discs.append(disc[:3])
+            self._discs.append((*disc[:3], best.parameters[3]))
         return disc
 
     def _is_closed(self, now: float) -> bool | None:
         """Whether a line through the margins of the last discs crossed zero `overdue` frames ago.
 
-        A disc is that of its window's middle, so that the line is continued by half a window. Once
-        closed, the disc counts as open only after a margin at which markers stick again.
+        A disc is that of its window's middle, so that the line is continued by half a window. The
+        disc closes only while the object turns: the line must have crossed zero when it last did.
+        Once closed, the disc counts as open only after a margin at which markers stick again.
         """
         settings, discs = self._settings, np.array(self._discs)
         if len(discs) < settings.window:
@@ -242,8 +247,12 @@ class SlipWatch:
         discs = discs[discs[:, 0] > now - (2.5 * settings.window + 0.5) * frame]
         if len(discs) < settings.window or discs[-1, 0] < now - (settings.window - 0.5) * frame:
             return None
-        slope, level = _fit_line(discs, now).line
-        closed = slope < 0.0 and level < slope * settings.overdue * frame
+        rate = float(np.median(discs[:, 3])) / settings.window
+        if self._step * np.sign(rate) >= settings.least_pace * abs(rate):
+            self._turned = now
+        slope, level = _fit_line(discs[:, :3], now).line
+        crossed = self._slid or level < slope * (now - self._turned)
+        closed = slope < 0.0 and level < slope * settings.overdue * frame and crossed
         self._slid = closed or (self._slid and discs[-1, 1] <= settings.regained)
         if self._slid or slope >= 0.0 or level < 0.0:
             return True if closed else None
@@ -253,6 +262,7 @@ class SlipWatch:
         """Restart with the next disc."""
         self._discs.clear()
         self._slid = False
+        self._turned = np.nan  # when the object last turned on
         self._last: np.ndarray | None = None
         self._axis: np.ndarray | None = None
         self._missed = 0

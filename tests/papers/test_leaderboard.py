@@ -10,6 +10,7 @@ from estimation.frames.archive import read_archive
 from estimation.frames.noise import Noise
 from estimation.tracking.tracker import estimate_angles
 from papers.__main__ import main
+from papers.finite_strain.surface import Surface, move_markers
 from papers.leaderboard import alarms, board, methods, pictures, publish, settings, strained
 from papers.leaderboard import sources as opened
 from papers.leaderboard.cases import Truth, count_frames, list_cases
@@ -85,6 +86,28 @@ def test_markers_on_the_gel_turn_with_the_object_near_its_axis():
     # four markers within 1 mm that stick, 1 µm of noise
     np.testing.assert_allclose(turn[early], truth.angle[early], atol=np.radians(0.2))
     assert set(strained.read_surfaces()) == set(settings.GELS)
+
+
+def test_markers_between_points_that_stick_turn_with_the_object():
+    twist, radius = 0.4, np.linspace(0.0, 3.0, 16)
+    held = radius < 1.3
+    angle = np.where(held, twist, twist - 0.05 * (radius - 1.2))
+    place = radius * (1.0 - 0.01 * radius**2) * np.exp(1j * angle) - radius
+    moved = np.stack([place.real, place.imag, -0.1 * np.cos(radius)], axis=1)
+    surface = Surface(radius, moved[None], np.array([twist]), held[None])
+    around = np.exp(2.0j)
+    where = np.array([0.05, 0.7, 1.1, 1.19, 1.25, 2.1]) * around
+    points = np.stack([where.real, where.imag, np.zeros(6)], axis=1)
+    displacement, stick = move_markers(surface, points)
+    after = (points + displacement[0])[:, :2] @ [1.0, 1j]
+    turned = np.angle(after / where)
+    np.testing.assert_allclose(turned[:4], twist, rtol=1e-12)
+    assert turned[5] < turned[4] < twist
+    np.testing.assert_array_equal(stick[0], [True] * 4 + [False] * 2)
+    # a cubic through a cubic, and its step of 0.2 mm
+    np.testing.assert_allclose(
+        np.abs(after), np.abs(where) * (1.0 - 0.01 * np.abs(where) ** 2), atol=1e-3
+    )
 
 
 def test_methods_answer_and_a_mirror_turns_the_other_way(monkeypatch):

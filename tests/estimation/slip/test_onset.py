@@ -65,6 +65,17 @@ def test_a_turn_back_ends_macro_slip():
     assert not result.slipping[last + 8 :].any()
 
 
+@pytest.mark.parametrize("offset", [(0.2, -0.4), (0.0, 0.5)])
+def test_a_stop_with_few_sticking_markers_is_no_slip(offset):
+    model = PivotModel(friction_ratio=0.1, offset=offset, grid_angle=0.3)
+    path = {"angles_deg": (0.0, 10.0, 10.0), "frames": (40, 15)}
+    recording, truth = simulate_pivot(model, seed=0, **path)
+    assert truth.stick[-1].sum() == 6
+    result = estimate_angles(recording, noise=MICRON)
+    # the last windows before the stop have the motion of a disc that is about to close
+    assert not result.slipping.any()
+
+
 @pytest.mark.parametrize("angles_deg", [(0.0, 6.0), (0.0, 0.0)])
 def test_what_sticks_has_no_date(angles_deg):
     model = PivotModel(friction_ratio=1.0)
