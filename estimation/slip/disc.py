@@ -46,7 +46,7 @@ class SlipSettings:
         overdue: time since the onset by the line through the last discs, from which the disc counts
             as closed while the object moves. Chosen on 40 virtual pivots [frames].
         least_pace: turn in the last step over that of the last discs, below which the object may
-            have stopped or turned back. As the disc closes, markers hold up to half of it [-].
+            have stopped or turned back. It is mostly above 0.5 while the disc closes [-].
         widest: half-width of an onset's interval above which it is not reported [frames].
         noise_frames: frames over which the noise is correlated [frames].
         most_steps: largest number of evaluations of the misfit in one fit of a disc [-].
