@@ -45,9 +45,9 @@ def _index(model: FieldModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Kind, frame and marker of each output in the order of `Prediction`; −1 if it has none."""
     frames, n = model.frames, len(model.markers)
     frame, marker, axis = np.indices((frames, n, 3)).reshape(3, -1)
-    none, each = np.full(1, -1), np.arange(frames)
+    none, each = np.full(3, -1), np.arange(frames)
     return (
         np.concatenate([axis // 2, np.full(3 * frames, 2), np.full(frames, 3), none]),
         np.concatenate([frame, np.repeat(each, 3), each, none]),
-        np.concatenate([marker, np.full(4 * frames + 1, -1)]),
+        np.concatenate([marker, np.full(4 * frames + 3, -1)]),
     )

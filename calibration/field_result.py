@@ -72,6 +72,8 @@ class FieldFit:
         converged: whether the fit converged.
         steps: number of steps of the fit.
         agreeing: share of the starting points that led to this minimum.
+        discrepancy: estimated error of the model, which the intervals contain; root mean square
+            over that of the predicted displacements [-], 0 if noise explains the residuals.
     """
 
     names: tuple[str, ...]
@@ -91,11 +93,12 @@ class FieldFit:
     converged: bool
     steps: int
     agreeing: float = 1.0
+    discrepancy: float = 0.0
 
     @property
     def trusted(self) -> bool:
-        """Whether the stated errors of the data explain the misfit."""
-        return self.p_value >= LEAST_P
+        """Whether the stated errors explain the misfit, in the range of the corrections."""
+        return self.p_value >= LEAST_P and bool(self.predicted.covered)
 
     @property
     def span(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:

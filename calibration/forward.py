@@ -54,6 +54,7 @@ UNITS = {
 }
 """Units of the numbers of `press_and_move`."""
 
+_PRESSES = 4  # steps of pressing at finite strain; in one step friction carries too much
 _SOLVER_RTOL = 1e-7  # marker noise is at least 1e-3 of the markers' displacement
 
 
@@ -129,7 +130,7 @@ SHAPES = tuple(_SHAPES)
 
 
 @cache
-def press_and_move(shape: str) -> MakeScene:
+def press_and_move(shape: str, *, finite_strain: bool = False) -> MakeScene:
     """Make scenes in which an object is pressed to the depth of the first frame, then moved.
 
     Required numbers are `shear_modulus`, `poisson_ratio`, `friction_coefficient`, `approach`, and
@@ -140,17 +141,22 @@ def press_and_move(shape: str) -> MakeScene:
 
     Args:
         shape: name of the shape, one of `SHAPES`.
+        finite_strain: whether the gel is neo-Hookean and the poses are corotated, as
+            `contactmodel` corrects them. This requires a `thickness` and an object that is rigid
+            and at the origin, and excludes `marker_depth` and `dome_radius`.
 
     Returns:
         A function that makes a scene from numbers and a grid.
 
     Raises:
-        ValueError: the shape is unknown.
+        ValueError: the shape is unknown; the function, if numbers do not match `finite_strain`.
     """
     if shape not in _SHAPES:
         raise ValueError(f"unknown shape {shape!r}; choose from {', '.join(SHAPES)}")
 
     def scene(numbers: Mapping[str, Any], grid: Grid) -> Scene:
+        if finite_strain:
+            _check_finite_strain(numbers)
         modulus, nu = numbers["shear_modulus"], numbers["poisson_ratio"]
         thickness, k = numbers.get("thickness"), numbers.get("stiffness_ratio")
         position = jnp.asarray(numbers.get("position", (0.0, 0.0)))
@@ -162,11 +168,19 @@ def press_and_move(shape: str) -> MakeScene:
             jnp.asarray(numbers.get("shift", (0.0, 0.0))),
             jnp.asarray(numbers.get("twist", 0.0)),
             position,
+            corotated=finite_strain,
         )
-        pressed = Pose(frames.approach[:1], centre=position)
+        steps = _PRESSES if finite_strain else 1
+        pressed = Pose(
+            (jnp.arange(steps) + 1.0) / steps * frames.approach[0],
+            centre=position,
+            corotated=finite_strain,
+        )
         path = jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames)
         contact = Contact(
-            HalfSpace(modulus, nu) if thickness is None else Layer(modulus, nu, thickness),
+            HalfSpace(modulus, nu)
+            if thickness is None
+            else Layer(modulus, nu, thickness, neo_hookean=finite_strain),
             Rigid() if k is None else HalfSpace(modulus / k, nu),
             indenter,
             grid,
@@ -178,6 +192,21 @@ def press_and_move(shape: str) -> MakeScene:
     return scene
 
 
+_UNCORRECTED = ("stiffness_ratio", "marker_depth", "dome_radius", "position")
+
+
+def _check_finite_strain(numbers: Mapping[str, Any]) -> None:
+    """Refuse numbers for which the corrections of finite strain do not exist."""
+    if "thickness" not in numbers:
+        raise ValueError("finite_strain requires the number thickness: give the gel's thickness")
+    for name in _UNCORRECTED:
+        if name in numbers:
+            raise ValueError(
+                f"finite_strain does not cover the number {name}: leave out {name}, or "
+                "finite_strain"
+            )
+
+
 class Prediction(NamedTuple):
     """Predicted measurements of a sensor.
 
@@ -186,6 +215,8 @@ class Prediction(NamedTuple):
         force: force of the object on the elastomer [N].
         moment: moment about z through the origin of the grid [N·mm].
         slip_width: largest width of the slipping ring in any step [cells].
+        radius: largest radius of the contact, of the circle of its area [mm].
+        covered: whether all frames are in the range of the corrections; 1 or 0.
         failed: whether a step of the contact could not be solved.
     """
 
@@ -193,6 +224,8 @@ class Prediction(NamedTuple):
     force: Float[AnyArray, "frames 3"]
     moment: Float[AnyArray, " frames"]
     slip_width: Float[AnyArray, ""]
+    radius: Float[AnyArray, ""]
+    covered: Float[AnyArray, ""]
     failed: Bool[AnyArray, ""]
 
 
@@ -247,12 +280,14 @@ class FieldModel(eqx.Module):
         fields = path.elastomer_displacement(contact.marker_depth)[-self.frames :]
         force, centre = path.force[-self.frames :], poses.centre[-self.frames :]
         touching, sticking = (jnp.sum(part, axis=(1, 2)) for part in (path.contact, path.stick))
-        width = jnp.max(jnp.sqrt(touching / jnp.pi) - jnp.sqrt(sticking / jnp.pi))
+        radius, stick_radius = jnp.sqrt(touching / jnp.pi), jnp.sqrt(sticking / jnp.pi)
         lever = centre[:, 0] * force[:, 1] - centre[:, 1] * force[:, 0]
         return Prediction(
             jnp.einsum("na,nb,fcab->fnc", self.along_x, self.along_y, fields),
             force,
             path.moment[-self.frames :] + lever,
-            width,
+            jnp.max(radius - stick_radius),
+            jnp.max(radius) * jnp.sqrt(self.grid.cell_area),
+            jnp.all(path.correction.covered[-self.frames :]).astype(force.dtype),
             jnp.any((path.result != RESULTS.successful) & (path.result != RESULTS.no_contact)),
         )

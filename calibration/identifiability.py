@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from calibration.field_fit import Problem, value_and_jacobian
+from calibration.field_problem import Problem, value_and_jacobian
 from calibration.field_result import FieldData
 from calibration.forward import FieldModel, Unknown
 from calibration.information import LARGEST_ERROR, correlate, is_determined
@@ -162,7 +162,7 @@ def _by_measurement(
         part.reshape(*shape, jacobian.shape[1])
         for part, shape in zip(
             np.split(jacobian, np.cumsum([data.displacement.size, 3 * frames, frames])),
-            ((-1, 3), (frames, 3), (frames,), (1,)),
+            ((-1, 3), (frames, 3), (frames,), (3,)),
             strict=True,
         )
     )
