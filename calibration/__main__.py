@@ -241,7 +241,14 @@ def field(
     plan = read_experiment(experiment, known.pad)
     model, data = plan.of(_read([recording], known)[0])
     with errors.status("compiling and fitting"):
-        fit = fit_fields(model, plan.numbers, data, starts=starts, said=say)
+        fit = fit_fields(
+            model,
+            plan.numbers,
+            data,
+            discrepancy=plan.finite_strain,
+            starts=starts,
+            said=say,
+        )
     pad = find_pad(fit, known.pad)
     with renew_results(out, "calibration field", say) as results:
         write_fit(fit, data, model.markers, plan.frames, results.draft)

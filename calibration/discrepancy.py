@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
-from calibration.field_parts import find_kinds
+from calibration.field_problem import find_kinds
 from calibration.forward import FieldModel, Prediction
 
 _PRESSED = (0.01, 0.002, 0.005)  # errors of u_r, u_θ and u_z, shares of the largest u_z

@@ -83,6 +83,7 @@ class _File:
     markers: Markers = field(default_factory=Markers)
     errors: Errors = field(default_factory=Errors)
     design: tuple[str, ...] = ()
+    finite_strain: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,8 @@ class Experiment:
         errors: standard deviations of the measurements.
         markers: grid of markers of a plan.
         design: names of numbers that the experimenter can change.
+        finite_strain: whether the model is corrected for finite strain, see `press_and_move`, and
+            intervals contain its error.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Experiment:
     errors: Errors
     markers: Markers
     design: tuple[str, ...]
+    finite_strain: bool
 
     def plan(self) -> tuple[FieldModel, FieldData]:
         """Model and data of a plan: a square grid of markers, with everything measured.
@@ -120,7 +124,8 @@ class Experiment:
         markers = np.stack(np.meshgrid(at, at, indexing="ij"), -1).reshape(-1, 2)
         frames = len(self.frames)
         with naming(self.name):
-            model = FieldModel(press_and_move(self.shape), self.grid, markers, frames)
+            scene = press_and_move(self.shape, finite_strain=self.finite_strain)
+            model = FieldModel(scene, self.grid, markers, frames)
         still = np.zeros((frames, len(markers), 3))
         return model, self._data(still, np.zeros((frames, 3)), np.zeros(frames))
 
@@ -172,7 +177,7 @@ def read_experiment(name: str, pad: Pad | None = None) -> Experiment:
     The file holds `shape`; `cells` along a side and `size_mm` of the model's grid; the recording's
     `frames`; a table `errors` (`displacement_um` along x, y, z, `force_n`, `moment_nmm`); for a
     plan a table `markers` (`pitch_mm`, `count` along a side) and `design`, the names of numbers
-    that can be changed. The table `numbers` holds the numbers of `press_and_move`, with units in
+    that can be changed; `finite_strain = true` corrects the model for finite strain. The table `numbers` holds the numbers of `press_and_move`, with units in
     their keys. A number is known, `thickness_mm = 4.0`, or unknown,
     `{start = 4.0, low = 1.0, high = 20.0}`. An unknown number may have `prior = [mean, deviation]`,
     and `per_frame = true` gives it a value for each frame. Angles are given as `twist_deg`.
@@ -215,6 +220,7 @@ def _make(name: str, file: _File, pad: Pad) -> Experiment:
         errors=file.errors,
         markers=file.markers,
         design=file.design,
+        finite_strain=file.finite_strain,
     )
 
 

@@ -26,8 +26,7 @@ from calibration.discrepancy import (
     whiten_modes,
     widen,
 )
-from calibration.field_parts import find_kinds, find_parts
-from calibration.field_problem import Problem, value_and_jacobian
+from calibration.field_problem import Problem, find_kinds, find_parts, value_and_jacobian
 from calibration.field_result import LEAST_P, FieldData, FieldFit
 from calibration.forward import FieldModel
 from calibration.information import correlate, invert_information, is_determined
@@ -171,7 +170,7 @@ def _describe(
     freedom = max(int(np.count_nonzero(weights)) - len(c), 1)
     misfits, p_value = _test(problem, residual, freedom)
     outputs = problem.split(np.asarray(end.outputs))
-    trusted = p_value >= LEAST_P and bool(outputs.covered)
+    trusted = p_value >= LEAST_P
     covariance, error = invert_information(jacobian.T @ jacobian)
     if modes is not None:
         whitening = Whitening(np.asarray(problem.blocks), np.asarray(problem.scale))

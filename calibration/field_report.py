@@ -40,6 +40,7 @@ def write_fit(
         "misfit_by_kind": dict(fit.misfits),
         "p_value": fit.p_value,
         "model_describes_data": fit.trusted,
+        "model_error_share": fit.discrepancy,
         "converged": fit.converged,
         "steps": fit.steps,
         "share_of_starts_that_agree": fit.agreeing,

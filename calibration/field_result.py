@@ -97,8 +97,8 @@ class FieldFit:
 
     @property
     def trusted(self) -> bool:
-        """Whether the stated errors explain the misfit, in the range of the corrections."""
-        return self.p_value >= LEAST_P and bool(self.predicted.covered)
+        """Whether the errors of the data, and the model's `discrepancy`, explain the misfit."""
+        return self.p_value >= LEAST_P
 
     @property
     def span(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
@@ -137,21 +137,29 @@ def _judge(fit: FieldFit) -> Sequence[str]:
             f"The slipping ring is at most {fit.predicted.slip_width:.1f} cells wide, too narrow "
             "to determine μ: twist or shift the object further, or use smaller cells."
         )
+    if not fit.predicted.covered:
+        sentences.append(
+            "The contact lies outside the range of the corrections for finite strain (see "
+            "`contactmodel.ContactSolution.correction`): the intervals may be too narrow."
+        )
     rms = 1e3 * np.sqrt(np.nanmean(fit.residual**2, axis=(0, 1)))
     where = (
         f"residuals {rms[0]:.2f}, {rms[1]:.2f}, {rms[2]:.2f} µm rms along x, y, z, "
         f"{100.0 * fit.residual_share:.2g} % of the motion"
     )
+    errors = "their stated errors"
+    if fit.discrepancy:
+        errors += f" and an error of the model of {100 * fit.discrepancy:.2g} % of the motion"
     if fit.trusted:
         sentences.append(
-            "The model describes the data within their stated errors (χ² "
+            f"The model describes the data within {errors} (χ² "
             f"{fit.misfit:.3g} per degree of freedom, p = {fit.p_value:.2g}): {where}."
         )
     else:
         kinds = ", ".join(f"{name} {value:.3g}" for name, value in fit.misfits.items())
         chance = f"p = {fit.p_value:.1g}" if fit.p_value >= 1e-99 else "p < 1e-99"
         sentences += [
-            "The model does not describe the data within their stated errors (χ² "
+            f"The model does not describe the data within {errors} (χ² "
             f"{fit.misfit:.3g} per degree of freedom instead of 1, {chance}; "
             f"{kinds}): {where}.",
             "No intervals are given: part of the model's error moves the numbers without showing "

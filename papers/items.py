@@ -24,7 +24,16 @@ ITEMS = {
     ),
     "marker_images": ("dots", "corners", "speckle", "pivots", "clips", "states", "rendered"),
     "slip_lifts": ("lifts", "worst", "onset", "virtual"),
-    "finite_strain": ("atlas", "factors", "fields", "reference", "samples", "soft", "torsion"),
+    "finite_strain": (
+        "atlas",
+        "factors",
+        "field_fits",
+        "fields",
+        "reference",
+        "samples",
+        "soft",
+        "torsion",
+    ),
     "softness": ("virtual", "layered", "fields", "pivot", "branch", "press"),
     "virtual_pivots": (
         "accuracy",

@@ -20,7 +20,7 @@ from papers.finite_strain.steps import Motion
 from papers.finite_strain.surface import Surface, read_surface, surface_arrays, write_arrays
 from papers.finite_strain.two_bodies import Ball, cut_ball, hold
 
-FILE = Path(__file__).with_name("balls.npz")
+FILE = Path(__file__).with_name("data") / "balls.npz"
 
 PRESSES = 8
 """Steps in which a ball is pressed on."""
@@ -137,7 +137,7 @@ def write_grasps(grasps: Mapping[str, Sequence[Grasp]]) -> None:
 
 
 def main() -> None:
-    """Solve the grasps, and write them to the folder of this file."""
+    """Solve the grasps, and write them to the stored file."""
     grasps: dict[str, list[Grasp]] = {name: [] for name in OBJECTS}
     for name, one in OBJECTS.items():
         for depth in one.depths_mm:

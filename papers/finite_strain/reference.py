@@ -30,7 +30,7 @@ from papers.finite_strain.settings import (
 from papers.finite_strain.steps import Motion
 from papers.items import Track
 
-FILE = Path(__file__).with_name("reference.csv")
+FILE = Path(__file__).with_name("data") / "reference.csv"
 
 
 class Turned(NamedTuple):

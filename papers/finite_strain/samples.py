@@ -20,7 +20,7 @@ from papers.finite_strain.settings import SERIES, SHEAR_MODULUS, Series
 from papers.finite_strain.steps import Motion
 from papers.items import Track
 
-FILE = Path(__file__).with_name("samples.csv")
+FILE = Path(__file__).with_name("data") / "samples.csv"
 
 
 class Sample(NamedTuple):
