@@ -148,6 +148,8 @@ class Experiment:
             )
         reference = recording.layout.reference
         reach = np.array([self.grid.x[-1], self.grid.y[-1]])
+        if self.finite_strain:  # the grid follows the object
+            reach = reach - _largest(self.numbers.get("position", 0.0))
         above = (np.abs(reference[:, :2]) <= reach).all(axis=1)
         if not above.any():
             raise ValueError(
@@ -155,7 +157,7 @@ class Experiment:
             )
         seen = recording.valid[rows][:, above, None]
         moved = np.where(seen, (recording.positions - reference)[rows][:, above], np.nan)
-        scene = press_and_move(self.shape)
+        scene = press_and_move(self.shape, finite_strain=self.finite_strain)
         model = FieldModel(scene, self.grid, reference[above, :2], len(rows))
         force = None if recording.force is None else recording.force[rows]
         moment = None if recording.moment is None else recording.moment[rows, 2]
@@ -177,10 +179,11 @@ def read_experiment(name: str, pad: Pad | None = None) -> Experiment:
     The file holds `shape`; `cells` along a side and `size_mm` of the model's grid; the recording's
     `frames`; a table `errors` (`displacement_um` along x, y, z, `force_n`, `moment_nmm`); for a
     plan a table `markers` (`pitch_mm`, `count` along a side) and `design`, the names of numbers
-    that can be changed; `finite_strain = true` corrects the model for finite strain. The table `numbers` holds the numbers of `press_and_move`, with units in
-    their keys. A number is known, `thickness_mm = 4.0`, or unknown,
-    `{start = 4.0, low = 1.0, high = 20.0}`. An unknown number may have `prior = [mean, deviation]`,
-    and `per_frame = true` gives it a value for each frame. Angles are given as `twist_deg`.
+    that can be changed; `finite_strain = true` corrects the model for finite strain. The table
+    `numbers` holds the numbers of `press_and_move`, with units in their keys. A number is known,
+    `thickness_mm = 4.0`, or unknown, `{start = 4.0, low = 1.0, high = 20.0}`. An unknown number may
+    have `prior = [mean, deviation]`, and `per_frame = true` gives it a value for each frame. Angles
+    are given as `twist_deg`.
 
     Args:
         name: name of the file, or of the example.
@@ -222,6 +225,12 @@ def _make(name: str, file: _File, pad: Pad) -> Experiment:
         design=file.design,
         finite_strain=file.finite_strain,
     )
+
+
+def _largest(number: Any) -> float:
+    """Largest absolute value that a number may take."""
+    ends = (number.low, number.high) if isinstance(number, Unknown) else number
+    return float(np.max(np.abs(ends)))
 
 
 def _number(key: str, value: Any, *, frames: int) -> tuple[str, Any]:

@@ -136,7 +136,7 @@ def _allow_discrepancy(
 ) -> tuple[Problem, _End, Float[np.ndarray, "m k"] | None]:
     """Fit again with the model's error in the weights; None without an error beyond the noise."""
     model, whitening, used = problem.model, None, None
-    centre = model.scene(problem.numbers(end.coordinates), model.grid).path.centre[-1]
+    centre = model.scene(problem.numbers(end.coordinates), model.grid).axis
     modes = make_modes(model, problem.split(np.asarray(end.outputs)), np.asarray(centre))
     modes = np.asarray(problem.weights)[:, None] * modes
     modes = np.pad(modes, [(0, len(problem.start)), (0, 0)])  # priors have none
@@ -201,7 +201,9 @@ def _describe(
         converged=bool(end.converged),
         steps=int(end.steps),
         agreeing=agreeing,
-        discrepancy=0.0 if modes is None else share_of(modes, weights, outputs.displacement),
+        discrepancy=0.0
+        if modes is None
+        else share_of(modes, weights, np.asarray(outputs.displacement)),
     )
 
 
@@ -226,9 +228,7 @@ def _leave_out(problem: Problem, end: _End) -> dict[str, Float[np.ndarray, " p"]
     )
     low, high, weights = (np.asarray(a) for a in (problem.low, problem.high, problem.weights))
     priors = np.ones(len(residual) - len(weights), dtype=bool)
-    centre = problem.model.scene(problem.numbers(end.coordinates), problem.model.grid).path.centre[
-        -1
-    ]
+    centre = problem.model.scene(problem.numbers(end.coordinates), problem.model.grid).axis
     estimates = {}
     for name, part in find_parts(problem.model, np.asarray(centre)).items():
         rest = np.concatenate([~part, priors])

@@ -146,7 +146,7 @@ class Problem(eqx.Module):
 
     def split(self, outputs: np.ndarray) -> Prediction:
         """Split a vector of predicted measurements into its parts."""
-        frames, n = self.model.frames, len(self.model.along_x)
+        frames, n = self.model.frames, len(self.model.markers)
         sizes = np.cumsum([3 * frames * n, 3 * frames, frames])
         fields, force, moment, (width, radius, covered) = np.split(outputs, sizes)
         return Prediction(
@@ -171,7 +171,7 @@ class Problem(eqx.Module):
 
 def _whiten(model: FieldModel, data: FieldData) -> tuple[Array, Array]:
     """Measured values and their inverse standard deviations, 0 for missing values."""
-    wanted = (model.frames, len(model.along_x), 3)
+    wanted = (model.frames, len(model.markers), 3)
     if np.shape(data.displacement) != wanted:
         raise ValueError(
             f"the displacements have the shape {np.shape(data.displacement)}; the model's frames "

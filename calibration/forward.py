@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 from scipy.interpolate import make_interp_spline
 
 from contactmodel import (
@@ -110,10 +110,17 @@ class Scene(NamedTuple):
     Attributes:
         contact: bodies, shape, friction, grid and depth of the markers.
         path: poses from rest; the last ones are the measured frames.
+        origin: where the middle of the contact's grid lies among the markers [mm].
     """
 
     contact: Contact
     path: Pose
+    origin: Float[AnyArray, "2"] | tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def axis(self) -> Float[AnyArray, "2"]:
+        """Place of the last twist's axis among the markers [mm]."""
+        return self.path.centre[-1] + jnp.asarray(self.origin)
 
 
 MakeScene = Callable[[Mapping[str, Any], Grid], Scene]
@@ -142,8 +149,8 @@ def press_and_move(shape: str, *, finite_strain: bool = False) -> MakeScene:
     Args:
         shape: name of the shape, one of `SHAPES`.
         finite_strain: whether the gel is neo-Hookean and the poses are corotated, as
-            `contactmodel` corrects them. This requires a `thickness` and an object that is rigid
-            and at the origin, and excludes `marker_depth` and `dome_radius`.
+            `contactmodel` corrects them. This requires a `thickness`, and excludes
+            `stiffness_ratio`, `marker_depth` and `dome_radius`. The grid then follows `position`.
 
     Returns:
         A function that makes a scene from numbers and a grid.
@@ -160,6 +167,8 @@ def press_and_move(shape: str, *, finite_strain: bool = False) -> MakeScene:
         modulus, nu = numbers["shear_modulus"], numbers["poisson_ratio"]
         thickness, k = numbers.get("thickness"), numbers.get("stiffness_ratio")
         position = jnp.asarray(numbers.get("position", (0.0, 0.0)))
+        origin = position if finite_strain else jnp.zeros(2)  # twists about the grid's middle
+        position = position - origin
         indenter: AbstractIndenter = Placed(_SHAPES[shape](numbers), position)
         if "dome_radius" in numbers:
             indenter = Domed(indenter, numbers["dome_radius"])
@@ -187,12 +196,27 @@ def press_and_move(shape: str, *, finite_strain: bool = False) -> MakeScene:
             numbers["friction_coefficient"],
             numbers.get("marker_depth"),
         )
-        return Scene(contact, path)
+        return Scene(contact, path, origin)
 
     return scene
 
 
-_UNCORRECTED = ("stiffness_ratio", "marker_depth", "dome_radius", "position")
+def _interpolate(centres: Float[np.ndarray, " c"], at: Float[Array, " n"]) -> Float[Array, "n c"]:
+    """Weights of cells in a cubic spline at some places, by the Cox–de Boor recursion."""
+    spline = make_interp_spline(centres, np.eye(len(centres)))
+    knots, degree = spline.t, spline.k
+    at = jnp.clip(at, centres[0], centres[-1])[:, None]
+    last = len(knots) - degree - 2
+    interval = jnp.clip(jnp.searchsorted(knots, at, side="right") - 1, degree, last)
+    basis = jnp.where(jnp.arange(len(knots) - 1) == interval, 1.0, 0.0)
+    for k in range(1, degree + 1):
+        width = knots[k:] - knots[:-k]
+        share = jnp.where(width > 0.0, (at - knots[:-k]) / np.where(width > 0.0, width, 1.0), 0.0)
+        basis = share[:, :-1] * basis[:, :-1] + (1.0 - share[:, 1:]) * basis[:, 1:]
+    return basis @ spline.c
+
+
+_UNCORRECTED = ("stiffness_ratio", "marker_depth", "dome_radius")
 
 
 def _check_finite_strain(numbers: Mapping[str, Any]) -> None:
@@ -237,16 +261,12 @@ class FieldModel(eqx.Module):
         grid: cells; they must cover all markers, and more than the contact.
         frames: number of measured frames, the last steps of the path.
         markers: positions of the markers in the unloaded elastomer [mm].
-        along_x: weights of the grid's x positions for each marker [-].
-        along_y: weights of the grid's y positions for each marker [-].
     """
 
     scene: MakeScene = eqx.field(static=True)
     grid: Grid = eqx.field(static=True)
     frames: int = eqx.field(static=True)
     markers: Float[np.ndarray, "n 2"]
-    along_x: Float[np.ndarray, "n nx"]
-    along_y: Float[np.ndarray, "n ny"]
 
     def __init__(
         self, scene: MakeScene, grid: Grid, markers: Float[np.ndarray, "n 2"], frames: int = 1
@@ -270,20 +290,25 @@ class FieldModel(eqx.Module):
                 )
         self.scene, self.grid, self.frames = scene, grid, frames
         self.markers = markers
-        self.along_x = make_interp_spline(grid.x, np.eye(len(grid.x)))(markers[:, 0])
-        self.along_y = make_interp_spline(grid.y, np.eye(len(grid.y)))(markers[:, 1])
 
     def predict(self, numbers: Mapping[str, Any]) -> Prediction:
         """Predict the measurements; differentiable by the numbers."""
-        contact, poses = self.scene(numbers, self.grid)
+        contact, poses, origin = self.scene(numbers, self.grid)
+        at = jnp.asarray(self.markers) - jnp.asarray(origin)
         path = solve_path(contact, poses, rtol=_SOLVER_RTOL, throw=False)
         fields = path.elastomer_displacement(contact.marker_depth)[-self.frames :]
         force, centre = path.force[-self.frames :], poses.centre[-self.frames :]
         touching, sticking = (jnp.sum(part, axis=(1, 2)) for part in (path.contact, path.stick))
         radius, stick_radius = jnp.sqrt(touching / jnp.pi), jnp.sqrt(sticking / jnp.pi)
-        lever = centre[:, 0] * force[:, 1] - centre[:, 1] * force[:, 0]
+        arm = centre + jnp.asarray(origin)
+        lever = arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0]
         return Prediction(
-            jnp.einsum("na,nb,fcab->fnc", self.along_x, self.along_y, fields),
+            jnp.einsum(
+                "na,nb,fcab->fnc",
+                _interpolate(self.grid.x, at[:, 0]),
+                _interpolate(self.grid.y, at[:, 1]),
+                fields,
+            ),
             force,
             path.moment[-self.frames :] + lever,
             jnp.max(radius - stick_radius),

@@ -58,33 +58,32 @@ _OFF = 1.1  # first guess over the truth
 _FORCE_N, _MOMENT_NMM = 0.01, 0.05
 
 
-def _case(*sizes: float, held_out: bool = True) -> Case:
-    flat, edge, depth, friction, thickness, cell = sizes
-    return Case(
-        flat, edge, depth, friction, 0.48, 5.0 * thickness, thickness, cell, held_out=held_out
+_SIZES = (  # flat face, edge or radius, depth, μ, thickness, element
+    (0.0, 20.0, 0.5, 0.5, 8.0, 0.12),
+    (0.0, 20.0, 1.04, 0.5, 8.0, 0.15),
+    (0.0, 20.0, 1.04, 0.3, 8.0, 0.16),
+    (0.0, 20.0, 1.04, 1.0, 8.0, 0.16),
+    (0.0, 20.0, 2.0, 0.5, 8.0, 0.18),
+    (0.0, 20.0, 0.5, 0.5, 4.0, 0.1),
+    (0.0, 12.0, 0.26, 0.5, 4.0, 0.08),
+    (0.0, 30.0, 1.0, 0.5, 10.0, 0.18),
+    (0.0, 8.0, 0.5, 0.7, 4.0, 0.08),
+    (0.0, 40.0, 1.0, 0.5, 8.0, 0.2),
+    (0.0, 10.0, 1.04, 0.5, 8.0, 0.11),
+    (0.0, 15.0, 0.78, 0.5, 6.0, 0.12),
+    (0.0, 12.0, 1.6, 0.8, 8.0, 0.14),
+    (0.0, 10.0, 2.0, 0.5, 8.0, 0.15),
+    (0.0, 15.0, 1.5, 0.5, 6.0, 0.14),
+    (0.0, 12.0, 1.0, 0.8, 4.0, 0.11),
+    (3.0, 1.0, 0.64, 0.5, 8.0, 0.1),
+    (3.5, 1.5, 1.0, 0.5, 8.0, 0.1),
+    (2.5, 1.0, 0.5, 0.5, 4.0, 0.08),
+)
+CASES = tuple(
+    Case(
+        flat, edge, depth, friction, 0.48, 5.0 * thickness, thickness, cell, flat > 0 or edge != 20
     )
-
-
-CASES = (
-    _case(0, 20, 0.5, 0.5, 8, 0.12, held_out=False),
-    _case(0, 20, 1.04, 0.5, 8, 0.15, held_out=False),
-    _case(0, 20, 1.04, 0.3, 8, 0.16, held_out=False),
-    _case(0, 20, 1.04, 1.0, 8, 0.16, held_out=False),
-    _case(0, 20, 2.0, 0.5, 8, 0.18, held_out=False),
-    _case(0, 20, 0.5, 0.5, 4, 0.1, held_out=False),
-    _case(0, 12, 0.26, 0.5, 4, 0.08),
-    _case(0, 30, 1.0, 0.5, 10, 0.18),
-    _case(0, 8, 0.5, 0.7, 4, 0.08),
-    _case(0, 40, 1.0, 0.5, 8, 0.2),
-    _case(0, 10, 1.04, 0.5, 8, 0.11),
-    _case(0, 15, 0.78, 0.5, 6, 0.12),
-    _case(0, 12, 1.6, 0.8, 8, 0.14),
-    _case(0, 10, 2.0, 0.5, 8, 0.15),
-    _case(0, 15, 1.5, 0.5, 6, 0.14),
-    _case(0, 12, 1.0, 0.8, 4, 0.11),
-    _case(3, 1, 0.64, 0.5, 8, 0.1),
-    _case(3.5, 1.5, 1.0, 0.5, 8, 0.1),
-    _case(2.5, 1, 0.5, 0.5, 4, 0.08),
+    for flat, edge, depth, friction, thickness, cell in _SIZES
 )
 """Spheres of 20 mm, on which the size of the model's error was chosen, other spheres, punches."""
 

@@ -95,6 +95,19 @@ def test_files_that_are_refused(tmp_path, wrong, message):
         read_experiment(str(path))
 
 
+def test_at_finite_strain_the_grid_follows_the_object(tmp_path):
+    """Markers must stay above the grid for every position between the bounds."""
+    path = tmp_path / "plan.toml"
+    sought = "position_mm = { start = [0.0, 0.0], low = -1.5, high = 1.0 }\nthickness_mm = 4.0\n"
+    recording = lift(np.radians(np.linspace(0.0, 5.0, 6)))
+    path.write_text(MINIMAL + sought)
+    every, _ = read_experiment(str(path)).of(recording)
+    path.write_text("finite_strain = true" + MINIMAL + sought)
+    model, _ = read_experiment(str(path)).of(recording)
+    assert np.abs(every.markers).max() > model.grid.x[-1] - 1.5
+    assert np.abs(model.markers).max() <= model.grid.x[-1] - 1.5
+
+
 def test_markers_of_a_plan_beyond_the_grid_are_told_with_the_file(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text(MINIMAL.replace("count = 7", "count = 30"))

@@ -127,6 +127,26 @@ def test_the_pad_takes_over_what_a_fit_found_of_it(wrong):
     assert found.size == known.size
 
 
+def test_a_smooth_error_of_the_model_widens_the_intervals(model, data, fit):
+    """u_r is off by up to 10 µm at the edge of the contact; without an error nothing changes."""
+    same = fit_fields(model, TRUTH | SOUGHT, data, discrepancy=True)
+    assert same.discrepancy == 0.0
+    np.testing.assert_array_equal(same.low, fit.low)
+    distance = np.linalg.norm(model.markers, axis=1)[:, None]
+    off = 0.01 * model.markers / distance * np.exp(-((distance - 2.5) ** 2))
+    moved = data.displacement + np.pad(off, [(0, 0), (0, 1)])
+    plain, wide = (
+        fit_fields(model, TRUTH | SOUGHT, data._replace(displacement=moved), discrepancy=allow)
+        for allow in (False, True)
+    )
+    assert not plain.trusted
+    assert wide.trusted
+    truth = np.array([TRUTH[name] for name in wide.names])
+    assert ((wide.low < truth) & (truth < wide.high)).all()
+    assert 0.0 < wide.discrepancy < 0.1
+    assert "an error of the model of" in wide.verdict[0]
+
+
 def test_two_wrong_moments_are_enough_to_reject_the_model(model, data):
     """Four times their error hides among 600 displacements, but not among two moments."""
     moment = data.moment + np.array([0.25, -0.25])
