@@ -209,10 +209,10 @@ def _make(name: str, file: _File, pad: Pad) -> Experiment:
     if size is None:
         raise ValueError("the key 'size_mm' is missing")
     numbers = (_number(*item, frames=len(file.frames)) for item in file.numbers.items())
-    of_pad = {  # an infinite value means the same as a missing one
+    of_pad = {  # an infinite value means the same as a missing one; `radius` is the object's
         key: value
         for key, value in vars(pad).items()
-        if key in UNITS and value is not None and np.isfinite(value)
+        if key in UNITS and key != "radius" and value is not None and np.isfinite(value)
     }
     return Experiment(
         name=name,

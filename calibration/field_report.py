@@ -63,7 +63,7 @@ def find_pad(fit: FieldFit, known: Pad) -> Pad | None:
     Returns:
         The pad; None if the fit determined no number of it.
     """
-    own = {field.name for field in fields(Pad)}
+    own = {field.name for field in fields(Pad)} - {"radius"}  # the fitted radius is the object's
     unknown = {name for name in fit.names if name in own}
     fitted = {
         name: float(value)

@@ -112,7 +112,7 @@ NUMBERS_OF_A_PRESS = {
 
 def test_the_grid_follows_the_position_at_finite_strain():
     """Markers, forces and moment of an object beside the middle are those in the middle, moved."""
-    scene, grid = press_and_move("sphere", finite_strain=True), Grid((16, 16), (9.0, 9.0))
+    scene, grid = press_and_move("sphere", finite_strain=True), Grid((28, 28), (8.0, 8.0))
     markers = np.random.default_rng(0).uniform(-3.0, 3.0, (30, 2))
     beside = np.array([0.4, -0.7])
     place = {"position": np.zeros(2)}

@@ -48,7 +48,9 @@ def test_what_a_file_says(tmp_path):
 def test_the_pad_of_a_sensor_fills_in_what_the_file_does_not_say(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text(MINIMAL.replace("shear_modulus_mpa = 0.2\n", "").replace("size_mm = 11.0", ""))
-    pad = Pad(shear_modulus=0.3, poisson_ratio=0.4, marker_depth=0.2, dome_radius=np.inf)
+    pad = Pad(
+        shear_modulus=0.3, poisson_ratio=0.4, marker_depth=0.2, dome_radius=np.inf, radius=12.0
+    )
     with pytest.raises(ValueError, match="'size_mm' is missing"):
         read_experiment(str(path), pad)
     experiment = read_experiment(str(path), replace(pad, size=(11.0, 9.0)))
@@ -56,6 +58,7 @@ def test_the_pad_of_a_sensor_fills_in_what_the_file_does_not_say(tmp_path):
     numbers = experiment.numbers
     assert (numbers["shear_modulus"], numbers["poisson_ratio"]) == (0.3, 0.5)
     assert numbers["marker_depth"] == 0.2
+    assert numbers["radius"] == 15.0
     assert not {"thickness", "dome_radius"} & set(numbers)  # a half-space, flat
 
 

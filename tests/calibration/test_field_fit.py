@@ -125,6 +125,7 @@ def test_the_pad_takes_over_what_a_fit_found_of_it(wrong):
     assert found.shear_modulus == fit.values[place]
     assert found.poisson_ratio == TRUTH["poisson_ratio"]  # what it was fitted with
     assert found.size == known.size
+    assert found.radius is None  # the fitted radius is the object's
 
 
 def test_a_smooth_error_of_the_model_widens_the_intervals(model, data, fit):
