@@ -181,7 +181,7 @@ def widen(
 
 
 def share_of(
-    modes: Float[np.ndarray, "m k"],
+    modes: Float[np.ndarray, "rows k"],
     weights: Float[np.ndarray, " m"],
     moved: Float[np.ndarray, "..."],
 ) -> float:

@@ -172,20 +172,7 @@ def press_and_move(shape: str, *, finite_strain: bool = False) -> MakeScene:
         indenter: AbstractIndenter = Placed(_SHAPES[shape](numbers), position)
         if "dome_radius" in numbers:
             indenter = Domed(indenter, numbers["dome_radius"])
-        frames = Pose(
-            jnp.atleast_1d(jnp.asarray(numbers["approach"])),
-            jnp.asarray(numbers.get("shift", (0.0, 0.0))),
-            jnp.asarray(numbers.get("twist", 0.0)),
-            position,
-            corotated=finite_strain,
-        )
-        steps = _PRESSES if finite_strain else 1
-        pressed = Pose(
-            (jnp.arange(steps) + 1.0) / steps * frames.approach[0],
-            centre=position,
-            corotated=finite_strain,
-        )
-        path = jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames)
+        path = _make_path(numbers, position, finite_strain)
         contact = Contact(
             HalfSpace(modulus, nu)
             if thickness is None
@@ -199,6 +186,21 @@ def press_and_move(shape: str, *, finite_strain: bool = False) -> MakeScene:
         return Scene(contact, path, origin)
 
     return scene
+
+
+def _make_path(numbers: Mapping[str, Any], centre: Array, finite_strain: bool) -> Pose:
+    """Pressing in one or several steps, then the measured frames."""
+    frames = Pose(
+        jnp.atleast_1d(jnp.asarray(numbers["approach"])),
+        jnp.asarray(numbers.get("shift", (0.0, 0.0))),
+        jnp.asarray(numbers.get("twist", 0.0)),
+        centre,
+        corotated=finite_strain,
+    )
+    steps = _PRESSES if finite_strain else 1
+    share = (jnp.arange(steps) + 1.0) / steps
+    pressed = Pose(share * frames.approach[0], centre=centre, corotated=finite_strain)
+    return jax.tree.map(lambda *legs: jnp.concatenate(legs), pressed, frames)
 
 
 def _interpolate(centres: Float[np.ndarray, " c"], at: Float[Array, " n"]) -> Float[Array, "n c"]:

@@ -81,7 +81,7 @@ def test_a_half_space_does_not_tell_softness_from_angle():
 
 def test_a_plan_in_a_file_gives_numbers_and_a_page(tmp_path, monkeypatch):
     # the scene of the test above: it is compiled already
-    monkeypatch.setattr(experiments, "press_and_move", lambda shape: linear_twist)
+    monkeypatch.setattr(experiments, "press_and_move", lambda shape, **_: linear_twist)
     path = tmp_path / "plan.toml"
     path.write_text(PLAN)
     said = CliRunner().invoke(app, ["design", "--experiment", str(path), "--out", str(tmp_path)])
