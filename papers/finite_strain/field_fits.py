@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Bool, Float
@@ -169,7 +170,7 @@ def fit_one(case: Case, pressed: Pressed, way: str, turn_deg: int, noise_um: flo
     errors = 1e-3 * noise_um * scale * np.array([1.0, 1.0, 3.0])
     rows = [0, (0, 10, 20).index(turn_deg)]
     if way == WAYS[-1]:
-        seen = _predict(model, known | sought)
+        seen = _predict(model, {n: jnp.asarray(value) for n, value in (known | sought).items()})
         exact = [np.asarray(part) for part in seen[:3]]
     else:
         moved, _ = move_markers(_scaled(pressed.surface, scale), _at_top(model.markers))
