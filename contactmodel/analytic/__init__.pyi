@@ -22,5 +22,7 @@ from contactmodel.analytic.closed_forms import torsion_displacement as torsion_d
 from contactmodel.analytic.closed_forms import torsion_moment as torsion_moment
 from contactmodel.analytic.closed_forms import torsion_traction as torsion_traction
 from contactmodel.analytic.closed_forms import torsion_twist as torsion_twist
+from contactmodel.analytic.layer_disc import LayerDisc as LayerDisc
+from contactmodel.analytic.layer_disc import turn_layer_disc as turn_layer_disc
 from contactmodel.analytic.reversals import masing as masing
 from contactmodel.analytic.reversals import open_turns as open_turns

@@ -4,8 +4,9 @@
 
 Whatever the pressure of a round contact, a small further twist moves the elastomer like a rigid
 disc with the radius c of the stick region ([Jaeger1995]): by dθ inside, and outside by
-(2/π)[asin(c/r) − (c/r)√(1 − c²/r²)] dθ. The motion of all markers therefore determines c, even if
-fewer than three of them lie inside.
+(2/π)[asin(c/r) − (c/r)√(1 − c²/r²)] dθ on a half-space, by less on a layer (see `profile`).
+The motion of all markers therefore determines c, even if fewer than three of them lie inside. It
+also shows the layer's thickness, which is fitted with c and kept for the whole recording.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from jaxtyping import Complex, Float
 from scipy.optimize import leastsq
 
 from estimation.fields.stick import MIN_STICK_MARKERS
+from estimation.slip.profile import Share, share_around
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class SlipSettings:
 
     Attributes:
         window: length of the window over which the motion is measured [frames].
-        least_markers: fewest markers in contact for the fit of a disc, which has four unknowns [-].
+        least_markers: fewest markers in contact for the fit of a disc, which has five unknowns [-].
         load_change: largest relative growth or shrinkage of the contact over a window, since a
             change of load moves its markers too [-].
         worst_misfit: misfit over noise from which the motion is not that of a disc [-].
@@ -33,8 +35,13 @@ class SlipSettings:
             because the object rests or slides [pitches].
         at_rest: motion of the markers about the axis over its noise, below which the contact rests
             [-].
+        clear: motion of the markers over its noise, from which no longer window is needed [-].
         axis_drift: standard deviation of the axis from its position while nine markers stuck
             [pitches].
+        thickness: typical thickness of the gel, before the first disc [pitches].
+        thickness_error: standard deviation of its logarithm before the first disc [-].
+        least_thickness_error: standard error of the logarithm that no number of discs falls below
+            [-].
         round_misfit: misfit of a disc, as a share of the motion beyond its noise, above which the
             contact is not round. The disc closes during a window: round virtual pivots without
             noise show up to 0.056, contacts of 2:1 from 0.16 on [-].
@@ -65,7 +72,11 @@ class SlipSettings:
     largest_misfit: float = 0.5
     largest_error: float = 0.15
     at_rest: float = 1.5
+    clear: float = 20.0
     axis_drift: float = 0.05
+    thickness: float = 4.0
+    thickness_error: float = 1.0
+    least_thickness_error: float = 0.02
     round_misfit: float = 0.06
     roundness: float = 0.02
     regained: float = 0.5
@@ -77,6 +88,11 @@ class SlipSettings:
     most_steps: int = 20
     firm_share: float = 1.0 / 3.0
     least_margin: float = 0.25
+
+    @property
+    def correlated(self) -> float:
+        """Number of neighbouring windows that count as one, for they share frames and noise."""
+        return (self.window + self.noise_frames) / 2.0
 
 
 class Disc(NamedTuple):
@@ -96,12 +112,28 @@ class Disc(NamedTuple):
     misfit: float = np.nan
 
 
-class DiscFit(NamedTuple):
-    """Axis x and y, radius and rotation of a disc, with the residual and its derivatives."""
+class Thickness(NamedTuple):
+    """What is known of the gel's thickness.
 
-    parameters: Float[np.ndarray, " 4"]
+    Attributes:
+        log: logarithm of the thickness in pitches.
+        error: its standard error.
+    """
+
+    log: float
+    error: float
+
+
+class DiscFit(NamedTuple):
+    """A fitted disc, with the residual and its derivatives.
+
+    Its parameters are the axis' x and y, the radius, the rotation and the logarithm of the
+    thickness.
+    """
+
+    parameters: Float[np.ndarray, " 5"]
     residual: Float[np.ndarray, " m"]
-    jacobian: Float[np.ndarray, "m 4"]
+    jacobian: Float[np.ndarray, "m 5"]
 
 
 def describe_disc(
@@ -113,13 +145,15 @@ def describe_disc(
 ) -> Disc:
     """The disc of a fit, without its time (NaN)."""
     misfit = float(np.sqrt(np.mean(best.residual**2))) / settings.worst_misfit
-    error = np.sqrt(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2]) * max(misfit, 1.0)
-    distance = np.sort(np.abs(before - complex(*best.parameters[:2])))
-    moved = float(np.sqrt(0.5 * np.mean(np.abs(after - before) ** 2)))  # per coordinate
+    variance = float(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2])
+    error = np.sqrt(variance) * max(misfit, 1.0) if variance > 0.0 else np.inf
+    axis = complex(*best.parameters[:2])
+    distance = np.abs(before - axis)
+    moved = np.sqrt(np.mean((distance * np.angle((after - axis) / (before - axis))) ** 2))
     beyond = settings.worst_misfit * scale * np.sqrt(max(misfit**2 - 1.0, 0.0))
     return Disc(
         time=np.nan,
-        margin=float(abs(best.parameters[2]) - distance[MIN_STICK_MARKERS - 1]),
+        margin=float(abs(best.parameters[2]) - np.sort(distance)[MIN_STICK_MARKERS - 1]),
         error=float(np.hypot(error, settings.roundness)),
         misfit=float(beyond / moved),
     )
@@ -137,7 +171,7 @@ def is_still(moved: Float[np.ndarray, " m"], scale: float, at_rest: float) -> bo
 
 
 def turn_along(
-    disc: Float[np.ndarray, " 4"],
+    disc: Float[np.ndarray, " 5"],
     before: Complex[np.ndarray, " m"],
     after: Complex[np.ndarray, " m"],
 ) -> float:
@@ -150,7 +184,8 @@ def turn_along(
     """
     seen = np.isfinite(before)
     arm = before[seen] - complex(*disc[:2])
-    along = 1j * arm * _share(np.minimum(abs(disc[2]) / np.maximum(np.abs(arm), 1e-12), 1.0))
+    radius, within = abs(disc[2]), np.minimum(abs(disc[2]) / np.maximum(np.abs(arm), 1e-12), 1.0)
+    along = 1j * arm * share_around(within, radius * np.exp(-disc[4])).value
     moved = (after - before)[seen]
     return float(np.vdot(along, moved).real / max(np.vdot(along, along).real, 1e-30))
 
@@ -161,10 +196,11 @@ def fit_disc(
     scale: float,
     last: np.ndarray | None,
     axis: np.ndarray | None,
+    thickness: Thickness,
     settings: SlipSettings,
 ) -> DiscFit:
     """Fit a disc by least squares, from the last disc and, if that is poor, from new guesses."""
-    motion = _Motion(before, after, scale, axis, settings.axis_drift)
+    motion = _Motion(before, after, scale, axis, thickness, settings.axis_drift)
 
     def solve(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         best, *details = leastsq(
@@ -177,26 +213,40 @@ def fit_disc(
             xtol=1e-6,
             gtol=1e-8,
             maxfev=settings.most_steps,
-            diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01]),  # typical changes, pitches and rad
+            diag=1.0 / np.array([0.1, 0.1, 0.1, 0.01, 0.1]),  # typical changes, pitches and rad
         )
         return best, details[1]["fvec"]
 
     solutions = []
     if last is not None:
-        solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0])]
-    if (
-        not solutions
-        or min(map(_squares, solutions)) > 2.0 * len(before) * settings.worst_misfit**2
-    ):
+        solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0, 1.0])]
+    if not solutions or min(map(_squares, solutions)) > len(before) * settings.worst_misfit**2:
         centre = complex(before.mean()) if axis is None else complex(*axis)
         arm = before - centre
         turned = np.sum(np.imag(np.conj(arm) * (after - before))) / np.sum(np.abs(arm) ** 2)
         solutions += [
-            solve(np.array([centre.real, centre.imag, radius, turned]))
+            solve(np.array([centre.real, centre.imag, radius, turned, thickness.log]))
             for radius in (1.0, 2.0, 4.0)
         ]
     best, residual = min(solutions, key=_squares)
     return DiscFit(best, residual, motion.jacobian(best).T)
+
+
+def learn_thickness(before: Thickness, best: DiscFit, settings: SlipSettings) -> Thickness:
+    """What is known of the thickness after another disc.
+
+    Args:
+        before: what was known, and used for this disc.
+        best: the disc.
+        settings: how discs are followed.
+    """
+    known = before.error**-2
+    both = 1.0 / np.linalg.pinv(best.jacobian.T @ best.jacobian)[4, 4]
+    share = 1.0 / (max(float(np.mean(best.residual**2)), 1.0) * settings.correlated)
+    precision = known + share * (both - known)
+    log = known * before.log
+    log += share * (both * float(best.parameters[4]) - log)
+    return Thickness(log / precision, max(precision**-0.5, settings.least_thickness_error))
 
 
 def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
@@ -205,9 +255,11 @@ def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
 
 
 class _Motion:
-    """The motion a disc is fitted to: points before and after, their noise, and the axis so far.
+    """The motion a disc is fitted to: points before and after, their noise, and what is known.
 
-    Residuals are the real and imaginary parts of each point in turn, then the axis' drift.
+    Residuals are those of each point's motion around the axis, then those of the axis and of the
+    thickness against what is known of them. Motion towards the axis is left out: gel that slips for
+    the first time gives way to the shear that pressing has left in it.
     """
 
     def __init__(
@@ -216,45 +268,47 @@ class _Motion:
         after: Complex[np.ndarray, " m"],
         scale: float,
         axis: np.ndarray | None,
+        thickness: Thickness,
         axis_drift: float,
     ) -> None:
-        self._before, self._moved, self._scale = before, after - before, scale
-        self._drift = np.zeros((0, 4)) if axis is None else np.eye(2, 4) / axis_drift
-        self._axis = np.zeros(2) if axis is None else axis
+        self._before, self._after, self._scale = before, after, scale
+        known = np.array([0.0 if axis is None else 1.0 / axis_drift] * 2 + [1.0 / thickness.error])
+        self._known = known[:, None] * np.eye(5)[[0, 1, 4]]
+        self._expected = known * np.append(np.zeros(2) if axis is None else axis, thickness.log)
         self._turn: _Turn | None = None
 
     def residual(self, parameters: np.ndarray) -> np.ndarray:
         """The motion that a disc does not explain, over the noise."""
         turn = self._turn_by(parameters)
-        error = (self._moved - turn.moved * turn.arm) / self._scale
-        drift = self._drift[:, :2] @ (parameters[:2] - self._axis)
-        return np.concatenate([error.view(float), drift])
+        error = turn.distance * turn.left / self._scale
+        return np.concatenate([error, self._known @ parameters - self._expected])
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
-        """Derivatives of the residual by axis x and y, radius and rotation, one row each."""
-        *_, radius, turned = parameters
+        """Derivatives of the residual by each parameter, one row each."""
+        *_, radius, turned, _ = parameters
         turn = self._turn_by(parameters)
-        spin = turn.moved + 1.0
-        outwards = 1j * turned * _share_slope(turn.within) * spin * turn.arm
-        tilted = outwards / turn.distance**2  # `outwards`: by d ln(radius), less d ln(distance)
-        rows = np.empty((4, len(turn.arm)), dtype=complex)
-        rows[0] = turn.moved - tilted * np.real(turn.arm)
-        rows[1] = 1j * turn.moved - tilted * np.imag(turn.arm)
-        rows[2] = -outwards / radius
-        rows[3] = -1j * turn.share * spin * turn.arm
-        rows /= self._scale
-        return np.concatenate([rows.view(float), self._drift.T], axis=1)
+        share, arm, distance = turn.share, turn.arm, turn.distance
+        shifted = distance * (1.0 / arm - 1.0 / turn.arm_after)
+        nearer = (turned * share.by_distance - turn.left) * arm / distance
+        rows = np.empty((5, len(arm)))
+        rows[0] = np.imag(shifted) + np.real(nearer)
+        rows[1] = np.real(shifted) + np.imag(nearer)
+        rows[2] = -turned / radius * distance * share.by_radius
+        rows[3] = -distance * share.value
+        rows[4] = -turned * distance * share.by_thickness
+        return np.concatenate([rows / self._scale, self._known.T], axis=1)
 
     def _turn_by(self, parameters: np.ndarray) -> "_Turn":
         """The turn of the points by a disc; cached, since residual and derivatives share it."""
         if self._turn is None or not np.array_equal(self._turn.parameters, parameters):
-            x, y, radius, turned = parameters
-            arm = self._before - complex(x, y)
-            distance = np.maximum(np.abs(arm), 1e-12)
+            x, y, radius, turned, thickness = parameters
+            arms = [points - complex(x, y) for points in (self._before, self._after)]
+            arm, after = (np.where(np.abs(one) < 1e-9, 1e-9, one) for one in arms)
+            distance = np.abs(arm)
             within = np.minimum(abs(radius) / distance, 1.0)
-            share = _share(within)
-            moved = np.expm1(1j * turned * share)
-            self._turn = _Turn(parameters.copy(), arm, distance, within, share, moved)
+            share = share_around(within, abs(radius) * np.exp(-thickness))
+            left = np.angle(after / arm) - turned * share.value
+            self._turn = _Turn(parameters.copy(), arm, after, distance, share, left)
         return self._turn
 
 
@@ -264,29 +318,15 @@ class _Turn(NamedTuple):
     Attributes:
         parameters: parameters of the disc.
         arm: vector from the axis to each point [pitches].
+        arm_after: the same after the motion [pitches].
         distance: distance of each point from the axis [pitches].
-        within: radius over distance, at most 1 [-].
         share: rotation of each point over that of the disc [-].
-        moved: displacement of each point over its arm [-].
+        left: rotation of each point that the disc does not explain [rad].
     """
 
     parameters: np.ndarray
     arm: Complex[np.ndarray, " m"]
+    arm_after: Complex[np.ndarray, " m"]
     distance: Float[np.ndarray, " m"]
-    within: Float[np.ndarray, " m"]
-    share: Float[np.ndarray, " m"]
-    moved: Complex[np.ndarray, " m"]
-
-
-def _share(within: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Rotation of surface points about the axis, over that of the disc ([Jaeger1995]) [-]."""
-    return 2.0 / np.pi * (np.arcsin(within) - within * np.sqrt(1.0 - within * within))
-
-
-def _share_slope(within: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Derivative of `_share` by the logarithm of the radius, bounded near the rim.
-
-    The root is taken as at least 0.05, since the derivative is unbounded at the rim.
-    """
-    root = np.sqrt(1.0 - within * within)
-    return np.where(within < 1.0, 4.0 / np.pi * within**3 / np.maximum(root, 0.05), 0.0)
+    share: Share
+    left: Float[np.ndarray, " m"]

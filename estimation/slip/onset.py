@@ -24,10 +24,13 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout
 from estimation.slip.disc import (
     Disc,
+    DiscFit,
     SlipSettings,
+    Thickness,
     describe_disc,
     fit_disc,
     is_still,
+    learn_thickness,
     turn_along,
 )
 
@@ -166,8 +169,9 @@ class SlipWatch:
         self._scale = float(np.sqrt(2.0) * noise.in_plane) / self._pitch
         self._settings = settings
         self._window: deque[_Markers] = deque(maxlen=settings.window + 1)
-        # time, margin, error and turn of each
+        # time, margin, error and turn per second of each
         self._discs: deque[tuple[float, ...]] = deque(maxlen=2 * settings.window)
+        self._thickness = Thickness(np.log(settings.thickness), settings.thickness_error)
         self._lose()
 
     def update(
@@ -190,7 +194,7 @@ class SlipWatch:
         if len(self._window) <= self._settings.window:
             return Sight()
         first, last = self._window[0], self._window[-1]
-        self._step = np.nan
+        self._pace = np.nan
         held = first.contact & last.contact & np.isfinite(last.points - first.points)
         moved = np.abs((last.points - first.points)[held])
         enough = len(moved) >= self._settings.least_markers
@@ -198,7 +202,22 @@ class SlipWatch:
         if printed:
             self._lose()
             return Sight(rests=rests)
+        first, held = self._shorten()
         return Sight(self._find_disc(first, last, held), rests, self._is_closed(last.time))
+
+    def _shorten(self) -> tuple[_Markers, Bool[np.ndarray, " n"]]:
+        """The first frame of the shortest window whose motion is clear of the noise.
+
+        With it, the markers visible in contact at both of its ends. The disc closes meanwhile, so a
+        long window of a fast motion shows no disc.
+        """
+        *earlier, last = self._window
+        for first in reversed(earlier[:-1]):
+            held = first.contact & last.contact & np.isfinite(last.points - first.points)
+            moved = np.abs((last.points - first.points)[held])
+            if len(moved) and not is_still(moved, self._scale, self._settings.clear):
+                return first, held
+        return first, held
 
     def _find_disc(
         self, first: _Markers, last: _Markers, held: Bool[np.ndarray, " n"]
@@ -219,18 +238,21 @@ class SlipWatch:
             moved = moved[near[: settings.least_markers]]
         if is_still(moved, scale, settings.at_rest):
             return None
-        best = fit_disc(before, after, scale, self._last, self._axis, settings)
+        best = fit_disc(before, after, scale, self._last, self._axis, self._thickness, settings)
         disc = describe_disc(best, before, after, scale, settings)
-        self._step = turn_along(best.parameters, self._window[-2].points[held], after)
+        self._pace = turn_along(best.parameters, self._window[-2].points[held], after)
+        self._pace /= last.time - self._window[-2].time
         self._missed += 1
-        if disc.misfit > settings.largest_misfit or disc.error > np.hypot(
-            settings.largest_error, settings.roundness
-        ):
+        largest = np.hypot(settings.largest_error, settings.roundness)
+        if disc.misfit > settings.largest_misfit or not disc.error <= largest:
             return None
+        x, y, radius = best.parameters[:3]
+        if abs(radius) > np.abs(before - complex(x, y)).max():
+            return None  # all markers stick
         disc = disc._replace(time=0.5 * (first.time + last.time))
         if disc.misfit <= settings.round_misfit:
-            self._believe(best.parameters, before)
-            self._discs.append((*disc[:3], best.parameters[3]))
+            self._believe(best, before)
+            self._discs.append((*disc[:3], best.parameters[3] / (last.time - first.time)))
         return disc
 
     def _is_closed(self, now: float) -> bool | None:
@@ -247,8 +269,8 @@ class SlipWatch:
         discs = discs[discs[:, 0] > now - (2.5 * settings.window + 0.5) * frame]
         if len(discs) < settings.window or discs[-1, 0] < now - (settings.window - 0.5) * frame:
             return None
-        rate = float(np.median(discs[:, 3])) / settings.window
-        if self._step * np.sign(rate) >= settings.least_pace * abs(rate):
+        pace = float(np.median(discs[:, 3]))
+        if self._pace * np.sign(pace) >= settings.least_pace * abs(pace):
             self._turned = now
         slope, level = _fit_line(discs[:, :3], now).line
         crossed = self._slid or level < slope * (now - self._turned)
@@ -267,9 +289,11 @@ class SlipWatch:
         self._axis: np.ndarray | None = None
         self._missed = 0
 
-    def _believe(self, disc: np.ndarray, before: Complex[np.ndarray, " m"]) -> None:
+    def _believe(self, best: DiscFit, before: Complex[np.ndarray, " m"]) -> None:
         """Use this disc as the next initial guess, and its axis while it holds many markers."""
+        disc, settings = best.parameters, self._settings
         self._last, self._missed = disc, 0
+        self._thickness = learn_thickness(self._thickness, best, settings)
         inside = np.abs(before - complex(*disc[:2])) < abs(disc[2])
         if inside.sum() >= 3 * MIN_STICK_MARKERS:
             axis = disc[:2] if self._axis is None else self._axis
@@ -308,9 +332,7 @@ def _date(
     if len(time) < 3:
         return None
     (slope, level), inverse, scatter = _fit_line(discs, near)
-    # neighbouring windows share frames and noise
-    correlated = (settings.window + settings.noise_frames) / 2.0
-    variance = max(scatter / max(len(time) - 2, 1), 1.0) * correlated
+    variance = max(scatter / max(len(time) - 2, 1), 1.0) * settings.correlated
     onset = near - level / slope if slope < 0.0 else near
     onset = float(np.clip(onset, time[0], time[-1]))
     gradient = np.array([onset - near, 1.0]) / slope

@@ -3,34 +3,13 @@
 import numpy as np
 import pytest
 
-from contactmodel.analytic import hertz_density, torsion_displacement
 from estimation.frames.noise import Noise, estimate_noise
-from estimation.slip.disc import _share, _share_slope
 from estimation.slip.lookback import find_slips
 from estimation.slip.onset import describe_slips
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 
 MICRON = Noise(in_plane=1e-3, normal=3e-3, correlation=(0.0, 0.0), frames=100)
-
-
-def test_a_small_twist_moves_a_slipping_contact_as_a_disc_does():
-    r, c, step = np.linspace(0.1, 5.0, 40), 2.0, 1e-5
-    density = hertz_density(5.0, 0.2)
-    before, after = (
-        np.asarray(torsion_displacement(r, density, np.array([[at]]), 5.0))[0] / r
-        for at in (c, c - step)
-    )
-    twist = before[0] - after[0]  # at the inmost point, which sticks
-    # the step's own size; its root singularity at r = c, where no point lies
-    np.testing.assert_allclose((before - after) / twist, _share(np.minimum(c / r, 1.0)), atol=2e-3)
-
-
-def test_its_derivative_by_the_radius():
-    r, c, step = np.array([0.5, 2.2, 3.0, 8.0]), 2.0, 1e-5
-    above, below = (_share(np.minimum(c * np.exp(sign * step) / r, 1.0)) for sign in (1, -1))
-    slope = _share_slope(np.minimum(c / r, 1.0))
-    np.testing.assert_allclose(slope, (above - below) / (2.0 * step), atol=1e-8)  # O(step²)
 
 
 @pytest.mark.parametrize("seed", [0, 5])
