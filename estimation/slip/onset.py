@@ -193,38 +193,36 @@ class SlipWatch:
         self._window.append(_Markers(z, contact, time))
         if len(self._window) <= self._settings.window:
             return Sight()
-        first, last = self._window[0], self._window[-1]
-        self._pace = np.nan
-        held = first.contact & last.contact & np.isfinite(last.points - first.points)
-        moved = np.abs((last.points - first.points)[held])
+        _, moved = self._since(self._window[0])
         enough = len(moved) >= self._settings.least_markers
         rests = enough and is_still(moved, self._scale, self._settings.at_rest)
         if printed:
             self._lose()
             return Sight(rests=rests)
-        first, held = self._shorten()
-        return Sight(self._find_disc(first, last, held), rests, self._is_closed(last.time))
+        return Sight(self._find_disc(self._first()), rests, self._is_closed(time))
 
-    def _shorten(self) -> tuple[_Markers, Bool[np.ndarray, " n"]]:
+    def _since(self, first: _Markers) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " m"]]:
+        """Markers visible in contact in a frame and in the last one, and how far they moved."""
+        last = self._window[-1]
+        held = first.contact & last.contact & np.isfinite(last.points - first.points)
+        return held, np.abs((last.points - first.points)[held])
+
+    def _first(self) -> _Markers:
         """The first frame of the shortest window whose motion is clear of the noise.
 
-        With it, the markers visible in contact at both of its ends. The disc closes meanwhile, so a
-        long window of a fast motion shows no disc.
+        The disc closes meanwhile, so that a long window of a fast motion shows no disc.
         """
-        *earlier, last = self._window
-        for first in reversed(earlier[:-1]):
-            held = first.contact & last.contact & np.isfinite(last.points - first.points)
-            moved = np.abs((last.points - first.points)[held])
+        for first in list(self._window)[-3:0:-1]:
+            _, moved = self._since(first)
             if len(moved) and not is_still(moved, self._scale, self._settings.clear):
-                return first, held
-        return first, held
+                return first
+        return self._window[0]
 
-    def _find_disc(
-        self, first: _Markers, last: _Markers, held: Bool[np.ndarray, " n"]
-    ) -> Disc | None:
-        """The disc that moved the markers visible in contact at both ends of the window."""
-        settings, scale = self._settings, max(self._scale, 1e-6)
-        held = held & np.isfinite(first.time + last.time)
+    def _find_disc(self, first: _Markers) -> Disc | None:
+        """The disc that has moved the markers in contact since a frame of the window."""
+        settings, scale, last = self._settings, max(self._scale, 1e-6), self._window[-1]
+        held = self._since(first)[0] & np.isfinite(first.time + last.time)
+        self._pace = np.nan
         few = held.sum() < settings.least_markers
         if few or self._missed > 2 * settings.window:
             self._lose()
