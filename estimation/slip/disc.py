@@ -60,9 +60,9 @@ class SlipSettings:
         firm_share: share of the contact's markers that stick, from which the angle does not count
             as lost [-].
         least_margin: radius of the closing disc beyond the third marker, from which gel that comes
-            to rest counts as resting under the object. On virtual pivots the last four discs before
-            an unnoticed slip fall below it; before a true rest they do so only if hardly more than
-            three markers stick [pitches].
+            to rest counts as resting under the object. It is continued by a line through the last
+            four discs, which close fast before a slide and hardly before a rest. Chosen on 100
+            virtual pivots [pitches].
     """
 
     window: int = 6
@@ -87,7 +87,7 @@ class SlipSettings:
     noise_frames: float = 3.0
     most_steps: int = 20
     firm_share: float = 1.0 / 3.0
-    least_margin: float = 0.25
+    least_margin: float = 0.12
 
     @property
     def correlated(self) -> float:
@@ -128,7 +128,7 @@ class DiscFit(NamedTuple):
     """A fitted disc, with the residual and its derivatives.
 
     Its parameters are the axis' x and y, the radius, the rotation and the logarithm of the
-    thickness.
+    thickness. The first residuals are those of the points around the axis.
     """
 
     parameters: Float[np.ndarray, " 5"]
@@ -144,7 +144,8 @@ def describe_disc(
     settings: SlipSettings,
 ) -> Disc:
     """The disc of a fit, without its time (NaN)."""
-    misfit = float(np.sqrt(np.mean(best.residual**2))) / settings.worst_misfit
+    around = best.residual[: len(before)]
+    misfit = float(np.sqrt(np.mean(around**2))) / settings.worst_misfit
     variance = float(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2])
     error = np.sqrt(variance) * max(misfit, 1.0) if variance > 0.0 else np.inf
     axis = complex(*best.parameters[:2])
@@ -257,9 +258,10 @@ def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
 class _Motion:
     """The motion a disc is fitted to: points before and after, their noise, and what is known.
 
-    Residuals are those of each point's motion around the axis, then those of the axis and of the
-    thickness against what is known of them. Motion towards the axis is left out: gel that slips for
-    the first time gives way to the shear that pressing has left in it.
+    Residuals are those of each point's motion around the axis, of its motion away from it, and of
+    the axis and the thickness against what is known of them. Only points that turn with the disc
+    keep their distance: gel that slips for the first time gives way to the shear that pressing has
+    left in it.
     """
 
     def __init__(
@@ -280,8 +282,9 @@ class _Motion:
     def residual(self, parameters: np.ndarray) -> np.ndarray:
         """The motion that a disc does not explain, over the noise."""
         turn = self._turn_by(parameters)
-        error = turn.distance * turn.left / self._scale
-        return np.concatenate([error, self._known @ parameters - self._expected])
+        around = turn.distance * turn.left / self._scale
+        away = turn.share.value**2 * turn.away / self._scale
+        return np.concatenate([around, away, self._known @ parameters - self._expected])
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
         """Derivatives of the residual by each parameter, one row each."""
@@ -290,13 +293,17 @@ class _Motion:
         share, arm, distance = turn.share, turn.arm, turn.distance
         shifted = distance * (1.0 / arm - 1.0 / turn.arm_after)
         nearer = (turned * share.by_distance - turn.left) * arm / distance
-        rows = np.empty((5, len(arm)))
-        rows[0] = np.imag(shifted) + np.real(nearer)
-        rows[1] = np.real(shifted) + np.imag(nearer)
-        rows[2] = -turned / radius * distance * share.by_radius
-        rows[3] = -distance * share.value
-        rows[4] = -turned * distance * share.by_thickness
-        return np.concatenate([rows / self._scale, self._known.T], axis=1)
+        inward = arm / distance
+        tilt = share.value**2 * (inward - turn.arm_after / np.abs(turn.arm_after))
+        more = 2.0 * share.value * turn.away
+        tilt -= more * share.by_distance * inward / distance
+        rows = np.zeros((5, 2, len(arm)))
+        rows[0] = np.imag(shifted) + np.real(nearer), np.real(tilt)
+        rows[1] = np.real(shifted) + np.imag(nearer), np.imag(tilt)
+        rows[2] = np.array([-turned * distance, more]) * share.by_radius / radius
+        rows[3, 0] = -distance * share.value
+        rows[4] = np.array([-turned * distance, more]) * share.by_thickness
+        return np.concatenate([rows.reshape(5, -1) / self._scale, self._known.T], axis=1)
 
     def _turn_by(self, parameters: np.ndarray) -> "_Turn":
         """The turn of the points by a disc; cached, since residual and derivatives share it."""
@@ -308,7 +315,8 @@ class _Motion:
             within = np.minimum(abs(radius) / distance, 1.0)
             share = share_around(within, abs(radius) * np.exp(-thickness))
             left = np.angle(after / arm) - turned * share.value
-            self._turn = _Turn(parameters.copy(), arm, after, distance, share, left)
+            away = np.abs(after) - distance
+            self._turn = _Turn(parameters.copy(), arm, after, distance, share, left, away)
         return self._turn
 
 
@@ -322,6 +330,7 @@ class _Turn(NamedTuple):
         distance: distance of each point from the axis [pitches].
         share: rotation of each point over that of the disc [-].
         left: rotation of each point that the disc does not explain [rad].
+        away: motion of each point away from the axis [pitches].
     """
 
     parameters: np.ndarray
@@ -330,3 +339,4 @@ class _Turn(NamedTuple):
     distance: Float[np.ndarray, " m"]
     share: Share
     left: Float[np.ndarray, " m"]
+    away: Float[np.ndarray, " m"]

@@ -140,8 +140,8 @@ def _find_doubts(track: Track, sights: SightPath, settings: SlipSettings) -> lis
         before = max(begin - settings.window, 0)
         near = slice(before, first + settings.window + 1)
         seen = (time[before] <= sights.time[near]) & (sights.time[near] <= time[first])
-        margins = sights.margin[near][seen][-4:]
-        if _lets_go(track, begin, settings) and min(margins, default=0.0) < settings.least_margin:
+        margin = _continue(sights.margin[near][seen][-4:])
+        if _lets_go(track, begin, settings) and margin < settings.least_margin:
             moves_again = last < _contact_end(free, begin) - 1
             doubts.append(
                 MacroSlip(
@@ -153,6 +153,14 @@ def _find_doubts(track: Track, sights: SightPath, settings: SlipSettings) -> lis
                 )
             )
     return doubts
+
+
+def _continue(margins: Float[np.ndarray, " discs"]) -> float:
+    """The margin that a line through the last ones reaches a disc later; 0 without any."""
+    if len(margins) < 2:
+        return float(min(margins, default=0.0))
+    place = np.arange(len(margins))
+    return float(np.polyval(np.polyfit(place, margins, 1), len(margins)))
 
 
 def _lets_go(result: Track, row: int, settings: SlipSettings) -> bool:
