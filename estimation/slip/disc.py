@@ -220,7 +220,9 @@ def fit_disc(
 
     solutions = []
     if last is not None:
-        solutions = [solve(last), solve(last * [1.0, 1.0, 0.8, 1.0, 1.0])]
+        solutions = [solve(last)]
+        if _squares(solutions[0]) > 2.0 * len(before):  # more than noise is left
+            solutions.append(solve(last * [1.0, 1.0, 0.8, 1.0, 1.0]))
     if not solutions or min(map(_squares, solutions)) > len(before) * settings.worst_misfit**2:
         centre = complex(before.mean()) if axis is None else complex(*axis)
         arm = before - centre

@@ -36,6 +36,7 @@ from estimation.virtual.contact import simulate_recording
 from estimation.virtual.recording import Camera, PivotModel, Timing, Truth, lay_out_markers
 from papers.items import Track
 from papers.limits import angle_limit
+from papers.tables import cell
 from papers.virtual_pivots import settings
 from papers.virtual_pivots.slides import GROUPS
 from papers.virtual_pivots.solved import Surface, place_at_random, solve_frames
@@ -45,6 +46,9 @@ CORNERS_DEG = (0.0, 20.0, 20.0, -8.0)
 WIDTH_MM = 18.0
 NOISES_MM = (1e-3, 3e-3, 1e-2)
 """Noise of x and y; that of z is 3.5 times larger [mm]."""
+
+NEAR = 2
+"""How close to a loss of the contact its report is on time [frames]."""
 
 
 class Shape(NamedTuple):
@@ -87,6 +91,8 @@ class Followed(NamedTuple):
         inside: whether the interval holds the truth.
         bound: half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick,
             from one frame [deg].
+        holding: whether three markers or more stick now.
+        slipping: whether macro slip is reported live.
     """
 
     shape: str
@@ -97,6 +103,8 @@ class Followed(NamedTuple):
     half_width: Float[np.ndarray, " frames"]
     inside: Bool[np.ndarray, " frames"]
     bound: Float[np.ndarray, " frames"]
+    holding: Bool[np.ndarray, " frames"]
+    slipping: Bool[np.ndarray, " frames"]
 
 
 @cache
@@ -170,6 +178,8 @@ def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Fol
         half_width=np.degrees(0.5 * (high - low)),
         inside=(low <= true) & (true <= high),
         bound=np.array(bound)[touching],
+        holding=now[touching] >= MIN_STICK_MARKERS,
+        slipping=result.slipping[touching],
     )
 
 
@@ -188,7 +198,46 @@ def tables(result: list[Followed]) -> dict[str, list[dict[str, object]]]:
         covered = {cell["shape"]: cell[COVERS] for cell in cells if cell[COVERS] is not None}
         worst = min(covered, key=lambda name: covered[name], default=None)
         row["worst shape"] = None if worst is None else f"{worst}, {covered[worst]:g} %"
-    return {"": rows, "_shapes": by_shape}
+    return {"": rows, "_shapes": by_shape, "_slips": _tabulate_slips(result)}
+
+
+def _tabulate_slips(result: list[Followed]) -> list[dict[str, object]]:
+    """How macro slip is reported live, by noise and shape."""
+    rows = []
+    for noise, name in dict.fromkeys((followed.noise, followed.shape) for followed in result):
+        chosen = [one for one in result if (one.noise, one.shape) == (noise, name)]
+        delays = np.array([delay for one in chosen for delay in _delays(one)])
+        held = np.concatenate([_holds_on(one) for one in chosen])
+        false = np.concatenate([one.slipping for one in chosen]) & held
+        rows.append(
+            {
+                "noise [µm]": 1e3 * noise,
+                "shape": name,
+                "losses": len(delays),
+                "reported [%]": cell(100.0 * np.isfinite(delays), 0),
+                "within 2 frames [%]": cell(100.0 * (np.abs(delays) <= NEAR), 0),
+                "frames that hold": int(held.sum()),
+                "falsely reported": int(false.sum()),
+            }
+        )
+    return rows
+
+
+def _holds_on(followed: Followed) -> Bool[np.ndarray, " frames"]:
+    """Frames in which three markers stick and go on sticking for two more."""
+    padded = np.append(followed.holding, [True] * NEAR)
+    return np.all(np.lib.stride_tricks.sliding_window_view(padded, NEAR + 1), axis=1)
+
+
+def _delays(followed: Followed) -> list[float]:
+    """Frames from each loss of the contact to its report; NaN where it regains hold unreported."""
+    holding, delays = followed.holding, []
+    for loss in 1 + np.flatnonzero(holding[:-1] & ~holding[1:]):
+        again = np.flatnonzero(holding[loss:])
+        end = loss + int(again[0]) if len(again) else len(holding)
+        seen = np.flatnonzero(followed.slipping[max(loss - NEAR, 0) : end])
+        delays.append(float(seen[0] - min(NEAR, loss)) if len(seen) else np.nan)
+    return delays
 
 
 COVERS = "interval covers [%]"

@@ -66,6 +66,7 @@ def test_command(monkeypatch, tmp_path):
         "few_markers.png",
         "few_markers.csv",
         "few_markers_shapes.csv",
+        "few_markers_slips.csv",
         "margin.png",
         "margin.csv",
         "elongated.csv",
