@@ -87,7 +87,7 @@ class SlipSettings:
     noise_frames: float = 3.0
     most_steps: int = 20
     firm_share: float = 1.0 / 3.0
-    least_margin: float = 0.12
+    least_margin: float = 0.15
 
     @property
     def correlated(self) -> float:
@@ -221,7 +221,8 @@ def fit_disc(
     solutions = []
     if last is not None:
         solutions = [solve(last)]
-        if _squares(solutions[0]) > 2.0 * len(before):  # more than noise is left
+        noisy = is_still(np.abs(after - before), scale, settings.clear)
+        if noisy or _squares(solutions[0]) > 2.0 * len(before):  # there may be a better one
             solutions.append(solve(last * [1.0, 1.0, 0.8, 1.0, 1.0]))
     if not solutions or min(map(_squares, solutions)) > len(before) * settings.worst_misfit**2:
         centre = complex(before.mean()) if axis is None else complex(*axis)
