@@ -12,7 +12,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from contactmodel.analytic import punch_displacement, turn_layer_disc
 
-THINNEST = 4.0
+LARGEST_THINNESS = 4.0
 """Largest radius of the disc over the thickness in the table [-]."""
 
 
@@ -44,12 +44,12 @@ def share_around(within: Float[np.ndarray, " m"], thinness: float) -> Share:
     # the slope is unbounded in the table's coordinate at the rim
     steep = within * within / np.maximum(root, 0.05)
     at, rows = _table()
-    thin = min(thinness, THINNEST) / (1.0 + min(thinness, THINNEST))
-    row = thin * (len(rows) - 1) * (1.0 + THINNEST) / THINNEST
+    thin = min(thinness, LARGEST_THINNESS) / (1.0 + min(thinness, LARGEST_THINNESS))
+    row = thin * (len(rows) - 1) * (1.0 + LARGEST_THINNESS) / LARGEST_THINNESS
     before = min(int(row), len(rows) - 2)
     near = rows[before] + (row - before) * (rows[before + 1] - rows[before])
     part, along, across = (np.interp(root, at, values) for values in near)
-    thicker = -half_space * across * thin * (1.0 - thin) * (thinness < THINNEST)
+    thicker = -half_space * across * thin * (1.0 - thin) * (thinness < LARGEST_THINNESS)
     by_within = (4.0 / np.pi * within * steep * part - half_space * steep * along) * (within < 1.0)
     return Share(half_space * part, -by_within, by_within - thicker, thicker)
 
@@ -62,7 +62,7 @@ def _table() -> tuple[Float[np.ndarray, " roots"], Float[np.ndarray, "thin 3 roo
     """
     coarse = np.linspace(0.0, 1.0, 61)[:-1]
     distance = 1.0 / np.sqrt(1.0 - coarse**2)
-    thin = np.linspace(0.0, THINNEST / (1.0 + THINNEST), 33)
+    thin = np.linspace(0.0, LARGEST_THINNESS / (1.0 + LARGEST_THINNESS), 33)
     alone = punch_displacement(distance, 1.0)
     shares = [turn_layer_disc(distance, 1.0 / s - 1.0)[0] / alone for s in thin[1:]]
     spline = RectBivariateSpline(coarse, thin, np.stack([np.ones(len(coarse)), *shares], axis=1))
