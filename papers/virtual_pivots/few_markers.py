@@ -8,7 +8,7 @@ random, and each noise is added to the same motion.
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -46,6 +46,9 @@ CORNERS_DEG = (0.0, 20.0, 20.0, -8.0)
 WIDTH_MM = 18.0
 NOISES_MM = (1e-3, 3e-3, 1e-2)
 """Noise of x and y; that of z is 3.5 times larger [mm]."""
+
+FEWEST_SHOWN = 20
+"""Fewest frames of a cell in the figure."""
 
 NEAR = 2
 """How close to a loss of the contact its report is on time [frames]."""
@@ -325,6 +328,7 @@ def plot(result: list[Followed]) -> Figure:
                     row["markers that stick"]: row[COVERS]
                     for row in by_shape
                     if (row["shape"], row["noise [µm]"], row["phase"]) == (name, noise, when)
+                    and cast(int, row["frames"]) >= FEWEST_SHOWN
                 }
                 covered = [np.nan if cells.get(g) is None else cells[g] for g in groups]
                 label = name if when == UP else None
