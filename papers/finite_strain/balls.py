@@ -5,10 +5,8 @@ elements of `two_bodies` (extra `finite-elements`), in about half an hour of pro
 grasp of an object is pressed to its own depth and twisted to 20°.
 """
 
-import io
 from collections.abc import Mapping, Sequence
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
@@ -81,14 +79,14 @@ class Grasp(NamedTuple):
 @cache
 def read_grasps() -> dict[str, list[Grasp]]:
     """The stored grasps of each object."""
-    stored = np.load(io.BytesIO((files("papers.finite_strain") / FILE.name).read_bytes()))
-    return {
-        name: [
-            Grasp(float(stored[f"{name}/{i}/contact_mm"]), read_surface(stored, f"{name}/{i}"))
-            for i in range(len(one.depths_mm))
-        ]
-        for name, one in OBJECTS.items()
-    }
+    with np.load(FILE) as stored:
+        return {
+            name: [
+                Grasp(float(stored[f"{name}/{i}/contact_mm"]), read_surface(stored, f"{name}/{i}"))
+                for i in range(len(one.depths_mm))
+            ]
+            for name, one in OBJECTS.items()
+        }
 
 
 def solve_grasp(one: Object, depth: float, coarse: float = 1.0) -> Grasp:
