@@ -126,7 +126,7 @@ class Thickness(NamedTuple):
 
 
 class DiscFit(NamedTuple):
-    """A fitted disc, with the residual and its derivatives.
+    """A fitted disc, with the residual and the inverse of its normal matrix.
 
     Its parameters are the axis' x and y, the radius, the rotation and the logarithm of the
     thickness. The first residuals are those of the points around the axis.
@@ -134,7 +134,7 @@ class DiscFit(NamedTuple):
 
     parameters: Float[np.ndarray, " 5"]
     residual: Float[np.ndarray, " m"]
-    jacobian: Float[np.ndarray, "m 5"]
+    covariance: Float[np.ndarray, "5 5"]
 
 
 def describe_disc(
@@ -147,7 +147,7 @@ def describe_disc(
     """The disc of a fit, without its time (NaN)."""
     around = best.residual[: len(before)]
     misfit = float(np.sqrt(np.mean(around**2))) / settings.worst_misfit
-    variance = float(np.linalg.pinv(best.jacobian.T @ best.jacobian)[2, 2])
+    variance = float(best.covariance[2, 2])
     error = np.sqrt(variance) * max(misfit, 1.0) if variance > 0.0 else np.inf
     axis = complex(*best.parameters[:2])
     distance = np.abs(before - axis)
@@ -186,8 +186,7 @@ def turn_along(
     """
     seen = np.isfinite(before)
     arm = before[seen] - complex(*disc[:2])
-    radius, within = abs(disc[2]), np.minimum(abs(disc[2]) / np.maximum(np.abs(arm), 1e-12), 1.0)
-    along = 1j * arm * share_around(within, radius * np.exp(-disc[4])).value
+    along = 1j * arm * _share_of(disc, np.maximum(np.abs(arm), 1e-12)).value
     moved = (after - before)[seen]
     return float(np.vdot(along, moved).real / max(np.vdot(along, along).real, 1e-30))
 
@@ -234,7 +233,8 @@ def fit_disc(
             for radius in (1.0, 2.0, 4.0)
         ]
     best, residual = min(solutions, key=_squares)
-    return DiscFit(best, residual, motion.jacobian(best).T)
+    rows = motion.jacobian(best)
+    return DiscFit(best, residual, np.linalg.pinv(rows @ rows.T))
 
 
 def learn_thickness(before: Thickness, best: DiscFit, settings: SlipSettings) -> Thickness:
@@ -246,12 +246,18 @@ def learn_thickness(before: Thickness, best: DiscFit, settings: SlipSettings) ->
         settings: how discs are followed.
     """
     known = before.error**-2
-    both = 1.0 / np.linalg.pinv(best.jacobian.T @ best.jacobian)[4, 4]
+    both = 1.0 / best.covariance[4, 4]
     share = 1.0 / (max(float(np.mean(best.residual**2)), 1.0) * settings.correlated)
     precision = known + share * (both - known)
     log = known * before.log
     log += share * (both * float(best.parameters[4]) - log)
     return Thickness(log / precision, max(precision**-0.5, settings.least_thickness_error))
+
+
+def _share_of(disc: Float[np.ndarray, " 5"], distance: Float[np.ndarray, " m"]) -> Share:
+    """Rotation of points at distances from the axis, over that of a disc of given parameters."""
+    radius = abs(disc[2])
+    return share_around(np.minimum(radius / distance, 1.0), radius * np.exp(-disc[4]))
 
 
 def _squares(solution: tuple[np.ndarray, np.ndarray]) -> float:
@@ -312,12 +318,11 @@ class _Motion:
     def _turn_by(self, parameters: np.ndarray) -> "_Turn":
         """The turn of the points by a disc; cached, since residual and derivatives share it."""
         if self._turn is None or not np.array_equal(self._turn.parameters, parameters):
-            x, y, radius, turned, thickness = parameters
+            x, y, _, turned, _ = parameters
             arms = [points - complex(x, y) for points in (self._before, self._after)]
             arm, after = (np.where(np.abs(one) < 1e-9, 1e-9, one) for one in arms)
             distance = np.abs(arm)
-            within = np.minimum(abs(radius) / distance, 1.0)
-            share = share_around(within, abs(radius) * np.exp(-thickness))
+            share = _share_of(parameters, distance)
             left = np.angle(after / arm) - turned * share.value
             away = np.abs(after) - distance
             self._turn = _Turn(parameters.copy(), arm, after, distance, share, left, away)
