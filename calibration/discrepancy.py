@@ -33,7 +33,7 @@ _SHARED = 0.8  # share of the variance of forces that is common to all frames
 _LENGTH = 0.35  # correlation length of the errors, in radii of the contact
 _FAR = 0.1  # least amplitude far away, relative to the edge of the contact
 _ABSORBED = 2.0  # size over its estimate: the numbers absorb part of the error
-_LEAST_P = 0.05  # p-value above which noise explains the part along the modes
+_NOISE_ALONE_P = 0.05  # p-value above which noise alone explains the part along the modes
 
 
 class Whitening(NamedTuple):
@@ -151,7 +151,7 @@ def estimate_size(
     basis = basis[:, strength > 1e-3 * strength[0]]
     square = float(np.sum((basis.T @ without_numbers(residual)) ** 2))
     noise = float(basis.shape[1])
-    if whitening is None and chi2.sf(square, noise) >= _LEAST_P:
+    if whitening is None and chi2.sf(square, noise) >= _NOISE_ALONE_P:
         return 0.0
     if whitening is not None:
         turned = Whitening(np.swapaxes(whitening.blocks, -1, -2), whitening.scale)
