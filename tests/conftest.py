@@ -1,17 +1,23 @@
 """Double precision for every test, and programs that compile fast and are kept in pytest's cache.
 
 The library itself never touches `jax.config`. What the processes that tests start compile is not
-kept in the user's cache folder.
+kept in the user's cache folder. Types are checked in some calls of each function, since checking
+all takes twice as long as the tests.
 """
 
 import ctypes
+import functools
 import gc
+import inspect
 import os
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 
 import hypothesis
+import jaxtyping
 import psutil
 import pytest
 
@@ -22,6 +28,9 @@ At level 0 coupled contacts do not settle, though each part of the solver meets 
 
 LARGEST_WORKER = 1e9
 """Memory of a worker from which it lets go of its compiled programs [bytes]."""
+
+CHECKED_CALLS = 20
+"""First calls of a function in each test whose types are checked; then every hundredth is."""
 
 
 def _set_compiler_options() -> None:
@@ -47,6 +56,37 @@ hypothesis.settings.register_profile(  # a busy machine fails no test
     "untimed", deadline=None, suppress_health_check=(hypothesis.HealthCheck.too_slow,)
 )
 hypothesis.settings.load_profile("untimed")
+
+_calls: Counter[int] = Counter()
+
+
+def _check_some(check_types: Callable) -> Callable:
+    """A decorator like one of jaxtyping, which checks a function's types in some of its calls."""
+
+    def decorate(function: Callable) -> Callable:
+        if inspect.isclass(function):
+            return check_types(function)
+        code = id(function.__code__)  # that of an inner function is the same in all calls
+        checked = functools.cache(lambda: check_types(function))  # made if the function is called
+
+        @functools.wraps(function)
+        def call(*args, **kwargs):
+            _calls[code] = count = _calls[code] + 1
+            checks = count <= CHECKED_CALLS or count % 100 == 0
+            return (checked() if checks else function)(*args, **kwargs)
+
+        return call
+
+    return decorate
+
+
+_jaxtyped = jaxtyping.jaxtyped
+jaxtyping.jaxtyped = lambda **options: _check_some(_jaxtyped(**options))  # what the hook applies
+
+
+@pytest.fixture(autouse=True)
+def _count_calls_anew():
+    _calls.clear()
 
 
 def pytest_configure(config: pytest.Config) -> None:
