@@ -283,7 +283,7 @@ class _Motion:
         thickness: Thickness,
         axis_drift: float,
     ) -> None:
-        self._before, self._after, self._scale = before, after, scale
+        self._points, self._scale = np.stack([before, after]), scale
         known = np.array([0.0 if axis is None else 1.0 / axis_drift] * 2 + [1.0 / thickness.error])
         self._known = known[:, None] * np.eye(5)[[0, 1, 4]]
         self._expected = known * np.append(np.zeros(2) if axis is None else axis, thickness.log)
@@ -300,32 +300,39 @@ class _Motion:
         """Derivatives of the residual by each parameter, one row each."""
         *_, radius, turned, _ = parameters
         turn = self._turn_by(parameters)
-        share, arm, distance = turn.share, turn.arm, turn.distance
-        shifted = distance * (1.0 / arm - 1.0 / turn.arm_after)
-        nearer = (turned * share.by_distance - turn.left) * arm / distance
-        inward = arm / distance
-        tilt = share.value**2 * (inward - turn.arm_after / np.abs(turn.arm_after))
+        share, distance, (toward, toward_after) = turn.share, turn.distance, turn.directions
         more = 2.0 * share.value * turn.away
-        tilt -= more * share.by_distance * inward / distance
-        rows = np.zeros((5, 2, len(arm)))
-        rows[0] = np.imag(shifted) + np.real(nearer), np.real(tilt)
-        rows[1] = np.real(shifted) + np.imag(nearer), np.imag(tilt)
-        rows[2] = np.array([-turned * distance, more]) * share.by_radius / radius
+        around = (turned * share.by_distance - turn.left + 1j) * toward
+        around -= 1j * distance / (distance + turn.away) * toward_after
+        away = (
+            share.value**2 * (toward - toward_after) - more * share.by_distance / distance * toward
+        )
+        rows = np.empty((5, 2, len(distance)))
+        rows[:2, 0] = around.real, around.imag
+        rows[:2, 1] = away.real, away.imag
+        rows[2::2, 0] = -turned * distance
+        rows[2::2, 1] = more
+        rows[2] *= share.by_radius / radius
+        rows[4] *= share.by_thickness
         rows[3, 0] = -distance * share.value
-        rows[4] = np.array([-turned * distance, more]) * share.by_thickness
-        return np.concatenate([rows.reshape(5, -1) / self._scale, self._known.T], axis=1)
+        rows[3, 1] = 0.0
+        rows /= self._scale
+        return np.concatenate([rows.reshape(5, -1), self._known.T], axis=1)
 
     def _turn_by(self, parameters: np.ndarray) -> "_Turn":
         """The turn of the points by a disc; cached, since residual and derivatives share it."""
-        if self._turn is None or not np.array_equal(self._turn.parameters, parameters):
+        if self._turn is None or self._turn.parameters != parameters.tobytes():
             x, y, _, turned, _ = parameters
-            arms = [points - complex(x, y) for points in (self._before, self._after)]
-            arm, after = (np.where(np.abs(one) < 1e-9, 1e-9, one) for one in arms)
-            distance = np.abs(arm)
+            arms = self._points - complex(x, y)
+            lengths = np.abs(arms)
+            lengths[lengths < 1e-9] = 1e-9
+            toward, toward_after = directions = arms / lengths
+            distance, after = lengths
             share = _share_of(parameters, distance)
-            left = np.angle(after / arm) - turned * share.value
-            away = np.abs(after) - distance
-            self._turn = _Turn(parameters.copy(), arm, after, distance, share, left, away)
+            left = np.angle(toward_after * toward.conj()) - turned * share.value
+            self._turn = _Turn(
+                parameters.tobytes(), directions, distance, share, left, after - distance
+            )
         return self._turn
 
 
@@ -333,18 +340,16 @@ class _Turn(NamedTuple):
     """Turn of points by a disc.
 
     Attributes:
-        parameters: parameters of the disc.
-        arm: vector from the axis to each point [pitches].
-        arm_after: the same after the motion [pitches].
+        parameters: bytes of the disc's parameters.
+        directions: unit vectors from the axis to each point, before and after.
         distance: distance of each point from the axis [pitches].
         share: rotation of each point over that of the disc [-].
         left: rotation of each point that the disc does not explain [rad].
         away: motion of each point away from the axis [pitches].
     """
 
-    parameters: np.ndarray
-    arm: Complex[np.ndarray, " m"]
-    arm_after: Complex[np.ndarray, " m"]
+    parameters: bytes
+    directions: Complex[np.ndarray, "2 m"]
     distance: Float[np.ndarray, " m"]
     share: Share
     left: Float[np.ndarray, " m"]

@@ -42,23 +42,28 @@ def share_around(within: Float[np.ndarray, " m"], thinness: float) -> Share:
     root = np.sqrt(1.0 - within * within)
     half_space = 2.0 / np.pi * (np.arcsin(within) - within * root)
     # the slope is unbounded in the table's coordinate at the rim
-    steep = within * within / np.maximum(root, 0.05)
-    at, rows = _table()
+    steep = within * within / np.maximum(root, 0.05) * (within < 1.0)
+    table = _table()
     thin = min(thinness, LARGEST_THINNESS) / (1.0 + min(thinness, LARGEST_THINNESS))
-    row = thin * (len(rows) - 1) * (1.0 + LARGEST_THINNESS) / LARGEST_THINNESS
-    before = min(int(row), len(rows) - 2)
-    near = rows[before] + (row - before) * (rows[before + 1] - rows[before])
-    part, along, across = (np.interp(root, at, values) for values in near)
-    thicker = -half_space * across * thin * (1.0 - thin) * (thinness < LARGEST_THINNESS)
-    by_within = (4.0 / np.pi * within * steep * part - half_space * steep * along) * (within < 1.0)
+    row = thin * (len(table) - 1) * (1.0 + LARGEST_THINNESS) / LARGEST_THINNESS
+    before = min(int(row), len(table) - 2)
+    near = table[before] + (row - before) * (table[before + 1] - table[before])
+    place = root * (len(near) - 1)
+    left = np.minimum(place.astype(int), len(near) - 2)
+    start = near.take(left, axis=0)
+    part, along, across = (
+        start + (place - left)[:, None] * (near.take(left + 1, axis=0) - start)
+    ).T
+    thicker = half_space * across * (thin * (thin - 1.0) * (thinness < LARGEST_THINNESS))
+    by_within = steep * (4.0 / np.pi * within * part - half_space * along)
     return Share(half_space * part, -by_within, by_within - thicker, thicker)
 
 
 @cache
-def _table() -> tuple[Float[np.ndarray, " roots"], Float[np.ndarray, "thin 3 roots"]]:
+def _table() -> Float[np.ndarray, "thin roots 3"]:
     """The rotation over that around a disc on a half-space, and its derivatives.
 
-    Over √(1 − (radius/distance)²), 0 at the rim, and by row over thinness/(1 + thinness).
+    Over thinness/(1 + thinness), and √(1 − (radius/distance)²) from 0 at the rim to 1.
     """
     coarse = np.linspace(0.0, 1.0, 61)[:-1]
     distance = 1.0 / np.sqrt(1.0 - coarse**2)
@@ -68,4 +73,4 @@ def _table() -> tuple[Float[np.ndarray, " roots"], Float[np.ndarray, "thin 3 roo
     spline = RectBivariateSpline(coarse, thin, np.stack([np.ones(len(coarse)), *shares], axis=1))
     root, thin = np.linspace(0.0, 1.0, 481), np.linspace(0.0, thin[-1], 129)
     fields = [spline(root, thin, dx=dx, dy=dy).T for dx, dy in ((0, 0), (1, 0), (0, 1))]
-    return root, np.stack(fields, axis=1)
+    return np.stack(fields, axis=2).copy(order="C")
