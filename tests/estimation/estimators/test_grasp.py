@@ -45,9 +45,15 @@ def fingers():
     return first, second, truth
 
 
-def test_clock_sign_and_difference_are_found(fingers):
+@pytest.fixture(scope="module")
+def tracks(fingers):
+    """Their angles."""
+    return [estimate_angles(recording) for recording in fingers[:2]]
+
+
+def test_clock_sign_and_difference_are_found(fingers, tracks):
     first, second, truth = fingers
-    grasp = compare_fingers(estimate_angles(first), estimate_angles(second))
+    grasp = compare_fingers(*tracks)
     late = 12 / 30  # its first frame comes 12 frames earlier in the motion
     start = (first.source_index[0] - second.source_index[0]) / 30
     assert grasp.fixed.clock_offset == pytest.approx(-late - start, abs=0.01)
@@ -59,21 +65,20 @@ def test_clock_sign_and_difference_are_found(fingers):
     assert np.isfinite(grasp.joint).sum() >= np.isfinite(grasp.first).sum()
 
 
-def test_a_slope_is_seen_and_the_clock_not_confused_with_it(fingers):
-    first, second, _ = fingers
-    soft = estimate_angles(second)
+def test_a_slope_is_seen_and_the_clock_not_confused_with_it(tracks):
+    first, soft = tracks
     soft = replace(soft, angle=0.9 * soft.angle, low=0.9 * soft.low, high=0.9 * soft.high)
-    grasp = compare_fingers(estimate_angles(first), soft)
+    grasp = compare_fingers(first, soft)
     assert grasp.free.slope == pytest.approx(0.9, abs=0.005)
     assert np.degrees(grasp.fixed.rms) > 3 * np.degrees(grasp.free.rms)
     assert abs(grasp.free.correlation) < 1.0
 
 
-def test_time_stamps_alone_are_no_disagreement(fingers):
+def test_time_stamps_alone_are_no_disagreement(tracks):
     """A clean pair is beyond its intervals in most frames, as these leave out jitter of clocks."""
     model, legs = PivotModel(friction_ratio=0.3), {"frames": (30, 12, 50), "pressing": 10}
     mirrored, _ = simulate_pivot(model, angles_deg=[-angle for angle in PATH], seed=2, **legs)
-    first, second = estimate_angles(fingers[0]), estimate_angles(mirrored)
+    first, second = tracks[0], estimate_angles(mirrored)
     clean = compare_fingers(first, second).raw
     assert clean.share > 0.5
     assert np.degrees(clean.rms) < 0.1
@@ -88,19 +93,17 @@ def test_time_stamps_alone_are_no_disagreement(fingers):
         assert f"by {np.degrees(raw.rms):.2f}° rms" in raw.describe()
 
 
-def test_fingers_that_never_hold_together_are_refused(fingers):
-    first, second, _ = fingers
-    one, other = estimate_angles(first), estimate_angles(second)
+def test_fingers_that_never_hold_together_are_refused(tracks):
+    one, other = tracks
     slipping = replace(other, state=(State.MACRO_SLIP,) * len(other.state))
     with pytest.raises(ValueError, match="fewer than 10 frames without macro slip"):
         compare_fingers(one, slipping)
 
 
-def test_different_lengths_and_rates(fingers):
-    first, second, _ = fingers
-    half = estimate_angles(second).take(slice(None, None, 2))
-    grasp = compare_fingers(estimate_angles(first), half)
-    assert len(grasp.joint) == len(first)
+def test_different_lengths_and_rates(tracks):
+    first, second = tracks
+    grasp = compare_fingers(first, second.take(slice(None, None, 2)))
+    assert len(grasp.joint) == len(first.time)
     assert np.degrees(grasp.fixed.rms) < 0.1
 
 
@@ -147,9 +150,9 @@ def test_command_writes_the_comparison(fingers, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def turns(fingers):
+def turns(tracks):
     """Makes two fingers' tracks of one turn: noise, a later clock of the second, its own slip."""
-    base = estimate_angles(fingers[0])
+    base = tracks[0]
     time = np.arange(300) / 25
 
     def turn(time):  # a lift, shaking, a release
