@@ -117,6 +117,8 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         stick_markers: number of markers that stick.
         contact_markers: number of markers in the contact region.
         moment: moment about the contact normal [N·mm]; NaN if unknown.
+        gel_moment: the same from the markers, up to a factor, as the turn of a large disc that
+            would take it [rad] (`estimation.slip.gel_moment`); NaN if unknown.
         gel_low: φ of the gel that has turned furthest clockwise since the frame that the angle
             counts from [rad]; NaN with too few markers.
         gel_high: φ of the gel that has turned furthest counter-clockwise [rad].
@@ -137,6 +139,7 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
     stick_markers: Whole = field(metadata=per_frame("stick_markers", answer=True))
     contact_markers: Whole = field(metadata=per_frame("contact_markers"))
     moment: Number = field(metadata=per_frame("moment_Nmm", show_numbers))
+    gel_moment: Number = field(metadata=per_frame("gel_moment_deg", show_degrees))
     gel_low: Number = field(metadata=per_frame())
     gel_high: Number = field(metadata=per_frame())
     stiffness_ratio: Number = field(metadata=per_frame())

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import matplotlib.pyplot as plt
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from estimation.estimators.result import Track
@@ -12,21 +13,29 @@ from estimation.slip.alert import AlertLevel, GripPath
 from estimation.slip.branch import Branch
 
 
+def loads_of(track: Track) -> tuple[Float[np.ndarray, " frames"], str]:
+    """The moments that the margin follows from, and their label: measured, else by the markers."""
+    if np.isfinite(track.moment).any():
+        return track.moment, "moment [N·mm]"
+    return np.degrees(track.gel_moment), "moment by markers [°]"
+
+
 def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
     """Moment against angle, and the fitted curve of partial-slip torsion.
 
     Args:
-        results: track with moments, and the fitted branch or None, by name.
+        results: track, and the fitted branch or None, by name.
     """
     size = (5.2 * len(results), 4.2)
     figure, axes = plt.subplots(1, len(results), figsize=size, squeeze=False, layout="constrained")
     for axis, (name, (result, branch)) in zip(axes[0], results.items(), strict=True):
-        result = result.take(choose_rows(result.angle, result.moment))
+        result = result.take(choose_rows(result.angle, loads_of(result)[0]))
+        loads, quantity = loads_of(result)
         slip = result.slipping
         for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
             axis.plot(
                 np.degrees(result.angle[where]),
-                result.moment[where],
+                loads[where],
                 ".",
                 color=colour,
                 label=label,
@@ -34,10 +43,13 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
         if branch is not None:
             furthest = np.nanmax(branch.sign * (result.angle - branch.start))
             angle = branch.start + branch.sign * np.linspace(0.0, furthest, 200)
-            label = f"Lubkin, Masing: limit {branch.limit:.1f} N·mm, rms {branch.rms:.2f} N·mm"
-            axis.plot(np.degrees(angle), branch.moment(angle), "k", lw=1.1, label=label)
+            scale, unit = (np.degrees(1.0), "°") if branch.by_markers else (1.0, " N·mm")
+            limit, rms = scale * branch.limit, scale * branch.rms
+            label = f"curve under a pressure {branch.pressure}: limit {limit:.3g}{unit}, "
+            label += f"rms {rms:.2g}{unit}"
+            axis.plot(np.degrees(angle), scale * branch.moment(angle), "k", lw=1.1, label=label)
         axis.set_title(name, fontsize=9)
-        axis.set(xlabel="object's angle [°]", ylabel="moment [N·mm]")
+        axis.set(xlabel="object's angle [°]", ylabel=quantity)
         axis.legend(loc="upper left", fontsize=8, frameon=False)  # the best one takes long to find
     return figure
 

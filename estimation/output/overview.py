@@ -86,8 +86,8 @@ def write_overview(
         start = float(done[0][0].main.time[0])
         write_whole(folder / "comparison.csv", _comparison(grasp, start))
         images["grasp.png"] = figure_png(plot_grasp(grasp, list(named)))
-        if any(np.isfinite(run.main.moment).any() for run in named.values()):
-            branches = {name: (run.main, run.margin.last) for name, run in named.items()}
+        branches = {name: (run.main, run.margin.last) for name, run in named.items()}
+        if any(branch or np.isfinite(track.moment).any() for track, branch in branches.values()):
             images["moment.png"] = figure_png(plot_moment(branches))
     page = render_page(
         "overview.html",

@@ -61,7 +61,7 @@ def write_run(run: Run, folder: Path, *, table: bool = True) -> dict[str, Any]:
         "angles.png": plot_angles(run.results, run.method, references),
         "maps.png": plot_markers(run.reference, run.unit, main, shown, down=down),
     }
-    if np.isfinite(main.moment).any():
+    if np.isfinite(main.moment).any() or run.margin.last is not None:
         pictures["moment.png"] = plot_moment({run.name: (main, run.margin.last)})
     if np.isfinite(run.grips.friction_used).any():
         pictures["friction.png"] = plot_friction(main, run.grips)
@@ -128,13 +128,17 @@ def describe_branch(branch: Branch | None) -> dict[str, Any] | None:
     """The figures of a branch of the moment–angle curve; None if the data cannot determine it."""
     if branch is None:
         return None
+    unit, scale = ("deg", np.degrees(1.0)) if branch.by_markers else ("Nmm", 1.0)
+    error = branch.limit * np.sqrt(branch.covariance[0, 0])
     return {
-        "limit_Nmm": json_number(branch.limit),
-        "limit_standard_error_Nmm": json_number(branch.limit * np.sqrt(branch.covariance[0, 0])),
-        "stiffness_Nmm_per_deg": json_number(np.radians(branch.stiffness)),
+        "moments": "by markers" if branch.by_markers else "measured",
+        "pressure": branch.pressure,
+        f"limit_{unit}": json_number(scale * branch.limit),
+        f"limit_standard_error_{unit}": json_number(scale * error),
+        f"stiffness_{unit}_per_deg": json_number(scale * np.radians(branch.stiffness)),
         "start_deg": json_number(np.degrees(branch.start)),
-        "start_moment_Nmm": json_number(branch.sign * branch.start_moment),
-        "rms_Nmm": json_number(branch.rms),
+        f"start_moment_{unit}": json_number(scale * branch.sign * branch.start_moment),
+        f"rms_{unit}": json_number(scale * branch.rms),
         "points": branch.points,
     }
 

@@ -1,11 +1,13 @@
 """The moment–angle curve of a turning object under a constant load.
 
-The moment of a Hertz-like contact follows Lubkin's curve on first loading, and the same curve
-enlarged twice after a reversal ([Lubkin1951], [Masing1926]). A branch is the part of the curve
-since the last reversal. Its limit, stiffness and start moment are fitted to the points so far.
+On first loading the moment follows a curve that depends on the contact's pressure
+(`estimation.slip.pressures`), Lubkin's under Hertz's pressure ([Lubkin1951]), and after a reversal
+the same curve enlarged twice ([Masing1926]). A branch is the part of the curve since the last
+reversal. Its limit, stiffness and start moment are fitted to the points so far, for each of several
+pressures, which then are weighed by how well they fit.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -14,10 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares, leastsq
 
-from contactmodel.analytic import lubkin_moment, lubkin_twist
-
-LEAST_STICK_RATIO = 0.1
-"""c/a to which Lubkin's curve is tabulated [-]; the curve has no end."""
+from estimation.slip.pressures import HERTZ_NAME, pressure_curves
 
 
 @dataclass(frozen=True)
@@ -32,6 +31,9 @@ class MarginSettings:
         most_doubt: standard error of the limit's logarithm from which the data cannot determine the
             limit [-].
         noise_frames: frames over which the noise is correlated [frames].
+        curve_error: error of the moments by any of the curves, over the largest moment [-].
+        travel_error: relative standard error of the twist at the end of a curve, for gels of any
+            thickness [-].
     """
 
     turn_deg: float = 1.0
@@ -40,6 +42,8 @@ class MarginSettings:
     largest_limit: float = 10.0
     most_doubt: float = 0.25
     noise_frames: float = 3.0
+    curve_error: float = 0.008
+    travel_error: float = 0.08
 
 
 class Branch(NamedTuple):
@@ -54,6 +58,9 @@ class Branch(NamedTuple):
         covariance: covariance of ln limit, ln stiffness and start moment.
         rms: root mean square of the residuals [N·mm].
         points: number of measured points in the fit.
+        pressure: name of the pressure whose curve it is.
+        by_markers: whether the moments come from the markers: they are then turns in rad instead of
+            moments in N·mm (`estimation.slip.gel_moment`).
     """
 
     start: float
@@ -64,6 +71,8 @@ class Branch(NamedTuple):
     covariance: Float[np.ndarray, "3 3"]
     rms: float
     points: int
+    pressure: str = HERTZ_NAME
+    by_markers: bool = False
 
     @classmethod
     def read(cls, content: Mapping[str, Any]) -> "Branch":
@@ -83,7 +92,7 @@ class Branch(NamedTuple):
     def moment(self, angle: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
         """Moment at angles on the branch [N·mm]."""
         travel = np.maximum(self.sign * (angle - self.start), 0.0)
-        return self.sign * _branch_moment(self.parameters, travel)
+        return self.sign * _branch_moment(self.parameters, travel, _curve(self.pressure))
 
 
 def fit_branch(
@@ -92,6 +101,7 @@ def fit_branch(
     sign: float,
     guess: Float[np.ndarray, " 3"] | None = None,
     settings: MarginSettings = MarginSettings(),
+    pressure: str = HERTZ_NAME,
 ) -> Branch:
     """Fit limit, stiffness and start moment of a branch to measured points.
 
@@ -101,6 +111,7 @@ def fit_branch(
         sign: direction of the turn, ±1.
         guess: initial ln limit, ln stiffness and start moment.
         settings: settings of the fit.
+        pressure: name of the pressure.
     """
     travel = np.maximum(sign * (angle - angle[0]), 0.0)
     along = sign * moment
@@ -111,14 +122,22 @@ def fit_branch(
     highest = np.log(largest) + np.log(settings.largest_limit)
     guess = np.append(min(guess[0], highest - 0.1), guess[1:])
 
-    def residual(parameters: np.ndarray) -> np.ndarray:
-        return (_branch_moment(parameters, travel) - along) / largest
+    curve = _curve(pressure)
 
+    def residual(parameters: np.ndarray) -> np.ndarray:
+        return (_branch_moment(parameters, travel, curve) - along) / largest
+
+    def slope(parameters: np.ndarray) -> np.ndarray:
+        return _branch_slope(parameters, travel, curve) / largest
+
+    typical = np.array([0.1, 0.1, 0.1 * largest])
     with np.errstate(over="ignore", invalid="ignore"):  # steps of the solver may go too far
-        fit, inverse, error = _solve(residual, guess, np.array([0.1, 0.1, 0.1 * largest]), highest)
+        fit, inverse, error = _solve(residual, slope, guess, typical, highest)
     rms = float(np.sqrt(np.mean((error * largest) ** 2)))
     free = max(len(travel) / settings.noise_frames - 3.0, 1.0)
-    covariance = inverse * rms**2 * len(travel) / free / largest**2
+    variance = rms**2 * len(travel) / settings.noise_frames / free
+    variance = (variance / largest**2 + settings.curve_error**2) * settings.noise_frames
+    covariance = inverse * variance
     limit, stiffness, start_moment = fit
     return Branch(
         start=float(angle[0]),
@@ -129,11 +148,13 @@ def fit_branch(
         covariance=covariance,
         rms=rms,
         points=len(travel),
+        pressure=pressure,
     )
 
 
 def _solve(
     residual: Callable[[np.ndarray], np.ndarray],
+    slope: Callable[[np.ndarray], np.ndarray],
     guess: Float[np.ndarray, " 3"],
     typical: Float[np.ndarray, " 3"],
     highest: float,
@@ -144,41 +165,87 @@ def _solve(
     limit exceeds it.
     """
     best, *details = leastsq(
-        residual, guess, full_output=True, epsfcn=1e-6, diag=1.0 / typical, factor=10, maxfev=120
+        residual,
+        guess,
+        Dfun=slope,
+        col_deriv=True,
+        full_output=True,
+        diag=1.0 / typical,
+        factor=10,
+        maxfev=30,
     )
     inverse, info = details[:2]
     if inverse is not None and best[0] <= highest:
         return best, inverse, info["fvec"]
     bounds = ([-np.inf] * 3, [highest, np.inf, np.inf])
     solution = least_squares(
-        residual, guess, bounds=bounds, x_scale=typical, diff_step=1e-3, max_nfev=30
+        residual,
+        guess,
+        jac=lambda parameters: slope(parameters).T,  # pyright: ignore[reportArgumentType]
+        bounds=bounds,
+        x_scale=typical,
+        max_nfev=30,
     )
     return solution.x, np.linalg.pinv(solution.jac.T @ solution.jac), solution.fun
 
 
+def weigh_branches(
+    branches: Sequence[Branch], largest: float, settings: MarginSettings = MarginSettings()
+) -> Float[np.ndarray, " branches"]:
+    """Probability of each branch, fitted to the same points for another pressure.
+
+    Args:
+        branches: the branches.
+        largest: largest moment among the points [N·mm].
+        settings: settings of the fits.
+    """
+    squares = np.array([branch.rms for branch in branches]) ** 2
+    independent = branches[0].points / settings.noise_frames
+    variance = float(squares.min()) * independent / max(independent - 3.0, 1.0)
+    variance += (settings.curve_error * largest) ** 2
+    weight = np.exp(-0.5 * independent * (squares - squares.min()) / variance)
+    return weight / weight.sum()
+
+
 def margin_after(
-    parameters: Float[np.ndarray, " 3"], travel: float, end: float
+    branch: Branch, parameters: Float[np.ndarray, " 3"], travel: float, end: float
 ) -> Float[np.ndarray, " 2"]:
     """Remaining angle [rad] and moment [N·mm] at a travel along the branch; below 0 past its end.
 
     Args:
+        branch: gives the pressure.
         parameters: ln limit, ln stiffness and start moment.
         travel: rotation since the start of the branch [rad].
         end: c/a at the end of the branch [-].
     """
     limit, stiffness = np.exp(parameters[:2])
-    x, _ = _virgin()
-    last = float(np.interp(-end, -_stick_ratios(), x))
-    start = _virgin_inverse(parameters[2] / limit)
+    curve = _curve(branch.pressure)
+    last = float(np.interp(-end, -curve.stick_ratio, curve.twist))
+    start = _virgin_inverse(parameters[2] / limit, curve)
     # beyond twice the start the branch is the first-loading curve
     ends = (last - start if last >= -start else 2.0 * last) * limit / stiffness
-    now = _branch_moment(parameters, np.array([travel]))[0]
-    at_end = _branch_moment(parameters, np.array([ends]))[0]
+    at = np.array([travel, ends])
+    now, at_end = _branch_moment(parameters, at, curve)
     return np.array([ends - travel, at_end - now])
 
 
+class _Curve(NamedTuple):
+    """First loading by a pressure: its points, scaled to stiffness and limit 1, and its slope."""
+
+    stick_ratio: Float[np.ndarray, " points"]
+    twist: Float[np.ndarray, " points"]
+    moment: Float[np.ndarray, " points"]
+    slope: Float[np.ndarray, " points"]
+
+
+@cache
+def _curve(pressure: str) -> _Curve:
+    curve = pressure_curves()[pressure]
+    return _Curve(*curve, slope=np.gradient(curve.moment, curve.twist))
+
+
 def _branch_moment(
-    parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"]
+    parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"], curve: _Curve
 ) -> Float[np.ndarray, " points"]:
     """Moment along a branch with any start moment, by Masing's rule.
 
@@ -187,39 +254,35 @@ def _branch_moment(
     """
     limit, stiffness = np.exp(parameters[:2])
     first = parameters[2] / limit
-    start = _virgin_inverse(first)
+    start = _virgin_inverse(first, curve)
     x = travel * stiffness / limit
-    virgin = np.sign(start + x) * _virgin_at(np.abs(start + x))
+    # beyond the table the moment is closer to the limit than at its end
+    virgin = np.sign(start + x) * np.interp(np.abs(start + x), curve.twist, curve.moment)
     if first < 0.0:
-        virgin = np.where(x < -2.0 * start, first + 2.0 * _virgin_at(0.5 * x), virgin)
+        turned = first + 2.0 * np.interp(0.5 * x, curve.twist, curve.moment)
+        virgin = np.where(x < -2.0 * start, turned, virgin)
     return limit * virgin
 
 
-def _virgin_at(x: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
-    """M over its limit, at x = θ times stiffness over limit, x ≥ 0."""
-    twist, moment = _virgin()
-    # beyond the table the moment is closer to the limit than at its end
-    return np.interp(x, twist, moment)
+def _branch_slope(
+    parameters: Float[np.ndarray, " 3"], travel: Float[np.ndarray, " points"], curve: _Curve
+) -> Float[np.ndarray, "3 points"]:
+    """Derivatives of the moment along a branch by each parameter."""
+    limit, stiffness = np.exp(parameters[:2])
+    first = parameters[2] / limit
+    start = _virgin_inverse(first, curve)
+    x = travel * stiffness / limit
+    slope = np.interp(np.abs(start + x), curve.twist, curve.slope, right=0.0)
+    by_start = slope / max(float(np.interp(abs(start), curve.twist, curve.slope)), 1e-3)
+    if first < 0.0:
+        turned = x < -2.0 * start
+        slope = np.where(turned, np.interp(0.5 * x, curve.twist, curve.slope, right=0.0), slope)
+        by_start = np.where(turned, 1.0, by_start)
+    by_stiffness = limit * slope * x
+    moment = _branch_moment(parameters, travel, curve)
+    return np.stack([moment - by_stiffness - by_start * parameters[2], by_stiffness, by_start])
 
 
-def _virgin_inverse(moment: float) -> float:
-    """The x at which the first-loading curve has a moment of either sign, up to its end."""
-    x, y = _virgin()
-    return float(np.sign(moment) * np.interp(abs(moment), y, x))
-
-
-@cache
-def _stick_ratios() -> Float[np.ndarray, " points"]:
-    """c/a of the table's points."""
-    return np.geomspace(1.0, LEAST_STICK_RATIO, 600)
-
-
-@cache
-def _virgin() -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """Lubkin's curve with limit 1 and slope 1 at the origin, up to the least stick ratio."""
-    kappa = _stick_ratios()
-    share = 3.0 * np.pi / 16.0
-    twist = np.asarray(lubkin_twist(kappa, 1.0), dtype=float) * (4.0 / np.pi) / share
-    moment = np.asarray(lubkin_moment(kappa, 1.0, 1.0, 1.0), dtype=float) / share
-    twist[0] = moment[0] = 0.0
-    return twist, moment
+def _virgin_inverse(moment: float, curve: _Curve) -> float:
+    """Twist over limit, times stiffness, at which the first-loading curve has a moment."""
+    return float(np.sign(moment) * np.interp(abs(moment), curve.moment, curve.twist))

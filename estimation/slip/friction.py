@@ -156,7 +156,7 @@ class FrictionWatch:
         if self._slips:
             coefficient = float(np.median(self._slips))
             spread = float(np.std(self._slips)) / coefficient
-        elif branch is not None:
+        elif branch is not None and not branch.by_markers:
             coefficient, spread = branch.limit / self._arm, float(np.sqrt(branch.covariance[0, 0]))
         if not (np.isfinite(self._used + coefficient) and spread < self._settings.most_doubt):
             return Friction(self._used, low=self._most)

@@ -52,7 +52,8 @@ class LoadWatch:
         state, angle = estimate.state, estimate.angle
         if usable and state == State.MACRO_SLIP:
             self._friction.learn()
-        self._margin.add(state, angle, estimate.moment)
+        loads = estimate.moment, estimate.gel_moment
+        self._margin.add(state, angle, *loads, estimate.restarts)
         self._alert.add(estimate.time, state, angle, self._friction.used)
         self._last, self._slip_probability = estimate, slip_probability
         for name in ("margin", "friction", "alert"):

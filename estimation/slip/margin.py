@@ -1,29 +1,38 @@
 """Margin to macro slip, from the moment–angle curve extrapolated to its end."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import ndtr
 
-from estimation.estimators.measurement import Z95
 from estimation.estimators.result import State, Track
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.slip.branch import (
-    LEAST_STICK_RATIO,
     Branch,
     MarginSettings,
     fit_branch,
     margin_after,
+    weigh_branches,
 )
+from estimation.slip.pressures import LEAST_STICK_RATIO, pressure_curves
 
 THIRD_MARKER_DISTANCE = (0.91, 0.092)
 """Distance from a point to the third-nearest marker of a square grid, in pitches.
 
 Mean and standard deviation over all points."""
+CONTACT_SEEN = (0.88, 0.08)
+"""Radius of the contact as the markers show it over the true one [-].
+
+1 under a flat face and 0.75 under a sphere on a layer; mean, and standard deviation of a uniform
+distribution between."""
 
 
 class Margin(NamedTuple):
     """Remaining angle and moment before macro slip; NaN where the data cannot determine them.
+
+    The moment is NaN too where no moment is measured: the angle then follows from the markers.
 
     Attributes:
         angle: remaining rotation [rad].
@@ -56,7 +65,8 @@ class MarginTracker:
     """Follows angle and moment frame by frame; the cost of a frame is bounded.
 
     Attributes:
-        branch: the fitted branch; None if the data cannot determine one.
+        branch: the branch for the most probable pressure, with the covariance over all; None if the
+            data cannot determine one.
         last: the branch of the last frame with a margin; None before it.
     """
 
@@ -64,37 +74,49 @@ class MarginTracker:
         """Begin without any frame."""
         self.settings = settings
         self.last: Branch | None = None
+        self._measured = False  # whether moments are measured
         self.restart()
 
     def restart(self) -> None:
         """Discard all points: the object has left."""
         self._points: list[tuple[float, float]] = []
         self._sign = 0.0
-        self._guess: Float[np.ndarray, " 3"] | None = None
+        self._guesses: dict[str, Float[np.ndarray, " 3"]] = {}
         self.branch: Branch | None = None
         self._enough = False  # whether the points suffice for a fit
+        self._restarts = 0
 
-    def follow(self, state: State, angle: float, moment: float, contact_markers: int) -> Margin:
-        """The margin after a frame; NaN without contact and in macro slip.
+    def add(
+        self,
+        state: State,
+        angle: float,
+        moment: float,
+        gel_moment: float = np.nan,
+        restarts: int = 0,
+    ) -> None:
+        """Add the point of a frame, without a fit.
+
+        All points are discarded if the object has left, or if the angle counts anew.
 
         Args:
             state: state of the contact.
             angle: angle of the object [rad].
-            moment: moment about the normal [N·mm].
-            contact_markers: number of markers in contact; in macro slip fewer than three stick.
+            moment: measured moment about the normal [N·mm]; NaN if unknown.
+            gel_moment: moment from the markers, used if none is measured [rad].
+            restarts: number of restarts of the angle's count.
         """
-        self.add(state, angle, moment)
-        return self.tell(state, angle, contact_markers)
-
-    def add(self, state: State, angle: float, moment: float) -> None:
-        """Add the point of a frame, without a fit; discard all points if the object has left."""
         if state == State.NO_CONTACT:
             self.restart()
             return
+        measured = self._measured or bool(np.isfinite(moment))
+        if (measured, restarts) != (self._measured, self._restarts):
+            self.restart()
+            self._measured, self._restarts = measured, restarts
         self._enough = False
-        if not np.isfinite(angle + moment):
+        load = moment if self._measured else gel_moment
+        if not np.isfinite(angle + load):
             return
-        self._points.append((angle, moment))
+        self._points.append((angle, load))
         self._turn()
         if len(self._points) > 2 * self.settings.most_points:
             del self._points[1:-1:2]
@@ -102,19 +124,37 @@ class MarginTracker:
         self._enough = bool(self._sign) and len(self._points) >= self.settings.least_points
 
     def tell(self, state: State, angle: float, contact_markers: int) -> Margin:
-        """The margin after the frame added last, as in `follow`."""
+        """The margin after the frame added last; NaN unless the contact is known to hold.
+
+        Args:
+            state: state of the contact.
+            angle: angle of the object [rad].
+            contact_markers: number of markers in contact; in macro slip fewer than three stick.
+        """
         if not self._enough:
             return Margin()
         angles, moments = np.array(self._points).T
-        self.branch = fit_branch(angles, moments, self._sign, self._guess, self.settings)
-        margin = margin_at(self.branch, angle, end_stick_ratio(contact_markers), self.settings)
+        branches = [
+            fit_branch(
+                angles, moments, self._sign, self._guesses.get(name), self.settings, name
+            )._replace(by_markers=not self._measured)
+            for name in pressure_curves()
+        ]
         # an undetermined fit is no good initial guess
-        self._guess = self.branch.parameters if np.isfinite(margin.angle) else None
-        if state == State.MACRO_SLIP:
+        self._guesses = {
+            one.pressure: one.parameters for one in branches if is_determined(one, self.settings)
+        }
+        weights = weigh_branches(branches, float(np.abs(moments).max()), self.settings)
+        self.branch = join_branches(branches, weights)
+        lost = state in (State.MACRO_SLIP, State.UNKNOWN)
+        if lost or not is_determined(self.branch, self.settings):
             return Margin()
-        if np.isfinite(margin.angle):
-            self.last = self.branch
-        return margin
+        self.last = self.branch
+        end = end_stick_ratio(contact_markers)
+        margin = margin_at(branches, weights, angle, end, self.settings)
+        if self._measured:
+            return margin
+        return margin._replace(moment=np.nan, moment_low=np.nan, moment_high=np.nan)
 
     def _turn(self) -> None:
         """Begin a new branch if the object has turned back."""
@@ -127,7 +167,7 @@ class MarginTracker:
         furthest = int(np.argmax(self._sign * angles))
         if self._sign * (angles[furthest] - angles[-1]) > least:
             self._points = self._points[furthest:]
-            self._sign, self._guess = -self._sign, None
+            self._sign, self._guesses = -self._sign, {}
 
 
 class MarginPath(NamedTuple):
@@ -175,6 +215,8 @@ def follow_margin(
         track.state,
         map(float, track.angle),
         map(float, track.moment),
+        map(float, track.gel_moment),
+        map(int, track.restarts),
         map(int, track.contact_markers),
         strict=True,
     )
@@ -186,11 +228,10 @@ def follow_margin(
     tracker, margins = MarginTracker(settings), np.full((len(fitted), len(Margin._fields)), np.nan)
     if known is not None:
         margins[:] = np.stack(known[:-1], axis=1)
-    for row, (state, angle, moment, contact) in enumerate(frames):
+    for row, (state, angle, *loads, contact) in enumerate(frames):
+        tracker.add(state, angle, *loads)
         if fitted[row]:
-            margins[row] = tracker.follow(state, angle, moment, contact)
-        else:
-            tracker.add(state, angle, moment)
+            margins[row] = tracker.tell(state, angle, contact)
     return MarginPath(*margins.T, last=tracker.last)
 
 
@@ -203,40 +244,84 @@ def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.nda
 
 
 def end_stick_ratio(contact_markers: int) -> float:
-    """c/a at which three of the contact's markers stick, at least that of Lubkin's table [-]."""
-    radius = np.sqrt(max(contact_markers, MIN_STICK_MARKERS) / np.pi)  # in pitches
-    return float(np.clip(THIRD_MARKER_DISTANCE[0] / radius, LEAST_STICK_RATIO, 0.99))
+    """c/a at which three of the contact's markers stick, at least that of the curves' table [-]."""
+    seen = np.sqrt(max(contact_markers, MIN_STICK_MARKERS) / np.pi)  # in pitches
+    ratio = THIRD_MARKER_DISTANCE[0] * CONTACT_SEEN[0] / seen
+    return float(np.clip(ratio, LEAST_STICK_RATIO, 0.99))
+
+
+def is_determined(branch: Branch, settings: MarginSettings) -> bool:
+    """Whether the data determine the branch's limit."""
+    far = branch.limit > 2.0 * np.pi * branch.stiffness  # the stiffness is almost 0
+    return not (far or branch.covariance[0, 0] > settings.most_doubt**2)
+
+
+def join_branches(branches: Sequence[Branch], weights: Float[np.ndarray, " branches"]) -> Branch:
+    """The most probable branch, with the covariance over all of them."""
+    best = branches[int(np.argmax(weights))]
+    away = np.array([branch.parameters for branch in branches]) - best.parameters
+    within = np.einsum("b,bij->ij", weights, [branch.covariance for branch in branches])
+    return best._replace(covariance=within + np.einsum("b,bi,bj->ij", weights, away, away))
 
 
 def margin_at(
-    branch: Branch, angle: float, end: float, settings: MarginSettings = MarginSettings()
+    branches: Sequence[Branch],
+    weights: Float[np.ndarray, " branches"],
+    angle: float,
+    end: float,
+    settings: MarginSettings = MarginSettings(),
 ) -> Margin:
-    """The margin at an angle on a branch; NaN while the branch's limit is undetermined.
+    """The margin at an angle, over all pressures: medians and 95 % intervals.
 
     Args:
-        branch: the branch.
+        branches: branches fitted to the same points, one for each pressure.
+        weights: their probabilities [-].
         angle: angle of the object [rad].
         end: c/a that counts as macro slip [-].
-        settings: when the limit counts as undetermined.
+        settings: errors of the curves.
     """
-    far = branch.limit > 2.0 * np.pi * branch.stiffness  # the stiffness is almost 0
-    if far or branch.covariance[0, 0] > settings.most_doubt**2:
-        return Margin()
+    likely = weights > 1e-3
+    margins = [
+        _margin_on(branch, angle, end, settings)
+        for branch, counts in zip(branches, likely, strict=True)
+        if counts
+    ]
+    middles, errors = np.moveaxis(margins, 1, 0)
+    values = []
+    for middle, error in zip(middles.T, errors.T, strict=True):
+        values += _quantiles(middle, error, weights[likely], (0.5, 0.025, 0.975))
+    return Margin(*values)
+
+
+def _margin_on(
+    branch: Branch, angle: float, end: float, settings: MarginSettings
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """Remaining angle [rad] and moment [N·mm] on a branch, and their standard errors."""
     travel = max(branch.sign * (angle - branch.start), 0.0)
     best = branch.parameters
-    steps = np.array([1e-3, 1e-3, 1e-3 * branch.limit])
-    middle = margin_after(best, travel, end)
+    steps = np.diag([1e-3, 1e-3, 1e-3 * branch.limit])
+    middle = margin_after(branch, best, travel, end)
     slope = np.stack(
-        [(margin_after(best + step, travel, end) - middle) / step.sum() for step in np.diag(steps)],
-        axis=1,
+        [(margin_after(branch, best + s, travel, end) - middle) / s.sum() for s in steps], axis=1
     )
     variance = np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0)
-    spread = THIRD_MARKER_DISTANCE[1] / THIRD_MARKER_DISTANCE[0]
-    variance += (margin_after(best, travel, end * (1.0 - spread)) - middle) ** 2
-    half = Z95 * np.sqrt(variance)
-    # the moment's interval includes the rms difference of measured and fitted moments
-    half[1] = np.hypot(half[1], Z95 * branch.rms)
-    low, high = np.maximum(middle - half, 0.0), np.maximum(middle + half, 0.0)
-    middle = np.maximum(middle, 0.0)
-    pairs = np.stack([middle, low, high], axis=1).ravel()
-    return Margin(*(float(value) for value in pairs))
+    spread = np.hypot(
+        THIRD_MARKER_DISTANCE[1] / THIRD_MARKER_DISTANCE[0], CONTACT_SEEN[1] / CONTACT_SEEN[0]
+    )
+    variance += (margin_after(branch, best, travel, end * (1.0 - spread)) - middle) ** 2
+    variance[0] += (settings.travel_error * (travel + middle[0])) ** 2
+    variance[1] += branch.rms**2
+    return middle, np.sqrt(variance)
+
+
+def _quantiles(
+    middle: Float[np.ndarray, " branches"],
+    error: Float[np.ndarray, " branches"],
+    weights: Float[np.ndarray, " branches"],
+    shares: tuple[float, ...],
+) -> list[float]:
+    """Quantiles of a mixture of normal distributions, at least 0."""
+    reach = 4.0 * np.maximum(error, 1e-12)
+    at = np.linspace(np.min(middle - reach), np.max(middle + reach), 400)
+    below = weights @ ndtr((at - middle[:, None]) / np.maximum(error, 1e-12)[:, None])
+    return [max(float(value), 0.0) for value in np.interp(shares, below, at)]

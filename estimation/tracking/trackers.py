@@ -20,6 +20,7 @@ from estimation.estimators.result import (
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame, MarkerLayout
+from estimation.slip.gel_moment import GelMoment
 from estimation.slip.load import LoadWatch
 from estimation.slip.motion import Count, Since, gel_ends
 from estimation.slip.onset import Sight, SlipWatch
@@ -94,6 +95,7 @@ class Trackers:
         self.sight, self.shear, self.load = Sight(), Shear(), LoadWatch(alert)
         self._watch = None if noise is None else SlipWatch(layout, noise)
         self._shear, self._slide = ShearWatch(layout), SlideWatch(layout)
+        self._gel, self._gel_moment = GelMoment(layout), np.nan
 
     def update(self, frame: Frame) -> dict[str, Estimate]:
         """The estimates for the next frame, by method.
@@ -113,6 +115,7 @@ class Trackers:
             estimates = self._label(observation)
         else:
             fields = fields._replace(closed=self.sight.closed)
+            self._gel_moment = self._gel.update(fields)
             self.load.press(frame.wrench, fields.positions[fields.contact, :2])
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
         main = next(iter(estimates.values()))
@@ -182,6 +185,7 @@ class Trackers:
             since=since.since,
             restarts=since.restarts,
             moment=frame.moment,
+            gel_moment=self._gel_moment,
             rotation=fields.rotation,
             contact=fields.contact,
             stick=stick,
@@ -242,6 +246,7 @@ def label_frame(
         since=since.since,
         restarts=since.restarts,
         moment=frame.moment,
+        gel_moment=np.nan,
         rotation=np.full(len(none), np.nan),
         contact=contact,
         stick=none,

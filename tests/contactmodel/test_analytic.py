@@ -433,3 +433,30 @@ def test_a_shift_has_the_sign_of_its_force():
 def test_what_no_contact_can_have_is_refused(wrong, words):
     with pytest.raises(ValueError, match=words):
         wrong()
+
+
+def test_torsion_under_hertz_pressure_is_lubkins():
+    curve = analytic.torsion_curve(lambda r: np.sqrt(1.0 - r**2))
+    kappa, full = curve.stick_ratio[1:], 3.0 * np.pi / 16.0
+    same(curve.moment[1:], analytic.lubkin_moment(kappa, 1.0, 1.0, 1.0) / full, abs=1e-5)
+    same(curve.twist[1:], analytic.lubkin_twist(kappa, 1.0) * 4.0 / np.pi / full, abs=1e-4)
+
+
+@pytest.mark.parametrize("flat", [0.0, 0.5, 0.85])
+def test_torsion_begins_with_the_stiffness_and_ends_at_the_limit(flat):
+    curve = analytic.torsion_curve(analytic.rounded_punch_pressure(flat))
+    assert curve.moment[1] / curve.twist[1] == pytest.approx(1.0, abs=1e-4)
+    assert curve.moment[-1] == pytest.approx(1.0, abs=3e-4)
+
+
+def test_rounded_punch_goes_from_hertz_to_a_flat_disc():
+    r = np.linspace(0.0, 0.8, 5)
+    hertz = analytic.rounded_punch_pressure(0.0)(r)
+    np.testing.assert_allclose(hertz / hertz[0], np.sqrt(1.0 - r**2), rtol=1e-4)
+    flat = analytic.rounded_punch_pressure(0.99)(r)
+    np.testing.assert_allclose(flat / flat[0], 1.0 / np.sqrt(1.0 - r**2), rtol=0.02)
+
+
+def test_flat_part_must_lie_within_the_contact():
+    with pytest.raises(ValueError, match="below 1 radius, but it is 1.2"):
+        analytic.rounded_punch_pressure(1.2)

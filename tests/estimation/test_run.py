@@ -53,6 +53,7 @@ COLUMNS = (
     "stick_markers",
     "contact_markers",
     "moment_Nmm",
+    "gel_moment_deg",
     "slip_deg",
     "gel_deg",
     "imprint_deg",

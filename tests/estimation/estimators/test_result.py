@@ -59,6 +59,7 @@ def gather(count: int = 10) -> Result:
             gel_low=0.0,
             gel_high=0.01 * i,
             moment=float("nan"),
+            gel_moment=float("nan"),
             rotation=np.full(4, 0.01 * i),
             stiffness_ratio=0.0,
             load_term=0.0,

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.slip.branch import Branch, fit_branch
-from estimation.slip.margin import MarginTracker, margin_at
+from estimation.slip.branch import Branch, MarginSettings, fit_branch
+from estimation.slip.margin import MarginTracker, is_determined
+from estimation.slip.pressures import pressure_curves
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
 
 
@@ -21,7 +22,8 @@ def _follow(truth, noise, seed=0):
     tracker, margins = MarginTracker(), []
     for angle, moment in zip(truth.angle[25:], truth.moment[25:], strict=True):
         measured = float(moment + noise * rng.standard_normal())
-        margins.append(tracker.follow(State.INCIPIENT, float(angle), measured, 78))
+        tracker.add(State.INCIPIENT, float(angle), measured)
+        margins.append(tracker.tell(State.INCIPIENT, float(angle), 78))
     return margins
 
 
@@ -52,11 +54,41 @@ def test_says_nothing_while_linear():
     tracker, rng = MarginTracker(), np.random.default_rng(3)
     for one in angle:
         moment = float(20.0 * one + 0.02 * rng.standard_normal())
-        margin = tracker.follow(State.INCIPIENT, float(one), moment, 78)
-        assert np.isnan(margin.angle)
+        tracker.add(State.INCIPIENT, float(one), moment)
+        assert np.isnan(tracker.tell(State.INCIPIENT, float(one), 78).angle)
 
 
 def test_a_branch_without_a_slope_has_no_end():
     known = np.zeros((3, 3))  # what a bound leaves of numbers that nothing determines
     flat = Branch(0.0, 1.0, 10.0, 1e-170, 9.0, known, 0.1, 40)
-    assert np.isnan(margin_at(flat, 0.1, 0.2)).all()
+    assert not is_determined(flat, MarginSettings())
+
+
+@pytest.mark.parametrize("name", ["(1 − r²/a²)^1", "Hertz", "flat to 0.65 a"])
+def test_interval_holds_whatever_the_pressure(name):
+    curve = pressure_curves()[name]
+    end, turned = 0.16, np.linspace(0.0, 0.35, 60)
+    scale = np.interp(-end, -curve.stick_ratio, curve.twist) / 0.35  # the end is at 0.35 rad
+    moments = 3.0 * np.interp(turned * scale, curve.twist, curve.moment)
+    tracker, told = MarginTracker(), 0
+    for angle, moment in zip(turned.tolist(), moments.tolist(), strict=True):
+        tracker.add(State.INCIPIENT, angle, np.nan, moment)
+        margin = tracker.tell(State.INCIPIENT, angle, 78)
+        assert np.isnan(margin.moment)  # none is measured
+        if np.isfinite(margin.angle):
+            told += 1
+            assert margin.angle_low <= 0.35 - angle <= margin.angle_high
+    assert told > 10
+    assert tracker.branch is not None
+    assert tracker.branch.by_markers
+
+
+def test_points_before_a_restart_of_the_angle_do_not_count(truth):
+    tracker = MarginTracker()
+    for restarts in (0, 1):
+        for angle, moment in zip(truth.angle[26:50], truth.moment[26:50], strict=True):
+            tracker.add(State.INCIPIENT, float(angle) + restarts, float(moment), restarts=restarts)
+        tracker.tell(State.INCIPIENT, float(truth.angle[49]) + restarts, 78)
+        assert tracker.branch is not None
+        assert tracker.branch.points == 24
+        assert tracker.branch.start == pytest.approx(truth.angle[26] + restarts)
