@@ -150,8 +150,9 @@ for number, positions in enumerate(sensor.positions):
         print(f"{np.degrees(answer.angle):5.2f}° {tracker.alert.level:8} {left:5.1f}° remain")
 
 # %%
-# ``margin.angle`` is the angle [rad] that remains before macro slip. It needs moments. ``friction``
-# needs forces as well. So ``ImageTracker`` has neither. ``alert.time_to_slip`` is in s. The
+# ``margin.angle`` is the angle [rad] that remains before macro slip. Without measured moments it
+# follows from the markers, also in ``ImageTracker``. ``friction`` needs forces, so
+# ``ImageTracker`` has none. ``alert.time_to_slip`` is in s. The
 # :doc:`reference </docs/reference/estimation>` has all fields. For lengths in px give
 # ``unit="px"`` to ``Noise.from_std``. Then ``onset_mm`` of ``ContactSettings`` is in px too.
 #

@@ -174,7 +174,7 @@ def summarise(run: Run) -> dict[str, Any]:
 
 
 def _describe_margin(run: Run) -> dict[str, float | None] | None:
-    """The margin in the last frame that has one, and its time; None without moments."""
+    """The margin in the last frame that has one, and its time; None without one."""
     rows, time = np.flatnonzero(np.isfinite(run.margin.angle)), run.main.time
     if not len(rows):
         return None

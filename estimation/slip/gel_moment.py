@@ -1,17 +1,17 @@
 """The moment on a contact from the motion of the gel's markers, up to the gel's modulus.
 
-By Betti's theorem the moment M on any contact within a circle of radius R follows from the surface's
-circumferential displacement u: M θ = ∫ τ u dA, where τ is the traction under a disc of radius R
-that turns by θ. On a half-space τ = (4Gθ/π) r/√(R² − r²) ([Reissner1944] E. Reissner, H. F. Sagoci,
-"Forced torsional oscillations of an elastic half-space"), whatever the contact's shape and pressure
-and wherever it slips. Shift and pressing do not count if the circle is around the contact. On a
-layer of unknown thickness the result is too small by a factor that stays nearly the same.
+By Betti's theorem the moment M on any contact within a circle of radius R follows from the
+circumferential displacement u of the surface: M θ = ∫ τ u dA, where τ is the traction under a disc
+of radius R that turns by θ. On a half-space τ = (4Gθ/π) r/√(R² − r²) ([Reissner1944] E. Reissner,
+H. F. Sagoci, "Forced torsional oscillations of an elastic half-space"). This holds whatever the
+contact's shape and pressure and wherever it slips. Shift and pressing do not count if the circle is
+around the contact. On a layer of unknown thickness the result is too small, by a factor that hardly
+changes as the contact slips.
 """
 
 from collections import deque
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from estimation.fields.measure import Fields
@@ -71,5 +71,6 @@ class GelMoment:
         moved = fields.displacement[:, :2]
         swept = arm[:, 0] * moved[:, 1] - arm[:, 1] * moved[:, 0]
         seen = np.isfinite(swept)
-        turned = float(weight[seen] @ swept[seen] / (weight[seen] @ distance[seen] ** 2))
-        return turned * (reach / self._first) ** 3
+        there = float(weight @ distance**2 / (weight[seen] @ distance[seen] ** 2))
+        whole = 4.0 / 3.0 * np.pi * self._first**3  # of a disc that turns by 1
+        return float(weight[seen] @ swept[seen]) * there * self._pitch**2 / whole

@@ -286,7 +286,7 @@ def margin_at(
         for branch, counts in zip(branches, likely, strict=True)
         if counts
     ]
-    middles, errors = np.moveaxis(margins, 1, 0)
+    middles, errors = np.swapaxes(np.array(margins), 0, 1)
     values = []
     for middle, error in zip(middles.T, errors.T, strict=True):
         values += _quantiles(middle, error, weights[likely], (0.5, 0.025, 0.975))

@@ -13,6 +13,7 @@ from estimation.pictures.reading import make_reader
 from estimation.pictures.stream import Picture, fit_picture
 from estimation.settings import Settings
 from estimation.slip.alert import Alert
+from estimation.slip.margin import Margin
 from estimation.slip.shear import Shear
 from estimation.softness import expect_scale
 from estimation.tracking.stream import MOST_HELD_FRAMES
@@ -115,6 +116,11 @@ class ImageTracker:
     def alert(self) -> Alert:
         """The warning of a macro slip after the last picture."""
         return Alert() if self.tracker is None else self.tracker.alert
+
+    @property
+    def margin(self) -> Margin:
+        """Angle that remains before macro slip; NaN where the data cannot determine it."""
+        return Margin() if self.tracker is None else self.tracker.margin
 
     @property
     def shear(self) -> Shear:

@@ -102,7 +102,7 @@ class Tracker:
 
     @property
     def margin(self) -> Margin:
-        """Angle and moment that remain before macro slip; NaN without moments."""
+        """Angle and moment that remain before macro slip; the moment is NaN unless measured."""
         return self._trackers.load.margin
 
     @property

@@ -144,17 +144,28 @@ def _follow(
 ) -> Iterator[Followed]:
     """Follow one draw with each noise."""
     rng = np.random.default_rng((11, draw))
+    recording, truth = simulate_turn(name, friction, rng, resolution)
+    for noise in NOISES_MM:
+        yield _compare(name, noise, add_noise(recording, noise, rng), truth)
+
+
+def simulate_turn(
+    name: str, friction: float, rng: np.random.Generator, resolution: settings.Resolution
+) -> tuple[Recording, Truth]:
+    """A turn of a shape without noise, under markers placed and turned at random, and its truth."""
     model = place_at_random(PivotModel(), rng)
-    camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=draw)
+    camera = Camera(noise=(0.0, 0.0), timing=Timing(dropped=0.0), noise_window=1, seed=0)
     path = solve_turn(name, friction, resolution)
     sensor = lay_out_markers(model)
     moved = read_turn(name, friction, resolution).move(sensor.reference[:, :2])
-    recording, truth = simulate_recording(path, sensor, camera, moved=moved)
-    for noise in NOISES_MM:
-        spread = noise * np.array([1.0, 1.0, 3.5])
-        noisy = recording.positions + spread * rng.normal(size=recording.positions.shape)
-        given = replace(recording, positions=noisy)
-        yield _compare(name, noise, given, truth)
+    return simulate_recording(path, sensor, camera, moved=moved)
+
+
+def add_noise(recording: Recording, noise: float, rng: np.random.Generator) -> Recording:
+    """The recording with independent noise of x and y [mm], and of z 3.5 times larger."""
+    spread = noise * np.array([1.0, 1.0, 3.5])
+    noisy = recording.positions + spread * rng.normal(size=recording.positions.shape)
+    return replace(recording, positions=noisy)
 
 
 def _compare(name: str, noise: float, recording: Recording, truth: Truth) -> Followed:

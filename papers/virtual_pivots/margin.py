@@ -1,102 +1,176 @@
 """Accuracy of the margin's prediction of macro slip, by the angle ahead.
 
-Reversals of round pivots with random friction and marker grid; the moment has 0.05 N·mm of noise.
-The true end is the frame in which fewer than three markers stick. At several angles ahead of it,
-the predicted end is compared with the true one, and its interval is checked. The true end changes
-in steps, since markers slip one by one.
+Reversals of round pivots on a half-space, and spheres, ellipsoids and punches on layers (those of
+`few_markers`) as they are turned up to 20°. The margin is told from the markers alone, and from
+moments with noise of 0.5 % of their largest. The true end is the frame in which fewer than three
+markers stick; it changes in steps, since markers slip one by one.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 
+from estimation.estimators.result import Result
+from estimation.frames.recording import Recording
 from estimation.slip.margin import follow_margin
 from estimation.tracking.tracker import estimate_angles
-from estimation.virtual.recording import simulate_pivot
+from estimation.virtual.recording import Truth, simulate_pivot
 from papers.items import Track
 from papers.virtual_pivots import settings
+from papers.virtual_pivots.few_markers import add_noise, shapes, simulate_turn
 from papers.virtual_pivots.reversal import draw_model
 
 AHEAD_DEG = (20.0, 15.0, 10.0, 5.0, 2.0)
-MOMENT_NOISE_NMM = 0.05
+MOMENT_NOISE = 0.005
+NOISE_MM = 1e-3
+HALF_SPACE = "sphere on a half-space"
 
 
 class Foretold(NamedTuple):
-    """Predictions by draw and angle ahead; NaN without a prediction.
+    """The predictions in a recording by angle ahead; NaN without one.
 
     Attributes:
+        shape: name of the object.
+        by: what the margin follows from: `markers` or `moments`.
         error: predicted minus true remaining angle [deg].
         low: lower end of the interval minus the true remaining angle [deg].
         high: upper end of the interval minus the true remaining angle [deg].
+        asked: whether the recording has a frame so far ahead.
     """
 
-    error: Float[np.ndarray, "draws aheads"]
-    low: Float[np.ndarray, "draws aheads"]
-    high: Float[np.ndarray, "draws aheads"]
+    shape: str
+    by: str
+    error: Float[np.ndarray, " aheads"]
+    low: Float[np.ndarray, " aheads"]
+    high: Float[np.ndarray, " aheads"]
+    asked: Bool[np.ndarray, " aheads"]
 
 
-def compute(quick: bool = False, track: Track = iter) -> Foretold:
+def compute(quick: bool = False, track: Track = iter) -> list[Foretold]:
     """Simulate the recordings, and predict macro slip in each."""
     draws = (settings.QUICK_DRAWS if quick else settings.DRAWS)["margin"]
-    columns = np.array([_foretell(draw) for draw in track(range(draws))])
-    return Foretold(*np.moveaxis(columns, 1, 0))
+    resolution = settings.FEW_COARSE if quick else settings.FEW_FINE
+    names = [] if quick else list(shapes())
+    cases = [(HALF_SPACE, 0.0, draw) for draw in range(draws)]
+    for name in names:
+        for friction in settings.FEW_FRICTIONS:
+            cases += [(name, friction, draw) for draw in range(draws // 5)]
+    return [
+        foretold
+        for name, friction, draw in track(cases)
+        for foretold in _foretell(name, friction, draw, resolution)
+    ]
 
 
-def _foretell(draw: int) -> Float[np.ndarray, "3 aheads"]:
+def _foretell(
+    name: str, friction: float, draw: int, resolution: settings.Resolution
+) -> Iterator[Foretold]:
+    """Follow one draw by the markers, and by moments."""
     rng = np.random.default_rng((1, draw))
-    recording, truth = simulate_pivot(draw_model(rng), seed=draw)
+    if name == HALF_SPACE:
+        recording, truth = simulate_pivot(draw_model(rng), seed=draw)
+    else:
+        recording, truth = simulate_turn(name, friction, rng, resolution)
+        recording = add_noise(recording, NOISE_MM, rng)
+    if not truth.macro_slip.any():
+        return
     result = estimate_angles(recording)
-    noise = MOMENT_NOISE_NMM * rng.standard_normal(len(recording))
-    margins = follow_margin(replace(result, moment=result.moment + noise))
-    remaining = np.degrees(truth.angle - truth.angle[np.argmax(truth.macro_slip)])
-    foretold = np.full((3, len(AHEAD_DEG)), np.nan)
-    for i, ahead in enumerate(AHEAD_DEG):
-        turning = np.flatnonzero((recording.source_index >= 80) & (remaining <= ahead))
-        if truth.macro_slip.any() and len(turning):
-            frame = turning[0]
-            foretold[:, i] = (
-                np.degrees([values[frame] for values in margins[:3]]) - remaining[frame]
-            )
-    return foretold
+    noise = MOMENT_NOISE * np.abs(truth.moment).max() * rng.standard_normal(len(recording))
+    loads = {"markers": np.full(len(recording), np.nan), "moments": truth.moment + noise}
+    for by, moment in loads.items():
+        yield _compare(name, by, replace(result, moment=moment), recording, truth)
 
 
-def tables(result: Foretold) -> dict[str, list[dict[str, object]]]:
-    """A row for each angle ahead."""
+def _compare(name: str, by: str, result: Result, recording: Recording, truth: Truth) -> Foretold:
+    margins = follow_margin(result)
+    end = int(np.argmax(truth.macro_slip))
+    remaining = np.degrees(np.abs(truth.angle - truth.angle[end]))
+    turn = int(np.nanargmax(remaining[: end + 1]))
+    error, low, high = foretold = np.full((3, len(AHEAD_DEG)), np.nan)
+    asked = np.array([remaining[turn] >= ahead for ahead in AHEAD_DEG])
+    for i in np.flatnonzero(asked):
+        frame = turn + int(np.argmax(remaining[turn : end + 1] <= AHEAD_DEG[i]))
+        foretold[:, i] = np.degrees([values[frame] for values in margins[:3]]) - remaining[frame]
+    return Foretold(name, by, error, low, high, asked)
+
+
+def tables(result: list[Foretold]) -> dict[str, list[dict[str, object]]]:
+    """Rows by what the margin follows from and the angle ahead, in total and for each shape."""
+    names = list(dict.fromkeys(one.shape for one in result))
+    by_shape = [
+        {"shape": name, **row}
+        for name in names
+        for row in _tabulate([one for one in result if one.shape == name])
+    ]
+    return {"": _tabulate(result), "_shapes": by_shape}
+
+
+def _tabulate(result: list[Foretold]) -> list[dict[str, object]]:
     rows = []
-    for i, ahead in enumerate(AHEAD_DEG):
-        predicted = np.isfinite(result.error[:, i])
-        error, low, high = (column[predicted, i] for column in result)
-        rows.append(
-            {
-                "ahead [°]": ahead,
-                "draws": len(predicted),
-                "foretold [%]": round(100 * float(predicted.mean()), 1),
-                "bias [°]": round(float(error.mean()), 2) if predicted.any() else None,
-                "mean absolute error [°]": round(float(np.abs(error).mean()), 2)
-                if predicted.any()
-                else None,
-                "interval holds [%]": round(100 * float(np.mean((low <= 0) & (high >= 0))), 1)
-                if predicted.any()
-                else None,
+    for by in dict.fromkeys(one.by for one in result):
+        chosen = [one for one in result if one.by == by]
+        for i, ahead in enumerate(AHEAD_DEG):
+            values = np.array(
+                [(one.error[i], one.low[i], one.high[i]) for one in chosen if one.asked[i]]
+            ).reshape(-1, 3)
+            error, low, high = values[np.isfinite(values[:, 0])].T
+            told = {
+                "bias [°]": error,
+                "mean absolute error [°]": np.abs(error),
+                "half-width [°]": 0.5 * (high - low),
             }
-        )
-    return {"": rows}
+            rows.append(
+                {
+                    "by": by,
+                    "ahead [°]": ahead,
+                    "recordings": len(values),
+                    "foretold": len(error),
+                    **{
+                        title: round(float(np.mean(column)), 2) if len(error) else None
+                        for title, column in told.items()
+                    },
+                    "interval holds [%]": round(100.0 * float(np.mean((low <= 0) & (high >= 0))), 1)
+                    if len(error)
+                    else None,
+                }
+            )
+    return rows
 
 
-def plot(result: Foretold) -> Figure:
-    """Errors of the predicted end, with intervals, over the true remaining angle."""
-    figure, axis = plt.subplots(figsize=(7, 3.8), layout="constrained")
-    for i, ahead in enumerate(AHEAD_DEG):
-        width = np.linspace(-0.5, 0.5, len(result.error))
-        bars = np.stack([result.error - result.low, result.high - result.error])[:, :, i]
-        axis.errorbar(ahead + width, result.error[:, i], bars, fmt=".", lw=0.5, color="C0")
-    axis.axhline(0.0, color="0.6", lw=1)
-    axis.invert_xaxis()
-    axis.set_xlabel("true remaining angle [°]")
-    axis.set_ylabel("predicted less true [°]")
-    axis.grid(alpha=0.3)
+def plot(result: list[Foretold]) -> Figure:
+    """Errors by the markers, with intervals, over the true remaining angle: a panel each shape."""
+    names = list(dict.fromkeys(one.shape for one in result))
+    columns = min(len(names), 3)
+    rows = -(-len(names) // columns)
+    figure, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(3.9 * columns, 3.0 * rows),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    for axis, name in zip(axes.ravel(), names, strict=False):
+        shown = [one for one in result if one.shape == name and one.by == "markers"]
+        for i, ahead in enumerate(AHEAD_DEG):
+            error, low, high = (
+                np.array([getattr(one, key)[i] for one in shown])
+                for key in ("error", "low", "high")
+            )
+            width = np.linspace(-0.5, 0.5, len(error))
+            axis.errorbar(
+                ahead + width, error, [error - low, high - error], fmt=".", lw=0.5, color="C0"
+            )
+        axis.axhline(0.0, color="0.6", lw=1)
+        axis.set_title(name, fontsize=9)
+        axis.set_ylim(-15.0, 25.0)
+        axis.grid(alpha=0.3)
+    axes[0, 0].invert_xaxis()
+    figure.supxlabel("true remaining angle [°]", fontsize=10)
+    figure.supylabel("predicted less true [°]", fontsize=10)
     return figure

@@ -458,5 +458,5 @@ def test_rounded_punch_goes_from_hertz_to_a_flat_disc():
 
 
 def test_flat_part_must_lie_within_the_contact():
-    with pytest.raises(ValueError, match="below 1 radius, but it is 1.2"):
+    with pytest.raises(ValueError, match=r"below 1 radius, but it is 1\.2"):
         analytic.rounded_punch_pressure(1.2)

@@ -69,6 +69,7 @@ def test_command(monkeypatch, tmp_path):
         "few_markers_slips.csv",
         "margin.png",
         "margin.csv",
+        "margin_shapes.csv",
         "elongated.csv",
         "reversal.png",
         "reversal.csv",
