@@ -50,7 +50,7 @@ class Margin(NamedTuple):
         >>> margin: Margin = last.margin
         >>> low, angle, high = np.degrees([margin.angle_low, margin.angle, margin.angle_high])
         >>> print(f"{angle:.1f}° ({low:.1f}° to {high:.1f}°) and {margin.moment:.1f} N·mm remain")
-        7.7° (5.9° to 9.6°) and 0.5 N·mm remain
+        8.3° (1.6° to 13.3°) and 0.5 N·mm remain
     """
 
     angle: float = np.nan
