@@ -111,7 +111,7 @@ def register(
     warp = warp @ undo((right, down), turn, fit.middle)
     error = float(np.hypot(np.radians(settings.reading_deg), _spread_turn(fit, inverse, settings)))
     lacking = (1.0 - quality) / settings.independent
-    spread = _spread_shift(fit.loss[1:, 1:], lacking, texture.value.size, settings)
+    spread = _spread_shift(fit, lacking, texture.value.size, settings)
     return Match(keyframe, warp, quality, error, spread)
 
 
@@ -126,6 +126,7 @@ class _Fit(NamedTuple):
             and y.
         misfit: difference of the levels of each pixel; the levels are normalised to length 1.
         loss: loss of correlation by these motions, over half their squares [-, 1/px²].
+        apart: share of that loss by shifts, from pixels that are not beside hidden ones [1/px²].
         correlation: of the levels, to which the loss is relative [-].
     """
 
@@ -135,6 +136,7 @@ class _Fit(NamedTuple):
     slopes: Float[np.ndarray, "3 n"]
     misfit: Float[np.ndarray, " n"]
     loss: Float[np.ndarray, "3 3"]
+    apart: Float[np.ndarray, "2 2"]
     correlation: float
 
 
@@ -165,6 +167,9 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
         levels.append(scale * level)
     correlation = max(float(levels[0] @ levels[1]), 1e-6)
     loss = slopes[0] @ slopes[1].T / correlation
+    beside = 2  # reach of hidden pixels: the width of the smoothing, and a slope [px]
+    inner = cv2.erode(mask, np.ones((2 * beside + 1,) * 2, np.uint8)).ravel()[shared] > 0
+    apart = slopes[0][1:, inner] @ slopes[1][1:, inner].T / correlation
     return _Fit(
         place=place,
         middle=(float(middle[1]), float(middle[0])),
@@ -172,6 +177,7 @@ def _compare(template: Template, now: Texture, warp: Float[np.ndarray, "2 3"]) -
         slopes=0.5 * (slopes[0] + slopes[1]),
         misfit=levels[1] - levels[0],
         loss=0.5 * (loss + loss.T),
+        apart=0.5 * (apart + apart.T),
         correlation=correlation,
     )
 
@@ -203,11 +209,19 @@ def _spread_turn(fit: _Fit, inverse: Float[np.ndarray, "3 3"], settings: Imprint
 
 
 def _spread_shift(
-    loss: Float[np.ndarray, "2 2"], lacking: float, area: int, settings: ImprintSettings
+    fit: _Fit, lacking: float, area: int, settings: ImprintSettings
 ) -> Float[np.ndarray, "2 2"]:
-    """Covariance of a shift [px²]; along uniform prints its variance is the picture's area."""
-    along, ways = np.linalg.eigh(loss)
-    seen = along > settings.alike * along[1]
+    """Covariance of a shift [px²]; along uniform prints its variance is the picture's area.
+
+    A print does not depend on the places of the dots. Pixels beside the dots keep some light of
+    them, which moves with the gel. If a print shows a shift mostly by these pixels, the print
+    itself is uniform along that shift.
+    """
+    mostly = 0.5  # share that pixels apart from the dots must have along the print [-]
+    along, ways = np.linalg.eigh(fit.loss[1:, 1:])
+    apart = np.sum(ways * (fit.apart @ ways), axis=0)
+    own = apart * along[1] > mostly * along * apart[1]
+    seen = (along > settings.alike * along[1]) & own
     variance = settings.reading_px**2 + lacking / np.where(seen, along, 1.0)
     return (ways * np.where(seen, variance, area)) @ ways.T
 

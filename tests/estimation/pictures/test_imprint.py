@@ -99,6 +99,30 @@ def test_repeated_ridges_do_not_show_how_far_they_go_along_themselves():
     assert abs(xy) < 0.05 * yy
 
 
+@pytest.mark.parametrize(("offset", "uniform"), [(0.0, True), (10.0, False)])
+def test_spots_around_the_dots_are_no_print_of_the_object(offset, uniform):
+    """A smooth bar along y. Spots between the dots show how far it goes along itself."""
+    rng, still, radius, pitch = np.random.default_rng(5), np.eye(2, 3, dtype=np.float32), 4.0, 20.0
+    y, x = np.mgrid[-70:71, -40:41].astype(float)
+    from_dot, from_spot = (
+        np.hypot(np.abs(x) - 6.0, (y - along + 0.5 * pitch) % pitch - 0.5 * pitch)
+        for along in (0.0, offset)
+    )
+    spots = np.exp(-((np.maximum(from_spot - radius, 0.0) / 1.5) ** 2))
+    bar = 10.0 * np.exp(-((x / 8.0) ** 6)) * (1.0 - 0.5 * spots)
+    shown = (from_dot > radius) & (np.abs(x) < 14.0) & (np.abs(y) < 64.0)
+    mask = np.where(shown, 255, 0).astype(np.uint8)
+    first, second = (
+        Texture((bar + rng.normal(0.0, 0.1, bar.shape)).astype(np.float32), mask) for _ in range(2)
+    )
+    keyframe = Keyframe(first, np.eye(3), 0.0, np.zeros((2, 2)))
+    match = register(keyframe, second, still, ImprintSettings())
+    assert match is not None
+    (xx, _), (_, yy) = match.own_spread
+    assert np.sqrt(xx) < 0.2  # px
+    assert (np.sqrt(yy) > 40.0) == uniform
+
+
 def test_the_error_of_a_registration_is_that_of_many():
     rng = np.random.default_rng(11)
     relief = make_relief("texture", 0.15, 20.0, 0.02, rng).at(CAMERA, np.zeros(2), 0.0)
