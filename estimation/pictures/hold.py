@@ -5,21 +5,28 @@ moves over the gel. Each picture is therefore warped back to the gel at rest, by
 the dots, and correlated with earlier pictures around every dot. The correlation is 1 where the
 print has stayed in place on the gel, and near 0 where another part of the object has taken its
 place. The method assumes neither a rigid object nor an axis of rotation.
+
+A print that is uniform along the slip does not change. The gel is sheared the way that the object
+would slip, so each dot counts by the structure of the print along the shear: of a smooth bar that
+is drawn along itself, only the ends count.
 """
 
 from collections import deque
 from dataclasses import dataclass
 from functools import reduce
+from math import isqrt
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 from scipy.interpolate import RBFInterpolator
+from scipy.ndimage import minimum_filter
 from scipy.spatial.distance import cdist
 from scipy.special import xlogy
 
 from estimation.pictures.imprint.painted import Painted, add_squares
+from estimation.pictures.imprint.settings import ImprintSettings
 from estimation.pictures.lattice import Reference
 
 
@@ -41,6 +48,10 @@ class HoldSettings:
         seen: share of a window that must be visible, without dots, in both pictures [-].
         spacing: distance between the points at which the displacement is interpolated [px of the
             scaled picture].
+        sheared: mean displacement of the gel under the print from which the gel counts as sheared,
+            in that direction [pitches].
+        uniform: structure of the print along the shear, as a share of its structure along the
+            direction with most, below which the print does not show a slip [-].
         weak: share of the dots with the weakest correlation, whose best is `Hold.weakest` [-].
     """
 
@@ -54,6 +65,8 @@ class HoldSettings:
     printed: float = 0.15
     seen: float = 0.2
     spacing: int = 8
+    sheared: float = 0.02
+    uniform: float = ImprintSettings.alike
     weak: float = 0.1
 
 
@@ -62,7 +75,7 @@ class Hold(NamedTuple):
 
     Attributes:
         since: median correlation with the print half a second to a second before [-]; NaN where
-            unknown.
+            unknown. It alone is NaN if the print is uniform along the gel's shear.
         lately: median correlation with the print some frames before [-].
         weakest: tenth percentile of the correlation with the print slightly earlier [-].
     """
@@ -107,16 +120,22 @@ class HoldFollower:
 
     def restart(self) -> None:
         """Forget earlier frames: the comparison starts at the next one."""
-        self._earlier: list[Print] = []
+        self._earlier: list[tuple[Print, Float[np.ndarray, "m 2 2"]]] = []
         self._recent: deque[Print] = deque(maxlen=self._settings.lately + 1)
         self._frames = 0
 
-    def update(self, painted: Painted, position: Float[np.ndarray, "m 2"]) -> Hold:
+    def update(
+        self,
+        painted: Painted,
+        position: Float[np.ndarray, "m 2"],
+        displacement: Float[np.ndarray, "m 2"],
+    ) -> Hold:
         """Compare the print of the next frame with earlier prints.
 
         Args:
             painted: the picture without its dots.
             position: dots in the picture [px]; NaN where not visible.
+            displacement: of the dots from rest, without the lens's distortion [px].
         """
         seen = np.isfinite(position[:, 0])
         if seen.sum() < 3:
@@ -125,14 +144,18 @@ class HoldFollower:
             self._lay_grid(painted)
         now = self._take_back(painted, position)
         if self._frames % self._settings.age == 0:
-            self._earlier = [*self._earlier[-1:], now]
+            self._earlier = [*self._earlier[-1:], (now, find_structure(now))]
         self._frames += 1
         self._recent.append(now)
-        (since,) = self._compare(self._earlier[0], now, seen, 0.5)
-        lately, weakest = self._compare(self._recent[0], now, seen, 0.5, self._settings.weak)
+        before, structure = self._earlier[0]
+        agreement, weight = self._compare(before, now, seen)
+        weight = weight * self._share_along(structure, displacement, weight)
+        (since,) = _take_quantiles(agreement, weight, 0.5)
+        agreement, weight = self._compare(self._recent[0], now, seen)
+        lately, weakest = _take_quantiles(agreement, weight, 0.5, self._settings.weak)
         if lately < self._settings.alike:
             shortly = self._recent[-1 - min(self._settings.shortly, len(self._recent) - 1)]
-            (lately,) = self._compare(shortly, now, seen, 0.5)
+            (lately,) = _take_quantiles(*self._compare(shortly, now, seen), 0.5)
         return Hold(since, lately, weakest)
 
     def _lay_grid(self, painted: Painted) -> None:
@@ -182,9 +205,9 @@ class HoldFollower:
         return Print(planes, add_squares(planes), clear)
 
     def _compare(
-        self, before: Print, now: Print, seen: Bool[np.ndarray, " m"], *shares: float
-    ) -> list[float]:
-        """Quantiles of the correlation around dots, weighted by the texture of the print."""
+        self, before: Print, now: Print, seen: Bool[np.ndarray, " m"]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """Correlation around dots, and the weight of each, by the texture of the print."""
         settings = self._settings
         pixels = np.float32(before.clear.shape[1])
         share = _multiply(before.clear, now.clear) / pixels
@@ -195,19 +218,71 @@ class HoldFollower:
         power = np.maximum(first, second)
         seen = seen & (share > settings.seen)
         if not seen.any():
-            return [np.nan] * len(shares)
+            return cross, np.zeros_like(cross)
         ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
         places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
         bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
         least = min(settings.contrast**2 * bare + 1.0, printed)
         weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
-        agreement = cross / np.sqrt(first * second + 1e-6)
-        if not weight.any():
-            return [np.nan] * len(shares)
-        order = np.argsort(agreement)
-        sums = np.cumsum(weight[order])
-        places = np.searchsorted(sums, np.multiply(shares, sums[-1]))
-        return agreement[order[places]].tolist()
+        return cross / np.sqrt(first * second + 1e-6), weight
+
+    def _share_along(
+        self,
+        structure: Float32[np.ndarray, "m 2 2"],
+        displacement: Float[np.ndarray, "m 2"],
+        weight: Float[np.ndarray, " m"],
+    ) -> Float[np.ndarray, " m"]:
+        """Share of the print's structure along the gel's shear, around each dot [-].
+
+        It is 1 everywhere if the gel is not sheared, and 0 if the print is uniform along the shear.
+
+        Args:
+            structure: as from `find_structure`.
+            displacement: of the dots from rest [px].
+            weight: of each dot.
+        """
+        settings, ones = self._settings, np.ones(len(weight))
+        shear = weight @ np.nan_to_num(displacement) / max(float(weight.sum()), 1e-9)
+        far = float(np.linalg.norm(shear))
+        if far < settings.sheared * self._pitch:
+            return ones
+        way = shear / far
+        whole = np.linalg.eigvalsh(structure[weight > 0.0].sum(axis=0))
+        along = way @ structure @ way
+        if along[weight > 0.0].sum() <= settings.uniform * whole[-1]:
+            return 0.0 * ones
+        return along / np.maximum(np.trace(structure, axis1=1, axis2=2), 1e-9)
+
+
+def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:
+    """Mean products of the print's slopes along x and y around each dot, over all colours [1/px²].
+
+    Pixels beside the dots are left out, because they keep some of the dots' light.
+    """
+    beside = 2  # reach of hidden pixels: the width of the smoothing, and a slope [px]
+    side = isqrt(shown.clear.shape[1])
+    clear = shown.clear.reshape(-1, side, side)
+    inner = minimum_filter(clear, (1, 2 * beside + 1, 2 * beside + 1))[:, 1:-1, 1:-1]
+    slopes = []
+    for plane in shown.planes:
+        level = plane.reshape(-1, side, side)
+        right = 0.5 * (level[:, 1:-1, 2:] - level[:, 1:-1, :-2])
+        down = 0.5 * (level[:, 2:, 1:-1] - level[:, :-2, 1:-1])
+        slopes.append(np.stack([right * inner, down * inner], axis=1))
+    product = reduce(np.add, (np.einsum("mikl,mjkl->mij", slope, slope) for slope in slopes))
+    return product / np.maximum(inner.sum(axis=(1, 2)), 1.0)[:, None, None]
+
+
+def _take_quantiles(
+    agreement: Float[np.ndarray, " m"], weight: Float[np.ndarray, " m"], *shares: float
+) -> list[float]:
+    """Weighted quantiles of the correlation around dots [-]; NaN without weight."""
+    if not weight.any():
+        return [np.nan] * len(shares)
+    order = np.argsort(agreement)
+    sums = np.cumsum(weight[order])
+    places = np.searchsorted(sums, np.multiply(shares, sums[-1]))
+    return agreement[order[places]].tolist()
 
 
 def _multiply(

@@ -8,7 +8,8 @@ its path. And where the print is followed, it moves beyond all of the gel under 
 probability of slip is that of at least one sign being right.
 
 Falling shear may also mean that the load is removed. This is assumed if the print has stayed on the
-gel. Without a print to compare, there is no verdict.
+gel. Without a print to compare, there is no verdict. A print that is uniform along the gel's shear
+does not show a slip: without another sign of one, held and slipped are then equally likely.
 """
 
 from collections import deque
@@ -158,8 +159,8 @@ class Outcome(NamedTuple):
     """Outcome of a grasp.
 
     Attributes:
-        word: `held` or `slipped`; `unknown` without contact, or if the object may have slid over
-            gel at rest.
+        word: `held` or `slipped`; `unknown` without contact, if the object may have slid over gel
+            at rest, or if its print is uniform along the gel's shear.
         probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
             if it comes from the states of the contact alone.
         onset: time at which a slip became more likely than not, or of the first macro slip [s]; NaN
@@ -307,7 +308,12 @@ class ShearWatch:
         # both must fall: markers that turn can lower theirs without moving back
         fallen = float(min(peaks - (shear, shifted)) / max(peaks[0], self._least))
         if not np.isfinite(since):
-            return Shear(shear, fallen, slid=slid)
+            if not np.isfinite(weakest):
+                return Shear(shear, fallen, slid=slid)
+            # the print is uniform along the shear and does not show a slip: even odds at least
+            others = np.array([fallen, settings.unloaded, slid])
+            odds = max(0.5, float(find_slip_probability(others, settings)))
+            return Shear(shear, fallen, since, slid, odds, slides=odds > 0.5)
         if since > settings.unloaded:  # the load is smaller now: measure later falls from here
             self._shears.clear()
             self._shears.append((shear, shifted))
@@ -355,7 +361,8 @@ def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Ou
         if not (over.any() or certain):
             return Outcome("unknown", 0.5, np.nan)
     if not over.any():
-        return Outcome("held", probability, np.nan)
+        word = "unknown" if probability >= 0.5 else "held"  # uniform along the shear
+        return Outcome(word, probability, np.nan)
     slips = int((np.diff(over.astype(int), prepend=0) > 0).sum())
     return Outcome("slipped", probability, float(track.time[over.argmax()]), slips)
 

@@ -102,7 +102,8 @@ class DotReader(MarkerReader):
         flaw = self.arrival.find_flaw(contact)
         turned, hold = NO_IMPRINT, NO_HOLD
         if contact.any():
-            hold = self.hold.update(painted, in_picture)
+            moved = position - self.reference.position
+            hold = self.hold.update(painted, in_picture, moved)
         else:
             self.hold.restart()
         if flaw or not contact.any():

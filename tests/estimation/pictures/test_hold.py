@@ -18,7 +18,7 @@ LEAVE = np.linspace(0.0, 12.0, 9)
 def sheared(points, shear):
     """Points of the gel: all the shear under the object, none far from it [px]."""
     far = np.linalg.norm(points - MIDDLE, axis=-1)
-    share = np.exp(-((far / 75.0) ** 4))
+    share = np.exp(-((far / 85.0) ** 8))
     return points + shear * share[..., None] * np.array([1.0, 0.0])
 
 
@@ -29,10 +29,10 @@ def relief():
     return 40.0 * rough / rough.std()
 
 
-def pictured(relief, shear, ahead, rng):
+def pictured(relief, shear, ahead, rng, reach=62.0):
     """The gel under an object that has gone `ahead` of it, its dots and what the object prints."""
     y, x = np.mgrid[:240, :320]
-    near = np.hypot(x - MIDDLE[0] - shear, y - MIDDLE[1]) < 62.0
+    near = np.hypot(x - MIDDLE[0] - shear, y - MIDDLE[1]) < reach
     start = 40 - round(shear + ahead)
     grey = 150.0 + near * relief[:, start : start + 320] + rng.normal(0.0, 1.5, (240, 320))
     dots = sheared(REST, shear)
@@ -42,14 +42,14 @@ def pictured(relief, shear, ahead, rng):
     return np.repeat(image[..., None], 3, axis=-1), dots
 
 
-def follow(relief, ahead, rest=LEAVE, lost=()):
+def follow(relief, ahead, rest=LEAVE, lost=(), reach=62.0):
     follower, rng, holds = HoldFollower(REFERENCE), np.random.default_rng(1), []
     for shear, gone in zip(rest, np.broadcast_to(ahead, len(rest)), strict=True):
-        image, dots = pictured(relief, shear, gone, rng)
+        image, dots = pictured(relief, shear, gone, rng, reach)
         painted = paint_out(image, dots, RADIUS)
         dots = dots.copy()
         dots[list(lost)] = np.nan
-        holds.append(follower.update(painted, dots))
+        holds.append(follower.update(painted, dots, dots - REST))
     return np.array(holds)
 
 
@@ -83,6 +83,29 @@ def test_a_slip_that_has_ended_is_not_lately(relief):
     assert weakest[-1] > 0.9
 
 
+def bar(start, stop):
+    """A bar along x between two columns of the object, as `relief`."""
+    y, x = np.mgrid[:240, :400].astype(np.float32)
+    ends = np.exp(-(np.maximum(np.maximum(start - x, x - stop), 0.0) ** 2) / 30.0)
+    return 60.0 * ends * np.exp(-(((y - MIDDLE[1]) / 25.0) ** 2))
+
+
+def test_a_bar_that_goes_along_itself_is_seen_by_its_ends():
+    """Half of its dots see no change once it has slipped by a quarter of their distance."""
+    held, slid = (follow(bar(140.0, 260.0), ahead, reach=1e3)[:, 0] for ahead in (0.0, LEAVE))
+    assert held.min() > 0.9
+    assert slid[4] < 0.5
+    assert slid[-1] < 0.1
+
+
+def test_a_bar_along_the_shear_does_not_show_whether_the_object_holds():
+    for ahead in (0.0, LEAVE):
+        since, lately, weakest = follow(bar(-1e3, 1e3), ahead, reach=1e3).T
+        assert since[0] == pytest.approx(1.0)  # before any shear
+        assert np.isnan(since[-1])
+        assert min(lately[-1], weakest[-1]) > 0.8
+
+
 def test_lost_dots_leave_the_answer(relief):
     since, *_ = follow(relief, 0.0, lost=(40, 41, 66)).T
     assert since.min() > 0.75
@@ -91,4 +114,6 @@ def test_lost_dots_leave_the_answer(relief):
 def test_without_dots_nothing_is_said(relief):
     image, dots = pictured(relief, 0.0, 0.0, np.random.default_rng(1))
     painted = paint_out(image, dots, RADIUS)
-    assert np.isnan(HoldFollower(REFERENCE).update(painted, np.full_like(dots, np.nan))).all()
+    assert np.isnan(
+        HoldFollower(REFERENCE).update(painted, *np.full((2, *dots.shape), np.nan))
+    ).all()

@@ -158,6 +158,20 @@ def test_without_a_print_nothing_is_said():
     assert found.fallen > 0.5
 
 
+@pytest.mark.parametrize(("shear", "slides"), [(RISE, False), (FALL, True)])
+def test_a_print_that_is_uniform_along_the_shear_leaves_even_odds(shear, slides, pivot_result):
+    watched = ShearWatch(LAYOUT)
+    found = [
+        watched.update(REST + one * SHARE * [1.0, 0.0], TOUCHED, (np.nan, 0.99, 0.99), UNSEEN)
+        for one in shear
+    ]
+    assert not any(one.holds or one.sticks for one in found)
+    assert found[-1].slides == slides
+    assert (found[-1].slip_probability > 0.9) if slides else (found[-1].slip_probability == 0.5)
+    outcome = conclude(np.array([one.slip_probability for one in found]), pivot_result)
+    assert outcome.word == ("slipped" if slides else "unknown")
+
+
 def test_a_frame_without_markers_is_passed_over():
     watched = ShearWatch(LAYOUT)
     watched.update(REST, TOUCHED, (1.0, 1.0, 1.0), UNSEEN)
