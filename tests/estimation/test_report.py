@@ -223,7 +223,8 @@ def test_the_answer_comes_first_in_words(answered, angles, others, words):
     [
         (0.1, "held", "held"),
         (0.11, "probably held", "held"),
-        (0.5, "probably held", "held"),
+        (0.49, "probably held", "held"),
+        (0.5, "unknown", "unknown"),
         (0.51, "probably slipped", "slipped"),
         (0.89, "probably slipped", "slipped"),
         (0.9, "slipped", "slipped"),
