@@ -234,7 +234,8 @@ class HoldFollower:
     ) -> Float[np.ndarray, " m"]:
         """Share of the print's structure along the gel's shear, around each dot [-].
 
-        It is 1 everywhere if the gel is not sheared, and 0 if the print is uniform along the shear.
+        It is 1 everywhere if the gel is not sheared or the structure is unknown, and 0 if the print
+        is uniform along the shear. Around a dot without a structure it is that of the whole print.
 
         Args:
             structure: as from `find_structure`.
@@ -242,22 +243,23 @@ class HoldFollower:
             weight: of each dot.
         """
         settings, ones = self._settings, np.ones(len(weight))
+        known = (weight > 0.0) & np.isfinite(structure[:, 0, 0])
         shear = weight @ np.nan_to_num(displacement) / max(float(weight.sum()), 1e-9)
         far = float(np.linalg.norm(shear))
-        if far < settings.sheared * self._pitch:
+        if far < settings.sheared * self._pitch or not known.any():
             return ones
-        way = shear / far
-        whole = np.linalg.eigvalsh(structure[weight > 0.0].sum(axis=0))
-        along = way @ structure @ way
-        if along[weight > 0.0].sum() <= settings.uniform * whole[-1]:
+        way, total = shear / far, structure[known].sum(axis=0)
+        if way @ total @ way <= settings.uniform * np.linalg.eigvalsh(total)[-1]:
             return 0.0 * ones
-        return along / np.maximum(np.trace(structure, axis1=1, axis2=2), 1e-9)
+        structure = np.where(known[:, None, None], structure, total)
+        return way @ structure @ way / np.maximum(np.trace(structure, axis1=1, axis2=2), 1e-9)
 
 
 def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:
     """Mean products of the print's slopes along x and y around each dot, over all colours [1/px²].
 
-    Pixels beside the dots are left out, because they keep some of the dots' light.
+    Pixels beside the dots are left out, because they keep some of the dots' light. Where the dots
+    are too close together to leave any, it is NaN.
     """
     beside = 2  # reach of hidden pixels: the width of the smoothing, and a slope [px]
     side = isqrt(shown.clear.shape[1])
@@ -270,7 +272,8 @@ def find_structure(shown: Print) -> Float32[np.ndarray, "m 2 2"]:
         down = 0.5 * (level[:, 2:, 1:-1] - level[:, :-2, 1:-1])
         slopes.append(np.stack([right * inner, down * inner], axis=1))
     product = reduce(np.add, (np.einsum("mikl,mjkl->mij", slope, slope) for slope in slopes))
-    return product / np.maximum(inner.sum(axis=(1, 2)), 1.0)[:, None, None]
+    pixels = inner.sum(axis=(1, 2))
+    return product / np.where(pixels > 0.0, pixels, np.nan)[:, None, None]
 
 
 def _take_quantiles(

@@ -42,11 +42,11 @@ def pictured(relief, shear, ahead, rng, reach=62.0):
     return np.repeat(image[..., None], 3, axis=-1), dots
 
 
-def follow(relief, ahead, rest=LEAVE, lost=(), reach=62.0):
+def follow(relief, ahead, rest=LEAVE, lost=(), reach=62.0, hidden=RADIUS):
     follower, rng, holds = HoldFollower(REFERENCE), np.random.default_rng(1), []
     for shear, gone in zip(rest, np.broadcast_to(ahead, len(rest)), strict=True):
         image, dots = pictured(relief, shear, gone, rng, reach)
-        painted = paint_out(image, dots, RADIUS)
+        painted = paint_out(image, dots, hidden)
         dots = dots.copy()
         dots[list(lost)] = np.nan
         holds.append(follower.update(painted, dots, dots - REST))
@@ -104,6 +104,13 @@ def test_a_bar_along_the_shear_does_not_show_whether_the_object_holds():
         assert since[0] == pytest.approx(1.0)  # before any shear
         assert np.isnan(since[-1])
         assert min(lately[-1], weakest[-1]) > 0.8
+
+
+def test_print_between_dots_that_are_close_together_counts(relief):
+    """Then its structure is unknown, which does not make it uniform."""
+    held, slid = (follow(relief, ahead, hidden=1.6 * RADIUS)[:, 0] for ahead in (0.0, LEAVE))
+    assert held.min() > 0.85
+    assert slid[-1] < 0.5
 
 
 def test_lost_dots_leave_the_answer(relief):
