@@ -126,6 +126,11 @@ class Shear(NamedTuple):
     slip_since: float = float("nan")
 
     @property
+    def hidden(self) -> bool:
+        """Whether the object may slide unseen: its print is uniform along the gel's shear."""
+        return isfinite(self.slip_probability) and not isfinite(self.print_correlation)
+
+    @property
     def state(self) -> State:
         """State of the contact by the object's print alone."""
         if self.slides:

@@ -119,7 +119,8 @@ class Trackers:
             self.load.press(frame.wrench, fields.positions[fields.contact, :2])
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
         main = next(iter(estimates.values()))
-        self.load.follow(main, self.shear.slip_probability, usable=fields is not None)
+        shown = np.nan if self.shear.hidden else self.shear.slip_probability
+        self.load.follow(main, shown, usable=fields is not None)
         return estimates
 
     def _label(self, observation: Observation) -> dict[str, Estimate]:
@@ -222,6 +223,10 @@ class Trackers:
             if self.shear.holds or self.load.holds or fields.closed is False:
                 return State.INCIPIENT, why and (
                     "no slip is seen, but too few markers move as one body to give an angle"
+                )
+            if self.shear.hidden:
+                return State.UNKNOWN, (
+                    "few markers stick, and the object's print does not show a slide along the shear"
                 )
             return State.MACRO_SLIP, why
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():

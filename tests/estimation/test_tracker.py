@@ -11,6 +11,7 @@ from estimation.estimators.result import State
 from estimation.frames.inspection import inspect_recording
 from estimation.frames.noise import Noise
 from estimation.frames.recording import Frame
+from estimation.slip.alert import AlertLevel
 from estimation.tracking.tracker import Tracker, estimate_angles
 from estimation.tracking.trackers import Trackers
 from tests.cases import domed_pad, lift
@@ -56,21 +57,38 @@ def test_states_and_their_bounds():
     assert set(generous.state[5:]) == {State.STICK}
 
 
-def test_reason_where_the_print_sticks_but_the_angle_is_unknown():
-    """Markers scattered by a sensor that saw no turn; the print has stayed on the gel."""
+@pytest.mark.parametrize(
+    ("since", "state", "reason"),
+    [
+        (0.99, State.STICK, "the contact sticks, but the object's rotation so far is unknown"),
+        (np.nan, State.UNKNOWN, "few markers stick, and the object's print does not show a slide"),
+    ],
+)
+def test_reason_where_the_print_stays_but_the_angle_is_unknown(since, state, reason):
+    """Markers scattered by a sensor that saw no turn; the print is uniform or not."""
     recording = lift(ANGLES)
     rest, touched = recording.layout.reference, recording.positions[-1]
     contact = rest[:, 2] - touched[:, 2] > 0.1
     tracker, rng = Tracker(recording.layout, noise=MICRON), np.random.default_rng(0)
     for number in range(6):
         scatter = rng.normal(size=rest.shape) * [0.1, 0.1, 0.0]
-        stays = (0.99, 0.99, 0.99)
+        stays = (since, 0.99, 0.99)
         last = tracker.update(
             Frame(touched + scatter, 0.1 * number, number, contact=contact, hold=stays)
         )
-    assert last.state == State.STICK
+    assert last.state == state
     assert np.isnan(last.angle)
-    assert last.reason == "the contact sticks, but the object's rotation so far is unknown"
+    assert last.reason.startswith(reason)
+
+
+def test_a_print_that_shows_no_slide_is_no_alarm():
+    recording = lift(ANGLES)
+    contact = recording.layout.reference[:, 2] - recording.positions[-1][:, 2] > 0.1
+    tracker = Tracker(recording.layout, noise=MICRON)
+    for frame in recording.head(9):
+        last = tracker.update(replace(frame, contact=contact, hold=(np.nan, 0.99, 0.99)))
+    assert last.stick_markers > 9
+    assert tracker.alert.level in (AlertLevel.NONE, AlertLevel.WATCH)
 
 
 def test_noise_is_estimated_unless_given():
