@@ -226,7 +226,7 @@ class Trackers:
                 )
             if self.shear.hidden:
                 return State.UNKNOWN, (
-                    "few markers stick, and the object's print does not show a slide along the shear"
+                    "few markers stick, and the object's print does not show a slide along it"
                 )
             return State.MACRO_SLIP, why
         if gel.stick.sum() >= self._observer.contact.stick_share * fields.contact.sum():
