@@ -207,7 +207,11 @@ class HoldFollower:
     def _compare(
         self, before: Print, now: Print, seen: Bool[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Correlation around dots, and the weight of each, by the texture of the print."""
+        """Correlation around dots, and the weight of each, by the texture of the earlier print.
+
+        What was printed must stay where the object holds. What is printed later is no evidence: the
+        contact may have grown as the object was pressed on.
+        """
         settings = self._settings
         pixels = np.float32(before.clear.shape[1])
         share = _multiply(before.clear, now.clear) / pixels
@@ -215,15 +219,14 @@ class HoldFollower:
         cross = reduce(np.add, (_multiply(*pair) for pair in pairs))
         first, second = _multiply(before.power, now.clear), _multiply(before.clear, now.power)
         cross, first, second = np.stack([cross, first, second]) / (pixels * share + 1e-3 * pixels)
-        power = np.maximum(first, second)
         seen = seen & (share > settings.seen)
         if not seen.any():
             return cross, np.zeros_like(cross)
-        ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
+        ranked = np.sort(first[seen])  # `np.quantile` of so few takes as long as all other steps
         places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
         bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
         least = min(settings.contrast**2 * bare + 1.0, printed)
-        weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
+        weight = np.sqrt(np.maximum(first - least, 0.0)) * seen
         return cross / np.sqrt(first * second + 1e-6), weight
 
     def _share_along(

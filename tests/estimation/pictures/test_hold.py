@@ -7,6 +7,7 @@ import pytest
 from estimation.pictures.hold import HoldFollower
 from estimation.pictures.imprint.painted import paint_out
 from estimation.pictures.lattice import lay_reference
+from estimation.slip.shear import ShearSettings
 from tests.estimation.pictures.scenes import PITCH, RADIUS, REST
 
 MIDDLE = np.array([160.0, 120.0])
@@ -44,8 +45,8 @@ def pictured(relief, shear, ahead, rng, reach=62.0):
 
 def follow(relief, ahead, rest=LEAVE, lost=(), reach=62.0, hidden=RADIUS):
     follower, rng, holds = HoldFollower(REFERENCE), np.random.default_rng(1), []
-    for shear, gone in zip(rest, np.broadcast_to(ahead, len(rest)), strict=True):
-        image, dots = pictured(relief, shear, gone, rng, reach)
+    for shear, gone, far in np.broadcast(rest, ahead, reach):
+        image, dots = pictured(relief, shear, gone, rng, far)
         painted = paint_out(image, dots, hidden)
         dots = dots.copy()
         dots[list(lost)] = np.nan
@@ -57,6 +58,12 @@ def test_print_stays_on_gel_that_holds(relief):
     since, lately, _ = follow(relief, 0.0).T
     assert since.min() > 0.85
     assert lately.min() > 0.85
+
+
+def test_print_that_grows_as_the_object_is_pressed_on_stays(relief):
+    for smallest, largest, least in ((40.0, 62.0, 0.8), (30.0, 90.0, ShearSettings().kept)):
+        since, *_ = follow(relief, 0.0, reach=np.linspace(smallest, largest, len(LEAVE))).T
+        assert since.min() > least
 
 
 def test_print_goes_over_gel_that_is_slipped_over(relief):
