@@ -17,6 +17,7 @@ from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.slip.lookback import date_doubts, withdraw
 from estimation.slip.motion import accumulate_slip
 from estimation.slip.onset import SightPath
+from estimation.slip.shear import conclude
 from estimation.virtual.clip import ClipTruth, VirtualClip
 from papers.items import Track as Progress
 from papers.marker_images.answers import answer_clip
@@ -31,12 +32,13 @@ LATE = 3
 
 
 class ClipAnswers(NamedTuple):
-    """The answers to a rendered clip, and the angle of the imprint [rad]."""
+    """The answers to a rendered clip, the angle of the imprint [rad] and the outcome."""
 
     condition: str
     truth: ClipTruth
     track: Track
     imprint: Float[np.ndarray, " frames"]
+    outcome: str
 
 
 def answer_scene(condition: str, draw: int) -> ClipAnswers:
@@ -47,7 +49,9 @@ def answer_scene(condition: str, draw: int) -> ClipAnswers:
     imprint = np.array([answer.frame.imprint[0] for answer in answers])
     sights = SightPath.of(*(answer.sight for answer in answers))
     slips = [] if noise is None else date_doubts(live, sights)
-    return ClipAnswers(condition, clip.truth, withdraw(live, slips, imprint), imprint)
+    track = withdraw(live, slips, imprint)
+    outcome = conclude(np.array([answer.shear.slip_probability for answer in answers]), track).word
+    return ClipAnswers(condition, clip.truth, track, imprint, outcome)
 
 
 def compute(quick: bool = False, track: Progress = iter) -> list[ClipAnswers]:
@@ -124,6 +128,11 @@ def judge_states(clip: ClipAnswers) -> tuple[Bool[np.ndarray, " frames"], int, i
     return right, int(called.sum()), int(missed.sum())
 
 
+def has_right_outcome(clip: ClipAnswers) -> bool:
+    """Whether the clip is reported as held or slipped as the truth says."""
+    return clip.outcome == ("slipped" if State.MACRO_SLIP in clip.truth.state else "held")
+
+
 def tables(result: list[ClipAnswers]) -> dict[str, list[dict[str, object]]]:
     """A row for each condition, and one for each clip."""
     names = list(dict.fromkeys(clip.condition for clip in result))
@@ -155,6 +164,7 @@ def _row(name: str, clips: list[ClipAnswers]) -> dict[str, object]:
         "states right [%]": cell(100.0 * np.concatenate(right), 1),
         "falsely macro slip": sum(called),
         "macro slip missed": sum(missed),
+        "outcomes right": sum(map(has_right_outcome, clips)),
         "median error of slip [°]": cell(np.abs(slip_error), 2, np.median),
     }
 

@@ -5,7 +5,7 @@ import pytest
 
 from estimation.estimators.result import State, Track
 from estimation.virtual.clip import ClipTruth
-from papers.marker_images.rendered import ClipAnswers, judge, judge_states
+from papers.marker_images.rendered import ClipAnswers, has_right_outcome, judge, judge_states
 from papers.marker_images.scenes import CONDITIONS, draw_scene
 
 N = 12
@@ -28,7 +28,9 @@ def truth(state):
     )
 
 
-def answers(angle, anew=0, since=0.04, state=(State.STICK,) * N, true=(State.STICK,) * N):
+def answers(
+    angle, anew=0, since=0.04, state=(State.STICK,) * N, true=(State.STICK,) * N, outcome="held"
+):
     angle = np.radians(angle)
     nothing = {name: np.zeros(N, dtype=int) for name in Track.columns()}
     track = Track(
@@ -48,7 +50,7 @@ def answers(angle, anew=0, since=0.04, state=(State.STICK,) * N, true=(State.STI
             "gel_high": np.radians(np.nan_to_num(np.minimum(TURNED, 4.0))),
         },
     )
-    return ClipAnswers("made up", truth(true), track, np.full(N, np.nan))
+    return ClipAnswers("made up", truth(true), track, np.full(N, np.nan), outcome)
 
 
 def test_an_angle_since_the_contact_is_taken_as_it_is():
@@ -82,6 +84,18 @@ def test_states_may_be_late_but_not_by_much():
     right, called, missed = judge_states(answers(TURNED, state=[slip] * N, true=[stick] * N))
     assert (right.sum(), called, missed) == (0, N, 0)
     assert judge_states(answers(TURNED, state=[stick] * N, true=[slip] * N))[1:] == (0, N)
+
+
+def test_an_outcome_is_right_if_the_truth_slips_too():
+    slips = [State.STICK] * 11 + [State.MACRO_SLIP]
+    for outcome, true, right in (
+        ("held", None, True),
+        ("slipped", None, False),
+        ("slipped", slips, True),
+        ("unknown", slips, False),
+    ):
+        clip = answers(TURNED, true=true or [State.STICK] * N, outcome=outcome)
+        assert has_right_outcome(clip) == right
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
