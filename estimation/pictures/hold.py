@@ -207,10 +207,10 @@ class HoldFollower:
     def _compare(
         self, before: Print, now: Print, seen: Bool[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Correlation around dots, and the weight of each, by the texture of the earlier print.
+        """Correlation around dots, and the weight of each, by the texture of the print.
 
-        What was printed must stay where the object holds. What is printed later is no evidence: the
-        contact may have grown as the object was pressed on.
+        Where the object slips, as much of the print is lost as is new. New print in excess of that
+        has no weight: the contact has grown as the object was pressed on.
         """
         settings = self._settings
         pixels = np.float32(before.clear.shape[1])
@@ -222,11 +222,13 @@ class HoldFollower:
         seen = seen & (share > settings.seen)
         if not seen.any():
             return cross, np.zeros_like(cross)
-        ranked = np.sort(first[seen])  # `np.quantile` of so few takes as long as all other steps
+        new, lost = np.maximum(second - first, 0.0), np.maximum(first - second, 0.0)
+        power = first + min(lost[seen].sum() / max(new[seen].sum(), 1e-6), 1.0) * new
+        ranked = np.sort(power[seen])  # `np.quantile` of so few takes as long as all other steps
         places = np.array([settings.bare, 1.0 - settings.printed]) * (len(ranked) - 1)
         bare, printed = np.interp(places, np.arange(len(ranked)), ranked)
         least = min(settings.contrast**2 * bare + 1.0, printed)
-        weight = np.sqrt(np.maximum(first - least, 0.0)) * seen
+        weight = np.sqrt(np.maximum(power - least, 0.0)) * seen
         return cross / np.sqrt(first * second + 1e-6), weight
 
     def _share_along(
