@@ -15,7 +15,8 @@ from estimation.slip.lookback import date_doubts, withdraw
 from estimation.slip.margin import MarginPath, follow_margin
 from estimation.slip.motion import describe_counts
 from estimation.slip.onset import MacroSlip, describe_slips
-from estimation.slip.shear import Outcome, ShearPath, conclude
+from estimation.slip.outcome import Outcome, conclude
+from estimation.slip.shear import ShearPath
 
 
 class Known(NamedTuple):

@@ -25,7 +25,7 @@ from estimation.output.report import (
 )
 from estimation.output.table import csv_text
 from estimation.slip.motion import find_restarts
-from estimation.slip.shear import Outcome, join_outcomes
+from estimation.slip.outcome import Outcome, join_outcomes
 
 
 def put_side_by_side(

@@ -7,9 +7,10 @@ its path. And where the print is followed, it moves beyond all of the gel under 
 (`estimation.slip.slide`), at once or slowly. Each sign is sufficient and none is certain: the
 probability of slip is that of at least one sign being right.
 
-Falling shear may also mean that the load is removed. This is assumed if the print has stayed on the
-gel. Without a print to compare, there is no verdict. A print that is uniform along the gel's shear
-does not show a slip: without another sign of one, held and slipped are then equally likely.
+Falling shear may also mean that the load is removed, or that the object is moved back. This is
+assumed if the print has stayed on the gel. Without a print to compare, there is no verdict. A print
+that is uniform along the gel's shear does not show a slip: without another sign of one, held and
+slipped are then equally likely.
 """
 
 from collections import deque
@@ -24,7 +25,7 @@ from jaxtyping import Bool, Float
 from scipy.special import expit
 
 from estimation.estimators.plane import fit_motion
-from estimation.estimators.result import RESTS_OR_SLIDES, State, Track
+from estimation.estimators.result import State
 from estimation.fields.stencils import marker_pitch
 from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.frames.recording import MarkerLayout
@@ -50,6 +51,8 @@ class ShearSettings:
         kept_spread: change of that correlation that multiplies the odds by e [-].
         slid: slip over the half-width of its 95 % interval at which slip has even odds [-].
         slid_spread: change of that ratio that multiplies the odds by e [-].
+        stayed: that ratio below which a fall of the shear is no slip, if the print shows slips in
+            all directions: the object has moved back [-].
         unloaded: correlation above which a fall counts as a removed load, and later falls are
             measured from it [-].
         resting: correlation with the print some frames earlier, above which the object does not
@@ -72,6 +75,7 @@ class ShearSettings:
     kept_spread: float = 0.06
     slid: float = 1.25
     slid_spread: float = 0.08
+    stayed: float = 0.5
     unloaded: float = 0.96
     resting: float = 0.95
     sticking: float = 0.9
@@ -160,32 +164,6 @@ class ShearPath(NamedTuple):
         return ShearPath(*(values[rows] for values in self))
 
 
-class Outcome(NamedTuple):
-    """Outcome of a grasp.
-
-    Attributes:
-        word: `held` or `slipped`; `unknown` without contact, if the object may have slid over gel
-            at rest, or if its print is uniform along the gel's shear.
-        probability: probability that the object slipped [-]; a half if the outcome is unknown, NaN
-            if it comes from the states of the contact alone.
-        onset: time at which a slip became more likely than not, or of the first macro slip [s]; NaN
-            without slip.
-        slips: number of slips.
-    """
-
-    word: str
-    probability: float
-    onset: float
-    slips: int = 0
-
-    @property
-    def phrase(self) -> str:
-        """The outcome in words: its word, after "probably" where the other one is not unlikely."""
-        unlikely = 0.1  # probability of the other outcome up to which it is not mentioned [-]
-        doubtful = unlikely < self.probability < 1.0 - unlikely
-        return f"probably {self.word}" if doubtful and self.word != "unknown" else self.word
-
-
 class ShearWatch:
     """Follows the gel's shear from frame to frame."""
 
@@ -246,7 +224,8 @@ class ShearWatch:
             self._beyond.append(slide.beyond)
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
-        judged = self._judge((since, slid), *now)._replace(**slips)
+        stayed = slide.recent is not None and slid < self._settings.stayed
+        judged = self._judge((since, slid), *now, stayed)._replace(**slips)
         return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
 
     def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
@@ -307,7 +286,9 @@ class ShearWatch:
         middle = complex(under.mean())
         return shear, abs(motion.image + motion.turn * (middle - motion.origin) - middle)
 
-    def _judge(self, signs: tuple[float, float], recent: float, weakest: float) -> Shear:
+    def _judge(
+        self, signs: tuple[float, float], recent: float, weakest: float, stayed: bool
+    ) -> Shear:
         settings, (since, slid) = self._settings, signs
         peaks, (shear, shifted) = np.fmax.reduce(self._shears), self._shears[-1]
         # both must fall: markers that turn can lower theirs without moving back
@@ -322,7 +303,8 @@ class ShearWatch:
         if since > settings.unloaded:  # the load is smaller now: measure later falls from here
             self._shears.clear()
             self._shears.append((shear, shifted))
-        probability = float(find_slip_probability(np.array([fallen, since, slid]), settings))
+        fall = 0.0 if stayed else fallen
+        probability = float(find_slip_probability(np.array([fall, since, slid]), settings))
         stays = weakest > settings.sticking
         located = np.isfinite(slid)  # no slip leaves such a print in place
         slides = probability > 0.5 and not (recent > settings.resting or (stays and located))
@@ -348,50 +330,6 @@ def find_slip_probability(
     by_fall = np.where(correlation > settings.unloaded, 0.0, by_fall)
     by_slip = np.nan_to_num(expit((slid - settings.slid) / settings.slid_spread))
     return np.asarray(1.0 - (1.0 - by_fall) * (1.0 - by_print) * (1.0 - by_slip))
-
-
-def conclude(slip_probability: Float[np.ndarray, " frames"], track: Track) -> Outcome:
-    """The outcome of a recording's grasp; without any print, from the states of the contact.
-
-    Args:
-        slip_probability: probability of a slip in each frame [-].
-        track: track of the chosen method.
-    """
-    if np.isfinite(slip_probability).any():
-        probability, over = float(np.nanmax(slip_probability)), slip_probability > 0.5
-    else:
-        probability = np.nan
-        over = track.slipping
-        certain = track.contact_markers.any() and RESTS_OR_SLIDES not in track.reason
-        if not (over.any() or certain):
-            return Outcome("unknown", 0.5, np.nan)
-    if not over.any():
-        word = "unknown" if probability >= 0.5 else "held"  # uniform along the shear
-        return Outcome(word, probability, np.nan)
-    slips = int((np.diff(over.astype(int), prepend=0) > 0).sum())
-    return Outcome("slipped", probability, float(track.time[over.argmax()]), slips)
-
-
-def join_outcomes(first: Outcome, second: Outcome) -> Outcome:
-    """The outcome of a grasp by two fingers: `slipped` if the object slipped at either finger.
-
-    Otherwise it is `unknown` if either finger's is, and else `held`. The fingers hold one object
-    under one load, so their slips are not independent. The probability is therefore the larger one
-    of the fingers with that outcome: a slip at either finger is at least as probable.
-
-    Args:
-        first: outcome at the first finger.
-        second: outcome at the second finger, its onset on the first one's clock.
-    """
-    words = first.word, second.word
-    word = next((word for word in ("slipped", "unknown") if word in words), "held")
-    decisive = [finger for finger in (first, second) if finger.word == word]
-    return Outcome(
-        word,
-        float(np.fmax.reduce([finger.probability for finger in decisive])),
-        float(np.fmin.reduce([finger.onset for finger in decisive])),
-        max(finger.slips for finger in decisive),
-    )
 
 
 def _middle(values: Sequence[float]) -> float:

@@ -17,7 +17,7 @@ from estimation.fields.stick import MIN_STICK_MARKERS
 from estimation.slip.lookback import date_doubts, withdraw
 from estimation.slip.motion import accumulate_slip
 from estimation.slip.onset import SightPath
-from estimation.slip.shear import conclude
+from estimation.slip.outcome import conclude
 from estimation.virtual.clip import ClipTruth, VirtualClip
 from papers.items import Track as Progress
 from papers.marker_images.answers import answer_clip

@@ -22,7 +22,8 @@ from estimation.estimators.result import Result
 from estimation.frames import datasets
 from estimation.frames.noise import Noise, find_noise
 from estimation.frames.recording import Recording
-from estimation.slip.shear import Outcome, Shear, ShearSettings, conclude, find_slip_probability
+from estimation.slip.outcome import Outcome, conclude
+from estimation.slip.shear import Shear, ShearSettings, find_slip_probability
 from estimation.slip.warnings import SLIP_WARNINGS
 from estimation.sources import read_recording
 from estimation.tracking.trackers import Trackers

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from estimation.estimators.result import State
-from estimation.slip.shear import Outcome, Shear, ShearSettings, find_slip_probability
+from estimation.slip.outcome import Outcome
+from estimation.slip.shear import Shear, ShearSettings, find_slip_probability
 from papers.slip_lifts import lifts, onset, outside, scores, settings, virtual, worst
 from papers.slip_lifts.lifts import LEFT_OUT, OURS, RULE, Label, Lift, Study
 from papers.slip_lifts.settings import FitSettings, RuleSettings, View

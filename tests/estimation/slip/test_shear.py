@@ -6,14 +6,8 @@ import pytest
 from estimation.estimators.result import State
 from estimation.frames.recording import layout_markers
 from estimation.settings import Settings
-from estimation.slip.shear import (
-    Outcome,
-    Shear,
-    ShearSettings,
-    ShearWatch,
-    conclude,
-    join_outcomes,
-)
+from estimation.slip.outcome import Outcome, conclude, join_outcomes
+from estimation.slip.shear import Shear, ShearSettings, ShearWatch
 from estimation.slip.slide import Recent, Slide
 from estimation.sources import read_recording
 from estimation.tracking.stream import Stream
@@ -55,6 +49,19 @@ def test_slipped_where_the_shear_falls():
     found = watch(FALL, 0.8)
     assert found[8].slip_probability < 0.05
     assert found[-1].slip_probability > 0.95
+
+
+@pytest.mark.parametrize(("beyond", "slips"), [(0.1, False), (0.8, True)])
+def test_an_object_that_moves_back_with_the_gel_has_not_slipped(beyond, slips):
+    still = Recent(np.zeros(len(REST)), np.zeros(len(REST)))
+    slide = Slide(0.1 * beyond, 0.1, 0.0, beyond, still)
+    watched = ShearWatch(LAYOUT)
+    watched.update(REST, TOUCHED, (0.9, 0.9, 0.9), Slide(0.0, 0.1, 0.0, 0.0, still))
+    for one in FALL:
+        place = REST + one * SHARE * [1.0, 0.0]
+        found = watched.update(place, TOUCHED, (0.9, 0.9, 0.9), slide)
+    assert found.fallen > 0.5
+    assert (found.slip_probability > 0.5) == slips
 
 
 def test_slipped_where_the_print_goes_over_gel_at_its_limit():
