@@ -215,7 +215,7 @@ class ShearWatch:
             self._start = points.copy()
         unseen = np.isnan(self._start[:, 0])
         self._start[unseen] = points[unseen]
-        since, *now = hold
+        since, lately, weakest = hold
         self._raw.append((*self._measure(points, contact), since))
         # a single frame may be wrong: the median of three
         shear, shifted, since = (_middle(values) for values in zip(*self._raw, strict=True))
@@ -225,7 +225,7 @@ class ShearWatch:
         slid = slide.beyond - min(self._beyond, default=0.0)
         slips = {name: getattr(slide, name) for name in ("slip", "slip_error", "slip_since")}
         stayed = slide.recent is not None and slid < self._settings.stayed
-        judged = self._judge((since, slid), *now, stayed)._replace(**slips)
+        judged = self._judge((since, slid), lately, weakest, stayed)._replace(**slips)
         return judged if slide.recent is None else self._follow_slow_slip(judged, slide.recent)
 
     def _follow_slow_slip(self, shear: Shear, recent: Recent) -> Shear:
