@@ -93,7 +93,7 @@ def softness(
     known, search = _describe(sensor), choices.clock_search
     noise = known.noise if choices.noise_um is None else Noise.from_std(choices.noise_um * 1e-3)
     pad = Pad(thickness=choices.thickness_mm, marker_depth=choices.depth_mm)
-    layer = layer_of(complete_pad(pad, known.pad), choices.radius_mm)
+    layer = layer_of(complete_pad(pad, known.pad), choices.shape.lengths)
     loaded, files = _read(recordings, known), ["softness.toml"]
     with renew_results(out, "calibration softness", say) as results:
         if choices.k_ratio is not None:

@@ -22,6 +22,47 @@ class ReferenceSettings:
 
 
 @dataclass(frozen=True)
+class ShapeChoices:
+    """Shape of the object at the contact.
+
+    Attributes:
+        radius_mm: radius of an object that is a ball, or has a round tip; inf for a flat surface
+            [mm].
+        height_mm: height of a plate or cylinder from the contact to the grip at its back; inf if
+            much more than the contact's size. A higher one turns further [mm].
+        side_mm: radius of a cylinder's side, requires --height-mm; for a square bar 0.547 of its
+            width; inf for a plate. A slimmer one turns further [mm].
+
+    Raises:
+        ValueError: a length is not above 0, or the height of a cylinder is missing.
+    """
+
+    radius_mm: float = float("inf")
+    height_mm: float = float("inf")
+    side_mm: float = float("inf")
+
+    def __post_init__(self) -> None:
+        """Check the lengths."""
+        for name, meaning in (
+            ("radius", "the ball's radius must be above 0, or inf for a flat surface"),
+            ("height", "the object's height must be above 0, or inf if it is gripped far away"),
+            ("side", "the cylinder's radius must be above 0, or inf for a plate"),
+        ):
+            if not (value := getattr(self, f"{name}_mm")) > 0.0:
+                raise ValueError(f"--{name}-mm is {value:g} mm; {meaning}")
+        if self.side_mm < float("inf") == self.height_mm:
+            raise ValueError(
+                "--side-mm needs --height-mm: give the cylinder's height from the contact to the "
+                "grip"
+            )
+
+    @property
+    def lengths(self) -> tuple[float, float, float]:
+        """Radius, height and side [mm]."""
+        return self.radius_mm, self.height_mm, self.side_mm
+
+
+@dataclass(frozen=True)
 class SoftnessChoices:
     """Options of a fit of k and L, with known properties of elastomer and object.
 
@@ -36,11 +77,10 @@ class SoftnessChoices:
         thickness_mm: thickness of the elastomer; inf if it is much thicker than the contact is
             wide. A finite thickness requires CSVs with --zeroed and --same-clock [mm].
         depth_mm: depth of the markers below the surface [mm].
-        radius_mm: radius of an object that is a ball; inf for a flat surface. A finite radius
-            also requires CSVs with --zeroed and --same-clock [mm].
+        shape: shape of the object. It also requires CSVs with --zeroed and --same-clock.
 
     Raises:
-        ValueError: the search is below 0, or the radius is not above 0.
+        ValueError: the search is below 0.
     """
 
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
@@ -54,17 +94,12 @@ class SoftnessChoices:
     k_ratio: float | None = field(default=None, metadata=option("none"))
     thickness_mm: float | None = field(default=None, metadata=option("from --sensor, or inf"))
     depth_mm: float | None = field(default=None, metadata=option("from --sensor, or 0"))
-    radius_mm: float = float("inf")
+    shape: ShapeChoices = field(default_factory=ShapeChoices)
 
     def __post_init__(self) -> None:
-        """Check search and radius; the pad checks its own values."""
+        """Check the search; pad and shape check their own values."""
         if not self.clock_search >= 0.0:
             raise ValueError(f"--clock-search is {self.clock_search:g} s; it must be 0 or more")
-        if not self.radius_mm > 0.0:
-            raise ValueError(
-                f"--radius-mm is {self.radius_mm:g} mm; the ball's radius must be above 0, or inf "
-                "for a flat surface"
-            )
 
 
 @dataclass(frozen=True)

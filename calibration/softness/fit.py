@@ -344,6 +344,8 @@ def _layered(
         covariance=tuple(map(tuple, (0.5 * (covariance + covariance.T)).tolist())),
         validity=validity,
         object_radius=pad.object_radius,
+        object_height=pad.object_height,
+        object_side=pad.object_side,
         provenance=provenance,
     )
 

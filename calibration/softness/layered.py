@@ -55,12 +55,12 @@ def fit_layered_softness(
 
     Args:
         grasps: all grasps of one object.
-        layer: thickness and marker depth of the elastomer, and radius of the object.
+        layer: thickness and marker depth of the elastomer, and shape of the object.
         clock_search: largest offset between two clocks [s].
 
     Raises:
         ValueError: the grasps cannot determine k; the message states what to measure instead. Or
-            lengths are in px, so that a thickness or radius in mm cannot be used.
+            lengths are in px, so that a length in mm cannot be used.
 
     Examples:
         >>> import numpy as np
@@ -80,7 +80,8 @@ def fit_layered_softness(
     """
     if not grasps:
         raise ValueError(f"0 grasps: {NO_REFERENCE}")
-    rigid = LayeredSoftness(0.0, layer.thickness, layer.depth, object_radius=layer.object_radius)
+    names = "thickness", "depth", "object_radius", "object_height", "object_side"
+    rigid = LayeredSoftness(0.0, **{name: getattr(layer, name) for name in names})
     for grasp in grasps:
         expect_scale(rigid, grasp.recording.unit, grasp.recording.name)
     lifts = rigid.in_mm  # otherwise frames are the same for all k

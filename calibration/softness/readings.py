@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from calibration.softness.trials import Trial
 from contactmodel import Pad
+from estimation.softness.lifting import Sizes
 
 SEARCH_STEPS = 61
 LIFT_SHARE = 0.05
@@ -29,7 +30,9 @@ class Layer(NamedTuple):
         depth: depth z of the markers [mm].
         thickness_error: standard deviation of h; 0 if it is exact [mm].
         depth_error: standard deviation of z; 0 if it is exact [mm].
-        object_radius: radius R of a ball; infinite for an object with a flat surface [mm].
+        object_radius: radius R of a ball or round tip; infinite for a flat surface [mm].
+        object_height: H from the contact to the grip; infinite if far [mm].
+        object_side: radius of a cylinder's side; infinite for a plate [mm].
     """
 
     thickness: float = float("inf")
@@ -37,6 +40,13 @@ class Layer(NamedTuple):
     thickness_error: float = 0.0
     depth_error: float = 0.0
     object_radius: float = float("inf")
+    object_height: float = float("inf")
+    object_side: float = float("inf")
+
+    @property
+    def sizes(self) -> Sizes:
+        """Lengths of elastomer and object for the lifting."""
+        return Sizes(*self[:2], *self[4:])
 
     @property
     def values(self) -> Float[np.ndarray, "2"]:
@@ -58,16 +68,15 @@ class Layer(NamedTuple):
 HALF_SPACE = Layer()
 
 
-def layer_of(pad: Pad, object_radius: float = float("inf")) -> Layer | None:
+def layer_of(pad: Pad, shape: tuple[float, float, float] = HALF_SPACE[4:]) -> Layer | None:
     """The elastomer of a pad under an object; None for a thick pad under a flat object.
 
     Args:
         pad: pad of a sensor.
-        object_radius: radius of a ball; infinite for a flat surface [mm].
+        shape: radius, height and side of the object, each infinite if it has none [mm].
     """
-    layer = Layer(pad.thickness or float("inf"), pad.marker_depth or 0.0)
-    layer = layer._replace(object_radius=object_radius)
-    return None if layer.thickness == layer.object_radius == float("inf") else layer
+    layer = Layer(pad.thickness or float("inf"), pad.marker_depth or 0.0, 0.0, 0.0, *shape)
+    return None if layer.thickness == min(shape) == float("inf") else layer
 
 
 class Series(NamedTuple):
@@ -97,7 +106,7 @@ class Series(NamedTuple):
         """Lifted rotation, load and the rotation's error in the frames, for an elastomer [rad]."""
         if self.lifts is None:
             return np.array([self.rotation, 0.0 * self.rotation, self.rotation_error])
-        below, thin, along, _ = self.lifts.turns(layer)
+        below, thin, along, *_ = self.lifts.turns(layer)
         added = below + thin + along
         error = np.hypot(self.rotation_error, LIFT_SHARE * added)
         return np.array([self.rotation + added, thin + along, error])
@@ -109,13 +118,13 @@ class Lifts:
     def __init__(self, trial: Trial) -> None:
         """Store the trial."""
         self.trial = trial
-        self._turns_by_layer: dict[tuple[float, ...], np.ndarray] = {}
+        self._turns_by_layer: dict[Sizes, np.ndarray] = {}
 
-    def turns(self, layer: Layer) -> Float[np.ndarray, "4 frames"]:
-        """`below`, `thin`, `along` and `ball` in each frame [rad]."""
+    def turns(self, layer: Layer) -> Float[np.ndarray, "6 frames"]:
+        """The parts of `Added` in each frame [rad]."""
         guess = self.trial.lifted_for
         k = 1.0 if guess is None else guess.stiffness_ratio
-        return self._turns(layer.thickness, layer.depth, layer.object_radius, k)
+        return self._turns(layer.sizes._replace(stiffness_ratio=k))
 
     def as_seen(self) -> Float[np.ndarray, " frames"]:
         """Rotation of the markers before lifting [rad]."""
@@ -123,15 +132,15 @@ class Lifts:
         if guess is None:
             return self.trial.rotation
         k = guess.stiffness_ratio
-        below, thin, *_ = self._turns(guess.thickness, guess.depth, guess.object_radius, k)
+        below, thin, *_ = self._turns(guess.sizes)
         return self.trial.rotation - below - k * thin / (1.0 + k)
 
-    def _turns(self, *at: float) -> Float[np.ndarray, "4 frames"]:
-        if at not in self._turns_by_layer:
-            self._turns_by_layer[at] = np.array(
-                [seen.turns(*at) for seen in self.trial.displacements]
+    def _turns(self, sizes: Sizes) -> Float[np.ndarray, "6 frames"]:
+        if sizes not in self._turns_by_layer:
+            self._turns_by_layer[sizes] = np.array(
+                [seen.turns(sizes) for seen in self.trial.displacements]
             ).T
-        return self._turns_by_layer[at]
+        return self._turns_by_layer[sizes]
 
 
 class Points(NamedTuple):

@@ -105,14 +105,15 @@ def fit_objects(
         references = [grasp.reference for grasp in grasps]
         if not all(reference.zeroed and reference.same_clock for reference in references):
             raise ValueError(
-                "an elastomer of finite thickness, or a ball, requires CSVs whose angles count "
-                "from the onset of contact on the recording's clock: use --zeroed --same-clock, or "
-                "treat both bodies as half-spaces with --thickness-mm inf --radius-mm inf"
+                "an elastomer of finite thickness, or an object's shape, requires CSVs whose "
+                "angles count from the onset of contact on the recording's clock: use --zeroed "
+                "--same-clock, or treat both bodies as half-spaces with --thickness-mm inf, "
+                "without --radius-mm, --height-mm and --side-mm"
             )
         if model not in (None, "none"):
             raise ValueError(
-                f"an elastomer of finite thickness, or a ball, has no load term {model!r}: "
-                "leave out --load"
+                "an elastomer of finite thickness, or an object's shape, has no load term "
+                f"{model!r}: leave out --load"
             )
         return {
             name: fit_layered_softness(group, layer, clock_search=clock_search)
@@ -247,10 +248,9 @@ def _state(fit: SoftnessFit) -> str:
     """One line with the result."""
     softness, more = fit.softness, ""
     if isinstance(softness, LayeredSoftness):
-        radius = softness.object_radius
-        ball = "" if radius == float("inf") else f" of a ball of radius {radius:.4g} mm"
+        shape = _describe_shape(softness)
         more = (
-            f"{ball} on an elastomer of {softness.thickness:.4g} mm with markers at "
+            f"{shape} on an elastomer of {softness.thickness:.4g} mm with markers at "
             f"{softness.depth:.4g} mm depth,"
         )
     elif fit.model != "none":
@@ -261,6 +261,18 @@ def _state(fit: SoftnessFit) -> str:
         f"k = {fit.stiffness_ratio:.4f} (95 %: {fit.low:.4f} to {fit.high:.4f}){more} from "
         f"{counted(len(fit.grasps), 'grasp', 'grasps')}"
     )
+
+
+def _describe_shape(softness: LayeredSoftness) -> str:
+    """Words for the object's shape; none for a half-space."""
+    _, _, *lengths, _ = softness.sizes
+    words = "a round tip of radius", "a height of", "a side of radius"
+    known = [
+        f"{what} {length:.4g} mm"
+        for what, length in zip(words, lengths, strict=True)
+        if length < float("inf")
+    ]
+    return f" of an object with {' and '.join(known)}" if known else ""
 
 
 def summarise_fit(fit: SoftnessFit) -> dict[str, object]:

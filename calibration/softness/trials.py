@@ -273,9 +273,9 @@ def _columns(
         moved = displacement_as_seen(layout, recording.positions[row], recording.valid[row])
         visible = np.isfinite(moved[:, 0])
         points = layout.reference[:, :2]
-        displacements.append(
-            Seen(points[result.stick[row] & visible], points[visible], moved[visible])
-        )
+        masks = result.stick[row] & visible, visible, result.contact[row] & visible
+        stuck, known, touching = (points[mask] for mask in masks)
+        displacements.append(Seen(stuck, known, moved[visible], touching))
     planes = zip(recording.positions[rows][..., :2], result.contact[rows], strict=True)
     error = 0.5 * (result.high - result.low) / Z95 / (1.0 + result.stiffness_ratio)
     return {

@@ -38,7 +38,7 @@ from estimation.softness.contact import (
     Validity,
     check_covariance,
 )
-from estimation.softness.lifting import Seen, lifting_kernels
+from estimation.softness.lifting import Seen, Sizes, lifting_kernels
 from estimation.softness.scalar import ScalarSoftness
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -48,15 +48,17 @@ Matrix = tuple[tuple[float, ...], ...]
 class LayeredSoftness:
     """Stiffness ratio of an object, and the elastomer that it is held against.
 
-    The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`). The
-    interval takes the ball's part as known to 8 %, since it depends on the shape beside the
-    contact.
+    The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`), or
+    a plate or cylinder that is gripped at its back. The interval takes the part of a ball and of a
+    cylinder's side as known to 8 %, since it depends on the shape beside the contact.
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
         thickness: h of the elastomer, bonded to its base; infinite for a half-space [mm].
         depth: z of the markers below the surface [mm].
-        object_radius: R of a ball; infinite for an object with a flat surface [mm].
+        object_radius: R of a ball or round tip; infinite for a flat surface [mm].
+        object_height: H from the contact to the grip; infinite if far [mm].
+        object_side: radius of a cylinder's side, requires its height; infinite for a plate [mm].
         covariance: of (k, h, z), row by row.
         validity: the contacts that it was fitted to.
         provenance: where it came from, for readers.
@@ -82,6 +84,8 @@ class LayeredSoftness:
     covariance: Matrix = ((0.0, 0.0, 0.0),) * 3
     validity: Validity = field(default_factory=Validity)
     object_radius: float = field(default=np.inf, metadata=unit("mm", above=0.0, most=np.inf))
+    object_height: float = field(default=np.inf, metadata=unit("mm", above=0.0, most=np.inf))
+    object_side: float = field(default=np.inf, metadata=unit("mm", above=0.0, most=np.inf))
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -92,12 +96,24 @@ class LayeredSoftness:
                 f"depth is {self.depth} mm; it must lie between 0 and the thickness, "
                 f"{self.thickness} mm"
             )
+        if np.isinf(self.object_height) and np.isfinite(self.object_side):
+            raise ValueError(
+                "object_height_mm is missing: give the height of the cylinder from the contact to "
+                "the grip"
+            )
         check_covariance(self.covariance, ("k", "h", "z"))
+
+    @property
+    def sizes(self) -> Sizes:
+        """Lengths and k for the lifting."""
+        layer = self.thickness, self.depth
+        body = self.object_radius, self.object_height, self.object_side
+        return Sizes(*layer, *body, self.stiffness_ratio)
 
     @property
     def in_mm(self) -> bool:
         """Whether the correction depends on lengths, which must then be in mm."""
-        return bool(np.isfinite([self.thickness, self.object_radius]).any() or self.depth > 0.0)
+        return bool(np.isfinite([self.thickness, *self.sizes[2:5]]).any() or self.depth > 0.0)
 
     def lifting(self, points: Float[np.ndarray, "n 2"]) -> Lifting | None:
         """Displacements to add to those of the markers.
@@ -108,18 +124,19 @@ class LayeredSoftness:
         if not self.in_mm:
             return None
         share = self.stiffness_ratio / (1.0 + self.stiffness_ratio)
-        sizes = self.thickness, self.depth, self.object_radius, self.stiffness_ratio
-        kernels = lifting_kernels(points, points, *sizes)
+        kernels = lifting_kernels(points, points, self.sizes)
         parts = zip(kernels.below, kernels.thin, strict=True)
         return Lifting(*(below + share * thin for below, thin in parts))
 
     def at(self, contact: Contact) -> ScalarSoftness:
         """k and L for a frame that has been lifted; in L's covariance that of h and z.
 
-        L's variance has the error of a ball's part as well: the rms over bodies of other shapes
-        beside the contact (`papers.finite_strain`, "Soft balls").
+        L's variance has the error of the shape's parts as well: the rms over bodies of other shapes
+        beside the contact (`papers.finite_strain`, "Soft balls"), for plates and cylinders the same
+        share. A round tip within a near side is off by more in linear torsion.
         """
-        ball_error = 0.08  # standard deviation over the ball's part
+        shape_error = 0.08  # standard deviation over a part
+        tip_error = shape_error if np.isinf(self.object_side) else 0.2
         seen = _seen(contact)
         if seen is None:
             spread = self.covariance[0][0]
@@ -127,12 +144,13 @@ class LayeredSoftness:
                 self.stiffness_ratio, 0.0, ((spread, 0.0), (0.0, 0.0)), validity=self.validity
             )
         k = self.stiffness_ratio
-        turns = seen.turns(self.thickness, self.depth, self.object_radius, k)
+        turns = seen.turns(self.sizes)
         # θ = (1 + k)(φ + below) + k (thin + along), and (1 + k) times the lifted φ lacks `along`
         slopes = [turns.thin / (1.0 + k) + turns.along, *self._slopes(seen)]
         to = np.array([[1.0, 0.0, 0.0], [-2.0 * slope for slope in slopes]])
         (kk, kl), (_, ll) = (to @ np.asarray(self.covariance) @ to.T).tolist()
-        ll += (2.0 * k * ball_error * turns.ball) ** 2
+        parts = tip_error * turns.ball, shape_error * turns.plate, shape_error * turns.bar
+        ll += (2.0 * k) ** 2 * sum(part**2 for part in parts)
         return ScalarSoftness(
             k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity
         )
@@ -148,10 +166,9 @@ class LayeredSoftness:
             step = rise * self.thickness
             least = 0.0 if name == "depth" else 0.5 * self.thickness
             start = max(getattr(self, name) - step, least)
-            names = "thickness", "depth", "object_radius", "stiffness_ratio"
-            here = {one: getattr(self, one) for one in names}
-            ends = [seen.turns(**(here | {name: value})) for value in (start, start + 2.0 * step)]
-            below, thin, along, _ = np.subtract(ends[1], ends[0]) / (2.0 * step)
+            values = start, start + 2.0 * step
+            ends = [seen.turns(self.sizes._replace(**{name: value})) for value in values]
+            below, thin, along, *_ = np.subtract(ends[1], ends[0]) / (2.0 * step)
             found.append(float((1.0 + k) * below + k * (thin + along)))
         return found
 
@@ -169,4 +186,5 @@ def _seen(contact: Contact) -> Seen | None:
     known = np.isfinite(points[:, 0])
     if moved is None or np.count_nonzero(region & known) < fewest:
         return None
-    return Seen(points[region & known], points[known], moved[known])
+    touching = points[fields.contact & known]
+    return Seen(points[region & known], points[known], moved[known], touching)

@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float
 
 from contactmodel.elasticity.transfer import ball_gain, layer_gain
 from estimation.frames.recording import MarkerLayout
-from estimation.softness.contact import Lifting
+from estimation.softness.bar import bar_compliance, moment_weights
+from estimation.softness.contact import Lifting, disc_radius
 
 _TABLE_REACH = 40.0
 """Distance to which kernels are tabulated [pitches]."""
@@ -28,21 +29,38 @@ class Kernels(NamedTuple):
         along: (k̂_L/k − 1)/D of the longitudinal ones, likewise; their D is that of the others, as
             it is for waves longer than the elastomer is thick.
         ball: the part of `thin` that a flat object has not.
+        plate: the part of `thin` that an object gripped at its back has, below 0.
     """
 
     below: Lifting
     thin: Lifting
     along: Lifting
     ball: Lifting
+    plate: Lifting
+
+
+class Sizes(NamedTuple):
+    """Lengths of the elastomer and of the object [mm], and their stiffness ratio.
+
+    Attributes:
+        thickness: h.
+        depth: z of the markers.
+        radius: R of a ball or of a round tip; infinite of a flat object.
+        height: H from the contact to the grip; infinite if it is much more than the contact's size.
+        side: radius W of the side of a cylinder; infinite of a body wider than the contact.
+        stiffness_ratio: k, by which a ball and the elastomer share their deformation [-].
+    """
+
+    thickness: float
+    depth: float = 0.0
+    radius: float = np.inf
+    height: float = np.inf
+    side: float = np.inf
+    stiffness_ratio: float = 1.0
 
 
 def lifting_kernels(
-    at: Float[np.ndarray, "m 2"],
-    points: Float[np.ndarray, "n 2"],
-    thickness: float,
-    depth: float,
-    object_radius: float = np.inf,
-    stiffness_ratio: float = 1.0,
+    at: Float[np.ndarray, "m 2"], points: Float[np.ndarray, "n 2"], sizes: Sizes
 ) -> Kernels:
     """What is lacking at some of the markers.
 
@@ -54,33 +72,39 @@ def lifting_kernels(
     Args:
         at: markers where it is wanted, some of `points` [mm].
         points: all markers in the unloaded elastomer [mm].
-        thickness: h [mm].
-        depth: z [mm].
-        object_radius: R of a ball, infinite of a flat object [mm].
-        stiffness_ratio: k, by which a ball and the elastomer share their deformation [-].
+        sizes: of the elastomer and the object.
     """
-    pitch = _pitch(points)
+    pitch, k = _pitch(points), sizes.stiffness_ratio
     away = (at[:, None] - points) / pitch
-    layer = thickness / pitch, depth / pitch
-    thin, along = (_Kernel.of(*layer, name).at(away) for name in ("thin", "along"))
+    layer, height = (sizes.thickness / pitch, sizes.depth / pitch), sizes.height / pitch
+    thin, along = (_Kernel.of(*layer, height, name).at(away) for name in ("thin", "along"))
     none = Lifting(*(np.zeros_like(part) for part in thin))
-    below = none if depth == 0.0 else _Kernel.of(*layer, "below").at(away)
-    if np.isinf(object_radius):
-        return Kernels(below, thin, along, none)
-    stiffer = 1.0 + 0.15 / 0.9 * (1.0 - stiffness_ratio) / (1.0 + stiffness_ratio)
-    ball = _Kernel.of_ball(*layer, object_radius / pitch).at(away)
+    below = none if sizes.depth == 0.0 else _Kernel.of(*layer, np.inf, "below").at(away)
+    plate = none
+    if np.isfinite(sizes.height):
+        wide = _Kernel.of(*layer, np.inf, "thin").at(away)
+        plate = Lifting(*(part - less for part, less in zip(thin, wide, strict=True)))
+    if np.isinf(sizes.radius):
+        return Kernels(below, thin, along, none, plate)
+    stiffer = 1.0 + 0.15 / 0.9 * (1.0 - k) / (1.0 + k)
+    ball = _Kernel.of_ball(*layer, height, sizes.radius / pitch).at(away)
     ball = Lifting(*(stiffer * part for part in ball))
     thin = Lifting(*(part + more for part, more in zip(thin, ball, strict=True)))
-    return Kernels(below, thin, along, ball)
+    return Kernels(below, thin, along, ball, plate)
 
 
 class Added(NamedTuple):
-    """What `Kernels` add to the rotation of some markers [rad]."""
+    """What `Kernels` add to the rotation of some markers [rad].
+
+    `bar` is the turn of a cylinder beyond that of a wide plate; `along` includes it.
+    """
 
     below: float
     thin: float
     along: float
     ball: float
+    plate: float
+    bar: float = 0.0
 
 
 class Seen(NamedTuple):
@@ -90,30 +114,43 @@ class Seen(NamedTuple):
         at: markers that turn as one body, some of `points` [mm].
         points: all markers in the unloaded elastomer [mm].
         moved: their displacement [mm].
+        contact: those of `points` in contact [mm].
     """
 
     at: Float[np.ndarray, "m 2"]
     points: Float[np.ndarray, "n 2"]
     moved: Float[np.ndarray, "n 2"]
+    contact: Float[np.ndarray, "c 2"]
 
-    def turns(
-        self,
-        thickness: float,
-        depth: float,
-        object_radius: float = np.inf,
-        stiffness_ratio: float = 1.0,
-    ) -> Added:
+    def turns(self, sizes: Sizes) -> Added:
         """Rotation of what turns as one body that is lacking in what the markers show.
 
         Args:
-            thickness: h [mm].
-            depth: z [mm].
-            object_radius: R of a ball, infinite of a flat object [mm].
-            stiffness_ratio: k, by which a ball and the elastomer share their deformation [-].
+            sizes: of the elastomer and the object.
         """
-        sizes = thickness, depth, object_radius, stiffness_ratio
-        kernels = lifting_kernels(self.at, self.points, *sizes)
-        return Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
+        kernels = lifting_kernels(self.at, self.points, sizes)
+        added = Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
+        if np.isinf(sizes.side):
+            return added
+        bar = self._bar(sizes)
+        return added._replace(along=added.along + bar, bar=bar)
+
+    def _bar(self, sizes: Sizes) -> float:
+        """Turn of a cylinder beyond that of a wide plate as high, times k's divisor [rad].
+
+        The moment is that on the gel, over G_S; the turn is `bar_compliance` times it.
+        """
+        pitch, centre = _pitch(self.points), self.contact.mean(axis=0)
+        reach = min(disc_radius(self.contact), 0.98 * sizes.side)
+        stuck = min(disc_radius(self.at), reach)
+        arm = self.points - centre
+        turning = arm[:, 0] * self.moved[:, 1] - arm[:, 1] * self.moved[:, 0]
+        edge = min(1.15 * reach + 0.5 * pitch, sizes.side) / pitch
+        layer = sizes.thickness / pitch, sizes.depth / pitch
+        weights = moment_weights(np.linalg.norm(arm, axis=1) / pitch, *layer, edge)
+        # weights have no unit, displacement times arm is mm²; the lattice is counted in pitches
+        moment = pitch * float(weights @ turning)
+        return moment * bar_compliance(sizes.side, sizes.height, reach, stuck)
 
 
 def displacement_as_seen(
@@ -170,16 +207,20 @@ class _Kernel:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of(thickness: float, depth: float, name: Literal["below", "thin", "along"]) -> "_Kernel":
+    def of(
+        thickness: float, depth: float, height: float, name: Literal["below", "thin", "along"]
+    ) -> "_Kernel":
         """One of the `Kernels` of a flat object, over the waves that markers resolve."""
         beyond = 25  # pitches over which the lattice is added up
         h, z = thickness, depth
         q, weights, zeroth, second = _quadrature()
-        gain = layer_gain(q * h, q * z)
+        gain, plate = layer_gain(q * h, q * z), layer_gain(q * height, 0.0 * q)
+        transverse = (1.0 + gain.transverse) / (1.0 + plate.transverse) - 1.0
+        longitudinal = (1.0 + gain.longitudinal) / (1.0 + plate.longitudinal) - 1.0
         waves = {
             "below": gain.below * np.exp(-0.5 * (q * _MARKER_RESOLUTION) ** 2),
-            "thin": (1.0 + gain.below) * gain.transverse,
-            "along": (1.0 + gain.below) * gain.longitudinal,
+            "thin": (1.0 + gain.below) * transverse,
+            "along": (1.0 + gain.below) * longitudinal,
         }
         wave = waves[name] * q * weights / (2.0 * np.pi)
         even, odd = zeroth @ wave, second @ wave
@@ -193,8 +234,11 @@ class _Kernel:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of_ball(thickness: float, depth: float, object_radius: float) -> "_Kernel":
+    def of_ball(thickness: float, depth: float, height: float, object_radius: float) -> "_Kernel":
         """The kernel `ball`, b − 1 in place of b: (b − 1) coth qh/D.
+
+        At a grip at the height H, it fades like tanh³ qH: between 2 and 3 in linear torsion of
+        plates with a round tip (`papers.finite_strain.torsion`).
 
         It falls like 1/q only, so the kernel grows like 1/r towards the marker itself. Its own
         weight is that with which the sum over the lattice is the integral for a wide bell.
@@ -205,7 +249,9 @@ class _Kernel:
         gain = layer_gain(q * thickness, q * depth)
         x = 0.5 * (q * cut) ** 2
         seen = (1.0 + x) * np.exp(-x) + gain.below * np.exp(-0.5 * (q * _MARKER_RESOLUTION) ** 2)
-        wave = seen * (1.0 + gain.transverse) * ball_gain(q * object_radius)
+        wave = (
+            seen * (1.0 + gain.transverse) * ball_gain(q * object_radius) * np.tanh(q * height) ** 3
+        )
         wave = wave * q * weights / (2.0 * np.pi)
         even = zeroth @ wave
         others = _distances(int(_TABLE_REACH))

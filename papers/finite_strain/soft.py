@@ -1,8 +1,8 @@
-"""Soft balls at finite strain: the angle with k known, and with k fitted on a smaller grasp.
+"""Soft objects at finite strain: the angle with k known, and with k fitted on a smaller grasp.
 
-The finite elements of `two_bodies` give the motion of the gels (`balls.npz`). 20 × 20 markers of
+The finite elements of `two_bodies` give the motion of the gels (`grasps`). 20 × 20 markers of
 1 mm pitch are placed on them, with noise of 1 µm, 3.5 µm along z. The angle is estimated without a
-correction, with the number k, with `LayeredSoftness`, and with the ball's radius as well. A frame
+correction, with the number k, with `LayeredSoftness`, and with the object's shape as well. A frame
 counts while ten markers or more have always stuck.
 """
 
@@ -22,12 +22,12 @@ from estimation.frames.recording import Recording
 from estimation.softness import LayeredSoftness, ScalarSoftness, Softness
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, lay_out_markers
-from papers.finite_strain import balls
+from papers.finite_strain import grasps as stored
 from papers.finite_strain.surface import move_markers
 from papers.items import Track
 from papers.tables import finish
 
-WAYS = ("none", "number k", "layered", "ball")
+WAYS = ("none", "number k", "layered", "shape")
 
 NOISE_MM = 1e-3
 FIRM = 10
@@ -82,7 +82,7 @@ class Cell(NamedTuple):
     """
 
     name: str
-    one: balls.Object
+    one: stored.Object
     contact_mm: float
     knowledge: str
     found: dict[str, float]
@@ -92,22 +92,24 @@ class Cell(NamedTuple):
 
 def compute(quick: bool = False, track: Track = iter) -> list[Cell]:
     """Test all objects, in some minutes; the quick size is one object and one draw."""
-    names = ["soft"] if quick else list(balls.OBJECTS)
+    names = ["soft"] if quick else list(stored.OBJECTS)
     return [cell for name in track(names) for cell in _test(name, 1 if quick else _DRAWS)]
 
 
 def _test(name: str, draws: int) -> list[Cell]:
-    one, grasps = balls.OBJECTS[name], balls.read_grasps()[name]
+    one, grasps = stored.OBJECTS[name], stored.read_grasps()[name]
     seen = [[see(grasp, draw) for draw in range(draws)] for grasp in grasps]
     known = {way: [make_softness(one, way)] * draws for way in WAYS}
-    fitted = {way: [_fit(one, first, way) for first in seen[0]] for way in WAYS}
     cells = [_compare(name, grasp, here, "known", known)
              for grasp, here in zip(grasps, seen, strict=True)]  # fmt: skip
+    if len(grasps) == 1:
+        return cells
+    fitted = {way: [_fit(one, first, way) for first in seen[0]] for way in WAYS}
     larger = zip(grasps[1:], seen[1:], strict=True)
     return cells + [_compare(name, grasp, here, "fitted", fitted) for grasp, here in larger]
 
 
-def see(grasp: balls.Grasp, draw: int) -> Seen:
+def see(grasp: stored.Grasp, draw: int) -> Seen:
     """A recording of a grasp: unloaded, held under full load, and turned.
 
     Args:
@@ -142,7 +144,7 @@ def see(grasp: balls.Grasp, draw: int) -> Seen:
     return Seen(recording, angle, np.append(np.zeros(_UNLOADED + _HELD, dtype=bool), firm))
 
 
-def make_softness(one: balls.Object, way: str) -> Softness:
+def make_softness(one: stored.Object, way: str) -> Softness:
     """The softness of an object with k known.
 
     Args:
@@ -153,20 +155,32 @@ def make_softness(one: balls.Object, way: str) -> Softness:
         return ScalarSoftness()
     if way == "number k":
         return ScalarSoftness(one.ratio)
-    radius = one.radius_mm if way == "ball" else np.inf
-    return LayeredSoftness(one.ratio, one.thickness_mm, object_radius=radius)
+    known = LayeredSoftness(one.ratio, one.thickness_mm)
+    return replace(known, **shape_of(one)) if way == "shape" else known
 
 
-def _fit(one: balls.Object, seen: Seen, way: str) -> Softness:
+def shape_of(one: stored.Object) -> dict[str, float]:
+    """The object's shape as arguments of `LayeredSoftness`.
+
+    Args:
+        one: the object; a side of 20 mm or more is that of a plate.
+    """
+    known = {} if one.flat else {"object_radius": one.radius_mm}
+    if one.height_mm is not None:
+        known["object_height"] = one.height_mm
+    if one.side_mm is not None and one.side_mm < 20.0:
+        known["object_side"] = one.side_mm
+    return known
+
+
+def _fit(one: stored.Object, seen: Seen, way: str) -> Softness:
     """Fit k to a grasp with the model of a way."""
     if way == "none":
         return ScalarSoftness()
     error = np.hypot(REFERENCE_ERROR, MODEL_ERROR * seen.angle)
     truth = Reference(seen.recording.time, seen.angle, error, True, True, "truth")
-    layer = Layer(
-        np.inf if way == "number k" else one.thickness_mm,
-        object_radius=one.radius_mm if way == "ball" else np.inf,
-    )
+    layer = Layer(np.inf if way == "number k" else one.thickness_mm)
+    layer = layer._replace(**shape_of(one)) if way == "shape" else layer
     grasp = Grasp(seen.recording, truth, Noise.from_std(NOISE_MM))
     softness = fit_layered_softness([grasp], layer).softness
     return replace(softness, validity=type(softness.validity)())  # larger grasps are asked for
@@ -174,14 +188,14 @@ def _fit(one: balls.Object, seen: Seen, way: str) -> Softness:
 
 def _compare(
     name: str,
-    grasp: balls.Grasp,
+    grasp: stored.Grasp,
     seen: list[Seen],
     knowledge: str,
     softness: dict[str, list[Softness]],
 ) -> Cell:
     found = {way: float(np.mean([one.stiffness_ratio for one in softness[way]])) for way in WAYS}
     errors = {way: measure(seen, softness[way], SHARES[knowledge]) for way in WAYS}
-    one, frames = balls.OBJECTS[name], sum(int(here.firm.sum()) for here in seen)
+    one, frames = stored.OBJECTS[name], sum(int(here.firm.sum()) for here in seen)
     return Cell(name, one, grasp.contact_mm, knowledge, found, errors, frames)
 
 
@@ -217,19 +231,22 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
         "": [
             {
                 "object": cell.name,
-                "R [mm]": cell.one.radius_mm,
+                "R [mm]": "flat" if cell.one.flat else cell.one.radius_mm,
+                "H [mm]": cell.one.height_mm or "",
+                "W [mm]": cell.one.side_mm or "",
+                "held out": cell.one.held_out,
                 "h [mm]": cell.one.thickness_mm,
                 "k": cell.one.ratio,
                 "ν": cell.one.poisson_ratio,
-                "a/R": round(cell.contact_mm / cell.one.radius_mm, 2),
+                "a [mm]": round(cell.contact_mm, 1),
                 "k is": cell.knowledge,
-                "k, ball": round(cell.found["ball"], 3),
+                "k, shape": round(cell.found["shape"], 3),
                 **{f"mean, {way} [%]": round(100 * cell.errors[way].mean, 2) for way in WAYS},
                 **{
-                    f"{title}, ball [%]": round(100 * value, digits)
+                    f"{title}, shape [%]": round(100 * value, digits)
                     for title, value, digits in zip(
                         ("largest", "within", "interval holds", "half interval"),
-                        cell.errors["ball"][1:],
+                        cell.errors["shape"][1:],
                         (2, 0, 0, 2),
                         strict=True,
                     )
@@ -243,18 +260,18 @@ def tables(result: list[Cell]) -> dict[str, list[dict[str, object]]]:
 
 
 def plot(result: list[Cell]) -> Figure:
-    """Mean error over a/R by way: with k known, and fitted on the smallest grasp."""
+    """Mean error over the contact's radius: with k known, and fitted on the smallest grasp."""
     figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained", sharey=True)
     for knowledge, axis in zip(SHARES, axes, strict=True):
         chosen = [cell for cell in result if cell.knowledge == knowledge]
-        reach = [cell.contact_mm / cell.one.radius_mm for cell in chosen]
+        reach = [cell.contact_mm for cell in chosen]
         for i, way in enumerate(WAYS[1:]):
             error = [100.0 * cell.errors[way].mean for cell in chosen]
             axis.plot(reach, error, "o", color=f"C{i}", label=way)
         allowed = 100.0 * SHARES[knowledge]
         axis.axhspan(-allowed, allowed, color="0.9", zorder=0)
         title = f"k {knowledge}; grey: allowed"
-        finish(axis, title=title, xlabel="a/R, contact over ball [-]")
+        finish(axis, title=title, xlabel="radius of the contact [mm]")
     axes[0].set_ylabel("mean error of the angle [%]")
     axes[0].legend(fontsize=8)
     return figure

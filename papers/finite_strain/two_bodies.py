@@ -37,18 +37,21 @@ from papers.finite_strain.steps import (
 
 
 class Ball(NamedTuple):
-    """A rubber body with a round tip that goes over to a cone; its far end is gripped.
+    """A rubber body of revolution with a round tip, or a flat one; its far end is gripped.
 
+    The tip is a sphere around a flat face, and goes over to a cone. The side is that of a cylinder.
     The law is that of `Gel`.
 
     Attributes:
-        radius: R of the tip [mm].
-        cone: radius beyond which the surface is a cone, tangent to the sphere [mm].
+        radius: R of the tip, or of the edge around its flat face [mm].
+        cone: distance from the flat face, or the axis, beyond which the surface is a cone, tangent
+            to the sphere [mm].
         width: radius of the body [mm].
         height: height from the tip to the gripped end [mm].
         shear_modulus: G [MPa].
         poisson_ratio: ν at small strain [-].
         second_share: m, the share of the second invariant [-].
+        flat: radius of the flat face; 0 for a ball [mm].
     """
 
     radius: float = 20.0
@@ -58,6 +61,7 @@ class Ball(NamedTuple):
     shear_modulus: float = 0.4
     poisson_ratio: float = 0.48
     second_share: float = 0.0
+    flat: float = 0.0
 
     def profile(self, r: Float[np.ndarray, "*points"]) -> Float[np.ndarray, "*points"]:
         """Height of the surface above its lowest point [mm].
@@ -65,9 +69,10 @@ class Ball(NamedTuple):
         Args:
             r: distance from the axis [mm].
         """
-        near = np.minimum(r, self.cone)
+        beyond = np.maximum(r - self.flat, 0.0)
+        near = np.minimum(beyond, self.cone)
         steep = self.cone / np.sqrt(self.radius**2 - self.cone**2)
-        return self.radius - np.sqrt(self.radius**2 - near**2) + steep * (r - near)
+        return self.radius - np.sqrt(self.radius**2 - near**2) + steep * (beyond - near)
 
 
 class Held(NamedTuple):

@@ -114,6 +114,8 @@ def test_softness_on_a_layer_of_known_thickness(grasps, tmp_path):
         (("--reference", "outline"), "3 references for 2 recordings"),
         (("--k-ratio", "1"), "equal fingers"),
         (("--radius-mm", "0"), "above 0, or inf for a flat surface"),
+        (("--height-mm", "-1"), "above 0, or inf if it is gripped far away"),
+        (("--side-mm", "5"), "--side-mm needs --height-mm"),
         (("--thickness-mm", "3"), "--zeroed --same-clock"),
     ],
 )

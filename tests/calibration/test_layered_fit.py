@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import j1
+from scipy.special import j1, jn_zeros
 
 from calibration.softness.fit import fit_softness
 from calibration.softness.layered import Grasp, fit_layered_softness
@@ -18,6 +18,7 @@ from estimation import LayeredSoftness, Settings, Stream, simulate_pivot
 from estimation.fields.measure import Fields
 from estimation.frames.noise import Noise
 from estimation.softness import Contact, read_softness, write_softness
+from estimation.softness.bar import bar_compliance, moment_weights
 from estimation.softness.lifting import small_turn
 from tests.cases import lift
 
@@ -122,6 +123,79 @@ def test_the_lift_of_a_ball_is_that_of_all_waves_at_any_pitch(pitch, depth):
     assert small_turn(points[inside], added[inside]) == pytest.approx(expected, rel=0.03)
 
 
+def shown_angle(softness, contact):
+    """The object's angle in a frame, as `estimate_angles` makes it from the lifted markers."""
+    points = (contact.fields.positions - contact.fields.displacement)[:, :2]
+    inside, lifting = contact.fields.contact, softness.lifting(points)
+    moved = contact.as_seen + (lifting.of(contact.as_seen) if lifting else 0.0)
+    found = softness.at(contact)
+    k = found.stiffness_ratio
+    return (1.0 + k) * small_turn(points[inside], moved[inside]) - 0.5 * found.load_term
+
+
+def test_a_plate_as_thick_as_the_gel_turns_as_a_half_space_on_a_half_space():
+    contact = turned_disc()
+    plate = LayeredSoftness(0.5, 4.0, object_height=4.0)
+    both = LayeredSoftness(0.5, np.inf)
+    assert shown_angle(plate, contact) == pytest.approx(shown_angle(both, contact), rel=1e-6)
+
+
+def test_limits_of_a_cylinder():
+    """A wide and high one is a half-space, a low one rigid, a long one has M H/(GJ) more."""
+    contact = turned_disc()
+    flat = shown_angle(LayeredSoftness(0.5, 4.0), contact)
+    wide = LayeredSoftness(0.5, 4.0, object_height=300.0, object_side=300.0)
+    assert shown_angle(wide, contact) == pytest.approx(flat, rel=1e-3)
+    rigid = shown_angle(LayeredSoftness(0.0, 4.0), contact)
+    heights = (4.0, 2.0, 1.0)  # a plate lower than the markers' pitch is not covered
+    low = [shown_angle(LayeredSoftness(0.5, 4.0, object_height=high), contact) for high in heights]
+    over = np.array(low) / rigid - 1.0
+    # the waves of the singular rim are shorter than these heights
+    assert (over[1:] < 0.85 * over[:-1]).all()
+    assert over[-1] < 0.5 * over[0]
+    # without height nothing is left of the bar
+    assert abs(bar_compliance(6.0, 0.01, 5.0, 4.0)) < 1e-2 * bar_compliance(6.0, 6.0, 5.0, 4.0)
+    turned = [
+        shown_angle(LayeredSoftness(0.5, 4.0, object_height=height, object_side=6.0), contact)
+        for height in (60.0, 90.0, 120.0)
+    ]
+    assert turned[2] - turned[1] == pytest.approx(turned[1] - turned[0], rel=1e-3)
+    assert bar_compliance(6.0, 1200.0, 5.0, 4.0) == pytest.approx(
+        1200.0 / (0.5 * np.pi * 6.0**4), rel=5e-3
+    )
+
+
+def test_markers_give_the_moment_of_reissner_and_sagoci():
+    radius, points = 4.0, lattice(1.0, 12.5)
+    r, moved = np.hypot(*points.T), disc_turn(points, radius)
+    turning = points[:, 0] * moved[:, 1] - points[:, 1] * moved[:, 0]
+    weights = moment_weights(r, np.inf, 0.0, 1.15 * radius)
+    # 3 %: of the singular rim, markers see no waves shorter than a pitch
+    scale = small_turn(points[r < 0.5 * radius], moved[r < 0.5 * radius])
+    assert weights @ turning == pytest.approx(16.0 / 3.0 * radius**3 * scale, rel=0.03)
+
+
+@pytest.mark.parametrize("reach", [3.0, 4.5])
+def test_the_bar_is_that_of_its_modes_whatever_the_traction(reach):
+    """τ ∝ r √(1 − r²/a²) instead of r, by quadrature: 3 %."""
+    side, height = 5.0, 5.0
+    r = reach * np.sin((np.arange(3000) + 0.5) / 3000 * np.pi / 2)
+    steps = np.gradient(r)
+    load = r**2 * np.sqrt(1.0 - (r / reach) ** 2) * steps
+    lam = jn_zeros(2, 400) / side
+    moment = 2.0 * np.pi * load @ r
+    face = np.tanh(lam * height) * (j1(np.outer(lam, r)) @ load)
+    face /= lam * 0.5 * (side * j1(lam * side)) ** 2
+    q = np.linspace(1e-4, 60.0 / reach, 6000)
+    plate = np.tanh(q * height) * (j1(np.outer(q, r)) @ load) * (q[1] - q[0])
+    stuck = 0.8 * reach
+    at = np.linspace(0.01, stuck, 300)
+    turned = j1(np.outer(at, lam)) @ face - j1(np.outer(at, q)) @ plate
+    turned += moment * height / (0.5 * np.pi * side**4) * at
+    mean = turned @ at**2 / np.sum(at**3)
+    assert bar_compliance(side, height, reach, stuck) == pytest.approx(mean / moment, rel=0.03)
+
+
 def test_lifting_leaves_a_squeeze_as_it_is():
     points = lattice(1.0, 9.5)
     square = np.sum(points**2, axis=1)
@@ -221,8 +295,8 @@ def test_a_number_k_is_what_a_layer_has_that_is_thick():
 def test_layered_files(tmp_path):
     path = tmp_path / "soft.toml"
     covariance = ((1e-4, 1e-5, 0.0), (1e-5, 0.01, 0.0), (0.0, 0.0, 0.0))
-    for radius in (np.inf, 20.0):
-        more = {"object_radius": radius, "provenance": {"object": "salmon"}}
+    for sizes in ({}, {"object_radius": 20.0}, {"object_height": 9.0, "object_side": 5.0}):
+        more = {**sizes, "provenance": {"object": "salmon"}}
         softness = LayeredSoftness(0.3, 4.0, 0.5, covariance, **more)
         write_softness(softness, path)
         assert read_softness(path) == softness
@@ -231,6 +305,8 @@ def test_layered_files(tmp_path):
         read_softness(path)
     with pytest.raises(ValueError, match="between 0 and the thickness"):
         LayeredSoftness(0.3, 1.0, 2.0)
+    with pytest.raises(ValueError, match="object_height_mm is missing"):
+        LayeredSoftness(0.3, 4.0, object_side=5.0)
 
 
 def test_errors_of_k_thickness_and_depth_widen_the_interval():
