@@ -120,7 +120,7 @@ class Lifts:
         self.trial = trial
         self._turns_by_layer: dict[Sizes, np.ndarray] = {}
 
-    def turns(self, layer: Layer) -> Float[np.ndarray, "6 frames"]:
+    def turns(self, layer: Layer) -> Float[np.ndarray, "5 frames"]:
         """The parts of `Added` in each frame [rad]."""
         guess = self.trial.lifted_for
         k = 1.0 if guess is None else guess.stiffness_ratio
@@ -135,7 +135,7 @@ class Lifts:
         below, thin, *_ = self._turns(guess.sizes)
         return self.trial.rotation - below - k * thin / (1.0 + k)
 
-    def _turns(self, sizes: Sizes) -> Float[np.ndarray, "6 frames"]:
+    def _turns(self, sizes: Sizes) -> Float[np.ndarray, "5 frames"]:
         if sizes not in self._turns_by_layer:
             self._turns_by_layer[sizes] = np.array(
                 [seen.turns(sizes) for seen in self.trial.displacements]

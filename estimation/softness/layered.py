@@ -50,7 +50,8 @@ class LayeredSoftness:
 
     The object is a half-space, or a ball, whose surface yields more (`contactmodel.ball_gain`), or
     a plate or cylinder that is gripped at its back. The interval takes the part of a ball and of a
-    cylinder's side as known to 8 %, since it depends on the shape beside the contact.
+    plate as known to 8 %, since it depends on the shape beside the contact, and the whole turn of a
+    cylinder against the gel as known to 5 %. A plate must be higher than the markers' pitch.
 
     Attributes:
         stiffness_ratio: k = G_S/G_B, elastomer over object [-]; 0 for a rigid object.
@@ -132,10 +133,11 @@ class LayeredSoftness:
         """k and L for a frame that has been lifted; in L's covariance that of h and z.
 
         L's variance has the error of the shape's parts as well: the rms over bodies of other shapes
-        beside the contact (`papers.finite_strain`, "Soft balls"), for plates and cylinders the same
-        share. A round tip within a near side is off by more in linear torsion.
+        beside the contact (`papers.finite_strain`, "Soft balls"), for plates the same share. Beside
+        a near side a round tip is off by more in linear torsion. There the gel has steep edges, and
+        its moment, of which the object's whole turn is made, is off by about 5 %.
         """
-        shape_error = 0.08  # standard deviation over a part
+        shape_error, whole_error = 0.08, 0.05  # standard deviations over a part, or the whole turn
         tip_error = shape_error if np.isinf(self.object_side) else 0.2
         seen = _seen(contact)
         if seen is None:
@@ -149,7 +151,12 @@ class LayeredSoftness:
         slopes = [turns.thin / (1.0 + k) + turns.along, *self._slopes(seen)]
         to = np.array([[1.0, 0.0, 0.0], [-2.0 * slope for slope in slopes]])
         (kk, kl), (_, ll) = (to @ np.asarray(self.covariance) @ to.T).tolist()
-        parts = tip_error * turns.ball, shape_error * turns.plate, shape_error * turns.bar
+        if np.isfinite(self.object_side):  # of k times the lifted rotation, and of L
+            share, load = whole_error * k, -2.0 * whole_error * k * turns.along
+            kk, kl, ll = kk + share**2, kl + share * load, ll + load**2
+            parts = (tip_error * turns.ball,)
+        else:
+            parts = tip_error * turns.ball, shape_error * turns.plate
         ll += (2.0 * k) ** 2 * sum(part**2 for part in parts)
         return ScalarSoftness(
             k, -2.0 * k * turns.along, ((kk, kl), (kl, ll)), validity=self.validity

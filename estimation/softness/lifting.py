@@ -96,7 +96,7 @@ def lifting_kernels(
 class Added(NamedTuple):
     """What `Kernels` add to the rotation of some markers [rad].
 
-    `bar` is the turn of a cylinder beyond that of a wide plate; `along` includes it.
+    `along` includes the turn of a cylinder beyond that of a wide plate.
     """
 
     below: float
@@ -104,7 +104,6 @@ class Added(NamedTuple):
     along: float
     ball: float
     plate: float
-    bar: float = 0.0
 
 
 class Seen(NamedTuple):
@@ -132,8 +131,7 @@ class Seen(NamedTuple):
         added = Added(*(small_turn(self.at, kernel.of(self.moved)) for kernel in kernels))
         if np.isinf(sizes.side):
             return added
-        bar = self._bar(sizes)
-        return added._replace(along=added.along + bar, bar=bar)
+        return added._replace(along=added.along + self._bar(sizes))
 
     def _bar(self, sizes: Sizes) -> float:
         """Turn of a cylinder beyond that of a wide plate as high, times k's divisor [rad].
