@@ -12,7 +12,6 @@ from estimation.estimators import (
     method_constants,
     method_settings,
 )
-from estimation.fields.contact import CONTACT_SHARE
 from estimation.fields.stick import check_positive, check_share
 from estimation.frames.recording import ONSET_MM
 
@@ -25,7 +24,8 @@ class ContactSettings:
         onset_mm: displacement of the stick centre from which a contact is reported. Larger values
             ignore light touches and noise [mm].
         contact_share: share of the largest indentation above which a marker is in contact. Larger
-            values make the contact smaller [-].
+            values make the contact smaller. By default the contact's edge is fitted, whatever the
+            object's shape and the gel's thickness [-].
         stick_share: share of the contact's markers that must stick for the state `stick`. Larger
             values report `incipient` earlier [-].
 
@@ -43,13 +43,14 @@ class ContactSettings:
     """
 
     onset_mm: float = ONSET_MM
-    contact_share: float = CONTACT_SHARE
+    contact_share: float | None = field(default=None, metadata=option("fitted"))
     stick_share: float = 0.9
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         check_positive("onset_mm", self.onset_mm)
-        check_share("contact_share", self.contact_share)
+        if self.contact_share is not None:
+            check_share("contact_share", self.contact_share)
         check_share("stick_share", self.stick_share)
 
 

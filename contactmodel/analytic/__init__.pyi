@@ -27,5 +27,7 @@ from contactmodel.analytic.closed_forms import torsion_traction as torsion_tract
 from contactmodel.analytic.closed_forms import torsion_twist as torsion_twist
 from contactmodel.analytic.layer_disc import LayerDisc as LayerDisc
 from contactmodel.analytic.layer_disc import turn_layer_disc as turn_layer_disc
+from contactmodel.analytic.layer_punch import LayerPunch as LayerPunch
+from contactmodel.analytic.layer_punch import press_layer_punch as press_layer_punch
 from contactmodel.analytic.reversals import masing as masing
 from contactmodel.analytic.reversals import open_turns as open_turns

@@ -4,13 +4,30 @@
 Visuotactile Sensing During In-Hand Object Pivoting", Section IV-B.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from estimation.fields.edge import Edge, find_edge
 from estimation.fields.stencils import Stencils
 
 CONTACT_SHARE = 0.5
-"""Share of the largest indentation above which a marker is in contact [-]."""
+"""Share of the largest indentation above which a marker is in contact, if no edge fits [-]."""
+
+
+class Region(NamedTuple):
+    """The contact region of a frame.
+
+    Attributes:
+        markers: the markers of the region, none without contact.
+        centre: index of the stick centre; −1 without contact.
+        edge: the fitted edge of the contact; None if none fits.
+    """
+
+    markers: Bool[np.ndarray, " n"]
+    centre: int
+    edge: Edge | None = None
 
 
 def find_contact(
@@ -19,17 +36,19 @@ def find_contact(
     indentation: Float[np.ndarray, " n"],
     has_rotation: Bool[np.ndarray, " n"],
     onset_mm: float,
-    share: float,
-) -> tuple[Bool[np.ndarray, " n"], int]:
+    share: float | None,
+    last: Edge | None = None,
+) -> Region:
     """Markers of the contact region, and the stick centre among them ([Li2024] IV-B).
 
-    The region consists of the markers that are pressed in by at least a share of the largest normal
-    displacement, and of pressed markers that they surround: a flat object as soft as the elastomer
-    presses its rim in deepest and its middle hardly. A contact is reported once the stick centre
-    has moved by the onset and its neighbours have followed, unlike in a peak of noise. A region
-    with surrounded markers also counts once half of its rim is pressed in by the onset. A
-    recording in two dimensions has no normal displacement: all markers belong to the contact once
-    one of them has moved by the onset.
+    The region consists of the markers within the contact's edge, which is fitted to the indentation
+    (`estimation.fields.edge`). If no edge fits, or with a share, it consists of the markers that
+    are pressed in by at least a share of the largest normal displacement, and of pressed markers
+    that they surround: a flat object as soft as the elastomer presses its rim in deepest and its
+    middle hardly. A contact is reported once the stick centre has moved by the onset and its
+    neighbours have followed, unlike in a peak of noise. A region with surrounded markers also
+    counts once half of its rim is pressed in by the onset. A recording in two dimensions has no
+    normal displacement: all markers belong to the contact once one of them has moved by the onset.
 
     Args:
         stencils: stencils of the layout.
@@ -37,32 +56,44 @@ def find_contact(
         indentation: displacement into the elastomer [mm].
         has_rotation: markers whose rotation is known, among which the centre is chosen.
         onset_mm: displacement from which a contact is reported [mm].
-        share: share of the largest normal displacement [-].
-
-    Returns:
-        The region, empty without contact, and the index of the centre, −1 without contact.
+        share: share of the largest normal displacement; None to fit the edge [-].
+        last: the edge in the frame before.
     """
     # share of the largest normal displacement from which surrounded markers count as touched
     surrounded_share = 0.05
     visible = np.isfinite(indentation)
-    region = visible & has_rotation
+    region = known = visible & has_rotation
     moved = np.sqrt(np.einsum("ni,ni->n", displacement, displacement))
-    pressed_on = False
+    pressed_on, edge, points = False, None, stencils.reference[:, :2]
     if not stencils.flat:
         deepest = indentation[visible].max(initial=0.0)
-        pressed = region & (indentation > surrounded_share * deepest)
-        region &= (indentation >= share * deepest) & (deepest > 0.0)
-        filled = _fill_hollow(stencils.reference[:, :2], region, pressed)
+        pressed = known & (indentation > surrounded_share * deepest)
+        bound = CONTACT_SHARE if share is None else share
+        region = known & (indentation >= bound * deepest) & (deepest > 0.0)
+        filled = _fill_hollow(points, region, pressed)
         hollow = bool((filled & ~region).any())
         pressed_on = hollow and float(np.median(indentation[region])) >= onset_mm
-        region = filled
+        if share is None and not hollow and deepest >= onset_mm:
+            edge = find_clear_edge(points, indentation, last)
+        region = filled if edge is None else known & (edge.distance <= 1.0)
     if region.any():
         centre = find_stick_centre(stencils.reference, displacement, stencils.normals, region)
         moved_on = (moved[region].max() if stencils.flat else moved[centre]) >= onset_mm
         peak = not stencils.flat and _is_peak(stencils, displacement, centre)
         if (moved_on and not peak) or pressed_on:
-            return region, centre
-    return np.zeros_like(region), -1
+            return Region(region, centre, edge)
+    return Region(np.zeros_like(region), -1)
+
+
+def find_clear_edge(
+    points: Float[np.ndarray, "n 2"], indentation: Float[np.ndarray, " n"], last: Edge | None
+) -> Edge | None:
+    """The fitted edge of the contact; None if the fit is poor or the radius too uncertain."""
+    largest_error, largest_misfit = 0.1, 0.25
+    edge = find_edge(points, indentation, CONTACT_SHARE, last)
+    if edge is None or edge.error > largest_error or edge.misfit > largest_misfit:
+        return None
+    return edge
 
 
 def _fill_hollow(
@@ -95,11 +126,13 @@ def _is_peak(stencils: Stencils, displacement: Float[np.ndarray, "n 3"], marker:
 
 def known_contact(
     stencils: Stencils, displacement: Float[np.ndarray, "n 3"], region: Bool[np.ndarray, " n"]
-) -> tuple[Bool[np.ndarray, " n"], int]:
+) -> Region:
     """A contact region given by the source, and its stick centre; −1 without contact."""
     if not region.any():
-        return region, -1
-    return region, find_stick_centre(stencils.reference, displacement, stencils.normals, region)
+        return Region(region, -1)
+    return Region(
+        region, find_stick_centre(stencils.reference, displacement, stencils.normals, region)
+    )
 
 
 def reaches_edge(neighbours: Int[np.ndarray, "n k"], contact: Bool[np.ndarray, " n"]) -> bool:

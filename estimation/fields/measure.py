@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from contactmodel.equations import mean_line_rotation, polar_rotation
-from estimation.fields.contact import CONTACT_SHARE, find_contact, known_contact
+from estimation.fields.contact import find_contact, known_contact
+from estimation.fields.edge import Edge
 from estimation.fields.stencils import Stencils, cross, in_space, unit
 from estimation.frames.recording import ONSET_MM, Frame
 
@@ -36,6 +37,7 @@ class Fields(NamedTuple):
         imprint: rotation of the object's imprint and its standard error [rad]; NaN if unknown.
         closed: whether the disc of sticking markers has closed, by their motion over some frames;
             None if unknown.
+        edge: the fitted edge of the contact; None if unknown.
     """
 
     positions: Float[np.ndarray, "n 3"]
@@ -48,6 +50,7 @@ class Fields(NamedTuple):
     centre: int
     imprint: tuple[float, float] = (float("nan"), float("nan"))
     closed: bool | None = None
+    edge: Edge | None = None
 
 
 def measure_fields(
@@ -55,7 +58,8 @@ def measure_fields(
     frame: Frame,
     *,
     onset_mm: float = ONSET_MM,
-    share: float = CONTACT_SHARE,
+    share: float | None = None,
+    last: Edge | None = None,
 ) -> Fields:
     """Displacement, rotation and contact region of a frame.
 
@@ -63,7 +67,9 @@ def measure_fields(
         stencils: stencils of the frame's layout.
         frame: the frame.
         onset_mm: displacement of the stick centre from which a contact is reported [mm].
-        share: share of the largest normal displacement that bounds the contact region [-].
+        share: share of the largest normal displacement that bounds the contact region; by default
+            the region's edge is fitted [-].
+        last: the contact's edge in the frame before, from which the fit starts.
     """
     positions = np.where(frame.valid[:, None], in_space(frame.positions), np.nan)
     displacement = positions - stencils.reference
@@ -75,9 +81,9 @@ def measure_fields(
         rotation = np.where(frame.valid & np.isfinite(frame.rotation), frame.rotation, rotation)
     usable = np.isfinite(rotation)
     if frame.contact is None:
-        contact, centre = find_contact(stencils, displacement, indentation, usable, onset_mm, share)
+        region = find_contact(stencils, displacement, indentation, usable, onset_mm, share, last)
     else:
-        contact, centre = known_contact(stencils, displacement, frame.contact & usable)
+        region = known_contact(stencils, displacement, frame.contact & usable)
     return Fields(
         positions=positions,
         displacement=displacement,
@@ -85,9 +91,10 @@ def measure_fields(
         normals=normals,
         rotation=rotation,
         polar_rotation=polar,
-        contact=contact,
-        centre=centre,
+        contact=region.markers,
+        centre=region.centre,
         imprint=frame.imprint,
+        edge=region.edge,
     )
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from estimation.fields.contact import CONTACT_SHARE
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.frames.recording import Recording
@@ -57,22 +58,25 @@ class Outline(NamedTuple):
 def measure_axis(fields: Fields) -> Axis:
     """Long axis of the contact in one frame, from a quadratic fit to the indentation.
 
-    The weight of a marker is its depth below the shallowest one, so that the axis does not jump
-    when a marker of the rim enters or leaves. The axis is rejected if the contact has too few
+    The fit takes the deeper half of the contact, which follows the object wherever the edge is. The
+    weight of a marker is its depth below the shallowest one, so that the axis does not jump when a
+    marker enters or leaves. The axis is rejected if the contact has too few
     markers or is too round, or if the fit is too poor.
     """
     least_markers = 9
     least_elongation = 1.2
     largest_error_deg = 3.0
     nothing = Axis(np.nan, np.nan, np.nan, np.nan)
-    points = fields.positions[fields.contact, :2]
+    deepest = fields.indentation[fields.contact].max(initial=0.0)
+    deep = fields.contact & (fields.indentation >= CONTACT_SHARE * deepest)
+    points = fields.positions[deep, :2]
     if len(points) < least_markers:
         return nothing._replace(reason=f"{len(points)} markers in contact")
-    if not fields.indentation[fields.contact].any():
+    if not fields.indentation[deep].any():
         return nothing._replace(reason="a single view cannot show the indentation")
     x, y = (points - points.mean(axis=0)).T
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    depth = fields.indentation[fields.contact]
+    depth = fields.indentation[deep]
     weights = depth - depth.min()
     try:
         inverse = np.linalg.inv(design.T @ (weights[:, None] * design))

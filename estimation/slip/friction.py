@@ -3,9 +3,11 @@
 The object slips when shear and moment together reach the limit curve, nearly an ellipse
 ([Howe1996] R. D. Howe, M. R. Cutkosky, "Practical Force-Motion Models for Sliding Manipulation"),
 (Q/Q₀)² + (M/M₀)² = 1. Under a normal force P, Q₀ = μP, and for a round contact of radius a with
-Hertz's pressure M₀ = (3π/16) μPa ([Lubkin1951]). The friction in use is the μ at which the contact
-would slip now. It is at most μ while the object holds, and equals μ while all of the contact slips.
-The coefficient measured in a slip is kept for the whole recording, also for other normal forces.
+Hertz's pressure M₀ = (3π/16) μPa ([Lubkin1951]). Where the contact's edge is fitted, its face and
+the gel's thickness give the pressure (`estimation.fields.face`), and M₀ is μP times the pressure's
+mean distance from the centre. The friction in use is the μ at which the contact would slip now. It
+is at most μ while the object holds, and equals μ while all of the contact slips. The coefficient
+measured in a slip is kept for the whole recording, also for other normal forces.
 """
 
 from collections import deque
@@ -17,6 +19,8 @@ import numpy as np
 from jaxtyping import Float
 
 from estimation.estimators.measurement import Z95
+from estimation.fields.edge import Edge
+from estimation.fields.face import face_arm
 from estimation.slip.branch import Branch
 from estimation.softness.contact import disc_radius
 
@@ -30,8 +34,9 @@ class FrictionSettings:
         frames: largest number of frames of macro slip over which the median is taken [frames].
         steady: relative change of the friction in use over five frames, below which the load is
             steady [-].
-        arm_error: relative standard error of the arm, which is longer by a quarter for flat faces,
-            since they carry more at their rims [-].
+        arm_error: relative standard error of the arm where the contact's edge is unknown: the arm
+            is longer by a third for flat faces, since they carry more at their rims [-].
+        edge_arm_error: the same where the edge is fitted, which gives the pressure [-].
         load_error: relative standard error of the forces and of the limit curve [-].
         most_doubt: relative standard error from which the coefficient is unknown [-].
         holding: friction in use over that of earlier slips, below which an object holds [-].
@@ -43,6 +48,7 @@ class FrictionSettings:
     frames: int = 50
     steady: float = 0.1
     arm_error: float = 0.12
+    edge_arm_error: float = 0.03
     load_error: float = 0.05
     most_doubt: float = 0.25
     holding: float = 0.8
@@ -93,6 +99,7 @@ class FrictionWatch:
         self._slips: deque[float] = deque(maxlen=self._settings.frames)
         self._turning = 1.0
         self._arm = np.nan
+        self._arm_error = self._settings.arm_error
         self.restart()
 
     def restart(self) -> None:
@@ -101,13 +108,19 @@ class FrictionWatch:
         self._most = self._used = np.nan
         self._turn = 1.0
 
-    def update(self, wrench: tuple[float, ...], contact: Float[np.ndarray, "n 2"]) -> None:
+    def update(
+        self,
+        wrench: tuple[float, ...],
+        contact: Float[np.ndarray, "n 2"],
+        edge: Edge | None = None,
+    ) -> None:
         """Take the next frame.
 
         Args:
             wrench: force [N] and moment [N·mm] on the sensor, about its origin; the z component of
                 the force is negative under pressure.
             contact: positions of the contact's markers [mm].
+            edge: edge of the contact, whose face gives the arm; Hertz's if unknown.
         """
         if not len(contact):
             self.restart()
@@ -117,8 +130,12 @@ class FrictionWatch:
         if not (np.isfinite([*force, moment]).all() and pressed > self._settings.least_force):
             return
         x, y = contact.mean(axis=0)
-        hertz_arm = 3.0 * np.pi / 16.0  # arm of friction over the contact's radius: M₀/(μPa) [-]
-        self._arm = pressed * hertz_arm * disc_radius(contact)
+        share = 3.0 * np.pi / 16.0  # arm of friction over the contact's radius: M₀/(μPa) [-]
+        self._arm_error = self._settings.arm_error
+        if edge is not None:
+            share = face_arm(edge.thinness, edge.flat)
+            self._arm_error = self._settings.edge_arm_error
+        self._arm = pressed * share * disc_radius(contact)
         about = moment - (x * force[1] - y * force[0])
         shear, twist = np.hypot(force[0], force[1]) / pressed, about / self._arm
         self._recent.append(float(np.hypot(shear, twist)))
@@ -161,7 +178,7 @@ class FrictionWatch:
         if not (np.isfinite(self._used + coefficient) and spread < self._settings.most_doubt):
             return Friction(self._used, low=self._most)
         # the arm's error counts by the share of the twist in the coefficient
-        errors = spread, self._settings.load_error, self._settings.arm_error * self._turning
+        errors = spread, self._settings.load_error, self._arm_error * self._turning
         half = Z95 * float(np.linalg.norm(errors))
         low, high = coefficient * np.exp([-half, half])
         return Friction(self._used, coefficient, float(low), float(high))

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from estimation.choices import AlertSettings
 from estimation.estimators.result import Estimate, State
+from estimation.fields.edge import Edge
 from estimation.slip.alert import Alert, AlertWatch
 from estimation.slip.branch import Branch
 from estimation.slip.friction import Friction, FrictionWatch
@@ -31,9 +32,11 @@ class LoadWatch:
         self._last: Estimate | None = None
         self._slip_probability = np.nan
 
-    def press(self, wrench: tuple[float, ...], contact: Float[np.ndarray, "n 2"]) -> None:
+    def press(
+        self, wrench: tuple[float, ...], contact: Float[np.ndarray, "n 2"], edge: Edge | None
+    ) -> None:
         """Take the forces of the next frame, before its state is known; see `FrictionWatch`."""
-        self._friction.update(wrench, contact)
+        self._friction.update(wrench, contact, edge)
 
     @property
     def holds(self) -> bool:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from estimation.choices import ContactSettings
 from estimation.fields.contact import reaches_edge
+from estimation.fields.edge import Edge
 from estimation.fields.measure import Fields, measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import MIN_STICK_MARKERS
@@ -63,6 +64,7 @@ class Observer:
         self._lifting = softness.lifting(self.stencils.reference[:, :2])
         self._layout = layout
         self._time = -np.inf
+        self._edge: Edge | None = None
 
     def observe(self, frame: Frame) -> Observation:
         """Inspect the next frame and measure its fields.
@@ -97,8 +99,13 @@ class Observer:
             return Observation(frame, None, f"{frame.valid.sum()} usable markers")
         frame, as_seen = self._lift(frame)
         fields = measure_fields(
-            self.stencils, frame, onset_mm=self.contact.onset_mm, share=self.contact.contact_share
+            self.stencils,
+            frame,
+            onset_mm=self.contact.onset_mm,
+            share=self.contact.contact_share,
+            last=self._edge,
         )
+        self._edge = fields.edge
         return Observation(frame, fields, "", cut, as_seen)
 
     def _find_flaw(self, frame: Frame) -> str:

@@ -116,7 +116,7 @@ class Trackers:
         else:
             fields = fields._replace(closed=self.sight.closed)
             self._gel_moment = self._gel.update(fields)
-            self.load.press(frame.wrench, fields.positions[fields.contact, :2])
+            self.load.press(frame.wrench, fields.positions[fields.contact, :2], fields.edge)
             estimates = {name: self._answer(observation, fields, name) for name in self.estimators}
         main = next(iter(estimates.values()))
         shown = np.nan if self.shear.hidden else self.shear.slip_probability

@@ -18,7 +18,8 @@ from rich.table import Table
 
 from estimation.estimators import METHODS, Rigid
 from estimation.estimators.rigid import fit_rigid_rotation
-from estimation.fields.contact import CONTACT_SHARE, find_contact
+from estimation.fields.contact import find_contact
+from estimation.fields.edge import Edge
 from estimation.fields.measure import measure_fields
 from estimation.fields.stencils import make_stencils
 from estimation.fields.stick import grow_stick_region
@@ -80,8 +81,12 @@ def stage_table(recording: Recording, noise: Noise) -> Table:
         spent[stage] += time.process_time() - start
         return value
 
+    last: Edge | None = None
+
     def stages(frame: Frame) -> bool:
-        fields = timed("fields", measure_fields, stencils, frame)
+        nonlocal last
+        fields = timed("fields", measure_fields, stencils, frame, last=last)
+        last = fields.edge
         if not fields.contact.any():
             return False
         known = np.isfinite(fields.rotation)
@@ -93,7 +98,8 @@ def stage_table(recording: Recording, noise: Noise) -> Table:
             fields.indentation,
             known,
             ONSET_MM,
-            CONTACT_SHARE,
+            None,
+            last,
         )
         segment = timed(
             "growth by Eq. 15",

@@ -45,10 +45,10 @@ def test_uniform_strain_in_the_plane():
     assert fields.rotation == pytest.approx(lines, abs=1e-9)
 
 
-def test_contact_region_is_half_the_largest_indentation():
+def test_a_share_bounds_the_contact_region():
     layout, stencils = pad_stencils()
     positions, _ = twisted_pad(layout, 0.1, contact_radius=5.0, centre=(0.0, 0.0))
-    fields = measure_fields(stencils, frame_of(positions))
+    fields = measure_fields(stencils, frame_of(positions), share=0.5)
     r = np.hypot(*layout.reference[:, :2].T)
     assert fields.contact[r < 4.6].all()
     assert not fields.contact[r > 5.4].any()

@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 
+from contactmodel.analytic import press_layer_punch
+from estimation.fields.edge import Edge
 from estimation.slip.branch import Branch
 from estimation.slip.friction import FrictionWatch
 
@@ -10,13 +12,13 @@ DISC = NODES[np.linalg.norm(NODES, axis=1) < RADIUS]
 ARM = 3.0 * np.pi / 16.0 * np.sqrt(2.0 * np.mean(np.sum(DISC**2, axis=1)))
 
 
-def follow(watch, shear, moment, frames=5, slips=False, centre=(0.0, 0.0)):
+def follow(watch, shear, moment, frames=5, slips=False, centre=(0.0, 0.0), edge=None):
     """Some frames of a load; moments are about the contact's centre."""
     x, y = centre
     about_origin = moment + x * shear[1] - y * shear[0]
     wrench = (*shear, -PRESSED, 0.0, 0.0, about_origin)
     for _ in range(frames):
-        watch.update(wrench, DISC + np.array(centre))
+        watch.update(wrench, DISC + np.array(centre), edge)
         if slips:
             watch.learn()
     return watch.tell()
@@ -39,6 +41,18 @@ def test_arm_of_unknown_faces_widens_the_interval_of_a_twist_only():
     twist = follow(FrictionWatch(), (0.0, 0.0), 2.0 * ARM, slips=True)
     assert twist.coefficient == pytest.approx(shear.coefficient)
     assert twist.high - twist.low > 2.0 * (shear.high - shear.low)
+
+
+def test_the_edge_gives_the_arm_of_a_flat_face():
+    friction, flat = 0.6, 0.9
+    (punch,) = press_layer_punch(np.zeros(1), np.inf, np.array([flat]))
+    moment = friction * PRESSED * ARM * punch.arm / (3.0 * np.pi / 16.0)
+    edge = Edge(RADIUS, 0.01, 0.01, 0.0, flat, np.zeros(1), np.zeros(10))
+    known = follow(FrictionWatch(), (0.0, 0.0), moment, slips=True, edge=edge)
+    unknown = follow(FrictionWatch(), (0.0, 0.0), moment, slips=True)
+    assert known.coefficient == pytest.approx(friction, rel=0.01)  # the table of faces
+    assert unknown.coefficient > 1.2 * friction
+    assert known.high / known.low < unknown.high / unknown.low
 
 
 def test_slip_is_remembered_for_another_grasp():
