@@ -43,6 +43,7 @@ ITEMS = {
         "rendered",
         "slides",
         "few_markers",
+        "contact_edge",
     ),
 }
 """Items of each paper: modules of its package."""

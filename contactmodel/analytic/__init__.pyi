@@ -26,6 +26,7 @@ from contactmodel.analytic.closed_forms import torsion_moment as torsion_moment
 from contactmodel.analytic.closed_forms import torsion_traction as torsion_traction
 from contactmodel.analytic.closed_forms import torsion_twist as torsion_twist
 from contactmodel.analytic.layer_disc import LayerDisc as LayerDisc
+from contactmodel.analytic.layer_disc import layer_torsion_curve as layer_torsion_curve
 from contactmodel.analytic.layer_disc import turn_layer_disc as turn_layer_disc
 from contactmodel.analytic.layer_punch import LayerPunch as LayerPunch
 from contactmodel.analytic.layer_punch import press_layer_punch as press_layer_punch

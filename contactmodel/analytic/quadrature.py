@@ -1,15 +1,20 @@
 """Gauss–Legendre quadrature of smooth functions, of NumPy or JAX arrays."""
 
+from functools import cache
+
 import numpy as np
 from jaxtyping import Float
 
 from contactmodel.common.arrays import AnyArray, Value, as_arrays
 
 
+@cache
 def gauss(count: int) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:
     """Gauss–Legendre points and weights on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (points + 1.0), 0.5 * weights
+    points, weights = 0.5 * (points + 1.0), 0.5 * weights
+    points.flags.writeable = weights.flags.writeable = False
+    return points, weights
 
 
 POINTS, WEIGHTS = gauss(32)

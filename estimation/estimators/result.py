@@ -116,6 +116,13 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
         restarts: number of restarts of the angle's count since the object touched.
         stick_markers: number of markers that stick.
         contact_markers: number of markers in the contact region.
+        contact_radius: radius of a disc as large as the contact [mm], from the fitted edge
+            (`estimation.fields.edge`); NaN if no edge fits.
+        gel_thinness: a/(a + h) of the contact's radius a and the gel's thickness h, from the same
+            fit [-].
+        flat_share: radius of the flat part of the object's face over that of the contact, from the
+            same fit [-].
+        elongation: long over short axis of the contact's outline, from the same fit [-].
         moment: moment about the contact normal [N·mm]; NaN if unknown.
         gel_moment: the same from the markers, up to a factor, as the turn of a large disc that
             would take it [rad] (`estimation.slip.gel_moment`); NaN if unknown.
@@ -138,6 +145,10 @@ class Record(Generic[Number, Whole, Flag, Label, Text]):
     restarts: Whole = field(metadata=per_frame("restarts"))
     stick_markers: Whole = field(metadata=per_frame("stick_markers", answer=True))
     contact_markers: Whole = field(metadata=per_frame("contact_markers"))
+    contact_radius: Number = field(metadata=per_frame("contact_radius_mm", show_numbers))
+    gel_thinness: Number = field(metadata=per_frame())
+    flat_share: Number = field(metadata=per_frame())
+    elongation: Number = field(metadata=per_frame())
     moment: Number = field(metadata=per_frame("moment_Nmm", show_numbers))
     gel_moment: Number = field(metadata=per_frame("gel_moment_deg", show_degrees))
     gel_low: Number = field(metadata=per_frame())

@@ -46,6 +46,11 @@ class Edge(NamedTuple):
     distance: Float[np.ndarray, " n"]
     parameters: Float[np.ndarray, " 10"]
 
+    @property
+    def elongation(self) -> float:
+        """Long over short axis of the outline [-]."""
+        return float(np.exp(np.hypot(*self.parameters[3:5])))
+
 
 class _Polar(NamedTuple):
     """Points around the centre, in coordinates in which the contact is nearly round.

@@ -9,14 +9,14 @@ pressures, which then are weighed by how well they fit.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares, leastsq
 
-from estimation.slip.pressures import HERTZ_NAME, pressure_curves
+from estimation.slip.pressures import HERTZ_NAME, pressure_curve
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,10 @@ class MarginSettings:
         curve_error: error of the moments by any of the curves, over the largest moment [-].
         travel_error: relative standard error of the twist at the end of a curve, for gels of any
             thickness [-].
+        face_travel_error: the same where the contact's edge is fitted, which gives the thickness
+            [-].
+        elongation_error: what the logarithm of the outline's elongation adds to it, since the
+            curves are of round contacts [-].
     """
 
     turn_deg: float = 1.0
@@ -44,6 +48,8 @@ class MarginSettings:
     noise_frames: float = 3.0
     curve_error: float = 0.008
     travel_error: float = 0.08
+    face_travel_error: float = 0.05
+    elongation_error: float = 0.1
 
 
 class Branch(NamedTuple):
@@ -190,12 +196,16 @@ def _solve(
 
 
 def weigh_branches(
-    branches: Sequence[Branch], largest: float, settings: MarginSettings = MarginSettings()
+    branches: Sequence[Branch],
+    likely: Float[np.ndarray, " branches"],
+    largest: float,
+    settings: MarginSettings = MarginSettings(),
 ) -> Float[np.ndarray, " branches"]:
     """Probability of each branch, fitted to the same points for another pressure.
 
     Args:
         branches: the branches.
+        likely: probabilities of their pressures before the fit [-].
         largest: largest moment among the points [N·mm].
         settings: settings of the fits.
     """
@@ -203,7 +213,7 @@ def weigh_branches(
     independent = branches[0].points / settings.noise_frames
     variance = float(squares.min()) * independent / max(independent - 3.0, 1.0)
     variance += (settings.curve_error * largest) ** 2
-    weight = np.exp(-0.5 * independent * (squares - squares.min()) / variance)
+    weight = likely * np.exp(-0.5 * independent * (squares - squares.min()) / variance)
     return weight / weight.sum()
 
 
@@ -238,9 +248,9 @@ class _Curve(NamedTuple):
     slope: Float[np.ndarray, " points"]
 
 
-@cache
+@lru_cache(maxsize=1024)
 def _curve(pressure: str) -> _Curve:
-    curve = pressure_curves()[pressure]
+    curve = pressure_curve(pressure)
     return _Curve(*curve, slope=np.gradient(curve.moment, curve.twist))
 
 

@@ -12,6 +12,7 @@ from estimation.slip.alert import Alert, AlertWatch
 from estimation.slip.branch import Branch
 from estimation.slip.friction import Friction, FrictionWatch
 from estimation.slip.margin import Margin, MarginTracker
+from estimation.slip.pressures import Face
 
 
 class LoadWatch:
@@ -56,7 +57,8 @@ class LoadWatch:
         if usable and state == State.MACRO_SLIP:
             self._friction.learn()
         loads = estimate.moment, estimate.gel_moment
-        self._margin.add(state, angle, *loads, estimate.restarts)
+        face = Face(estimate.gel_thinness, estimate.flat_share, estimate.elongation)
+        self._margin.add(state, angle, *loads, estimate.restarts, face)
         self._alert.add(estimate.time, state, angle, self._friction.used)
         self._last, self._slip_probability = estimate, slip_probability
         for name in ("margin", "friction", "alert"):

@@ -16,17 +16,12 @@ from estimation.slip.branch import (
     margin_after,
     weigh_branches,
 )
-from estimation.slip.pressures import LEAST_STICK_RATIO, pressure_curves
+from estimation.slip.pressures import LEAST_STICK_RATIO, Face, likely_pressures
 
 THIRD_MARKER_DISTANCE = (0.91, 0.092)
 """Distance from a point to the third-nearest marker of a square grid, in pitches.
 
 Mean and standard deviation over all points."""
-CONTACT_SEEN = (0.88, 0.08)
-"""Radius of the contact as the markers show it over the true one [-].
-
-1 under a flat face and 0.75 under a sphere on a layer; mean, and standard deviation of a uniform
-distribution between."""
 
 
 class Margin(NamedTuple):
@@ -80,8 +75,9 @@ class MarginTracker:
     def restart(self) -> None:
         """Discard all points: the object has left."""
         self._points: list[tuple[float, float]] = []
+        self._faces: list[Face] = []
         self._sign = 0.0
-        self._guesses: dict[str, Float[np.ndarray, " 3"]] = {}
+        self._guesses: dict[int, Float[np.ndarray, " 3"]] = {}
         self.branch: Branch | None = None
         self._enough = False  # whether the points suffice for a fit
         self._restarts = 0
@@ -93,6 +89,7 @@ class MarginTracker:
         moment: float,
         gel_moment: float = np.nan,
         restarts: int = 0,
+        face: Face | None = None,
     ) -> None:
         """Add the point of a frame, without a fit.
 
@@ -104,6 +101,7 @@ class MarginTracker:
             moment: measured moment about the normal [N·mm]; NaN if unknown.
             gel_moment: moment from the markers, used if none is measured [rad].
             restarts: number of restarts of the angle's count.
+            face: the fitted face of the object.
         """
         if state == State.NO_CONTACT:
             self.restart()
@@ -117,9 +115,10 @@ class MarginTracker:
         if not np.isfinite(angle + load):
             return
         self._points.append((angle, load))
+        self._faces.append(face or Face())
         self._turn()
         if len(self._points) > 2 * self.settings.most_points:
-            del self._points[1:-1:2]
+            del self._points[1:-1:2], self._faces[1:-1:2]
         self.branch = None
         self._enough = bool(self._sign) and len(self._points) >= self.settings.least_points
 
@@ -134,24 +133,30 @@ class MarginTracker:
         if not self._enough:
             return Margin()
         angles, moments = np.array(self._points).T
+        face = typical_face(self._faces)
+        likely = likely_pressures(face)
         branches = [
             fit_branch(
-                angles, moments, self._sign, self._guesses.get(name), self.settings, name
+                angles, moments, self._sign, self._guesses.get(order), self.settings, name
             )._replace(by_markers=not self._measured)
-            for name in pressure_curves()
+            for order, name in enumerate(likely)
         ]
         # an undetermined fit is no good initial guess
         self._guesses = {
-            one.pressure: one.parameters for one in branches if is_determined(one, self.settings)
+            order: one.parameters
+            for order, one in enumerate(branches)
+            if is_determined(one, self.settings)
         }
-        weights = weigh_branches(branches, float(np.abs(moments).max()), self.settings)
+        weights = weigh_branches(
+            branches, np.array([*likely.values()]), float(np.abs(moments).max()), self.settings
+        )
         self.branch = join_branches(branches, weights)
         lost = state in (State.MACRO_SLIP, State.UNKNOWN)
         if lost or not is_determined(self.branch, self.settings):
             return Margin()
         self.last = self.branch
         end = end_stick_ratio(contact_markers)
-        margin = margin_at(branches, weights, angle, end, self.settings)
+        margin = margin_at(branches, weights, angle, end, travel_error(face, self.settings))
         if self._measured:
             return margin
         return margin._replace(moment=np.nan, moment_low=np.nan, moment_high=np.nan)
@@ -166,7 +171,7 @@ class MarginTracker:
             return
         furthest = int(np.argmax(self._sign * angles))
         if self._sign * (angles[furthest] - angles[-1]) > least:
-            self._points = self._points[furthest:]
+            self._points, self._faces = self._points[furthest:], self._faces[furthest:]
             self._sign, self._guesses = -self._sign, {}
 
 
@@ -211,12 +216,14 @@ def follow_margin(
         changed: frames whose answer was withdrawn, which changes the margins of later frames of the
             same contact.
     """
+    faces = track.gel_thinness, track.flat_share, track.elongation
     frames = zip(
         track.state,
         map(float, track.angle),
         map(float, track.moment),
         map(float, track.gel_moment),
         map(int, track.restarts),
+        map(Face, *(map(float, values) for values in faces)),
         map(int, track.contact_markers),
         strict=True,
     )
@@ -243,10 +250,25 @@ def _is_stale(track: Track, changed: Bool[np.ndarray, " frames"]) -> Bool[np.nda
     return so_far > before
 
 
+def travel_error(face: Face, settings: MarginSettings) -> float:
+    """Relative standard error of the twist at the end of a face's curve [-]."""
+    if not np.isfinite(face.thinness):
+        return settings.travel_error
+    stretched = settings.elongation_error * np.log(face.elongation)
+    return float(np.hypot(settings.face_travel_error, stretched))
+
+
+def typical_face(faces: Sequence[Face]) -> Face:
+    """The median of the known faces."""
+    known = np.array(faces).reshape(-1, len(Face._fields))
+    known = known[np.isfinite(known).all(axis=1)]
+    return Face(*np.median(known, axis=0).tolist()) if len(known) else Face()
+
+
 def end_stick_ratio(contact_markers: int) -> float:
     """c/a at which three of the contact's markers stick, at least that of the curves' table [-]."""
     seen = np.sqrt(max(contact_markers, MIN_STICK_MARKERS) / np.pi)  # in pitches
-    ratio = THIRD_MARKER_DISTANCE[0] * CONTACT_SEEN[0] / seen
+    ratio = THIRD_MARKER_DISTANCE[0] / seen
     return float(np.clip(ratio, LEAST_STICK_RATIO, 0.99))
 
 
@@ -269,7 +291,7 @@ def margin_at(
     weights: Float[np.ndarray, " branches"],
     angle: float,
     end: float,
-    settings: MarginSettings = MarginSettings(),
+    travel_error: float,
 ) -> Margin:
     """The margin at an angle, over all pressures: medians and 95 % intervals.
 
@@ -278,11 +300,11 @@ def margin_at(
         weights: their probabilities [-].
         angle: angle of the object [rad].
         end: c/a that counts as macro slip [-].
-        settings: errors of the curves.
+        travel_error: relative standard error of the twist at the end of a curve [-].
     """
     likely = weights > 1e-3
     margins = [
-        _margin_on(branch, angle, end, settings)
+        _margin_on(branch, angle, end, travel_error)
         for branch, counts in zip(branches, likely, strict=True)
         if counts
     ]
@@ -294,7 +316,7 @@ def margin_at(
 
 
 def _margin_on(
-    branch: Branch, angle: float, end: float, settings: MarginSettings
+    branch: Branch, angle: float, end: float, travel_error: float
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """Remaining angle [rad] and moment [N·mm] on a branch, and their standard errors."""
     travel = max(branch.sign * (angle - branch.start), 0.0)
@@ -305,11 +327,9 @@ def _margin_on(
         [(margin_after(branch, best + s, travel, end) - middle) / s.sum() for s in steps], axis=1
     )
     variance = np.einsum("ip,pq,iq->i", slope, branch.covariance, slope).clip(0.0)
-    spread = np.hypot(
-        THIRD_MARKER_DISTANCE[1] / THIRD_MARKER_DISTANCE[0], CONTACT_SEEN[1] / CONTACT_SEEN[0]
-    )
+    spread = THIRD_MARKER_DISTANCE[1] / THIRD_MARKER_DISTANCE[0]
     variance += (margin_after(branch, best, travel, end * (1.0 - spread)) - middle) ** 2
-    variance[0] += (settings.travel_error * (travel + middle[0])) ** 2
+    variance[0] += (travel_error * (travel + middle[0])) ** 2
     variance[1] += branch.rms**2
     return middle, np.sqrt(variance)
 

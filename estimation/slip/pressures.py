@@ -1,16 +1,27 @@
 """Moment–angle curves of contacts in torsion, for pressures from peaked to flat.
 
-How a contact loses its hold depends on its pressure, which is not known: it is peaked under a
-sphere on a thin layer, Hertz's under a sphere on a thick one, and flat under a flat face. The
-thickness of the gel itself changes a curve, scaled to stiffness and limit 1, by less than 5 % for
-layers down to the contact's radius.
+How a contact loses its hold depends on its pressure: it is peaked under a sphere on a thin layer,
+Hertz's under a sphere on a thick one, and flat under a flat face. Where the contact's edge is
+fitted (`estimation.fields.edge`), the object's face and the gel's thickness give the pressure and
+the curve on this gel. Elsewhere several pressures are likely, on gel that is thick: its thickness
+changes a curve, scaled to stiffness and limit 1, by less than 5 % for layers down to the contact's
+radius.
 """
 
-from functools import cache
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from contactmodel.analytic import TorsionCurve, rounded_punch_pressure, torsion_curve
+from contactmodel.analytic import (
+    TorsionCurve,
+    layer_torsion_curve,
+    press_layer_punch,
+    rounded_punch_pressure,
+    torsion_curve,
+)
 
 HERTZ_NAME = "Hertz"
 """Name of Hertz's pressure among the curves."""
@@ -18,9 +29,59 @@ LEAST_STICK_RATIO = 0.1
 """c/a to which the curves are tabulated [-]; they have no end."""
 
 
+class Face(NamedTuple):
+    """What a pressure follows from; NaN where unknown.
+
+    Attributes:
+        thinness: a/(a + h) of the contact's radius a and the gel's thickness h [-].
+        flat: radius of the face's flat part over that of the contact [-].
+        elongation: long over short axis of the contact's outline [-].
+    """
+
+    thinness: float = np.nan
+    flat: float = np.nan
+    elongation: float = np.nan
+
+
+class _FaceCurves(NamedTuple):
+    """Curves of some faces."""
+
+    thinness: Float[np.ndarray, " thin"]
+    flat: Float[np.ndarray, " faces"]
+    stick_ratio: Float[np.ndarray, " points"]
+    twist_moment: Float[np.ndarray, "thin faces 2 points"]
+
+
+def likely_pressures(face: Face) -> Mapping[str, float]:
+    """Names of the likely pressures, and their probabilities.
+
+    Args:
+        face: the fitted face.
+    """
+    doubt = 0.08  # of the flat part
+    if not np.isfinite(face.thinness + face.flat):
+        names = pressure_curves()
+        return dict.fromkeys(names, 1.0 / len(names))
+    likely: dict[str, float] = {}
+    for more, share in ((0.0, 0.5), (-doubt, 0.25), (doubt, 0.25)):
+        flat = min(max(face.flat + more, 0.0), _face_curves().flat[-1])
+        name = f"flat to {flat:.2f} a, a/(a + h) = {face.thinness:.2f}"
+        likely[name] = likely.get(name, 0.0) + share
+    return likely
+
+
+@lru_cache(maxsize=1024)
+def pressure_curve(name: str) -> TorsionCurve:
+    """First loading up to the least stick ratio under a pressure of this name."""
+    if name in pressure_curves():
+        return pressure_curves()[name]
+    *_, flat, thinness = (float(word) for word in name.split() if word[0].isdigit())
+    return face_curve(Face(thinness, flat))
+
+
 @cache
 def pressure_curves() -> dict[str, TorsionCurve]:
-    """First loading up to the least stick ratio, by the name of the pressure."""
+    """Curves for faces that are unknown, by the name of the pressure."""
     pressures = {
         f"(1 − r²/a²)^{power:g}": lambda r, power=power: np.maximum(1.0 - r * r, 0.0) ** power
         for power in (1.5, 1.0)
@@ -30,3 +91,35 @@ def pressure_curves() -> dict[str, TorsionCurve]:
         for flat in (0.0, 0.4, 0.65, 0.85)
     }
     return {name: torsion_curve(p, LEAST_STICK_RATIO) for name, p in pressures.items()}
+
+
+def face_curve(face: Face) -> TorsionCurve:
+    """The curve under a face, interpolated between those of some faces."""
+    table = _face_curves()
+    i, x = _place(face.thinness, table.thinness)
+    j, y = _place(face.flat, table.flat)
+    near = table.twist_moment[i : i + 2, j : j + 2]
+    twist, moment = np.einsum("i,j,ijkp->kp", [1.0 - x, x], [1.0 - y, y], near)
+    return TorsionCurve(table.stick_ratio, twist, moment)
+
+
+def _place(value: float, knots: Float[np.ndarray, " knots"]) -> tuple[int, float]:
+    """The interval of a value, and its place within."""
+    i = int(np.clip(np.searchsorted(knots, value, side="right") - 1, 0, len(knots) - 2))
+    return i, float(np.clip((value - knots[i]) / (knots[i + 1] - knots[i]), 0.0, 1.0))
+
+
+@cache
+def _face_curves() -> _FaceCurves:
+    thinness = np.array([0.0, 0.3, 0.45, 0.55, 0.65, 0.76])
+    flat = np.array([0.0, 0.3, 0.5, 0.65, 0.8, 0.9, 0.94])
+    curves = []
+    for u in thinness:
+        thickness = 1.0 / u - 1.0 if u else np.inf
+        curves += [
+            layer_torsion_curve(punch.pressure, thickness, LEAST_STICK_RATIO)
+            for punch in press_layer_punch(np.zeros(1), thickness, flat)
+        ]
+    twist_moment = np.array([(curve.twist, curve.moment) for curve in curves])
+    shape = (len(thinness), len(flat), *twist_moment.shape[1:])
+    return _FaceCurves(thinness, flat, curves[0].stick_ratio, twist_moment.reshape(shape))

@@ -22,10 +22,11 @@ DRAWS = {
     "margin": 100,
     "slides": 60,
     "few_markers": 20,
+    "contact_edge": 20,
 }
 """Number of draws by item. `accuracy`: per angle, friction ratio and noise, in total over 1000 per
-ratio and noise; `rendered`: per angle; `elongated`: per μ; `few_markers`: per
-shape and μ; others: in total."""
+ratio and noise; `rendered`: per angle; `elongated`: per μ; `few_markers`: per shape and μ;
+`contact_edge`: per shape, thickness and noise; others: in total."""
 
 QUICK_DRAWS = {
     "accuracy": 2,
@@ -35,6 +36,7 @@ QUICK_DRAWS = {
     "margin": 1,
     "slides": 3,
     "few_markers": 1,
+    "contact_edge": 4,
 }
 
 REVERSAL_FRICTION_RATIOS = (0.1, 0.22)

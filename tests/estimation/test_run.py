@@ -52,6 +52,7 @@ COLUMNS = (
     "restarts",
     "stick_markers",
     "contact_markers",
+    "contact_radius_mm",
     "moment_Nmm",
     "gel_moment_deg",
     "slip_deg",

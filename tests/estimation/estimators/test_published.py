@@ -62,7 +62,8 @@ def test_full_stick_is_read_right(method, tolerance_deg, angle_deg):
 def test_the_small_angle_form_fails_at_large_angles():
     layout, stencils = pad_stencils()
     angle = np.radians(20.0)
-    fields = measure_fields(stencils, frame_of(twisted_pad(layout, angle, stick_radius=9.0)[0]))
+    frame = frame_of(twisted_pad(layout, angle, stick_radius=9.0)[0])
+    fields = measure_fields(stencils, frame, share=0.5)
     small = Dong(stencils, MICRON, DongSettings(deviation_mm=1e-6)).update(fields)
     # nothing but the fit's own error is left, and it is above any fine threshold
     assert small.stick.sum() < 3

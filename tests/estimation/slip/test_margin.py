@@ -1,11 +1,20 @@
 import numpy as np
 import pytest
 
+from contactmodel.analytic import layer_torsion_curve, press_layer_punch
 from estimation.estimators.result import State
 from estimation.slip.branch import Branch, MarginSettings, fit_branch
 from estimation.slip.margin import MarginTracker, is_determined
-from estimation.slip.pressures import pressure_curves
+from estimation.slip.pressures import (
+    LEAST_STICK_RATIO,
+    Face,
+    likely_pressures,
+    pressure_curve,
+    pressure_curves,
+)
 from estimation.virtual.recording import PivotModel, Timing, simulate_pivot
+
+BALL = Face(thinness=0.0, flat=0.0, elongation=1.0)  # on a half-space
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +31,7 @@ def _follow(truth, noise, seed=0):
     tracker, margins = MarginTracker(), []
     for angle, moment in zip(truth.angle[25:], truth.moment[25:], strict=True):
         measured = float(moment + noise * rng.standard_normal())
-        tracker.add(State.INCIPIENT, float(angle), measured)
+        tracker.add(State.INCIPIENT, float(angle), measured, face=BALL)
         margins.append(tracker.tell(State.INCIPIENT, float(angle), 78))
     return margins
 
@@ -92,3 +101,34 @@ def test_points_before_a_restart_of_the_angle_do_not_count(truth):
         assert tracker.branch is not None
         assert tracker.branch.points == 24
         assert tracker.branch.start == pytest.approx(truth.angle[26] + restarts)
+
+
+@pytest.mark.parametrize("face", [BALL, Face(0.45, 0.0, 1.0), Face(0.5, 0.8, 1.0)])
+def test_a_known_face_narrows_the_interval(face):
+    name, *_ = likely_pressures(face)
+    curve = pressure_curve(name)
+    end, turned = 0.91 / np.sqrt(78 / np.pi), np.linspace(0.0, 0.35, 60)
+    scale = np.interp(-end, -curve.stick_ratio, curve.twist) / 0.35  # the end is at 0.35 rad
+    moments = 3.0 * np.interp(turned * scale, curve.twist, curve.moment)
+    widths = {}
+    for known in (face, Face()):
+        tracker = MarginTracker()
+        for angle, moment in zip(turned[:40].tolist(), moments.tolist(), strict=False):
+            tracker.add(State.INCIPIENT, angle, np.nan, moment, face=known)
+        margin = tracker.tell(State.INCIPIENT, float(turned[39]), 78)
+        widths[known.flat] = margin.angle_high - margin.angle_low
+        if known == face:
+            # 2 % of the travel at the end: the curves of the face's doubt are not symmetric
+            assert margin.angle == pytest.approx(0.35 - turned[39], abs=0.02)
+    narrow, wide = widths.values()
+    # flat faces hold almost as one up to their end, whatever the pressure
+    assert narrow < (0.8 if face.flat == 0.0 else 1.0) * wide
+
+
+def test_a_face_in_the_table_has_its_own_curve():
+    (punch,) = press_layer_punch(np.zeros(1), 1.0, np.array([0.6]))
+    exact = layer_torsion_curve(punch.pressure, 1.0, LEAST_STICK_RATIO)
+    curve = pressure_curve("flat to 0.60 a, a/(a + h) = 0.50")
+    # between tables' faces that are 0.15 and 0.1 apart; Hertz's curve ends at 5.8
+    np.testing.assert_allclose(curve.twist, exact.twist, rtol=0.02, atol=0.005)
+    np.testing.assert_allclose(curve.moment, exact.moment, rtol=0.02, atol=0.005)
