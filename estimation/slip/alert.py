@@ -54,7 +54,7 @@ class Alert(NamedTuple):
         >>> *_, last = Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers()
         >>> alert: Alert = last.alert
         >>> print(f"{alert.level}: slips in {alert.time_to_slip:.1f} s")
-        act: slips in 0.6 s
+        act: slips in 0.5 s
     """
 
     level: AlertLevel = AlertLevel.UNKNOWN

@@ -49,7 +49,7 @@ class MarginSettings:
     curve_error: float = 0.008
     travel_error: float = 0.08
     face_travel_error: float = 0.05
-    elongation_error: float = 0.1
+    elongation_error: float = 0.2
 
 
 class Branch(NamedTuple):

@@ -48,7 +48,7 @@ class FrictionSettings:
     frames: int = 50
     steady: float = 0.1
     arm_error: float = 0.12
-    edge_arm_error: float = 0.03
+    edge_arm_error: float = 0.04
     load_error: float = 0.05
     most_doubt: float = 0.25
     holding: float = 0.8
@@ -72,7 +72,7 @@ class Friction(NamedTuple):
         >>> *_, last = Stream(recording, Settings(noise=Noise.from_std(1e-3))).answers()
         >>> friction: Friction = last.friction
         >>> print(f"{friction.used:.2f} in use of {friction.coefficient:.2f}: {friction.share:.0%}")
-        0.48 in use of 0.52: 93%
+        0.48 in use of 0.51: 93%
     """
 
     used: float = np.nan

@@ -54,7 +54,7 @@ class Trackers:
         >>> for method, estimate in last.items():
         ...     print(f"{method}: {np.degrees(estimate.angle):.1f}°")  # 10° is true
         tracked: 10.0°
-        kabsch: 4.9°
+        kabsch: 4.8°
     """
 
     def __init__(
