@@ -3,7 +3,7 @@
 Objects are pressed into layers and a half-space, solved with the contact model without friction.
 Markers lie 1 or 1.5 mm apart, placed and turned at random; the noise of z is 3.5 times that of x
 and y. No constant of the fit was chosen on these draws, but the power by which square corners fade
-was chosen on the cube and on layers of 2, 4 and 8 mm.
+was chosen on the cube and the square punch, on layers of 2, 4 and 8 mm.
 """
 
 from functools import cache
