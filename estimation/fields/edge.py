@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.optimize import leastsq
 
 from estimation.fields.face import (
     Indentation,
@@ -194,6 +193,8 @@ def _refine(
     variance: float,
 ) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, "10 10"] | None, float]:
     """The most probable parameters, their covariance, and the sum of the squared residuals."""
+    from scipy.optimize import leastsq  # slow to import, and a command's help needs none
+
     # mean and standard deviation before the fit, of stretch, thinness, flat part and corners
     mean = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.35, 0.45, 0.0, 0.0, 0.0])
     spread = np.array([np.inf, np.inf, np.inf, 0.5, 0.5, 0.25, 0.35, np.inf, 0.12, 0.12])
