@@ -8,12 +8,11 @@ changes a curve, scaled to stiffness and limit 1, by less than 5 % for layers do
 radius.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from contactmodel.analytic import (
     TorsionCurve,
@@ -43,13 +42,11 @@ class Face(NamedTuple):
     elongation: float = np.nan
 
 
-class _FaceCurves(NamedTuple):
-    """Curves of some faces."""
+class _Knots(NamedTuple):
+    """Faces between which curves are interpolated: all pairs of these numbers."""
 
-    thinness: Float[np.ndarray, " thin"]
-    flat: Float[np.ndarray, " faces"]
-    stick_ratio: Float[np.ndarray, " points"]
-    twist_moment: Float[np.ndarray, "thin faces 2 points"]
+    thinness: tuple[float, ...] = (0.0, 0.3, 0.45, 0.55, 0.65, 0.76)
+    flat: tuple[float, ...] = (0.0, 0.3, 0.5, 0.65, 0.8, 0.9, 0.94)
 
 
 def likely_pressures(face: Face) -> Mapping[str, float]:
@@ -64,7 +61,7 @@ def likely_pressures(face: Face) -> Mapping[str, float]:
         return dict.fromkeys(names, 1.0 / len(names))
     likely: dict[str, float] = {}
     for more, share in ((0.0, 0.5), (-doubt, 0.25), (doubt, 0.25)):
-        flat = min(max(face.flat + more, 0.0), _face_curves().flat[-1])
+        flat = min(max(face.flat + more, 0.0), _Knots().flat[-1])
         name = f"flat to {flat:.2f} a, a/(a + h) = {face.thinness:.2f}"
         likely[name] = likely.get(name, 0.0) + share
     return likely
@@ -95,31 +92,23 @@ def pressure_curves() -> dict[str, TorsionCurve]:
 
 def face_curve(face: Face) -> TorsionCurve:
     """The curve under a face, interpolated between those of some faces."""
-    table = _face_curves()
-    i, x = _place(face.thinness, table.thinness)
-    j, y = _place(face.flat, table.flat)
-    near = table.twist_moment[i : i + 2, j : j + 2]
-    twist, moment = np.einsum("i,j,ijkp->kp", [1.0 - x, x], [1.0 - y, y], near)
-    return TorsionCurve(table.stick_ratio, twist, moment)
+    thinness, flat = _Knots()
+    i, x = _place(face.thinness, thinness)
+    j, y = _place(face.flat, flat)
+    near = [[_solve_curve(u, b) for b in flat[j : j + 2]] for u in thinness[i : i + 2]]
+    curve = np.einsum("i,j,ijkp->kp", [1.0 - x, x], [1.0 - y, y], np.array(near))
+    return TorsionCurve(*curve)
 
 
-def _place(value: float, knots: Float[np.ndarray, " knots"]) -> tuple[int, float]:
+def _place(value: float, knots: Sequence[float]) -> tuple[int, float]:
     """The interval of a value, and its place within."""
     i = int(np.clip(np.searchsorted(knots, value, side="right") - 1, 0, len(knots) - 2))
     return i, float(np.clip((value - knots[i]) / (knots[i + 1] - knots[i]), 0.0, 1.0))
 
 
 @cache
-def _face_curves() -> _FaceCurves:
-    thinness = np.array([0.0, 0.3, 0.45, 0.55, 0.65, 0.76])
-    flat = np.array([0.0, 0.3, 0.5, 0.65, 0.8, 0.9, 0.94])
-    curves = []
-    for u in thinness:
-        thickness = 1.0 / u - 1.0 if u else np.inf
-        curves += [
-            layer_torsion_curve(punch.pressure, thickness, LEAST_STICK_RATIO)
-            for punch in press_layer_punch(np.zeros(1), thickness, flat)
-        ]
-    twist_moment = np.array([(curve.twist, curve.moment) for curve in curves])
-    shape = (len(thinness), len(flat), *twist_moment.shape[1:])
-    return _FaceCurves(thinness, flat, curves[0].stick_ratio, twist_moment.reshape(shape))
+def _solve_curve(thinness: float, flat: float) -> TorsionCurve:
+    """The curve under a face; solved when asked for, which takes some hundredths of a second."""
+    thickness = 1.0 / thinness - 1.0 if thinness else np.inf
+    (punch,) = press_layer_punch(np.zeros(1), thickness, np.array([flat]))
+    return layer_torsion_curve(punch.pressure, thickness, LEAST_STICK_RATIO)
