@@ -152,7 +152,9 @@ def test_nothing_that_a_sensor_does_stops_a_recording(data):
         assert len(result.state) == len(recording)
         for state, reason, angle in zip(result.state, result.reason, result.angle, strict=True):
             assert bool(reason) == bool(np.isnan(angle))
-            assert np.isfinite(angle) or state not in (State.STICK, State.INCIPIENT)
+            # the one documented state without an angle: the disc of sticking markers is still open
+            unseen = state == State.INCIPIENT and reason.startswith("no slip is seen, but too few")
+            assert np.isfinite(angle) or unseen or state not in (State.STICK, State.INCIPIENT)
 
 
 def test_lost_markers_cost_accuracy_not_answers():
