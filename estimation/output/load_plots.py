@@ -33,6 +33,8 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
         loads, quantity = loads_of(result)
         slip = result.slipping
         for where, colour, label in ((~slip, "#08306b", "holds"), (slip, "#d6604d", "macro slip")):
+            if not np.isfinite(result.angle[where] + loads[where]).any():
+                continue
             axis.plot(
                 np.degrees(result.angle[where]),
                 loads[where],
@@ -45,12 +47,13 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
             angle = branch.start + branch.sign * np.linspace(0.0, furthest, 200)
             scale, unit = (np.degrees(1.0), "°") if branch.by_markers else (1.0, " N·mm")
             limit, rms = scale * branch.limit, scale * branch.rms
-            label = f"curve under a pressure {branch.pressure}: limit {limit:.3g}{unit}, "
-            label += f"rms {rms:.2g}{unit}"
+            label = (
+                f"curve, pressure {branch.pressure},\nlimit {limit:.3g}{unit}, rms {rms:.2g}{unit}"
+            )
             axis.plot(np.degrees(angle), scale * branch.moment(angle), "k", lw=1.1, label=label)
         axis.set_title(name, fontsize=9)
         axis.set(xlabel="object's angle [°]", ylabel=quantity)
-        axis.legend(loc="upper left", fontsize=8, frameon=False)  # the best one takes long to find
+        axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), fontsize=8, frameon=False)
     return figure
 
 
