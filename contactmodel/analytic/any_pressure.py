@@ -46,15 +46,28 @@ def torsion_curve(pressure: Profile, least: float = 0.01, points: int = 800) -> 
         points: number of points, closer together at the edge.
     """
     kappa = 1.0 - (1.0 - least) * np.linspace(0.0, 1.0, points) ** 2
-    at, weight = gauss(64)
-    far = np.arccosh(1.0 / kappa)[:, None]  # r = c cosh v
-    v, step = far * (1.0 - (1.0 - at) ** 2), 2.0 * far * (1.0 - at) * weight
-    abel = np.sum(pressure(np.minimum(kappa[:, None] * np.cosh(v), 1.0)) * step, axis=1)
+    abel = abel_integral(pressure, kappa)
     inner = kappa**2 * abel
     steps = 0.5 * (inner[1:] + inner[:-1]) * -np.diff(kappa)
     moment = 8.0 / 3.0 * (kappa**3 * abel + 3.0 * np.append(0.0, np.cumsum(steps)))
+    at, weight = gauss(64)
     limit = 2.0 * np.pi * float(np.sum(weight * at**2 * pressure(at)))
     return TorsionCurve(kappa, abel / 2.0 * (16.0 / 3.0) / limit, moment / limit)
+
+
+def abel_integral(
+    pressure: Profile, ratio: Float[np.ndarray, " points"]
+) -> Float[np.ndarray, " points"]:
+    """∫_s^a p(r)/√(r² − s²) dr at s/a, in the unit of the pressure.
+
+    Args:
+        pressure: pressure at r/a.
+        ratio: s/a, at most 1 [-].
+    """
+    at, weight = gauss(64)
+    far = np.arccosh(1.0 / np.minimum(ratio, 1.0))[:, None]  # r = s cosh v
+    v, step = far * (1.0 - (1.0 - at) ** 2), 2.0 * far * (1.0 - at) * weight
+    return np.sum(pressure(np.minimum(ratio[:, None] * np.cosh(v), 1.0)) * step, axis=1)
 
 
 def rounded_punch_pressure(flat: float, points: int = 400) -> Profile:

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import j1
 
-from contactmodel.analytic.any_pressure import Profile, TorsionCurve
+from contactmodel.analytic.any_pressure import Profile, TorsionCurve, abel_integral
 from contactmodel.analytic.closed_forms import punch_displacement
 from contactmodel.analytic.quadrature import gauss
 
@@ -120,9 +120,4 @@ def _slip_density(
     pressure: Profile, t: Float[np.ndarray, " points"]
 ) -> Float[np.ndarray, " points"]:
     """The density φ of a traction as large as the pressure."""
-    at, weight = gauss(64)
-    far = np.arccosh(1.0 / np.minimum(t, 1.0))[:, None]  # r = t cosh v
-    v, step = far * (1.0 - (1.0 - at) ** 2), 2.0 * far * (1.0 - at) * weight
-    return (
-        2.0 / np.pi * t * np.sum(pressure(np.minimum(t[:, None] * np.cosh(v), 1.0)) * step, axis=1)
-    )
+    return 2.0 / np.pi * t * abel_integral(pressure, t)

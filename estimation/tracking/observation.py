@@ -66,7 +66,7 @@ class Observer:
         self._layout = layout
         self._time = -np.inf
         self._edge: Edge | None = None
-        if not self.stencils.flat:
+        if contact.contact_share is None and not self.stencils.flat:
             coarse_faces()  # tabulated now, which takes a fifth of a second, not at the first touch
 
     def observe(self, frame: Frame) -> Observation:
