@@ -209,17 +209,18 @@ def plot(result: list[Read]) -> Figure:
             some = [one for one in result if (one.shape, one.noise) == (name, noise)]
             thicknesses = list(dict.fromkeys(one.thickness for one in some))
             at = np.minimum(thicknesses, 20.0)
-            for key, style in (("before", "--"), ("after", "-")):
+            for key, style, fill in (("before", "o--", "none"), ("after", "o-", "full")):
                 middle = [
                     100.0 * np.nanmedian([getattr(o, key) for o in some if o.thickness == t])
                     for t in thicknesses
                 ]
                 label = name if key == "after" else None
-                axis.plot(at, middle, style, marker=".", color=f"C{i}", lw=1, label=label)
+                drawn = {"color": f"C{i}", "lw": 1, "ms": 4, "fillstyle": fill, "label": label}
+                axis.plot(at, middle, style, **drawn)
         axis.axhspan(-5.0, 5.0, color="0.9")
         axis.set_xscale("log")
         axis.set_title(f"{1e3 * noise:g} µm", fontsize=9)
         axis.set_xlabel("thickness of the gel [mm] (20: half-space)")
     axes[0].set_ylabel("error of the radius [%]")
-    axes[0].legend(fontsize=7)
+    axes[0].legend(fontsize=7, title="open: half of the depth", title_fontsize=7)
     return figure
