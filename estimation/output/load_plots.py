@@ -53,7 +53,8 @@ def plot_moment(results: Mapping[str, tuple[Track, Branch | None]]) -> Figure:
             axis.plot(np.degrees(angle), scale * branch.moment(angle), "k", lw=1.1, label=label)
         axis.set_title(name, fontsize=9)
         axis.set(xlabel="object's angle [°]", ylabel=quantity)
-        axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), fontsize=8, frameon=False)
+        if axis.lines:
+            axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), fontsize=8, frameon=False)
     return figure
 
 
