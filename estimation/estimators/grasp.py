@@ -89,7 +89,7 @@ class Grasp(NamedTuple):
         own_clocks: whether the clock offset is 0 because the angles give no evidence of another.
         raw: the fingers' difference before offsets are fitted; None without a common frame.
         left_out: numbers of frames of either finger whose angle is left out, since it counts from
-            a restart.
+            another start than most angles of the contact.
 
     Examples:
         >>> import numpy as np
@@ -137,8 +137,8 @@ def compare_fingers(
 ) -> Grasp:
     """Compare and join two fingers' angles, fitted to frames in which neither is in macro slip.
 
-    Angles of a finger that was lost and restarted within a contact are left out until the contact
-    ends, since they exclude earlier rotation.
+    Where a finger's angle was lost and restarted within a contact, the start that most angles count
+    from is used, and the others are left out, since their zeros differ by an unknown rotation.
 
     Args:
         first: track of the finger whose clock is used.
@@ -163,9 +163,10 @@ def compare_fingers(
         >>> print(f"the fingers differ by {apart:.1f}° at most")
         the fingers differ by 0.1° at most
     """
-    restarted = first.restarted, second.restarted
-    first = replace(first, **first.without(restarted[0]))
-    second = replace(second, **second.without(restarted[1]))
+    other = np.isfinite(_at(second, second.angle, first.time - first.time[0]))
+    first, first_left = _with_one_start(first, other)
+    other = np.isfinite(_at(first, first.angle, second.time - second.time[0]))
+    second, second_left = _with_one_start(second, other)
     pair = _Pair(first, second, short_s)
     clock, own_clocks, doubt = pair.find_clock()
     fixed = pair.fit(clock, doubt, free_slope=False)
@@ -187,8 +188,25 @@ def compare_fingers(
         free=free,
         own_clocks=own_clocks,
         raw=_compare_raw(first, second, least_difference),
-        left_out=(int(restarted[0].sum()), int(restarted[1].sum())),
+        left_out=(first_left, second_left),
     )
+
+
+def _with_one_start(track: Track, other: Bool[np.ndarray, " frames"]) -> tuple[Track, int]:
+    """A track with the angles that count from one start in each contact, and how many it loses.
+
+    Args:
+        track: track of one finger.
+        other: frames in which the other finger has an angle; these count twice in the choice.
+    """
+    weight = np.where(track.answered, 1.0 + other, 0.0)
+    contacts = track.contacts
+    lost = np.zeros(len(track.time), dtype=bool)
+    for contact in np.unique(contacts):
+        rows = contacts == contact
+        most = np.argmax(np.bincount(track.restarts[rows], weight[rows]))
+        lost |= rows & track.answered & (track.restarts != most)
+    return replace(track, **track.without(lost)), int(lost.sum())
 
 
 def _join(

@@ -290,18 +290,11 @@ class Track(_OverFrames):
         return np.array([state == State.MACRO_SLIP for state in self.state], dtype=bool)
 
     @property
-    def restarted(self) -> Bool[np.ndarray, " frames"]:
-        """Frames whose angle counts from a restart later than the contact's first angle."""
-        rows = np.zeros(len(self.time), dtype=bool)
-        first: int | None = None  # restarts at the contact's first angle
-        frames = zip(self.state, self.answered, self.restarts, strict=True)
-        for row, (state, answered, restarts) in enumerate(frames):
-            if state == State.NO_CONTACT:
-                first = None
-            elif answered and first is None:
-                first = int(restarts)
-            rows[row] = first is not None and restarts > first
-        return rows
+    def contacts(self) -> Int[np.ndarray, " frames"]:
+        """Number of the contact that a frame belongs to, the last one where nothing touches."""
+        touches = np.array([state != State.NO_CONTACT for state in self.state], dtype=bool)
+        begins = touches & ~np.concatenate([[False], touches[:-1]])
+        return np.cumsum(begins)
 
     def without(self, rows: Bool[np.ndarray, " frames"]) -> dict[str, Any]:
         """The quantities of an answer, by name, blank in the given frames."""

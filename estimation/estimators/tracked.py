@@ -155,6 +155,8 @@ class Tracked:
         lasting = gel.restarts == self._gel_restarts and not self._resumed
         self._gel_restarts, self._resumed = gel.restarts, False
         error = 0.5 * (gel.high - gel.low) / Z95
+        if not self._turn.known:
+            self._count = gel.restarts if np.isfinite(gel.angle) else None
         if not (self._turn.known or gel.restarts) and gel.stick.any():
             error = float(np.hypot(error, self._measure_shear(fields, gel.stick)))
         return self._turn.update(self.gain * gel.angle, self.gain * error, fields.imprint, lasting)
@@ -176,7 +178,7 @@ class Tracked:
             self.incremental.lose(fields)
             return Measurement.none(np.zeros_like(gel.stick), self._too_wide, self._restarts)
         if confirmed:
-            self._restarts = gel.restarts if np.isfinite(gel.angle) else self._restarts + 1
+            self._restarts = self._restarts + 1 if self._count is None else self._count
         ahead = self._find_imprint_lag(turn.angle, self.gain * gel.angle)
         if ahead:
             turn = self._turn.shift(ahead)
@@ -245,6 +247,7 @@ class Tracked:
     def _forget(self) -> None:
         """Restart with the next contact."""
         self._turn, self._printed = ImprintedTurn(), False
+        self._count: int | None = None  # of the gel's angle in the first frame with an imprint
         self._turned: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
         self._seen: deque[tuple[Fields, float]] = deque(maxlen=4)
         self._gel_restarts, self._resumed = 0, False

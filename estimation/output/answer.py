@@ -154,11 +154,15 @@ def _describe_turns_of(run: Run) -> str:
         missing = ", ".join(f"{counted(n, 'frame', 'frames')} {why}" for why, n in counts)
         return f"No angle in any of {counted(len(track.time), 'frame', 'frames')} ({missing})"
     words = []
-    for restarts in np.unique(track.restarts[track.answered]):
-        rows = track.restarts == restarts
+    starts = np.stack([track.contacts, track.restarts], axis=1)
+    contact = -1
+    for start in np.unique(starts[track.answered], axis=0):
+        rows = (starts == start).all(axis=1)
         turns = describe_turns(track.angle[rows], track.low[rows], track.high[rows])
         since = show_time(track.since[rows & track.answered][0], track.time[0])
-        words.append(f"angle restarted {since}: {turns}" if words else turns)
+        begins = "angle restarted" if start[0] == contact else "new contact"
+        words.append(f"{begins} {since}: {turns}" if words else turns)
+        contact = start[0]
     text = "; ".join(words[:3]) + ("; …" if len(words) > 3 else "")
     return text[0].upper() + text[1:]
 

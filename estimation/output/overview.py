@@ -165,8 +165,8 @@ def describe_evidence(runs: Sequence[Run]) -> list[str]:
 def describe_fits(grasp: Grasp, names: Sequence[str]) -> tuple[list[str], list[str]]:
     """What the fits leave out; then the joint answer, remaining differences and clocks in use."""
     left_out = [
-        f"{name}: its angles in {counted(count, 'frame', 'frames')} after a restart are left out "
-        "of the joint angle, since they exclude earlier rotation"
+        f"{name}: its angle was restarted; {counted(count, 'frame', 'frames')} with another start "
+        "than most are left out of the joint angle"
         for name, count in zip(names, grasp.left_out, strict=True)
         if count
     ]

@@ -194,6 +194,12 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             "contact",
         ),
         (
+            [0, 5, np.nan, 0, -7],
+            {"states": [*[State.STICK] * 2, State.NO_CONTACT, *[State.STICK] * 2]},
+            "Turned to +5.0° ± 0.1°; new contact 0.00 s after the first frame, at time_s 5.00: "
+            "turned to −7.0° ± 0.1°; held to the end",
+        ),
+        (
             [np.nan] * 3,
             {"states": State.NO_CONTACT, "contact": 0},
             "No angle in any of 3 frames (3 frames before contact); nothing touched",

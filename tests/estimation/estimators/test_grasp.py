@@ -332,13 +332,33 @@ def test_angles_after_a_restart_are_left_out(turns):
     grasp = compare_fingers(first, again)
     assert grasp.left_out == (0, int(lost.sum()))
     (left_out,), _ = describe_fits(grasp, NAMES)
-    assert left_out.startswith(f"right: its angles in {lost.sum()} frames after a restart")
+    assert left_out.startswith(f"right: its angle was restarted; {lost.sum()} frames with another")
     assert not grasp.raw.clear
     np.testing.assert_allclose(grasp.joint[lost], first.angle[lost])
     whole = compare_fingers(first, replace(again, restarts=second.restarts))
     assert whole.left_out == (0, 0)
     assert whole.disagrees
     assert describe_grasp(whole).startswith("The fingers disagree by up to ")
+
+
+def test_the_fingers_are_compared_after_a_restart_in_the_first_frames(turns):
+    make, time = turns
+    first, second = make()
+    late = time > 0.1
+    grasp = compare_fingers(replace(first, restarts=first.restarts + late), second)
+    assert grasp.left_out == (int((~late).sum()), 0)
+    np.testing.assert_allclose(grasp.first[late], first.angle[late])
+    assert not grasp.raw.clear
+
+
+def test_each_contact_has_its_own_start(turns):
+    make, time = turns
+    first, second = make()
+    states = tuple(State.NO_CONTACT if 3.0 < t < 3.2 else State.STICK for t in time)
+    again = replace(first, state=states, restarts=first.restarts + (time < 1.0))
+    assert again.contacts[[0, -1]].tolist() == [1, 2]
+    grasp = compare_fingers(again, second)
+    assert grasp.left_out == (int((time < 1.0).sum()), 0)
 
 
 def test_a_slope_that_no_turn_shows_is_not_given(turns):

@@ -113,6 +113,20 @@ def test_an_angle_that_is_restarts_says_since_when_and_is_never_exact():
     assert "restarted" in " ".join(describe_counts(later))
 
 
+def test_the_imprint_carries_the_first_angle_over_frames_in_which_the_gel_has_none():
+    recording, angle = ellipsoid_slips(20, slip_from=20, slip_to=20, rate=0.5)
+    moved = recording.positions.copy()
+    moved[1] += np.random.default_rng(7).normal(scale=0.5, size=moved[1].shape)
+    imprint = np.stack([np.radians(angle - angle[0]), np.full(20, ERROR)], axis=1)
+    given = replace(recording, positions=moved, imprint=imprint)
+    result = estimate_angles(given, "tracked", noise=MICRON)
+    assert (result.stick_markers[:2] > 0).tolist() == [True, False]
+    assert not result.restarts.any()
+    np.testing.assert_allclose(
+        np.degrees(result.angle - result.angle[0]), angle - angle[0], atol=0.2
+    )
+
+
 def test_a_shadow_that_stays_while_the_gel_turns_is_no_imprint():
     recording, angle = ellipsoid_slips(40, slip_from=40, slip_to=40, rate=1.0)
     shown = np.clip(np.arange(40) - 12, 0, 8)  # rests, turns by 8°, rests
