@@ -11,6 +11,7 @@ from estimation.output.found import Run
 from estimation.output.missing import count_missing
 
 Angles = Float[np.ndarray, " frames"]
+_NO_TURN = "no clear turn"
 
 
 def describe_run(run: Run) -> str:
@@ -21,7 +22,8 @@ def describe_run(run: Run) -> str:
 def describe_turns(angle: Angles, low: Angles, high: Angles) -> str:
     """The turning points of the object's angle, each with its 95 % interval, as a phrase.
 
-    A motion is a turn if it exceeds a fifth of the whole range and three half-widths.
+    The path begins at 0, which the angle counts from. A motion is a turn if it exceeds a fifth of
+    the whole range and three half-widths.
 
     Args:
         angle: angle of the object [rad]; NaN where unknown.
@@ -34,13 +36,15 @@ def describe_turns(angle: Angles, low: Angles, high: Angles) -> str:
     angles, lows, highs = (np.degrees(values[answered]) for values in (angle, low, high))
     half_width = float(np.nanmedian(highs - lows)) / 2.0 if np.isfinite(lows).any() else 0.0
     least = 0.2  # smallest turn [deg]
-    turns = find_turns(angles, max(0.2 * float(np.ptp(angles)), 3.0 * half_width, least))
+    path = np.concatenate([[0.0], angles])
+    least = max(0.2 * float(np.ptp(path)), 3.0 * half_width, least)
+    turns = [row - 1 for row in find_turns(path, least)]
 
     def show(row: int) -> str:
         return show_angle(angles[row], lows[row], highs[row])
 
     if not any(lows[row] > 0.0 or highs[row] < 0.0 or np.isnan(lows[row]) for row in turns):
-        return f"no clear turn (largest angle {show(int(np.abs(angles).argmax()))})"
+        return f"{_NO_TURN} (largest angle {show(int(np.abs(angles).argmax()))})"
     if len(turns) > 4:  # too many to list
         ends = (int(angles.argmin()), int(angles.argmax()))
         swings = f"turned back and forth between {show(ends[0])} and {show(ends[1])}"
@@ -153,17 +157,21 @@ def _describe_turns_of(run: Run) -> str:
         counts = count_missing(track).items()
         missing = ", ".join(f"{counted(n, 'frame', 'frames')} {why}" for why, n in counts)
         return f"No angle in any of {counted(len(track.time), 'frame', 'frames')} ({missing})"
-    words = []
+    words: list[str] = []
     starts = np.stack([track.contacts, track.restarts], axis=1)
-    contact = -1
+    contact, still = starts[track.answered][0, 0], 0
     for start in np.unique(starts[track.answered], axis=0):
         rows = (starts == start).all(axis=1)
         turns = describe_turns(track.angle[rows], track.low[rows], track.high[rows])
         since = show_time(track.since[rows & track.answered][0], track.time[0])
         begins = "angle restarted" if start[0] == contact else "new contact"
-        words.append(f"{begins} {since}: {turns}" if words else turns)
+        if words and start[0] != contact and turns.startswith(_NO_TURN):
+            still += 1
+        else:
+            words.append(f"{begins} {since}: {turns}" if words else turns)
         contact = start[0]
     text = "; ".join(words[:3]) + ("; …" if len(words) > 3 else "")
+    text += f"; {_NO_TURN} in {counted(still, 'later contact', 'later contacts')}" if still else ""
     return text[0].upper() + text[1:]
 
 

@@ -200,6 +200,12 @@ SLIPS = (State.STICK,) * 3 + (State.MACRO_SLIP,) * 2
             "turned to −7.0° ± 0.1°; held to the end",
         ),
         (
+            [0, 5, np.nan, 0, 0.1],
+            {"states": [*[State.STICK] * 2, State.NO_CONTACT, *[State.STICK] * 2]},
+            "Turned to +5.0° ± 0.1°; no clear turn in 1 later contact; held to the end",
+        ),
+        ([6.5, 6.5, 6.4], {}, "Turned to +6.5° ± 0.1°; held to the end"),
+        (
             [np.nan] * 3,
             {"states": State.NO_CONTACT, "contact": 0},
             "No angle in any of 3 frames (3 frames before contact); nothing touched",
