@@ -4,7 +4,6 @@ Spheres on a half-space elastomer, by closed forms. In the fitted grasps a stage
 and its own zero measures the angle. A frame counts if at least ten markers have always stuck.
 """
 
-from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -19,6 +18,8 @@ from estimation.frames.recording import Recording
 from estimation.softness import ScalarSoftness
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, Truth, simulate_pivot
+from papers.items import Track
+from papers.tables import finish
 
 RATIOS = (0.1, 0.3, 0.5, 1.0, 2.0)
 NOISES_MM = (1e-3, 1e-2)
@@ -53,7 +54,7 @@ class Case(NamedTuple):
     frames: int
 
 
-def compute(quick: bool = False, track: Callable[[Iterable], Iterable] = iter) -> list[Case]:
+def compute(quick: bool = False, track: Track = iter) -> list[Case]:
     """Fit and test each object at each noise."""
     grid = [(k, noise) for k in RATIOS for noise in NOISES_MM]
     return [_case(k, noise) for k, noise in track(grid[:1] if quick else grid)]
@@ -141,15 +142,8 @@ def plot(result: list[Case]) -> Figure:
     for noise, marker in zip(NOISES_MM, "os", strict=True):
         chosen = [case for case in result if case.noise == noise]
         for name, colour in (("before", "C3"), ("after", "C0")):
-            axis.loglog(
-                [case.k for case in chosen],
-                [100 * getattr(case, name)[1] for case in chosen],
-                f"{marker}-",
-                color=colour,
-                label=f"{name}, {1e3 * noise:g} µm",
-            )
-    axis.set_xlabel("k")
-    axis.set_ylabel("mean error of the angle [%]")
-    axis.grid(alpha=0.3, which="both")
-    axis.legend(fontsize=8, frameon=False)
+            error = [100 * getattr(case, name)[1] for case in chosen]
+            label = f"{name}, {1e3 * noise:g} µm"
+            axis.loglog([case.k for case in chosen], error, f"{marker}-", color=colour, label=label)
+    finish(axis, legend=8, minor=True, xlabel="k", ylabel="mean error of the angle [%]")
     return figure

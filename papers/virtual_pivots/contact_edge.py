@@ -218,9 +218,8 @@ def plot(result: list[Read]) -> Figure:
                 drawn = {"color": f"C{i}", "lw": 1, "ms": 4, "fillstyle": fill, "label": label}
                 axis.plot(at, middle, style, **drawn)
         axis.axhspan(-5.0, 5.0, color="0.9")
-        axis.set_xscale("log")
+        axis.set(xscale="log", xlabel="thickness of the gel [mm] (20: half-space)")
         axis.set_title(f"{1e3 * noise:g} µm", fontsize=9)
-        axis.set_xlabel("thickness of the gel [mm] (20: half-space)")
     axes[0].set_ylabel("error of the radius [%]")
     axes[0].legend(fontsize=7, title="open: half of the depth", title_fontsize=7)
     return figure

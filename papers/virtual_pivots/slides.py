@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from estimation.tracking.tracker import estimate_angles
 from estimation.virtual.recording import PivotModel, simulate_pivot
 from papers.items import Track
+from papers.tables import cell, finish
 from papers.virtual_pivots import settings
 
 FRICTION_RATIOS, NOISES_MM = (0.02, 0.3), (1e-3, 1e-2)
@@ -96,20 +97,13 @@ def tables(result: list[Pivot]) -> dict[str, list[dict[str, object]]]:
 
 def _row(name: str, pooled: Pivot, frames: Bool[np.ndarray, " frames"]) -> dict[str, object]:
     answered = frames & np.isfinite(pooled.error)
-    any_answer = answered.any()
     return {
         "markers that never slipped": name,
         "frames": int(frames.sum()),
-        "answered [%]": round(100.0 * answered.sum() / max(frames.sum(), 1), 1),
-        "mean absolute error [°]": round(float(np.abs(pooled.error[answered]).mean()), 3)
-        if any_answer
-        else None,
-        "median half-width [°]": round(float(np.median(pooled.half_width[answered])), 3)
-        if any_answer
-        else None,
-        "interval holds [%]": round(100.0 * float(np.mean(pooled.outside[answered] == 0.0)), 1)
-        if any_answer
-        else None,
+        "answered [%]": cell(100.0 * answered.sum() / max(frames.sum(), 1), 1),
+        "mean absolute error [°]": cell(np.abs(pooled.error[answered]), 3),
+        "median half-width [°]": cell(pooled.half_width[answered], 3, np.median),
+        "interval holds [%]": cell(100.0 * (pooled.outside[answered] == 0.0), 1),
     }
 
 
@@ -126,8 +120,6 @@ def plot(result: list[Pivot]) -> Figure:
         axis.loglog(off, pooled.half_width[frames], ".", ms=3, color=colour, label=label)
     ends = [1e-4, 40.0]
     axis.plot(ends, ends, color="0.4", lw=0.8)
-    axis.set_xlabel("distance of the truth from the interval's middle [°]")
-    axis.set_ylabel("half-width of the 95 % interval [°]")
-    axis.legend(fontsize=8, frameon=False)
-    axis.grid(alpha=0.3)
+    off = "distance of the truth from the interval's middle [°]"
+    finish(axis, legend=8, xlabel=off, ylabel="half-width of the 95 % interval [°]")
     return figure
