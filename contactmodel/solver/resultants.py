@@ -36,15 +36,10 @@ _APPROACH, _SHIFT, _TWIST = 0.5, 0.1, 0.1
 
 
 class Target(NamedTuple):
-    """Resultants that replace approach, shift along x, shift along y and twist.
+    """Resultants that replace approach, shift along x, shift along y and twist."""
 
-    Attributes:
-        given: whether each of the four is replaced.
-        value: normal force, shear force and moment [N, N, N, N·mm].
-    """
-
-    given: Bool[Array, "4"]
-    value: Float[Array, "4"]
+    given: Bool[Array, "4"]  # whether each of the four is replaced
+    value: Float[Array, "4"]  # normal force, shear force and moment [N, N, N, N·mm]
 
 
 class _State(NamedTuple):

@@ -131,19 +131,13 @@ class Timing(NamedTuple):
 
 
 class Camera(NamedTuple):
-    """Imperfections of a sensor: noise, lost frames and an uneven clock.
+    """Imperfections of a sensor: noise, lost frames and an uneven clock."""
 
-    Attributes:
-        noise: standard deviation of each marker's x and y, and of its z [mm].
-        timing: timing of the frames.
-        noise_window: length of the tracker's running mean [frames]; 1 for white noise.
-        seed: of the random numbers.
-    """
-
+    # standard deviation of each marker's x and y, and of its z [mm]
     noise: tuple[float, float] = (1e-3, 3.5e-3)
-    timing: Timing = Timing()
-    noise_window: int = 3
-    seed: int = 0
+    timing: Timing = Timing()  # timing of the frames
+    noise_window: int = 3  # length of the tracker's running mean [frames]; 1 for white noise
+    seed: int = 0  # of the random numbers
 
 
 def simulate_pivot(

@@ -24,29 +24,17 @@ Line = tuple[str, Mapping[str, float | None]]
 
 
 class Score(NamedTuple):
-    """Score of an entry in a case, over the frames that count for a group.
+    """Score of an entry in a case, over the frames that count for a group."""
 
-    Attributes:
-        entry: name of the method.
-        tier: tier of the case.
-        group: group for which the frames count.
-        case: name of the case.
-        right: share of the frames with a right answer [-].
-        error: errors of the answered frames [deg]; empty for a lift.
-        frames: number of frames that count.
-        answered: number of these frames with an answer.
-        latency: mean time per frame [s]; NaN if unknown.
-    """
-
-    entry: str
-    tier: str
-    group: str
-    case: str
-    right: float
-    error: Float[np.ndarray, " answers"]
-    frames: int
-    answered: int
-    latency: float = np.nan
+    entry: str  # name of the method
+    tier: str  # tier of the case
+    group: str  # group for which the frames count
+    case: str  # name of the case
+    right: float  # share of the frames with a right answer [-]
+    error: Float[np.ndarray, " answers"]  # errors of the answered frames [deg]; empty for a lift
+    frames: int  # number of frames that count
+    answered: int  # number of these frames with an answer
+    latency: float = np.nan  # mean time per frame [s]; NaN if unknown
 
 
 def score_all(entries: Sequence[Entry], sources: Sequence[Source]) -> list[Score]:

@@ -43,23 +43,15 @@ _MOST_EARLIER = np.radians(60.0)
 
 
 class Finger(NamedTuple):
-    """The turn on one finger since its outline turned back.
+    """The turn on one finger since its outline turned back."""
 
-    Attributes:
-        angle: angle of the outline since then [rad].
-        moment: moment about the normal [N·mm].
-        force: mean normal force [N].
-        radius: mean radius of the contact [mm].
-        sign: direction of the turn, ±1.
-        branch: branch fitted to all frames, from full slip the other way. Its covariance is that of
-            ln limit, ln stiffness and the angle at which it began.
-    """
-
-    angle: Float[np.ndarray, " frames"]
-    moment: Float[np.ndarray, " frames"]
-    force: float
-    radius: float
-    sign: float
+    angle: Float[np.ndarray, " frames"]  # angle of the outline since then [rad]
+    moment: Float[np.ndarray, " frames"]  # moment about the normal [N·mm]
+    force: float  # mean normal force [N]
+    radius: float  # mean radius of the contact [mm]
+    sign: float  # direction of the turn, ±1
+    # branch fitted to all frames, from full slip the other way. Its covariance is that of ln limit,
+    # ln stiffness and the angle at which it began.
     branch: Branch
 
     @property

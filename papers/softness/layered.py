@@ -47,27 +47,16 @@ Values = Mapping[str, Shaped[np.ndarray, "..."]]
 
 
 class Cell(NamedTuple):
-    """One object on one elastomer, at one noise.
+    """One object on one elastomer, at one noise."""
 
-    Attributes:
-        shape: shape of the object.
-        k: true stiffness ratio [-].
-        thickness: thickness of the elastomer [mm].
-        noise: noise of the markers in the plane [mm].
-        found: k by the scalar and the layered fit [-]; NaN if the fit failed.
-        error: mean absolute error over the angle, by way [-].
-        within: share of the frames within the allowed error, by way [-].
-        frames: number of tested frames.
-    """
-
-    shape: str
-    k: float
-    thickness: float
-    noise: float
-    found: tuple[float, float]
-    error: dict[str, float]
-    within: dict[str, float]
-    frames: int
+    shape: str  # shape of the object
+    k: float  # true stiffness ratio [-]
+    thickness: float  # thickness of the elastomer [mm]
+    noise: float  # noise of the markers in the plane [mm]
+    found: tuple[float, float]  # k by the scalar and the layered fit [-]; NaN if the fit failed
+    error: dict[str, float]  # mean absolute error over the angle, by way [-]
+    within: dict[str, float]  # share of the frames within the allowed error, by way [-]
+    frames: int  # number of tested frames
 
 
 @dataclass(frozen=True)

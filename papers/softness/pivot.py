@@ -21,17 +21,12 @@ from papers.tables import cell, finish
 
 
 class Pivot(NamedTuple):
-    """Fits and residuals of both fingers.
+    """Fits and residuals of both fingers."""
 
-    Attributes:
-        trials: readings by finger.
-        fits: fitted k by finger.
-        left: residual, outline minus (1 + k) φ, by the tested finger and the finger of k; `none`
-            for k = 0 [rad].
-    """
-
-    trials: dict[str, Trial]
-    fits: dict[str, SoftnessFit]
+    trials: dict[str, Trial]  # readings by finger
+    fits: dict[str, SoftnessFit]  # fitted k by finger
+    # residual, outline minus (1 + k) φ, by the tested finger and the finger of k; `none` for k = 0
+    # [rad]
     left: dict[tuple[str, str], Float[np.ndarray, " readings"]]
 
 

@@ -33,25 +33,15 @@ _SHOWN = ("shear_modulus", "thickness", "friction_coefficient", "radius", "twist
 
 
 class Press(NamedTuple):
-    """The fit of one frame.
+    """The fit of one frame."""
 
-    Attributes:
-        frame: frame of the recording.
-        variant: variant of the fit.
-        fit: result of the fit.
-        moved: measured displacement of the markers [mm].
-        markers: positions of the markers [mm].
-        force: recorded normal force [N].
-        moment: recorded moment about the grid's origin [N·mm].
-    """
-
-    frame: int
-    variant: str
-    fit: FieldFit
-    moved: Float[np.ndarray, "n 3"]
-    markers: Float[np.ndarray, "n 2"]
-    force: float
-    moment: float
+    frame: int  # frame of the recording
+    variant: str  # variant of the fit
+    fit: FieldFit  # result of the fit
+    moved: Float[np.ndarray, "n 3"]  # measured displacement of the markers [mm]
+    markers: Float[np.ndarray, "n 2"]  # positions of the markers [mm]
+    force: float  # recorded normal force [N]
+    moment: float  # recorded moment about the grid's origin [N·mm]
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Press]:

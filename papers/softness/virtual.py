@@ -29,29 +29,18 @@ FIRM = 10
 
 
 class Case(NamedTuple):
-    """One object at one noise.
+    """One object at one noise."""
 
-    Attributes:
-        k: true stiffness ratio [-].
-        noise: noise of the markers in the plane [mm].
-        found: fitted k [-].
-        low: lower end of its 95 % interval [-].
-        high: upper end of its 95 % interval [-].
-        before: mean absolute error without softness [deg], and its mean over θ [-].
-        after: the same errors with the fitted softness.
-        inside: share of the 95 % intervals that hold the truth, with the fitted softness [-].
-        frames: number of tested frames.
-    """
-
-    k: float
-    noise: float
-    found: float
-    low: float
-    high: float
+    k: float  # true stiffness ratio [-]
+    noise: float  # noise of the markers in the plane [mm]
+    found: float  # fitted k [-]
+    low: float  # lower end of its 95 % interval [-]
+    high: float  # upper end of its 95 % interval [-]
+    # mean absolute error without softness [deg], and its mean over θ [-]
     before: tuple[float, float]
-    after: tuple[float, float]
-    inside: float
-    frames: int
+    after: tuple[float, float]  # the same errors with the fitted softness
+    inside: float  # share of the 95 % intervals that hold the truth, with the fitted softness [-]
+    frames: int  # number of tested frames
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Case]:

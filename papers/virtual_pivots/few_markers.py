@@ -55,17 +55,11 @@ NEAR = 2
 
 
 class Shape(NamedTuple):
-    """An object on a layer.
+    """An object on a layer."""
 
-    Attributes:
-        indenter: its shape.
-        thickness_mm: thickness of the layer [mm].
-        approach_mm: how far the object is pressed in [mm].
-    """
-
-    indenter: AbstractIndenter
-    thickness_mm: float
-    approach_mm: float
+    indenter: AbstractIndenter  # its shape
+    thickness_mm: float  # thickness of the layer [mm]
+    approach_mm: float  # how far the object is pressed in [mm]
 
 
 @cache
@@ -81,33 +75,23 @@ def shapes() -> dict[str, Shape]:
 
 
 class Followed(NamedTuple):
-    """The frames in contact of one recording.
+    """The frames in contact of one recording."""
 
-    Attributes:
-        shape: name of the object.
-        noise: noise of x and y [mm].
-        phase: `up`, `back`, or `after macro slip`: since fewer than three markers had never
-            slipped, until the recording's end.
-        sticking: number of markers that have never slipped; after the turn, that stick now.
-        error: angle minus truth [deg]; NaN without an answer.
-        half_width: half-width of the interval [deg].
-        inside: whether the interval holds the truth.
-        bound: half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick,
-            from one frame [deg].
-        holding: whether three markers or more stick now.
-        slipping: whether macro slip is reported live.
-    """
-
-    shape: str
-    noise: float
+    shape: str  # name of the object
+    noise: float  # noise of x and y [mm]
+    # `up`, `back`, or `after macro slip`: since fewer than three markers had never slipped, until
+    # the recording's end
     phase: list[str]
+    # number of markers that have never slipped; after the turn, that stick now
     sticking: Int[np.ndarray, " frames"]
-    error: Float[np.ndarray, " frames"]
-    half_width: Float[np.ndarray, " frames"]
-    inside: Bool[np.ndarray, " frames"]
+    error: Float[np.ndarray, " frames"]  # angle minus truth [deg]; NaN without an answer
+    half_width: Float[np.ndarray, " frames"]  # half-width of the interval [deg]
+    inside: Bool[np.ndarray, " frames"]  # whether the interval holds the truth
+    # half-width of a 95 % interval at the Cramér–Rao bound of the markers that stick, from one
+    # frame [deg]
     bound: Float[np.ndarray, " frames"]
-    holding: Bool[np.ndarray, " frames"]
-    slipping: Bool[np.ndarray, " frames"]
+    holding: Bool[np.ndarray, " frames"]  # whether three markers or more stick now
+    slipping: Bool[np.ndarray, " frames"]  # whether macro slip is reported live
 
 
 @cache

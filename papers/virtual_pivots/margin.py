@@ -33,23 +33,16 @@ HALF_SPACE = "sphere on a half-space"
 
 
 class Foretold(NamedTuple):
-    """The predictions in a recording by angle ahead; NaN without one.
+    """The predictions in a recording by angle ahead; NaN without one."""
 
-    Attributes:
-        shape: name of the object.
-        by: what the margin follows from: `markers` or `moments`.
-        error: predicted minus true remaining angle [deg].
-        low: lower end of the interval minus the true remaining angle [deg].
-        high: upper end of the interval minus the true remaining angle [deg].
-        asked: whether the recording has a frame so far ahead.
-    """
-
-    shape: str
-    by: str
-    error: Float[np.ndarray, " aheads"]
+    shape: str  # name of the object
+    by: str  # what the margin follows from: `markers` or `moments`
+    error: Float[np.ndarray, " aheads"]  # predicted minus true remaining angle [deg]
+    # lower end of the interval minus the true remaining angle [deg]
     low: Float[np.ndarray, " aheads"]
+    # upper end of the interval minus the true remaining angle [deg]
     high: Float[np.ndarray, " aheads"]
-    asked: Bool[np.ndarray, " aheads"]
+    asked: Bool[np.ndarray, " aheads"]  # whether the recording has a frame so far ahead
 
 
 def compute(quick: bool = False, track: Track = iter) -> list[Foretold]:

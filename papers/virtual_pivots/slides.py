@@ -26,22 +26,14 @@ FAR_DEG = 1.0
 
 
 class Pivot(NamedTuple):
-    """The frames in contact of one recording.
+    """The frames in contact of one recording."""
 
-    Attributes:
-        sticking: number of markers that have never slipped.
-        error: angle minus truth [deg]; NaN without an answer.
-        middle: middle of the interval minus truth [deg].
-        half_width: half-width of the interval [deg].
-        outside: distance of the truth from the interval [deg]; 0 inside.
-        slid: mask of the frames from the first with fewer than three sticking markers on.
-    """
-
-    sticking: Int[np.ndarray, " frames"]
-    error: Float[np.ndarray, " frames"]
-    middle: Float[np.ndarray, " frames"]
-    half_width: Float[np.ndarray, " frames"]
-    outside: Float[np.ndarray, " frames"]
+    sticking: Int[np.ndarray, " frames"]  # number of markers that have never slipped
+    error: Float[np.ndarray, " frames"]  # angle minus truth [deg]; NaN without an answer
+    middle: Float[np.ndarray, " frames"]  # middle of the interval minus truth [deg]
+    half_width: Float[np.ndarray, " frames"]  # half-width of the interval [deg]
+    outside: Float[np.ndarray, " frames"]  # distance of the truth from the interval [deg]; 0 inside
+    # mask of the frames from the first with fewer than three sticking markers on
     slid: Bool[np.ndarray, " frames"]
 
 
