@@ -24,6 +24,7 @@ from estimation.frames.noise import Noise
 from estimation.frames.recording import MarkerLayout, Recording
 from estimation.softness import ScalarSoftness, Softness
 from estimation.tracking.tracker import estimate_angles
+from estimation.virtual.recording import see_all
 from papers.items import Track
 from papers.softness import contacts
 from papers.sweeps import run_study
@@ -98,16 +99,10 @@ def _make(values: Values, table: Values, row: int, noise: float) -> _Seen:
     stuck = contact & ~np.logical_or.accumulate(contact & ~stick, axis=0)
     firm = np.append(np.zeros(before, dtype=bool), (stuck.sum(axis=1) >= FIRM) & (turn > 0.0))
     side = (contacts.MARKERS, contacts.MARKERS)
-    count = len(positions)
-    recording = Recording(
-        layout=MarkerLayout(reference, grid_neighbours(side), side),
-        positions=positions,
-        valid=np.ones(positions.shape[:2], dtype=bool),
-        time=np.arange(count) / 30.0,
-        source_index=np.arange(count),
-        name=f"{contacts.SHAPES[int(table['shape'][row])]}, grasp {grasp + 1}",
-        source="virtual contact from the contact model",
-    )
+    layout = MarkerLayout(reference, grid_neighbours(side), side)
+    name = f"{contacts.SHAPES[int(table['shape'][row])]}, grasp {grasp + 1}"
+    source = "virtual contact from the contact model"
+    recording = see_all(layout, positions, name=name, source=source)
     return _Seen(add_noise(recording, noise, np.random.default_rng(row)), angle, firm)
 
 
