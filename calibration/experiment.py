@@ -91,7 +91,7 @@ class Experiment:
     """An experiment with known and unknown numbers."""
 
     name: str  # name of its file or example, for errors
-    shape: str  # shape of the object, one of `forward.SHAPES`.
+    shape: str  # shape of the object, one of `forward.SHAPES`
     grid: Grid  # cells of the model
     numbers: Mapping[str, Any]  # values by name; the unknown ones are `Unknown`
     frames: tuple[int, ...]  # rows of the recording to fit; for a plan, only their number counts

@@ -46,7 +46,7 @@ class RestNoise:
     longest_gap: float  # longest time between two frames [s]
     # standard deviation of the rotation of discs of markers, by their radius [rad]
     rotation: dict[str, float]
-    angle_floor_deg: float  # suggested smallest denominator of Eq. (15) at the default threshold.
+    angle_floor_deg: float  # suggested smallest denominator of Eq. (15) at the default threshold
     onset: float  # suggested displacement at which contact starts
     notes: tuple[str, ...]  # remarks for readers, in sentences
 

@@ -14,7 +14,7 @@ from estimation.softness.files import SOFTNESS_KINDS
 class Explained(NamedTuple):
     """A setting of a run."""
 
-    name: str  # name as in `summary.json`.
+    name: str  # name as in `summary.json`
     value: str  # value as text
     unit: str  # unit of the value; empty if it has none
     meaning: str  # meaning; empty if no docstring describes it

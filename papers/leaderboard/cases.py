@@ -24,7 +24,7 @@ class Case(NamedTuple):
     """A recording to answer."""
 
     name: str  # name in entries and in the export
-    tier: str  # one of `settings.TIERS`.
+    tier: str  # one of `settings.TIERS`
     group: str  # recordings of the same kind; all groups of a tier have the same weight
     split: str  # `tuning` or `scored`
     frames: int  # number of frames
