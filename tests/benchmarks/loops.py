@@ -133,8 +133,8 @@ def resultant_loops(cells: int) -> dict[str, Callable[[], tuple[Array, Array]]]:
     """Steps (−1: not reported) and residual of each loop on the motion by four resultants."""
     grid = Grid((cells, cells), (20.0, 20.0))
     contact = Contact(HalfSpace(0.2, 0.48), Rigid(), Paraboloid(40.0), grid, FRICTION)
-    given = jnp.array([2.0, 0.2, 0.1, 0.5])  # N, N, N, N·mm
-    guess = jnp.array([0.7, 0.0, 0.0, 0.0])  # mm, mm, mm, rad
+    given = jnp.array([2.0, 0.4, 0.1, 1.0])  # N, N, N, N·mm
+    guess = jnp.array([0.2, 0.0, 0.0, 0.0])  # mm, mm, mm, rad
 
     def misfit(motion: Array, _: None = None) -> Array:
         pose = Pose(motion[0], motion[1:3], motion[3])
